@@ -1,0 +1,1 @@
+"""Mesh deformation by radial basis functions, point by point."""
