@@ -1,0 +1,63 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from meshing.mesh import TetMesh
+from meshing.quality import mean_ratio, signed_volumes
+from meshing.vtu import FormatError, read_vtu, read_vtu_arrays, write_vtu
+
+
+def test_a_mesh_survives_the_file_bit_for_bit(cube: TetMesh, tmp_path: Path) -> None:
+    path = tmp_path / "mesh.vtu"
+    mesh = cube.with_points(cube.points + np.pi * 1e-17)
+    write_vtu(path, mesh)
+    back = read_vtu(path)
+    for name in ("points", "tets", "triangles", "patch", "face"):
+        assert np.array_equal(getattr(back, name), getattr(mesh, name))
+        assert getattr(back, name).dtype == getattr(mesh, name).dtype
+    assert back.names == mesh.names
+    assert (signed_volumes(back.points, back.tets) > 0).all()
+
+
+def test_arrays_and_layout_are_those_of_the_contract(cube: TetMesh, tmp_path: Path) -> None:
+    path = tmp_path / "mesh.vtu"
+    displacement = np.arange(3.0 * len(cube.points)).reshape(-1, 3)
+    quality = mean_ratio(cube.points, cube.tets)
+    write_vtu(path, cube, {"displacement": displacement}, {"quality": quality})
+    arrays = read_vtu_arrays(path)
+    assert np.array_equal(arrays["displacement"], displacement)
+    assert arrays["displacement"].dtype == np.float64
+    assert np.array_equal(arrays["quality"][: len(cube.tets)], quality)
+    assert (arrays["patch"][: len(cube.tets)] == 0).all()
+    assert np.array_equal(arrays["patch"][len(cube.tets) :], cube.patch)
+
+
+def test_the_same_mesh_gives_the_same_bytes(cube: TetMesh, tmp_path: Path) -> None:
+    for name in ("a.vtu", "b.vtu"):
+        write_vtu(tmp_path / name, cube)
+    assert (tmp_path / "a.vtu").read_bytes() == (tmp_path / "b.vtu").read_bytes()
+
+
+def test_arrays_of_the_wrong_length_are_refused_and_nothing_written(cube: TetMesh, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="a has 2 rows, expected 64 nodes"):
+        write_vtu(tmp_path / "mesh.vtu", cube, {"a": np.zeros(2)})
+    with pytest.raises(ValueError, match="b has 2 rows, expected 162 tetrahedra"):
+        write_vtu(tmp_path / "mesh.vtu", cube, None, {"b": np.zeros(2)})
+    assert not list(tmp_path.iterdir())
+
+
+def test_unusable_files_are_named(cube: TetMesh, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "mesh.vtu"
+    with pytest.raises(FormatError, match="does not exist"):
+        read_vtu(path)
+    path.write_text("no mesh")
+    with pytest.raises(FormatError, match="not a VTK unstructured grid"):
+        read_vtu(path)
+    write_vtu(path, cube)
+    whole = path.read_bytes()
+    for part in (len(whole) // 2, 600):
+        path.write_bytes(whole[:part])
+        with pytest.raises(FormatError, match="is damaged"):
+            read_vtu(path)
+    assert capfd.readouterr().err == ""
