@@ -1,0 +1,158 @@
+"""A finished CAD model as the mesher sees it: named faces, edges, vertices; arrays in, arrays out."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from cadquery import Edge, Face, Solid
+
+from geometry.curves import curve_of
+from geometry.export import write_atomically, write_brep, write_step, write_stl
+from geometry.surfaces import CylinderSurface, FloatArray, FreeFormSurface, PlaneSurface, surface_of
+
+
+class CadError(RuntimeError):
+    """The CAD kernel gave no usable solid, or the solid cannot be meshed; the message names the place."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CadFace:
+    """A face of a solid; `shape` is oriented so that its normal points out of the solid."""
+
+    shape: Face
+    patch: str
+
+    @property
+    def planar(self) -> bool:
+        """True on a plane."""
+        return isinstance(surface_of(self.shape), PlaneSurface)
+
+    @property
+    def free_form(self) -> bool:
+        """True on anything but a plane or a circular cylinder."""
+        return isinstance(surface_of(self.shape), FreeFormSurface)
+
+    @property
+    def cylindrical(self) -> bool:
+        """True on a circular cylinder."""
+        return isinstance(surface_of(self.shape), CylinderSurface)
+
+    @property
+    def area(self) -> float:
+        """Area in square metres."""
+        return float(self.shape.Area())
+
+    def normal_at(self, points: FloatArray) -> FloatArray:
+        """Unit normals (N, 3) out of the solid, where `points` (N, 3) project to."""
+        return surface_of(self.shape).normals(_rows(points))
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Nearest points (N, 3) on the underlying surface, which goes on beyond the face's edges."""
+        return surface_of(self.shape).nearest(_rows(points))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CadEdge:
+    """An edge between exactly two exterior faces.
+
+    Attributes
+    ----------
+    faces, vertices : tuple of two int
+        Indices into the model's faces and vertices; the vertices in the order of the parameter.
+    crease : float
+        Smallest angle in degrees, along the edge, between the outward normals of its faces.
+    """
+
+    shape: Edge
+    faces: tuple[int, int]
+    vertices: tuple[int, int]
+    crease: float
+
+    @property
+    def length(self) -> float:
+        """Arc length in metres."""
+        return float(self.shape.Length())
+
+    def dihedral(self) -> float:
+        """Angle by which the surface turns at the edge, in degrees: 0 where it is smooth or flat."""
+        return self.crease
+
+    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Nearest points (N, 3) on the edge and their parameters (N,), increasing from first to last vertex.
+
+        On a straight edge the parameter is the distance from the first vertex.
+        """
+        return curve_of(self.shape).nearest(_rows(points))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CadModel:
+    """One valid solid whose every exterior face carries a patch name.
+
+    Attributes
+    ----------
+    faces : tuple of CadFace
+        The exterior faces, in an order that depends on the geometry alone.
+    sheets : tuple of CadFace
+        Internal faces behind exterior edges too flat for the mesher to see: to be meshed too.
+    edges : tuple of CadEdge
+        All edges of the exterior faces.
+    vertices : (V, 3) array
+        Corners of the exterior faces.
+    vertex_faces : tuple of frozenset of int
+        The faces that meet at each vertex.
+    fluid_inside : bool
+        True where the solid is the flow volume, False where the flow is around the solid.
+    """
+
+    solid: Solid
+    faces: tuple[CadFace, ...]
+    sheets: tuple[CadFace, ...]
+    edges: tuple[CadEdge, ...]
+    vertices: FloatArray
+    vertex_faces: tuple[frozenset[int], ...]
+    fluid_inside: bool
+
+    def __post_init__(self) -> None:
+        if self.vertices.shape != (len(self.vertex_faces), 3):
+            raise ValueError(
+                f"vertices have shape {self.vertices.shape}, expected ({len(self.vertex_faces)}, 3)"
+            )
+        if any(not 0 <= i < len(self.faces) for edge in self.edges for i in edge.faces):
+            raise ValueError(f"an edge names a face outside 0 ... {len(self.faces) - 1}")
+
+    @property
+    def patches(self) -> tuple[str, ...]:
+        """Patch names in the order of their first face."""
+        return tuple(dict.fromkeys(face.patch for face in self.faces))
+
+    def faces_of(self, patch: str) -> tuple[CadFace, ...]:
+        """The faces of one patch; KeyError where there is no such patch."""
+        found = tuple(face for face in self.faces if face.patch == patch)
+        if not found:
+            raise KeyError(f"no patch {patch!r}; there are {', '.join(self.patches)}")
+        return found
+
+    def write(self, path: Path) -> None:
+        """Write the solid as .step, .brep or .stl, whole or not at all.
+
+        Raises
+        ------
+        ValueError
+            For any other suffix.
+        """
+        writers = {".step": write_step, ".brep": write_brep, ".stl": write_stl}
+        if path.suffix.lower() not in writers:
+            raise ValueError(f"{path} ends in {path.suffix!r}; it must end in {', '.join(writers)}")
+        write_atomically(path, writers[path.suffix.lower()], (self.solid,))
+
+    def write_faces(self, path: Path) -> None:
+        """Write faces then sheets, in order, as one .brep whose faces share their edges."""
+        write_atomically(path, write_brep, tuple(face.shape for face in self.faces + self.sheets))
+
+
+def _rows(points: FloatArray) -> FloatArray:
+    rows = np.asarray(points, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise ValueError(f"points have shape {rows.shape}, expected (N, 3)")
+    return rows

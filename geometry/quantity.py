@@ -1,0 +1,46 @@
+"""Numbers with a unit and a range, declared once as dataclass fields and checked at construction."""
+
+from dataclasses import Field, field, fields
+from math import isfinite
+from typing import Any
+
+
+def quantity(default: float, unit: str, low: float, high: float, doc: str) -> Any:
+    """Declare a dataclass field that holds a number.
+
+    Parameters
+    ----------
+    default : float
+        An integer default makes the field accept integers only.
+    unit : str
+        The unit that error messages show; empty for pure numbers.
+    low, high : float
+        The closed range of allowed values.
+    doc : str
+        One line on what the number means.
+    """
+    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "doc": doc})
+
+
+def check_quantities(instance: Any, prefix: str) -> None:
+    """Check every declared quantity of a dataclass instance, for its ``__post_init__``.
+
+    Raises
+    ------
+    ValueError
+        Naming the first value that is not a finite number inside its range.
+    """
+    for declared in fields(instance):
+        if "unit" in declared.metadata:
+            _check(f"{prefix}.{declared.name}", getattr(instance, declared.name), declared)
+
+
+def _check(name: str, value: object, declared: Field[Any]) -> None:
+    unit, low, high = (declared.metadata[key] for key in ("unit", "low", "high"))
+    suffix = f" {unit}" if unit else ""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{name} = {value!r} is not a number; it must be {low:g} ... {high:g}{suffix}")
+    if isinstance(declared.default, int) and value % 1 != 0:
+        raise ValueError(f"{name} = {value!r} is not a whole number; it must be {low:g} ... {high:g}{suffix}")
+    if not isfinite(value) or not low <= value <= high:
+        raise ValueError(f"{name} = {float(value):g}{suffix} is outside {low:g} ... {high:g}{suffix}")
