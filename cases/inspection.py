@@ -1,0 +1,81 @@
+"""Points, cells, patches and quality of any mesh file."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from rich.console import Group
+from rich.table import Table
+
+from cases.errors import InputError
+from meshing.quality import mean_ratio, signed_volumes
+
+SOLIDS = {
+    pv.CellType.TETRA: "tetrahedra",
+    pv.CellType.HEXAHEDRON: "hexahedra",
+    pv.CellType.WEDGE: "prisms",
+    pv.CellType.PYRAMID: "pyramids",
+}
+
+
+def inspect(path: Path) -> Group:
+    """Return tables for a mesh file.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, of an unknown format, or holds no cells with a volume.
+    """
+    grid = _read(path)
+    lines = [f"{path}: {grid.n_points} points, {grid.n_cells} cells"]
+    table = Table()
+    for heading in ("cells", "count", "measure", "min", "1 %", "mean", "below 0.2", "below 0.4", "inverted"):
+        table.add_column(heading, justify="left" if heading in ("cells", "measure") else "right")
+    found = False
+    for kind, name in SOLIDS.items():
+        if not np.any(grid.celltypes == kind):
+            continue
+        found = True
+        measure, values, inverted = _quality(grid, kind)
+        table.add_row(
+            name, str(len(values)), measure, f"{values.min():.3f}", f"{np.percentile(values, 1):.3f}",
+            f"{values.mean():.3f}", f"{(values < 0.2).mean():.3%}", f"{(values < 0.4).mean():.3%}", str(inverted),
+        )  # fmt: skip
+    if not found:
+        raise InputError(f"{path} holds no tetrahedra, hexahedra, prisms or pyramids")
+    return Group(*lines, table, *_patches(grid))
+
+
+def _read(path: Path) -> Any:
+    if not path.is_file():
+        raise InputError(f"{path} is not a file")
+    try:
+        mesh = pv.read(path)
+    except Exception as error:  # every reader of VTK and meshio has its own exceptions
+        raise InputError(f"{path} cannot be read as a mesh: {error}") from error
+    if isinstance(mesh, pv.MultiBlock):
+        mesh = mesh.combine()
+    if not mesh.n_points or not mesh.n_cells:
+        raise InputError(f"{path} holds no cells")
+    return mesh.cast_to_unstructured_grid()
+
+
+def _quality(grid: Any, kind: int) -> tuple[str, np.ndarray[Any, Any], int]:
+    """Mean ratio of tetrahedra (the paper's), scaled Jacobian of the others."""
+    if kind == pv.CellType.TETRA:
+        cells = grid.cells_dict[kind]
+        points = np.asarray(grid.points, dtype=np.float64)
+        inverted = int(np.count_nonzero(signed_volumes(points, cells) <= 0.0))
+        return "mean ratio", mean_ratio(points, cells), inverted
+    part = grid.extract_cells(grid.celltypes == kind)
+    values = np.asarray(part.cell_quality("scaled_jacobian")["scaled_jacobian"])
+    return "scaled Jacobian", values, int(np.count_nonzero(values <= 0.0))
+
+
+def _patches(grid: Any) -> list[str]:
+    if "patch" not in grid.cell_data or "patch_names" not in grid.field_data:
+        return []
+    names, patch = list(grid.field_data["patch_names"]), np.asarray(grid.cell_data["patch"])
+    counts = [f"{name} {np.count_nonzero(patch == i)}" for i, name in enumerate(names) if i]
+    return ["patches (triangles): " + ", ".join(counts)]

@@ -1,0 +1,96 @@
+"""The files of a run: written into a folder beside the target, then renamed into it, so each is whole."""
+
+import csv
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from cases.confine import DIRECTIONS
+from cases.deflect import Deflected
+from cases.metrics import metrics
+from cases.overrides import to_toml
+from cases.run import Run
+from meshing.quality import mean_ratio
+from meshing.vtu import write_vtu
+
+
+class OutputError(ValueError):
+    """The output folder cannot be written."""
+
+
+@contextmanager
+def output_folder(target: Path) -> Iterator[Path]:
+    """Yield a scratch folder beside `target`; on success its files move into `target`, else nothing changes.
+
+    Raises
+    ------
+    OutputError
+        At once if the folder cannot be made or written.
+    """
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        scratch = TemporaryDirectory(prefix=".partial-", dir=target)
+    except OSError as error:
+        raise OutputError(f"--out {target}: {error.strerror}; choose a folder that can be written") from None
+    with scratch as name:
+        yield Path(name)
+        for path in sorted(p for p in Path(name).rglob("*") if p.is_file()):
+            final = target / path.relative_to(name)
+            final.parent.mkdir(parents=True, exist_ok=True)
+            path.replace(final)
+
+
+def write_run(run: Run, folder: Path) -> None:
+    """Write every file of the contract but the report into `folder`."""
+    (folder / "case.toml").write_text(to_toml(run.case), encoding="utf-8")
+    (folder / "metrics.json").write_text(json.dumps(metrics(run), indent=2) + "\n", encoding="utf-8")
+    write_vtu(folder / "undeflected.vtu", run.mesh)
+    write_vtu(
+        folder / "deflected.vtu",
+        run.deflected,
+        point_data={"displacement": run.deflected.points - run.mesh.points},
+        cell_data={"quality": mean_ratio(run.deflected.points, run.deflected.tets)},
+    )
+    write_interpolants(folder / "interpolant.npz", run.deflections)
+    write_convergence(folder / "convergence.csv", run.deflections)
+
+
+def write_interpolants(path: Path, deflections: tuple[Deflected, ...]) -> None:
+    """Write centres and coefficients per direction, enough to evaluate the deformation elsewhere.
+
+    The first surface's first step has the plain names `centers_x`, `beta_x`, `alpha_x`; further surfaces and
+    steps append `_<surface>` and `_step<k>`. `hexahedron` (8, 3) says where each applies.
+    """
+    arrays: dict[str, np.ndarray] = {"kernel": np.array("thin_plate_spline")}
+    for i, one in enumerate(deflections):
+        tag = f"_{one.region.surface}" if i else ""
+        arrays[f"hexahedron{tag}"] = one.region.hexahedron.corners
+        for k, step in enumerate(one.steps):
+            suffix = tag + (f"_step{k + 1}" if k else "")
+            for fit in step.fits:
+                for column, component in enumerate(fit.components):
+                    name = f"{DIRECTIONS[component]}{suffix}"
+                    arrays[f"centers_{name}"] = fit.interpolant.centers
+                    arrays[f"beta_{name}"] = fit.interpolant.beta[:, column]
+                    arrays[f"alpha_{name}"] = fit.interpolant.alpha[:, column]
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+
+
+def write_convergence(path: Path, deflections: tuple[Deflected, ...]) -> None:
+    """Write the adaptation history: one row per surface, step, group and iteration."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(["direction", "iteration", "centres", "max_error", "seconds", "surface", "step"])
+        for one in deflections:
+            for k, step in enumerate(one.steps):
+                for fit in step.fits:
+                    direction = "".join(DIRECTIONS[c] for c in fit.components)
+                    for row in fit.history:
+                        rows.writerow(
+                            [direction, row.iteration, row.n_centers, f"{row.max_residual:.6e}",
+                             f"{row.seconds:.6f}", one.region.surface, k + 1]
+                        )  # fmt: skip

@@ -1,0 +1,99 @@
+"""Stages of a run: who reports progress, who shows it, and how long each stage took."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from time import perf_counter
+from types import TracebackType
+from typing import Protocol, Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+
+Report = Callable[[str, float], None]
+"""Called by a library with what it is doing and the fraction done (nan when that is unknown)."""
+
+
+class Display(Protocol):
+    """Shows the stages of a run."""
+
+    def begin(self, stage: str) -> Report:
+        """Announce a stage; the returned callable takes its progress."""
+        ...
+
+    def end(self, stage: str, seconds: float) -> None:
+        """Announce that a stage is over."""
+        ...
+
+
+class Silent:
+    """Shows nothing."""
+
+    def begin(self, stage: str) -> Report:
+        """Return a callable that ignores what it is told."""
+        return lambda text, fraction: None
+
+    def end(self, stage: str, seconds: float) -> None:
+        """Ignore the end of a stage."""
+
+
+@dataclass(slots=True)
+class Bars:
+    """One rich progress bar per stage with elapsed time, on the given console."""
+
+    console: Console
+    _bars: Progress = field(init=False)
+    _tasks: dict[str, TaskID] = field(init=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._bars = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.fields[stage]:<12}"),
+            BarColumn(bar_width=24),
+            TimeElapsedColumn(),
+            TextColumn("{task.description}"),
+            console=self.console,
+        )
+
+    def __enter__(self) -> Self:
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bars.stop()
+
+    def begin(self, stage: str) -> Report:
+        """Add a bar for the stage."""
+        task = self._bars.add_task("", total=None, stage=stage)
+        self._tasks[stage] = task
+
+        def report(text: str, fraction: float) -> None:
+            known = fraction == fraction  # nan: the length of this step is unknown
+            self._bars.update(
+                task, description=text, total=1.0 if known else None, completed=fraction if known else 0.0
+            )
+
+        return report
+
+    def end(self, stage: str, seconds: float) -> None:
+        """Fill the bar of the stage."""
+        self._bars.update(self._tasks[stage], total=1.0, completed=1.0, description="")
+
+
+@dataclass(slots=True)
+class Stopwatch:
+    """Seconds of every stage, shown on a display as they pass."""
+
+    display: Display
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Report]:
+        """Time one stage; stages of the same name add up."""
+        report, start = self.display.begin(name), perf_counter()
+        yield report
+        spent = perf_counter() - start
+        self.seconds[name] = self.seconds.get(name, 0.0) + spent
+        self.display.end(name, spent)

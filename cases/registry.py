@@ -1,0 +1,21 @@
+"""The cases by name."""
+
+from dataclasses import replace
+from difflib import get_close_matches
+
+from cases.aileron import AILERON
+from cases.case import Case
+from meshing.parameters import SCALES
+
+CASES: dict[str, Case] = {case.name: case for case in (AILERON,)}
+
+
+def case_named(name: str, scale: str = "small") -> Case:
+    """Return a case at a scale; ValueError with the nearest name if there is none."""
+    if name not in CASES:
+        close = get_close_matches(name, list(CASES), n=1)
+        hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(CASES)}"
+        raise ValueError(f"unknown case {name!r}; {hint}")
+    if scale not in SCALES:
+        raise ValueError(f"unknown scale {scale!r}; there are {', '.join(SCALES)}")
+    return replace(CASES[name], scale=scale, mesh=SCALES[scale])

@@ -1,0 +1,39 @@
+"""From what the user typed to a case."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from cases.case import Case
+from cases.errors import InputError
+from cases.overrides import Nested, parse_assignments, read_toml, with_overrides
+from cases.registry import case_named
+
+
+def resolve(
+    name: str,
+    scale: str,
+    angle: float | None,
+    strategy: str | None,
+    assignments: list[str],
+    config: Path | None,
+) -> Case:
+    """Return the case: registered defaults, then the configuration file, then options, then --set.
+
+    Raises
+    ------
+    InputError
+        One sentence: what is wrong, which value, what would be right.
+    """
+    try:
+        tables: Nested = read_toml(config) if config else {}
+        name = name or str(tables.get("name", ""))
+        if not name:
+            raise ValueError("no case given; name one (see sdm list) or give --config case.toml")
+        case = with_overrides(case_named(name, str(tables.get("scale", scale))), tables)
+        if angle is not None:
+            case = replace(case, angle=angle)
+        if strategy is not None:
+            case = replace(case, strategy=strategy)  # type: ignore[arg-type]
+        return with_overrides(case, parse_assignments(assignments))
+    except (ValueError, TypeError) as error:
+        raise InputError(str(error)) from error

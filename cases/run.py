@@ -1,0 +1,38 @@
+"""What a run produced."""
+
+from dataclasses import dataclass, field
+
+from cases.case import Case
+from cases.deflect import Deflected
+from cases.validation import Check
+from meshing.generate import MeshReport
+from meshing.mesh import TetMesh
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """A finished case.
+
+    Attributes
+    ----------
+    mesh, deflected : the mesh before and after; same cells, same order.
+    mesh_report : how the undeflected mesh came to be and how far its boundary is from the CAD.
+    deflections : one entry per control surface.
+    whole_mesh_seconds : time to evaluate the first interpolant at every mesh node, for comparison.
+    checks : the validation.
+    seconds : per stage.
+    """
+
+    case: Case
+    mesh: TetMesh
+    mesh_report: MeshReport
+    deflected: TetMesh
+    deflections: tuple[Deflected, ...]
+    whole_mesh_seconds: float
+    checks: tuple[Check, ...]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        """True if every check passed."""
+        return all(check.passed for check in self.checks)

@@ -1,0 +1,49 @@
+"""Does the deflected mesh have the shape it should have? Checks that can fail."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from cases.motion import FloatArray
+
+Judgement = Literal["at most", "at least"]
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One validation: a measured value beside what was asked.
+
+    Attributes
+    ----------
+    name : fixed name (see the contract), with the surface appended when a case deflects several.
+    value, limit : in `unit`; the check passes if value <= limit ("at most") or value >= limit ("at least").
+    where : what was measured, over how many nodes, and where the worst one lies.
+    """
+
+    name: str
+    value: float
+    limit: float
+    unit: str
+    where: str
+    judgement: Judgement = "at most"
+
+    @property
+    def passed(self) -> bool:
+        """True if the value keeps its limit; nan never does."""
+        return self.value <= self.limit if self.judgement == "at most" else self.value >= self.limit
+
+
+def worst(distances: FloatArray, points: FloatArray) -> str:
+    """Describe the largest of distances (N,) at points (N, 3): rms, count and place."""
+    i = int(np.argmax(distances))
+    x, y, z = points[i]
+    rms = float(np.sqrt(np.mean(distances**2)))
+    return f"{len(distances)} nodes, rms {rms:.1e}, worst at ({x:.4f}, {y:.4f}, {z:.4f})"
+
+
+def plane_deviation(points: FloatArray) -> FloatArray:
+    """Distance (N,) of points (N, 3) from their least-squares plane."""
+    centred = points - points.mean(axis=0)
+    normal = np.linalg.svd(centred, full_matrices=False)[2][2]
+    return np.asarray(np.abs(centred @ normal), dtype=np.float64)
