@@ -2,6 +2,7 @@
 
 from dataclasses import Field, field, fields
 from math import isfinite
+from numbers import Integral, Real
 from typing import Any
 
 
@@ -38,9 +39,11 @@ def check_quantities(instance: Any, prefix: str) -> None:
 def _check(name: str, value: object, declared: Field[Any]) -> None:
     unit, low, high = (declared.metadata[key] for key in ("unit", "low", "high"))
     suffix = f" {unit}" if unit else ""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{name} = {value!r} is not a number; it must be {low:g} ... {high:g}{suffix}")
-    if isinstance(declared.default, int) and value % 1 != 0:
-        raise ValueError(f"{name} = {value!r} is not a whole number; it must be {low:g} ... {high:g}{suffix}")
-    if not isfinite(value) or not low <= value <= high:
-        raise ValueError(f"{name} = {float(value):g}{suffix} is outside {low:g} ... {high:g}{suffix}")
+    expected = f"{low:g} ... {high:g}{suffix}"
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ValueError(f"{name} = {value!r} is not a number; it must be {expected}")
+    if isinstance(declared.default, int) and not isinstance(value, Integral):
+        raise ValueError(f"{name} = {value!r} is not a whole number; it must be {expected}")
+    number = float(value)
+    if not isfinite(number) or not low <= number <= high:
+        raise ValueError(f"{name} = {number:g}{suffix} is outside {expected}")

@@ -55,7 +55,7 @@ class PlaneSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CylinderSurface:
-    """The circular cylinder about unit `axis` (3,) through `origin` (3,); `side` is -1 where out is inwards."""
+    """The circular cylinder about unit `axis` through `origin` (3,); `side` is -1 where out is inwards."""
 
     origin: FloatArray
     axis: FloatArray

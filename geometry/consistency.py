@@ -1,0 +1,151 @@
+"""Whether the components of an aircraft fit each other, from the parameters alone."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import cos, radians
+from typing import TYPE_CHECKING
+
+from geometry.layout import MIN_FEATURE, MIN_GAP, aileron_span, rudder_span
+from geometry.sections import LE, TE, fin_section, tail_section
+
+if TYPE_CHECKING:
+    from geometry.parameters import Fighter
+
+
+def check_consistency(fighter: Fighter) -> None:
+    """Raise ValueError with one sentence on the first two components that do not fit."""
+    for check in (_fuselage, _wing, _aileron, _tail, _fin, _rudder, _under_side):
+        check(fighter)
+
+
+def _require(holds: bool, message: str) -> None:
+    if not holds:
+        raise ValueError(message)
+
+
+def _increasing(named: dict[str, float]) -> None:
+    pairs = list(named.items())
+    for (name, value), (following, limit) in pairwise(pairs):
+        _require(
+            value + MIN_FEATURE <= limit,
+            f"{name} = {value:g} m must lie at least {MIN_FEATURE:g} m below {following} = {limit:g} m",
+        )
+
+
+def _fuselage(fighter: Fighter) -> None:
+    f = fighter.fuselage
+    _increasing(
+        {
+            "fuselage.nose_length": f.nose_length,
+            "fuselage.panel_front": f.panel_front,
+            "fuselage.panel_rear": f.panel_rear,
+            "fuselage.length": f.length,
+        }
+    )
+    p = fighter.pedestal
+    _increasing({"pedestal.x_apex": p.x_apex, "pedestal.x_shoulder": p.x_shoulder, "pedestal.x_aft": p.x_aft})
+    _increasing({"pedestal.x_foot": p.x_foot, "pedestal.x_ramp_end": p.x_ramp_end})
+    _increasing({"fuselage.radius": f.radius, "pedestal.z_top": p.z_top})
+    beside = f.radius * cos(radians(f.panel_angle))
+    _require(
+        p.half_width + MIN_FEATURE <= beside,
+        f"pedestal.half_width = {p.half_width:g} m reaches the panels beside the tails, which begin at y = "
+        f"{beside:.4g} m; reduce it or fuselage.panel_angle",
+    )
+
+
+def _wing(fighter: Fighter) -> None:
+    w = fighter.wing
+    _increasing({"wing.tip_chord": w.tip_chord, "wing.root_chord": w.root_chord})
+    _increasing(
+        {
+            "fuselage.radius": fighter.fuselage.radius,
+            "wing.y_kink": w.y_kink,
+            "wing.half_span": w.half_span,
+        }
+    )
+    _increasing({"wing.x_te": w.x_te, "fuselage.panel_front": fighter.fuselage.panel_front})
+
+
+def _aileron(fighter: Fighter) -> None:
+    a, w, span = fighter.aileron, fighter.wing, aileron_span(fighter)
+    ends = f"the aileron's ends y = {span.inboard:g} and {span.outboard:g} m"
+    width = span.outboard - span.inboard
+    _require(
+        span.outboard <= w.half_span,
+        f"aileron.y_outboard = {span.outboard:g} m is outboard of the tip, wing.half_span = {w.half_span:g} m",
+    )
+    _require(
+        a.gap < max(width, MIN_GAP),
+        f"aileron.gap = {a.gap:g} m is wider than the aileron; {ends} leave {max(width, 0.0):g} m",
+    )
+    _require(
+        width >= MIN_FEATURE, f"{ends} must be at least {MIN_FEATURE:g} m apart, the outboard one outside"
+    )
+    _require(
+        a.gap == 0.0 or a.gap >= MIN_GAP,
+        f"aileron.gap = {a.gap:g} m is too narrow for any mesh; it must be 0 or at least {MIN_GAP:g} m",
+    )
+    _require_strip("inboard", span.wing_rib - w.y_kink, f"wing.y_kink = {w.y_kink:g} m")
+    _require_strip("outboard", w.half_span - span.outer_rib, f"wing.half_span = {w.half_span:g} m")
+
+
+def _require_strip(end: str, width: float, neighbour: str) -> None:
+    _require(
+        width == 0.0 or width >= MIN_FEATURE,
+        f"aileron.y_{end} leaves a strip of wing {width:.4g} m wide up to {neighbour}; with aileron.gap it must "
+        f"leave 0 or at least {MIN_FEATURE:g} m",
+    )
+
+
+def _tail(fighter: Fighter) -> None:
+    t, f = fighter.tail, fighter.fuselage
+    _increasing({"fuselage.radius": f.radius, "tail.half_span": t.half_span})
+    _increasing(
+        {"fuselage.panel_front": f.panel_front, "the tail root's leading edge": t.x_te - t.root_chord}
+    )
+    _increasing({"tail.x_te": t.x_te, "fuselage.panel_rear": f.panel_rear})
+    reach = abs(t.anhedral) + 10.0
+    _require(
+        reach <= f.panel_angle,
+        f"tail.anhedral = {t.anhedral:g} deg puts the tail's root within 10 deg of the border of its fuselage "
+        f"panel at fuselage.panel_angle = {f.panel_angle:g} deg",
+    )
+    tip = tail_section(t, f, t.half_span)
+    _increasing(
+        {"tail.le_sweep leaves a tip chord that": 0.0, "the tail's tip chord": tip[TE, 0] - tip[LE, 0]}
+    )
+
+
+def _fin(fighter: Fighter) -> None:
+    fin, p = fighter.fin, fighter.pedestal
+    _increasing({"fin.z_root": fin.z_root, "fin.z_tip": fin.z_tip})
+    _increasing({"pedestal.x_ramp_end": p.x_ramp_end, "fin.x_le": fin.x_le})
+    _increasing({"the fin's trailing edge at its root": fin.x_le + fin.root_chord, "pedestal.x_aft": p.x_aft})
+    tip = fin_section(fin, fin.z_tip)
+    _increasing({"fin.le_sweep leaves a tip chord that": 0.0, "the fin's tip chord": tip[TE, 0] - tip[LE, 0]})
+    half = 0.5 * fin.thickness_ratio * fin.root_chord
+    _increasing({"half the fin's root thickness": half, "pedestal.half_width": p.half_width})
+
+
+def _rudder(fighter: Fighter) -> None:
+    lower, upper = rudder_span(fighter)
+    _increasing({"pedestal.z_top": fighter.pedestal.z_top, "rudder.z_inboard": lower})
+    _increasing({"rudder.z_inboard": lower, "rudder.z_outboard": upper})
+    rest = fighter.fin.z_tip - upper
+    _require(
+        rest == 0.0 or rest >= MIN_FEATURE,
+        f"rudder.z_outboard = {upper:g} m must be the fin's tip (0), or {MIN_FEATURE:g} m or more below "
+        f"fin.z_tip = {fighter.fin.z_tip:g} m",
+    )
+
+
+def _under_side(fighter: Fighter) -> None:
+    stations = fighter.inlet.stations()
+    _increasing({f"inlet.x_{i + 1}": station[0] for i, station in enumerate(stations)})
+    v, front = fighter.ventral, fighter.fuselage.panel_front
+    _increasing({"ventral.x_root": v.x_root, "ventral.x_tip": v.x_tip, "ventral.x_te": v.x_te})
+    _increasing({"ventral.x_te": v.x_te, "fuselage.panel_front": front})
+    _increasing({"inlet.x_4": fighter.inlet.x_4, "fuselage.panel_front": front})
+    _increasing({"fuselage.radius": fighter.fuselage.radius, "ventral.r_te": v.r_te})
