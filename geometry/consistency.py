@@ -74,7 +74,7 @@ def _aileron(fighter: Fighter) -> None:
     width = span.outboard - span.inboard
     _require(
         span.outboard <= w.half_span,
-        f"aileron.y_outboard = {span.outboard:g} m is outboard of the tip, wing.half_span = {w.half_span:g} m",
+        f"aileron.y_outboard = {span.outboard:g} m is beyond the tip, wing.half_span = {w.half_span:g} m",
     )
     _require(
         a.gap < max(width, MIN_GAP),
@@ -94,8 +94,8 @@ def _aileron(fighter: Fighter) -> None:
 def _require_strip(end: str, width: float, neighbour: str) -> None:
     _require(
         width == 0.0 or width >= MIN_FEATURE,
-        f"aileron.y_{end} leaves a strip of wing {width:.4g} m wide up to {neighbour}; with aileron.gap it must "
-        f"leave 0 or at least {MIN_FEATURE:g} m",
+        f"aileron.y_{end} leaves a strip of wing {width:.4g} m wide up to {neighbour}; with aileron.gap it "
+        f"must leave 0 or at least {MIN_FEATURE:g} m",
     )
 
 
@@ -109,13 +109,11 @@ def _tail(fighter: Fighter) -> None:
     reach = abs(t.anhedral) + 10.0
     _require(
         reach <= f.panel_angle,
-        f"tail.anhedral = {t.anhedral:g} deg puts the tail's root within 10 deg of the border of its fuselage "
-        f"panel at fuselage.panel_angle = {f.panel_angle:g} deg",
+        f"tail.anhedral = {t.anhedral:g} deg puts the tail's root within 10 deg of the border of its "
+        f"fuselage panel at fuselage.panel_angle = {f.panel_angle:g} deg",
     )
     tip = tail_section(t, f, t.half_span)
-    _increasing(
-        {"tail.le_sweep leaves a tip chord that": 0.0, "the tail's tip chord": tip[TE, 0] - tip[LE, 0]}
-    )
+    _require_tip("tail", float(tip[TE, 0] - tip[LE, 0]))
 
 
 def _fin(fighter: Fighter) -> None:
@@ -124,9 +122,16 @@ def _fin(fighter: Fighter) -> None:
     _increasing({"pedestal.x_ramp_end": p.x_ramp_end, "fin.x_le": fin.x_le})
     _increasing({"the fin's trailing edge at its root": fin.x_le + fin.root_chord, "pedestal.x_aft": p.x_aft})
     tip = fin_section(fin, fin.z_tip)
-    _increasing({"fin.le_sweep leaves a tip chord that": 0.0, "the fin's tip chord": tip[TE, 0] - tip[LE, 0]})
+    _require_tip("fin", float(tip[TE, 0] - tip[LE, 0]))
     half = 0.5 * fin.thickness_ratio * fin.root_chord
     _increasing({"half the fin's root thickness": half, "pedestal.half_width": p.half_width})
+
+
+def _require_tip(name: str, chord: float) -> None:
+    _require(
+        chord >= 0.01,
+        f"{name}.le_sweep, its chord and its span leave a tip chord of {chord:g} m; it must be at least 0.01 m",
+    )
 
 
 def _rudder(fighter: Fighter) -> None:

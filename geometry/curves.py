@@ -22,6 +22,10 @@ class Curve(Protocol):
         """Nearest points (N, 3) and their parameters (N,), for `points` (N, 3)."""
         ...
 
+    def at(self, shares: FloatArray) -> FloatArray:
+        """Points (N, 3) at shares (N,) of the parameter range, 0 at the first end and 1 at the last."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
@@ -37,6 +41,10 @@ class Segment:
         along = np.clip((points - self.start) @ span / length**2, 0.0, 1.0)
         return self.start + along[:, None] * span, length * along
 
+    def at(self, shares: FloatArray) -> FloatArray:
+        """Points (N, 3) at shares (N,) of the length."""
+        return np.asarray(self.start + shares[:, None] * (self.end - self.start), dtype=np.float64)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeCurve:
@@ -49,8 +57,15 @@ class FreeCurve:
     def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Nearest points (N, 3) and the kernel's curve parameters (N,)."""
         parameters = np.array([self._parameter(gp_Pnt(*row)) for row in points.tolist()])
+        return self._values(parameters), parameters
+
+    def at(self, shares: FloatArray) -> FloatArray:
+        """Points (N, 3) at shares (N,) of the parameter range."""
+        return self._values(self.first + shares * (self.last - self.first))
+
+    def _values(self, parameters: FloatArray) -> FloatArray:
         values = [self.geometry.Value(t) for t in parameters.tolist()]
-        return np.array([[v.X(), v.Y(), v.Z()] for v in values]).reshape(-1, 3), parameters
+        return np.array([[v.X(), v.Y(), v.Z()] for v in values]).reshape(-1, 3)
 
     def _parameter(self, point: gp_Pnt) -> float:
         # The kernel finds interior extrema only; the ends compete with them.

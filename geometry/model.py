@@ -77,6 +77,10 @@ class CadEdge:
         """Angle by which the surface turns at the edge, in degrees: 0 where it is smooth or flat."""
         return self.crease
 
+    def at(self, shares: FloatArray) -> FloatArray:
+        """Points (N, 3) at shares (N,) of the parameter range, from 0 at the first vertex to 1 at the last."""
+        return curve_of(self.shape).at(np.asarray(shares, dtype=np.float64))
+
     def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Nearest points (N, 3) on the edge and their parameters (N,), increasing from first to last vertex.
 

@@ -1,0 +1,77 @@
+"""Control surfaces deflected in the CAD itself: the reference that a deformed mesh is measured against."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from geometry.polyhedron import FloatArray, Loops, prism
+from geometry.quantity import check_quantities, quantity
+from geometry.rotation import rotated
+from geometry.sections import HINGE_LOWER, HINGE_UPPER, TE
+
+SURFACES = ("aileron_left", "aileron_right", "tail_left", "tail_right", "rudder")
+
+# How far a rigid wedge's nose reaches ahead of the hinge line, by its local half thickness: it closes the slot
+# that opens when the wedge turns about a line inside the wing.
+NOSE = 0.35
+
+
+@dataclass(frozen=True, slots=True)
+class Deflection:
+    """An angle in degrees and the way the surface follows it.
+
+    Positive angles move the trailing edge down, the rudder's to port. "rigid" turns the whole surface about its
+    axis; "blended" keeps the hinge edges and turns the trailing edge alone (paper, appendix A). Tails have no hinge
+    edges and turn rigidly only.
+    """
+
+    angle: float = quantity(0.0, "deg", -60.0, 60.0, "angle")
+    mode: Literal["rigid", "blended"] = "rigid"
+
+    def __post_init__(self) -> None:
+        check_quantities(self, "deflection")
+        if self.mode not in ("rigid", "blended"):
+            raise ValueError(f"deflection.mode = {self.mode!r} must be 'rigid' or 'blended'")
+
+
+def wedge(inner: FloatArray, outer: FloatArray) -> Loops:
+    """The trailing-edge wedge between two sections (6, 3), undeflected."""
+    corners = [HINGE_UPPER, TE, HINGE_LOWER]
+    return prism(inner[corners], outer[corners])
+
+
+def hinge_axis(inner: FloatArray, outer: FloatArray) -> FloatArray:
+    """The hinge line (2, 3), half way between the hinge edges."""
+    return np.array([0.5 * (end[HINGE_UPPER] + end[HINGE_LOWER]) for end in (inner, outer)])
+
+
+def deflected_wedge(inner: FloatArray, outer: FloatArray, axis: FloatArray, deflection: Deflection) -> Loops:
+    """The wedge between two sections (6, 3) turned about `axis` (2, 3)."""
+    if deflection.mode == "blended":
+        return _blended(inner, outer, axis, deflection.angle)
+    return tuple(rotated(loop, axis, deflection.angle) for loop in _with_nose(inner, outer))
+
+
+def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, angle: float) -> Loops:
+    rings = []
+    for end in (inner, outer):
+        trailing = rotated(end[TE], axis, angle)
+        rings.append(np.array([end[HINGE_UPPER], trailing, end[HINGE_LOWER]]))
+    return prism(*rings)
+
+
+def _with_nose(inner: FloatArray, outer: FloatArray) -> Loops:
+    """A wedge with a ridge ahead of the hinge line, pulled in at both ends so that it stays inside the wing."""
+    upper, trailing, lower = (np.array([inner[i], outer[i]]) for i in (HINGE_UPPER, TE, HINGE_LOWER))
+    half = 0.5 * np.linalg.norm(upper - lower, axis=1)
+    ridge = 0.5 * (upper + lower) - np.outer(NOSE * half, [1.0, 0.0, 0.0])
+    along = (ridge[1] - ridge[0]) / np.linalg.norm(ridge[1] - ridge[0])
+    nose = ridge + np.outer(half * [1.0, -1.0], along)
+    quads = [
+        np.array([a[0], a[1], b[1], b[0]])
+        for a, b in ((upper, trailing), (trailing, lower), (lower, nose), (nose, upper))
+    ]
+    ends = [np.array([upper[i], trailing[i], lower[i]]) for i in (0, 1)]
+    noses = [np.array([upper[i], lower[i], nose[i]]) for i in (0, 1)]
+    return (*quads, *ends, *noses)

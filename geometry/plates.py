@@ -1,0 +1,135 @@
+"""Strake, ventral fin and pedestal: plates with bevelled edges and a block, as polyhedra (starboard side)."""
+
+from collections.abc import Sequence
+from math import cos, radians, sin, tan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.parameters import Fuselage, Pedestal, Strake, VentralFin
+from geometry.polyhedron import Loops
+
+FloatArray = NDArray[np.float64]
+
+# Where plates end inside the fuselage, by its radius.
+STRAKE_ROOT = 0.45
+VENTRAL_ROOT = 0.67
+
+
+def strake_polyhedra(strake: Strake, fuselage: Fuselage) -> list[Loops]:
+    """One polyhedron for each segment of the leading edge, cut along the bisecting lines of its corners.
+
+    The bevels of neighbouring segments meet at so flat an angle that a face has to stand behind the crease.
+    """
+    outline, inner, root = _strake_plan(strake, fuselage)
+    half = 0.5 * strake.thickness
+    pieces = []
+    for i in range(len(outline) - 1):
+        ring = [outline[i], outline[i + 1], inner[i + 1], root[i + 1], root[i], inner[i]]
+        pieces.append(_bevelled_piece(ring, half))
+    return pieces
+
+
+def _strake_plan(strake: Strake, fuselage: Fuselage) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Corners (n, 2) of leading edge and inner bevel line, and where the cuts through both reach the root."""
+    y = STRAKE_ROOT * fuselage.radius
+    first, second, third = (strake.x_1, strake.y_1), (strake.x_2, strake.y_2), (strake.x_3, strake.y_3)
+    start = (first[0] - (first[1] - y) / tan(radians(strake.root_angle)), y)
+    slope = (third[1] - second[1]) / (third[0] - second[0])
+    end = (strake.x_end, third[1] + slope * (strake.x_end - third[0]))
+    outline = np.array([start, first, second, end])
+    base, aft = np.array([[0.0, y], [1.0, y]]), np.array([[strake.x_end, 0.0], [strake.x_end, 1.0]])
+    inner = inset(outline, strake.bevel, base, aft)
+    cuts = [crossing(np.array([p, q]), base) for p, q in zip(outline[1:-1], inner[1:-1], strict=True)]
+    return outline, inner, np.array([inner[0], *cuts, [strake.x_end, y]])
+
+
+def _bevelled_piece(ring: list[FloatArray], half: float) -> Loops:
+    """A piece between two cuts; `ring` is edge, edge, inner, root, root, inner in plan."""
+    edge0, edge1, inner1, root1, root0, inner0 = ring
+    across = (0.0, half, half, -half, -half)
+    faces = [
+        _at_heights((edge0, inner0, root0, root0, inner0), across),
+        _at_heights((edge1, inner1, root1, root1, inner1), across),
+        _at_heights((root0, root1, root1, root0), (half, half, -half, -half)),
+    ]
+    for z in (half, -half):
+        faces.append(_at_heights((inner0, inner1, root1, root0), (z, z, z, z)))
+        faces.append(_at_heights((edge0, edge1, inner1, inner0), (0.0, 0.0, z, z)))
+    return tuple(faces)
+
+
+def _at_heights(plan: Sequence[FloatArray], heights: Sequence[float]) -> FloatArray:
+    """The loop (n, 3) over plan corners, without repeated ones: the first piece's root starts at its bevel."""
+    loop = np.column_stack([np.array(plan), np.array(heights)])
+    return loop[np.any(loop != np.roll(loop, 1, axis=0), axis=1)]
+
+
+def ventral_polyhedron(ventral: VentralFin, fuselage: Fuselage) -> Loops:
+    """A plate whose three free edges are bevelled by parallel insets, so that every face is planar."""
+    v, buried = ventral, VENTRAL_ROOT * fuselage.radius
+    lean = (v.x_tip - v.x_root) / (v.r_tip - fuselage.radius)
+    outline = np.array(
+        [
+            [v.x_root - lean * (fuselage.radius - buried), buried],
+            [v.x_tip, v.r_tip],
+            [v.x_te, v.r_te],
+            [v.x_te, buried],
+        ]
+    )
+    base = np.array([[0.0, buried], [1.0, buried]])
+    inner = inset(outline, v.bevel, base, base)
+    half = 0.5 * v.thickness
+    edge, right, left = (_canted(*pair, v.cant) for pair in ((outline, 0.0), (inner, half), (inner, -half)))
+    faces = [right, left]
+    for flat in (right, left):
+        faces += [np.array([edge[i], edge[i + 1], flat[i + 1], flat[i]]) for i in range(3)]
+    root = np.array([edge[0], right[0], right[3], edge[3], left[3], left[0]])
+    return (*faces, root)
+
+
+def pedestal_polyhedron(pedestal: Pedestal, fuselage: Fuselage) -> Loops:
+    """A block, pointed in plan, whose top ramps up from the fuselage and then is flat."""
+    p, low = pedestal, 0.75 * fuselage.radius
+    slope = (p.z_top - fuselage.radius) / (p.x_ramp_end - p.x_foot)
+
+    def corner(x: float, y: float, z: float) -> list[float]:
+        return [x, y, min(z, p.z_top + slope * (min(x, p.x_ramp_end) - p.x_ramp_end))]
+
+    def pair(x: float, z: float) -> tuple[list[float], list[float]]:
+        return corner(x, p.half_width, z), corner(x, -p.half_width, z)
+
+    apex0, apex1 = corner(p.x_apex, 0.0, low), corner(p.x_apex, 0.0, p.z_top)
+    (s0, t0), (s1, t1) = pair(p.x_shoulder, low), pair(p.x_shoulder, p.z_top)
+    (s2, t2), (s3, t3), (s4, t4) = pair(p.x_ramp_end, p.z_top), pair(p.x_aft, p.z_top), pair(p.x_aft, low)
+    faces = [[apex0, s0, s4, t4, t0], [apex1, s1, s2, t2, t1], [s2, s3, t3, t2], [s3, s4, t4, t3]]
+    faces += [[apex0, s0, s1, apex1], [apex0, t0, t1, apex1]]
+    faces += [[s0, s4, s3, s2, s1], [t0, t4, t3, t2, t1]]
+    return tuple(np.array(face) for face in faces)
+
+
+def inset(outline: FloatArray, width: float, first: FloatArray, last: FloatArray) -> FloatArray:
+    """Corners (n, 2) of the parallel inset, to the right of an open outline (n, 2).
+
+    The inset begins on the line `first` and ends on the line `last`, each given by two points (2, 2).
+    """
+    lines = []
+    for a, b in zip(outline[:-1], outline[1:], strict=True):
+        right = np.array([b[1] - a[1], a[0] - b[0]]) / np.linalg.norm(b - a)
+        lines.append(np.array([a, b]) + width * right)
+    lines = [first, *lines, last]
+    return np.array([crossing(a, b) for a, b in zip(lines[:-1], lines[1:], strict=True)])
+
+
+def crossing(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The point (2,) where two lines, each given by two points (2, 2), cross."""
+    along = np.column_stack([a[1] - a[0], b[0] - b[1]])
+    share = np.linalg.solve(along, b[0] - a[0])[0]
+    return np.asarray(a[0] + share * (a[1] - a[0]), dtype=np.float64)
+
+
+def _canted(plan: FloatArray, offset: float, cant: float) -> FloatArray:
+    """Points (n, 3) from (x, r) in the plane through the axis `cant` degrees from straight down."""
+    c, s = cos(radians(cant)), sin(radians(cant))
+    x, r = plan.T
+    return np.column_stack([x, r * s + offset * c, -r * c + offset * s])
