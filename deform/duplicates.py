@@ -1,0 +1,31 @@
+"""Coinciding points: the one thing that makes every interpolation system singular."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deform.kernels import FloatArray
+
+IndexArray = NDArray[np.intp]
+
+DIRECTION = np.array([0.5698402909980532, 0.7548776662466927, 0.3247179572447460])  # along no lattice of points
+
+
+def first_coincident(points: FloatArray, tol: float = 0.0) -> IndexArray:
+    """Return for each of points (N, 3) the lowest row within distance `tol` of it: itself if it is distinct.
+
+    Points are sorted along a direction in which no lattice has two of them at one place; only neighbours in
+    that order can coincide. Cost: one sort.
+    """
+    first = np.arange(len(points), dtype=np.intp)
+    key = points @ (DIRECTION / np.linalg.norm(DIRECTION))
+    order = np.argsort(key, kind="stable")
+    sorted_key, reach = key[order], tol + 4e-16 * (1.0 + np.abs(key).max(initial=0.0))
+    for step in range(1, len(points)):
+        near = np.flatnonzero(sorted_key[step:] - sorted_key[:-step] <= reach)
+        if not len(near):
+            break
+        a, b = order[near], order[near + step]
+        same = np.sum((points[a] - points[b]) ** 2, axis=1) <= tol * tol
+        low, high = np.minimum(a, b)[same], np.maximum(a, b)[same]
+        np.minimum.at(first, high, low)
+    return first

@@ -1,0 +1,169 @@
+"""The confinement hexahedron (paper section 3)."""
+
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deform.compiled import compiled
+from deform.kernels import FloatArray
+from deform.polygon import polygon_sites, without_coincident
+
+FACES = {
+    "x-": (0, 4, 6, 2),
+    "x+": (1, 3, 7, 5),
+    "y-": (0, 1, 5, 4),
+    "y+": (2, 6, 7, 3),
+    "z-": (0, 2, 3, 1),
+    "z+": (4, 5, 7, 6),
+}
+"""Corners of each face, in an order whose triangles have outward normals; corner i has the binary code zyx."""
+
+EDGES = tuple((i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit)
+
+PLANAR = 1e-6  # largest distance of a corner from its face's plane, as a share of the hexahedron's size
+COINCIDENT = 1e-9  # closest corners, likewise
+SAME_SITE = 1e-6  # of the spacing: sites of two faces on their common edge
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hexahedron:
+    """A convex hexahedron with planar faces.
+
+    Parameters
+    ----------
+    corners
+        (8, 3) in metres. Corner i has the binary code zyx: bit 1 is set on face "x+", bit 2 on "y+", bit 4 on "z+".
+
+    Raises
+    ------
+    ValueError
+        If corners coincide, a face is not planar, or the hexahedron is not convex or inside out.
+    """
+
+    corners: FloatArray
+    planes: FloatArray = field(init=False, repr=False)  # (12, 4) outward normals and offsets of the triangles
+
+    def __post_init__(self) -> None:
+        if self.corners.shape != (8, 3) or not np.isfinite(self.corners).all():
+            raise ValueError(f"corners {self.corners.shape} must be 8 points of 3 finite coordinates")
+        _check_distinct(self.corners)
+        object.__setattr__(self, "planes", _triangle_planes(self.corners))
+        _check_faces(self.corners, self.planes)
+
+    def contains(self, points: FloatArray, tol: float = 0.0) -> NDArray[np.bool_]:
+        """Return for each of points (M, 3) whether it lies behind all twelve face triangles, or at most `tol` m out."""
+        x = np.ascontiguousarray(points, dtype=np.float64)
+        inside = np.empty(len(x), dtype=np.bool_)
+        low, high = self.corners.min(axis=0) - abs(tol), self.corners.max(axis=0) + abs(tol)
+        _behind(x, low, high, self.planes, tol, inside)
+        return inside
+
+    def face(self, name: str) -> FloatArray:
+        """Return the corners (4, 3) of a face, counter-clockwise from outside."""
+        if name not in FACES:
+            raise ValueError(f"no face {name!r}: the faces are {', '.join(FACES)}")
+        return self.corners[list(FACES[name])]
+
+    def sites_on(self, name: str, spacing: float) -> FloatArray:
+        """Return near-equidistant points (P, 3) on one face, its edges included."""
+        return polygon_sites(self.face(name), spacing)
+
+    def face_sites(self, spacing: float, skip: AbstractSet[str] = frozenset()) -> FloatArray:
+        """Return near-equidistant points (P, 3) on all faces not in `skip`, each once.
+
+        An edge keeps its points as long as one of its two faces is not skipped.
+        """
+        for name in skip:
+            self.face(name)
+        faces = [self.sites_on(name, spacing) for name in FACES if name not in skip]
+        return without_coincident(np.vstack([np.empty((0, 3)), *faces]), SAME_SITE * spacing)
+
+    def section(self, point: FloatArray, normal: FloatArray) -> FloatArray:
+        """Return the polygon (k, 3) in which a plane cuts the hexahedron.
+
+        Raises
+        ------
+        ValueError
+            If the plane misses it, or touches it in a corner or an edge only.
+        """
+        n = np.asarray(normal, dtype=np.float64) / np.linalg.norm(normal)
+        height = (self.corners - point) @ n
+        size = float(np.ptp(self.corners, axis=0).max())
+        height[np.abs(height) <= COINCIDENT * size] = 0.0
+        cuts = [self.corners[i] for i in range(8) if height[i] == 0.0]
+        for i, j in EDGES:
+            if height[i] * height[j] < 0.0:
+                cuts.append(self.corners[i] + height[i] / (height[i] - height[j]) * (self.corners[j] - self.corners[i]))
+        if len(cuts) < 3:
+            raise ValueError(f"the plane through {point} with normal {n} does not cut the hexahedron")
+        return _around(np.array(cuts), n)
+
+
+def box(low: FloatArray, high: FloatArray) -> Hexahedron:
+    """Return the axis-aligned hexahedron between two corners (3,)."""
+    bits = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=np.float64)
+    return Hexahedron(np.asarray(low + bits * (np.asarray(high) - low)))
+
+
+def _triangle_planes(corners: FloatArray) -> FloatArray:
+    """Return (n, d) with n . x <= d inside, (12, 4), for the two triangles of each face."""
+    planes = []
+    for a, b, c, d in FACES.values():
+        for i, j, k in ((a, b, c), (a, c, d)):
+            n = np.cross(corners[j] - corners[i], corners[k] - corners[i])
+            size = float(np.linalg.norm(n))
+            n = n / size if size > 0.0 else n
+            planes.append([*n, n @ corners[i]])
+    return np.array(planes)
+
+
+def _check_distinct(corners: FloatArray) -> None:
+    size = float(np.ptp(corners, axis=0).max())
+    for i in range(8):
+        for j in range(i):
+            if np.linalg.norm(corners[i] - corners[j]) <= COINCIDENT * size:
+                raise ValueError(f"corners {j} and {i} of the hexahedron coincide at {corners[i]}")
+
+
+def _check_faces(corners: FloatArray, planes: FloatArray) -> None:
+    """Raise for faces that are not planar or that have a corner of the hexahedron in front of them."""
+    size = float(np.ptp(corners, axis=0).max())
+    two_each = [item for item in FACES.items() for _ in range(2)]
+    for (name, face), plane in zip(two_each, planes, strict=True):
+        if not plane[:3].any():
+            raise ValueError(f"three corners of face {name} (corners {face}) lie on one line")
+        height = corners @ plane[:3] - plane[3]
+        off = float(np.abs(height[list(face)]).max())
+        if off > PLANAR * size:
+            raise ValueError(f"face {name} (corners {face}) is not planar: a corner is {off:.3g} m out of its plane")
+        front = int(np.argmax(height))
+        if height[front] > PLANAR * size:
+            raise ValueError(
+                f"the hexahedron is not convex, or its corners are not in the order of their binary codes zyx: corner "
+                f"{front} is {height[front]:.3g} m in front of face {name} (corners {face})"
+            )
+
+
+def _around(points: FloatArray, normal: FloatArray) -> FloatArray:
+    """Sort coplanar points (k, 3) of a convex polygon around their centre."""
+    arm = points - points.mean(axis=0)
+    u = arm[0] / np.linalg.norm(arm[0])
+    return points[np.argsort(np.arctan2(arm @ np.cross(normal, u), arm @ u))]
+
+
+@compiled
+def _behind(x, low, high, planes, tol, inside):  # type: ignore[no-untyped-def]  # pragma: no cover - machine code
+    """Test points x (M, 3) against the bounding box first: most are outside of it."""
+    for i in range(len(x)):
+        a, b, c = x[i, 0], x[i, 1], x[i, 2]
+        within = (
+            a >= low[0] and a <= high[0] and b >= low[1] and b <= high[1] and c >= low[2] and c <= high[2]
+        )
+        if within:
+            for k in range(len(planes)):
+                if planes[k, 0] * a + planes[k, 1] * b + planes[k, 2] * c - planes[k, 3] > tol:
+                    within = False
+                    break
+        inside[i] = within

@@ -1,0 +1,124 @@
+"""Fit and evaluate s(p) = alpha . [1, p] + sum_j beta_j phi(|p - c_j|) (paper eqs. 2 to 7)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.lapack import dsysv
+from scipy.sparse.linalg import gmres
+
+from deform.kernels import FloatArray, Kernel
+from deform.progress import Progress, silent
+from deform.sums import kernel_matrix, kernel_sum
+from deform.threads import single_threaded_blas
+from deform.unitbox import UnitBox
+
+Solve = Callable[[FloatArray, FloatArray], FloatArray]
+"""Maps a symmetric matrix (n, n) and right-hand sides (n, k) to solutions (n, k)."""
+
+
+class SolveError(RuntimeError):
+    """The interpolation system could not be solved."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Interpolant:
+    """A fitted map from points (M, 3) in metres to values (M, k)."""
+
+    kernel: Kernel
+    centers: FloatArray  # (C, 3) m
+    beta: FloatArray  # (C, k) kernel coefficients
+    alpha: FloatArray  # (4, k) coefficients of 1, x, y, z
+
+    def __post_init__(self) -> None:
+        count, columns = self.beta.shape
+        if self.centers.shape != (count, 3) or self.alpha.shape != (4, columns):
+            raise ValueError(
+                f"centers {self.centers.shape}, beta {self.beta.shape} and alpha {self.alpha.shape} "
+                "must be (C, 3), (C, k) and (4, k)"
+            )
+
+    def __call__(
+        self, points: FloatArray, *, threads: int | None = None, progress: Progress = silent
+    ) -> FloatArray:
+        """Evaluate at points (M, 3); the matrix of eq. 7 is never formed."""
+        return kernel_sum(
+            self.kernel, points, self.centers, self.beta, self.alpha, threads=threads, progress=progress
+        )
+
+
+def direct(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve by LAPACK's factorisation of a symmetric indefinite matrix."""
+    _, _, solution, info = dsysv(matrix, right, lower=1)
+    if info != 0:
+        raise SolveError(f"the system of {len(matrix)} unknowns is singular: do centres coincide?")
+    return np.asarray(solution)
+
+
+def krylov(rtol: float = 1e-10, restart: int = 200, max_cycles: int = 50) -> Solve:
+    """Return a solve by GMRES, as in the paper: no preconditioner, one right-hand side at a time.
+
+    Parameters
+    ----------
+    rtol
+        Tolerance on the residual's norm relative to that of the right-hand side.
+    restart, max_cycles
+        Iterations between restarts and number of restarts before it gives up with a `SolveError`.
+    """
+    if not 0.0 < rtol < 1.0:
+        raise ValueError(f"rtol = {rtol} must lie between 0 and 1")
+
+    def solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
+        columns = []
+        for column in right.T:
+            x, info = gmres(matrix, column, rtol=rtol, restart=min(restart, len(matrix)), maxiter=max_cycles)
+            if info != 0:
+                raise SolveError(
+                    f"GMRES did not reach rtol = {rtol} for {len(matrix)} unknowns within {max_cycles} cycles of "
+                    f"{restart} iterations: allow more, or use the direct solve"
+                )
+            columns.append(x)
+        return np.column_stack(columns)
+
+    return solve
+
+
+def fit(kernel: Kernel, centers: FloatArray, values: FloatArray, solve: Solve = direct) -> Interpolant:
+    """Interpolate values (C, k) at centers (C, 3): eqs. 5 and 6.
+
+    Centres of one plane (or line) are fine: the polynomial then has no slope out of it.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not match, or a number is not finite.
+    SolveError
+        If the system is singular (coinciding centres) or `solve` gives up.
+    """
+    check_finite(centers=centers, values=values)
+    if centers.ndim != 2 or values.ndim != 2 or centers.shape != (len(values), 3) or not len(values):
+        raise ValueError(f"centers {centers.shape} and values {values.shape} must be (C, 3) and (C, k)")
+    box = UnitBox.around(centers)
+    scaled = box.scaled(centers)
+    with single_threaded_blas():
+        matrix = coefficient_matrix(box.polynomials(scaled), kernel.rescaled(box.length).kernel, scaled)
+        q = len(matrix) - len(values)
+        solution = solve(matrix, np.vstack([np.zeros((q, values.shape[1])), values]))
+        alpha, beta = box.in_metres(kernel, scaled, solution[:q], solution[q:])
+    if not np.isfinite(beta).all():
+        raise SolveError(f"the solution for {len(values)} centres is not finite: do centres coincide?")
+    return Interpolant(kernel, np.array(centers, dtype=np.float64), beta, alpha)
+
+
+def check_finite(**arrays: FloatArray) -> None:
+    """Raise a ValueError that names the first array with a number that is not finite."""
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            row = int(np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))[0])
+            raise ValueError(f"{name} has a number that is not finite in row {row}: {array[row]}")
+
+
+def coefficient_matrix(q: FloatArray, kernel: Kernel, points: FloatArray) -> FloatArray:
+    """Return the matrix A of eq. 6."""
+    zero = np.zeros((q.shape[1], q.shape[1]))
+    return np.block([[zero, q.T], [q, kernel_matrix(kernel, points, points)]])

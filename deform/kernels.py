@@ -1,0 +1,130 @@
+"""Radial kernels as frozen values (paper eqs. 8 and 9).
+
+Every kernel is a function of the squared distance and is used together with a linear polynomial (eq. 2). The
+multiquadric would be solvable without one (paper section 2.1), but only with it does the surface blending of
+appendix A keep planar faces planar.
+
+The compiled loops take `kernel.compiled()`: a named tuple of the kernel's numbers, on whose *type* the
+compiled function `phi` is overloaded. A new kernel brings its own tuple and overload; no loop is written again.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from numba.extending import overload
+from numpy.typing import NDArray
+from scipy.special import xlogy
+
+from deform.logarithm import log
+
+FloatArray = NDArray[np.float64]
+
+TINY = 1e-300  # keeps log finite at r = 0, where r**2 log r is zero all the same: cheaper than a branch
+
+
+class Rescaling(NamedTuple):
+    """phi(length * rho) = factor * kernel(rho) + square * rho**2: a kernel in other units of length."""
+
+    kernel: "Kernel"
+    factor: float
+    square: float
+
+
+class Kernel(Protocol):
+    """A conditionally positive definite radial function, of order 2 or less up to its sign."""
+
+    sign: ClassVar[float]
+    """+1 or -1: sign * phi is the conditionally positive definite one."""
+
+    def __call__(self, r2: FloatArray) -> FloatArray:
+        """Return phi for squared distances r2 of any shape."""
+        ...
+
+    def compiled(self) -> tuple[float, ...]:
+        """Return the named tuple that selects the compiled phi."""
+        ...
+
+    def rescaled(self, length: float) -> Rescaling:
+        """Return the kernel for distances measured in units of `length`."""
+        ...
+
+
+class ThinPlateSplineCode(NamedTuple):
+    """Selects the compiled thin plate spline."""
+
+
+class MultiquadricCode(NamedTuple):
+    """Selects the compiled multiquadric."""
+
+    epsilon2: float
+
+
+@dataclass(frozen=True, slots=True)
+class ThinPlateSpline:
+    """phi(r) = r**2 log r, zero at r = 0 (eq. 8)."""
+
+    sign: ClassVar[float] = 1.0
+
+    def __call__(self, r2: FloatArray) -> FloatArray:
+        return np.asarray(0.5 * xlogy(r2, r2), dtype=np.float64)
+
+    def compiled(self) -> ThinPlateSplineCode:
+        return ThinPlateSplineCode()
+
+    def rescaled(self, length: float) -> Rescaling:
+        return Rescaling(self, length**2, length**2 * float(np.log(length)))
+
+
+@dataclass(frozen=True, slots=True)
+class Multiquadric:
+    """phi(r) = sqrt(1 + (epsilon r)**2) (eq. 9).
+
+    Parameters
+    ----------
+    epsilon
+        Shape parameter in 1/metre of the coordinates as handed in; the paper takes 1e4, which makes phi
+        linear in r to many digits.
+    """
+
+    epsilon: float
+    sign: ClassVar[float] = -1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.epsilon < np.inf:
+            raise ValueError(f"epsilon = {self.epsilon} must be a positive number of 1/metre")
+
+    def __call__(self, r2: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(1.0 + self.epsilon**2 * r2), dtype=np.float64)
+
+    def compiled(self) -> MultiquadricCode:
+        return MultiquadricCode(self.epsilon**2)
+
+    def rescaled(self, length: float) -> Rescaling:
+        return Rescaling(Multiquadric(self.epsilon * length), 1.0, 0.0)
+
+
+def phi(code: tuple[float, ...], r2: float) -> float:
+    """Kernel `code` at the squared distance r2; for use inside compiled loops only."""
+    raise NotImplementedError("phi is compiled: call it from compiled code, or call the kernel itself")
+
+
+@overload(phi, jit_options={"fastmath": True, "error_model": "numpy"})
+def _phi(code: Any, r2: Any) -> Callable[[Any, Any], Any] | None:
+    """Choose the formula from the type of `code`, when a loop is compiled."""
+    return FORMULAS.get(getattr(code, "instance_class", None))
+
+
+def _thin_plate_spline(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
+    return 0.5 * r2 * log(r2 + TINY)
+
+
+def _multiquadric(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
+    return np.sqrt(1.0 + code.epsilon2 * r2)
+
+
+FORMULAS: dict[Any, Callable[[Any, Any], Any]] = {
+    ThinPlateSplineCode: _thin_plate_spline,
+    MultiquadricCode: _multiquadric,
+}

@@ -1,0 +1,77 @@
+"""Near-equidistant points on convex planar polygons."""
+
+import numpy as np
+
+from deform.duplicates import first_coincident
+from deform.kernels import FloatArray
+
+CLEARANCE = 0.5  # of the spacing: inner points nearer than this to an edge are left out
+
+
+def polygon_sites(polygon: FloatArray, spacing: float) -> FloatArray:
+    """Return points (P, 3) on a convex planar polygon, its border included, about `spacing` apart.
+
+    Edges are divided evenly; the inside is filled with rows parallel to the longest edge, evenly spaced across the
+    polygon and evenly divided between its borders.
+
+    Parameters
+    ----------
+    polygon
+        (n, 3) corners in order, n >= 3.
+    spacing
+        Wanted distance of neighbours in metres.
+    """
+    if not 0.0 < spacing < np.inf:
+        raise ValueError(f"spacing = {spacing} m must be a positive length")
+    if polygon.ndim != 2 or polygon.shape[1] != 3 or len(polygon) < 3:
+        raise ValueError(f"polygon {polygon.shape} must be (n, 3) with at least 3 corners")
+    origin, axes = plane_axes(polygon)
+    flat = (polygon - origin) @ axes.T
+    inside = _inner_rows(flat, spacing)
+    border = [divided(a, b, spacing) for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True)]
+    return np.vstack([*border, origin + inside @ axes])
+
+
+def divided(a: FloatArray, b: FloatArray, spacing: float) -> FloatArray:
+    """Return points (n, 3) that divide the edge evenly, a included and b not."""
+    n = max(1, round(float(np.linalg.norm(b - a)) / spacing))
+    return np.asarray(a + np.arange(n)[:, None] / n * (b - a))
+
+
+def without_coincident(points: FloatArray, tol: float) -> FloatArray:
+    """Return points (N, 3) without those within `tol` of an earlier one."""
+    return points[first_coincident(points, tol) == np.arange(len(points))]
+
+
+def plane_axes(polygon: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the first corner of the longest edge and orthonormal axes (2, 3), the first along that edge."""
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    longest = int(np.argmax(np.linalg.norm(edges, axis=1)))
+    u = edges[longest] / np.linalg.norm(edges[longest])
+    normal = np.sum(np.cross(polygon, np.roll(polygon, -1, axis=0)), axis=0)
+    v = np.cross(normal / np.linalg.norm(normal), u)
+    return polygon[longest], np.vstack([u, v])
+
+
+def _inner_rows(flat: FloatArray, spacing: float) -> FloatArray:
+    """Fill a convex polygon (n, 2), counter-clockwise, whose longest edge is its base."""
+    height = float(flat[:, 1].max())
+    count = max(1, round(height / spacing))
+    rows = [_row(flat, height * i / count, spacing) for i in range(1, count)]
+    points = np.vstack([np.empty((0, 2)), *rows])
+    along = np.roll(flat, -1, axis=0) - flat
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    from_corner = points[:, None] - flat
+    distance = along[:, 0] * from_corner[..., 1] - along[:, 1] * from_corner[..., 0]
+    return points[distance.min(axis=1, initial=np.inf) >= CLEARANCE * spacing]
+
+
+def _row(flat: FloatArray, level: float, spacing: float) -> FloatArray:
+    """Divide the chord of the polygon at this level evenly, without its ends."""
+    a, b = flat, np.roll(flat, -1, axis=0)
+    crossing = (a[:, 1] <= level) != (b[:, 1] <= level)
+    a, b = a[crossing], b[crossing]
+    x = a[:, 0] + (level - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+    n = max(1, round(float(x.max() - x.min()) / spacing))
+    inner = x.min() + np.arange(1, n) / n * (x.max() - x.min())
+    return np.column_stack([inner, np.full(len(inner), level)])

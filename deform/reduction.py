@@ -1,0 +1,24 @@
+"""Point reduction: a small, nearly equidistant subset from which the adaptation starts (section 4)."""
+
+import numpy as np
+
+from deform.duplicates import IndexArray
+from deform.kernels import FloatArray
+
+
+def farthest(points: FloatArray, n: int) -> IndexArray:
+    """Return n rows of points (N, 3) by farthest-point sampling; all of them if there are fewer.
+
+    The first is the point farthest from the centre of the bounding box; equal distances go to the lower row.
+    """
+    if n < 1:
+        raise ValueError(f"n = {n} must be at least 1")
+    x, y, z = np.ascontiguousarray(points.T)
+    start = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    chosen = [int(np.argmax((x - start[0]) ** 2 + (y - start[1]) ** 2 + (z - start[2]) ** 2))]
+    nearest = np.full(len(points), np.inf)
+    while len(chosen) < min(n, len(points)) and nearest.any():
+        i = chosen[-1]
+        np.minimum(nearest, (x - x[i]) ** 2 + (y - y[i]) ** 2 + (z - z[i]) ** 2, out=nearest)
+        chosen.append(int(np.argmax(nearest)))
+    return np.array(chosen, dtype=np.intp)

@@ -1,0 +1,151 @@
+"""Surface mesh deformation: the input of the volume deformation (paper appendix A).
+
+All functions take and return displacements of nodes in metres; none knows a mesh.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deform.duplicates import first_coincident
+from deform.hexahedron import Hexahedron
+from deform.interpolant import fit
+from deform.kernels import FloatArray, Kernel, Multiquadric, ThinPlateSpline
+from deform.motion import Cylinder
+from deform.reduction import farthest
+from deform.sites import DataSites, joined, pinned
+
+LINEAR = Multiquadric(1e4)  # the paper's: linear in r down to 0.1 mm
+DEFAULT_PANEL = ThinPlateSpline()
+SAME_POINT = 1e-9  # m
+STRIP_SITES = 1500  # enough for the edge of a strip; a direct solve takes a fraction of a second
+
+
+def blend(
+    nodes: FloatArray,
+    fixed: FloatArray,
+    moved: FloatArray,
+    moved_by: FloatArray,
+    kernel: Kernel = LINEAR,
+) -> FloatArray:
+    """Blend between points that stay and points that move: an aileron between hinge and trailing edge.
+
+    With the hinge edges fixed and the whole trailing edge of a wedge rotated, the displacement is an affine field
+    and planar faces stay planar to rounding. Not so with spanwise blending: see `blend_strip`.
+
+    Parameters
+    ----------
+    nodes
+        (N, 3) where the displacement is wanted.
+    fixed, moved
+        (F, 3) and (M, 3) data sites; points of `moved` that coincide with fixed ones must not move.
+    moved_by
+        (M, 3) displacements of `moved`.
+
+    Returns
+    -------
+    (N, 3) displacements.
+    """
+    sites = joined([pinned(fixed), DataSites(moved, moved_by)])
+    return fit(kernel, sites.points, sites.values)(nodes)
+
+
+def blend_strip(
+    nodes: FloatArray,
+    strip: NDArray[np.bool_],
+    displacement: FloatArray,
+    fixed: FloatArray,
+    kernel: Kernel = LINEAR,
+) -> FloatArray:
+    """Blend spanwise between fixed points and nodes that already know their displacement.
+
+    The kernel is global: fitted to trailing edge and rib at once it bends the whole aileron out of plane. So
+    blend chordwise first, keep that displacement beyond the strip, and let the strip alone connect it to the rib.
+
+    Parameters
+    ----------
+    nodes
+        (N, 3) nodes of the surface.
+    strip
+        (N,) True for nodes of the strip next to the rib.
+    displacement
+        (N, 3) displacements by chordwise blending; kept, bit for bit, where `strip` is False.
+    fixed
+        (F, 3) points that stay: hinge edges and rib, as far as they bound the strip.
+    """
+    if strip.all() or not strip.any():
+        raise ValueError(f"the strip holds {int(strip.sum())} of {len(strip)} nodes: some must lie in it, some beyond")
+    beyond = np.flatnonzero(~strip)
+    known = beyond[farthest(nodes[beyond], STRIP_SITES)]
+    sites = joined([pinned(fixed), _away_from(fixed, nodes[known], displacement[known])])
+    out = np.array(displacement)
+    out[strip] = fit(kernel, sites.points, sites.values)(nodes[strip])
+    return out
+
+
+def elongate(
+    nodes: FloatArray,
+    region: Hexahedron,
+    root: FloatArray,
+    root_by: FloatArray,
+    still: FloatArray,
+    kernel: Kernel = LINEAR,
+) -> FloatArray:
+    """Stretch the root region of a rotated tail until its root line lies on the fuselage.
+
+    Parameters
+    ----------
+    nodes
+        (N, 3) nodes of the rotated tail.
+    region
+        Encloses the root region; nodes outside do not move.
+    root, root_by
+        (M, 3) rotated nodes of the root line, and their ways to the fuselage.
+    still
+        (F, 3) points that do not move: sites on the region's face towards the tip.
+
+    Returns
+    -------
+    (N, 3) displacements.
+    """
+    sites = joined([DataSites(root, root_by), pinned(still)])
+    inside = np.flatnonzero(region.contains(nodes))
+    out = np.zeros_like(nodes)
+    out[inside] = fit(kernel, sites.points, sites.values)(nodes[inside])
+    return out
+
+
+def slide_panel(
+    nodes: FloatArray,
+    cylinder: Cylinder,
+    root: FloatArray,
+    root_by: FloatArray,
+    border: FloatArray,
+    kernel: Kernel = DEFAULT_PANEL,
+) -> FloatArray:
+    """Move the nodes of a cylindrical panel with the root line that crosses it, and keep them on the cylinder.
+
+    Parameters
+    ----------
+    nodes
+        (N, 3) nodes of the panel.
+    cylinder
+        The fuselage: interpolated nodes bulge and are projected radially back onto it.
+    root, root_by
+        (M, 3) nodes of the undeflected root line and their displacements on the fuselage.
+    border
+        (B, 3) nodes of the panel's border: they stay.
+
+    Returns
+    -------
+    (N, 3) displacements.
+    """
+    sites = joined([DataSites(root, root_by), pinned(border)])
+    moved = nodes + fit(kernel, sites.points, sites.values)(nodes)
+    return cylinder.projected(moved) - nodes
+
+
+def _away_from(fixed: FloatArray, points: FloatArray, moved_by: FloatArray) -> DataSites:
+    """Return the sites that do not coincide with fixed points: at the end of a strip the fixed ones win."""
+    first = first_coincident(np.vstack([fixed, points]), SAME_POINT)[len(fixed) :]
+    keep = first >= len(fixed)
+    return DataSites(points[keep], moved_by[keep])
