@@ -1,48 +1,91 @@
 """The whole aircraft as one solid with named faces."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 
 from geometry.assemble import assemble
-from geometry.deflected import SURFACES, Deflection, deflected_wedge, hinge_axis, wedge
+from geometry.datum import SURFACES, ends, hinge_line
+from geometry.deflected import Deflection, deflected_wedge, turned, wedge
 from geometry.fuse import Cell, general_fuse
 from geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
-from geometry.lifting import (
-    aileron_ends,
-    fin_polyhedra,
-    rudder_ends,
-    tail_ends,
-    wing_polyhedra,
-)
+from geometry.lifting import fin_polyhedra, wing_polyhedra
 from geometry.model import CadModel
 from geometry.parameters import Fighter
-from geometry.parts import Part, both_sides, centred, one_side
+from geometry.parts import Part, both_sides, centred, solid
 from geometry.plates import pedestal_polyhedron, strake_polyhedra, ventral_polyhedron
-from geometry.polyhedron import prism
+from geometry.polyhedron import Loops, prism
+from geometry.preflight import preflight
 from geometry.walls import partitions, skin, walls
 
 
-def build(fighter: Fighter, deflections: Mapping[str, Deflection] | None = None) -> CadModel:
-    parts = aircraft_parts(fighter, deflections or {})
-    found = walls(general_fuse(parts))
+def build(
+    fighter: Fighter,
+    deflections: Mapping[str, Deflection] | None = None,
+    without: Set[str] = frozenset(),
+) -> CadModel:
+    """Fuse all components into one solid.
 
-    def inside(cell: Cell) -> bool:
-        return True
+    Parameters
+    ----------
+    deflections : mapping
+        Control surfaces that are deflected in the CAD, by name. A rigidly turned one leaves slots too fine for
+        a mesher: a deflected model is a reference to measure against and is not checked for meshing.
+    without : set of str
+        Control surfaces that are left out: the background of a Chimera block, so that all of the block's
+        outer faces lie in flow.
 
-    return assemble(skin(found, inside, lambda inner, _: inner.patch), partitions(found, inside), fluid_inside=False)
+    Raises
+    ------
+    ValueError
+        Where a name is not that of a control surface.
+    CadError
+        Where the kernel fails, or the undeflected aircraft could not be meshed.
+    """
+    moved = dict(deflections or {})
+    for name in [*moved, *without]:
+        if name not in SURFACES:
+            raise ValueError(f"no control surface {name!r}; there are {', '.join(SURFACES)}")
+    found = walls(general_fuse(aircraft_parts(fighter, moved, without)))
+    model = assemble(skin(found, _solid, _own_patch), partitions(found, _solid), fluid_inside=False)
+    if not moved:
+        preflight(model)
+    return model
 
 
-def aircraft_parts(fighter: Fighter, deflections: Mapping[str, Deflection]) -> list[Part]:
+def aircraft_parts(
+    fighter: Fighter, deflections: Mapping[str, Deflection], without: Set[str] = frozenset()
+) -> list[Part]:
+    """All components as overlapping parts; where two overlap, the volume is the earlier one's."""
     f = fighter
+    surfaces = [Part(name, solid(_surface(f, name, deflections.get(name)))) for name in SURFACES if name not in without]
     return [
         *fuselage_parts(f.fuselage),
         *centred("pedestal", [pedestal_polyhedron(f.pedestal, f.fuselage)]),
         *both_sides("wing", wing_polyhedra(f)),
-        *both_sides("aileron", [wedge(*aileron_ends(f))]),
-        *both_sides("tail", [prism(*tail_ends(f))]),
         *centred("fin", fin_polyhedra(f)),
-        *centred("rudder", [wedge(*rudder_ends(f))]),
+        *surfaces,
         *both_sides("strake", strake_polyhedra(f.strake, f.fuselage)),
         *both_sides("ventral", [ventral_polyhedron(f.ventral, f.fuselage)]),
         *canopy_parts(f.canopy),
         *inlet_parts(f.inlet),
     ]
+
+
+def _surface(fighter: Fighter, name: str, deflection: Deflection | None) -> Loops:
+    inner, outer = ends(fighter, name)
+    whole_section = name.startswith("tail")
+    if deflection is None:
+        return prism(inner, outer) if whole_section else wedge(inner, outer)
+    axis = hinge_line(fighter, name)
+    return (
+        turned(prism(inner, outer), axis, deflection)
+        if whole_section
+        else deflected_wedge(inner, outer, axis, deflection)
+    )
+
+
+def _solid(_cell: Cell) -> bool:
+    return True
+
+
+def _own_patch(inner: Cell, _outer: Cell | None) -> str:
+    return inner.patch

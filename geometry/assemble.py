@@ -33,9 +33,7 @@ def assemble(skin: Sequence[CadFace], partitions: Sequence[CadFace], fluid_insid
     """
     index, owners = _edge_owners(skin)
     vertices = TopTools_IndexedMapOfShape()
-    edges = tuple(
-        _edge(Edge(index.FindKey(i + 1)), faces, skin, vertices) for i, faces in enumerate(owners)
-    )
+    edges = tuple(_edge(Edge(index.FindKey(i + 1)), faces, skin, vertices) for i, faces in enumerate(owners))
     weak = {i for i, edge in enumerate(edges) if edge.crease < WEAK_CREASE}
     sheets = tuple(face for face in partitions if not weak.isdisjoint(_edge_numbers(face, index)))
     vertex_faces: list[set[int]] = [set() for _ in range(vertices.Extent())]
@@ -87,9 +85,9 @@ def _edge(
     ends = (TopExp.FirstVertex_s(forward.wrapped), TopExp.LastVertex_s(forward.wrapped))
     first, last = (vertices.Add(end) - 1 for end in ends)
     samples = curve_of(forward).at(SAMPLES)
-    normals = [skin[face].normal_at(samples) for face in faces]
-    sines = np.linalg.norm(np.cross(*normals), axis=1)
-    cosines = np.sum(normals[0] * normals[1], axis=1)
+    one, other = (skin[face].normal_at(samples) for face in faces)
+    sines = np.linalg.norm(np.cross(one, other), axis=1)
+    cosines = np.sum(one * other, axis=1)
     crease = float(np.degrees(np.arctan2(sines, cosines)).min())
     return CadEdge(forward, faces, (first, last), crease)
 

@@ -80,9 +80,7 @@ def _aileron(fighter: Fighter) -> None:
         a.gap < max(width, MIN_GAP),
         f"aileron.gap = {a.gap:g} m is wider than the aileron; {ends} leave {max(width, 0.0):g} m",
     )
-    _require(
-        width >= MIN_FEATURE, f"{ends} must be at least {MIN_FEATURE:g} m apart, the outboard one outside"
-    )
+    _require(width >= MIN_FEATURE, f"{ends} must be at least {MIN_FEATURE:g} m apart, the outboard one outside")
     _require(
         a.gap == 0.0 or a.gap >= MIN_GAP,
         f"aileron.gap = {a.gap:g} m is too narrow for any mesh; it must be 0 or at least {MIN_GAP:g} m",
@@ -102,9 +100,7 @@ def _require_strip(end: str, width: float, neighbour: str) -> None:
 def _tail(fighter: Fighter) -> None:
     t, f = fighter.tail, fighter.fuselage
     _increasing({"fuselage.radius": f.radius, "tail.half_span": t.half_span})
-    _increasing(
-        {"fuselage.panel_front": f.panel_front, "the tail root's leading edge": t.x_te - t.root_chord}
-    )
+    _increasing({"fuselage.panel_front": f.panel_front, "the tail root's leading edge": t.x_te - t.root_chord})
     _increasing({"tail.x_te": t.x_te, "fuselage.panel_rear": f.panel_rear})
     reach = abs(t.anhedral) + 10.0
     _require(
@@ -130,7 +126,7 @@ def _fin(fighter: Fighter) -> None:
 def _require_tip(name: str, chord: float) -> None:
     _require(
         chord >= 0.01,
-        f"{name}.le_sweep, its chord and its span leave a tip chord of {chord:g} m; it must be at least 0.01 m",
+        f"{name}.le_sweep, its chord and its span leave a tip chord of {chord:g} m; it needs 0.01 m",
     )
 
 

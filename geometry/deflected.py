@@ -10,10 +10,8 @@ from geometry.quantity import check_quantities, quantity
 from geometry.rotation import rotated
 from geometry.sections import HINGE_LOWER, HINGE_UPPER, TE
 
-SURFACES = ("aileron_left", "aileron_right", "tail_left", "tail_right", "rudder")
-
-# How far a rigid wedge's nose reaches ahead of the hinge line, by its local half thickness: it closes the slot
-# that opens when the wedge turns about a line inside the wing.
+# How far a rigid wedge's nose reaches ahead of the hinge line, by its local half thickness: it closes the
+# slot that opens when the wedge turns about a line inside the wing.
 NOSE = 0.35
 
 
@@ -21,9 +19,9 @@ NOSE = 0.35
 class Deflection:
     """An angle in degrees and the way the surface follows it.
 
-    Positive angles move the trailing edge down, the rudder's to port. "rigid" turns the whole surface about its
-    axis; "blended" keeps the hinge edges and turns the trailing edge alone (paper, appendix A). Tails have no hinge
-    edges and turn rigidly only.
+    Positive angles move the trailing edge down, the rudder's to port. "rigid" turns the whole surface about
+    its axis; "blended" keeps the hinge edges and turns the trailing edge alone (paper, appendix A). Tails
+    have no hinge edges and turn rigidly only.
     """
 
     angle: float = quantity(0.0, "deg", -60.0, 60.0, "angle")
@@ -41,16 +39,18 @@ def wedge(inner: FloatArray, outer: FloatArray) -> Loops:
     return prism(inner[corners], outer[corners])
 
 
-def hinge_axis(inner: FloatArray, outer: FloatArray) -> FloatArray:
-    """The hinge line (2, 3), half way between the hinge edges."""
-    return np.array([0.5 * (end[HINGE_UPPER] + end[HINGE_LOWER]) for end in (inner, outer)])
-
-
 def deflected_wedge(inner: FloatArray, outer: FloatArray, axis: FloatArray, deflection: Deflection) -> Loops:
     """The wedge between two sections (6, 3) turned about `axis` (2, 3)."""
     if deflection.mode == "blended":
         return _blended(inner, outer, axis, deflection.angle)
     return tuple(rotated(loop, axis, deflection.angle) for loop in _with_nose(inner, outer))
+
+
+def turned(loops: Loops, axis: FloatArray, deflection: Deflection) -> Loops:
+    """A whole surface turned rigidly about `axis` (2, 3); ValueError for a blended tail."""
+    if deflection.mode != "rigid":
+        raise ValueError("a tail has no hinge edges to blend towards; its deflection.mode must be 'rigid'")
+    return tuple(rotated(loop, axis, deflection.angle) for loop in loops)
 
 
 def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, angle: float) -> Loops:
@@ -62,7 +62,7 @@ def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, angle: floa
 
 
 def _with_nose(inner: FloatArray, outer: FloatArray) -> Loops:
-    """A wedge with a ridge ahead of the hinge line, pulled in at both ends so that it stays inside the wing."""
+    """A wedge with a ridge ahead of the hinge line, pulled in at both ends to stay inside the wing."""
     upper, trailing, lower = (np.array([inner[i], outer[i]]) for i in (HINGE_UPPER, TE, HINGE_LOWER))
     half = 0.5 * np.linalg.norm(upper - lower, axis=1)
     ridge = 0.5 * (upper + lower) - np.outer(NOSE * half, [1.0, 0.0, 0.0])

@@ -14,7 +14,7 @@ from geometry.parts import Part
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cell:
-    """A piece of the fused volume; `owner` is the position of the first part that contains it, `patch` its name."""
+    """A piece of the fused volume; `owner` is the position of the first part that contains it."""
 
     solid: Solid
     owner: int

@@ -15,8 +15,8 @@ _AXIS = cq.Vector(1, 0, 0)
 def fuselage_parts(fuselage: Fuselage) -> list[Part]:
     """Nose, cylinder and base as sectors of revolution about x.
 
-    Every border of a patch, and every place where the surface is smooth or nearly so (nose to cylinder, the plane
-    of symmetry), separates two solids: the mesher cannot find such a border unless a face stands behind it.
+    Every border of a patch, and every place where the surface is smooth or nearly so (nose to cylinder, the
+    plane of symmetry), separates two solids: a mesher finds such a border only where a face stands behind it.
     """
     f, angle = fuselage, fuselage.panel_angle
     parts = []
@@ -27,7 +27,10 @@ def fuselage_parts(fuselage: Fuselage) -> list[Part]:
             Part("fuselage", _sector(_ogive(f, start), 180.0)),
             Part("fuselage", _sector(_rectangle(f, f.nose_length, f.panel_front, start), 180.0)),
             Part("fuselage", _sector(_rectangle(f, f.panel_front, f.panel_rear, start), lower - start)),
-            Part(f"fuselage_panel_{side}", _sector(_rectangle(f, f.panel_front, f.panel_rear, lower), 2 * angle)),
+            Part(
+                f"fuselage_panel_{side}",
+                _sector(_rectangle(f, f.panel_front, f.panel_rear, lower), 2 * angle),
+            ),
             Part("fuselage", _sector(_rectangle(f, f.panel_front, f.panel_rear, upper), lower - start)),
             Part("fuselage_rear", _sector(_rectangle(f, f.panel_rear, f.length, start), 180.0)),
         ]

@@ -26,7 +26,7 @@ BURIED = 0.42
 
 
 def wing_polyhedra(fighter: Fighter) -> list[Loops]:
-    """The wing without its aileron: inboard of the kink, the box outboard of it, and what is left of the wedge."""
+    """The wing without its aileron: inboard of the kink, the box outboard of it, the rest of the wedge."""
     wing, span = fighter.wing, aileron_span(fighter)
     root = wing_section(wing, BURIED * fighter.fuselage.radius)
     kink, tip = wing_section(wing, wing.y_kink), wing_section(wing, wing.half_span)
@@ -52,8 +52,8 @@ def tail_ends(fighter: Fighter) -> tuple[FloatArray, FloatArray]:
 
 
 def fin_polyhedra(fighter: Fighter) -> list[Loops]:
-    """The fin without its rudder: the box down into the pedestal, and what is left of the wedge."""
-    fin, pedestal = fighter.fin, fighter.pedestal
+    """The fin without its rudder: the box down into the pedestal, and the rest of the wedge."""
+    fin = fighter.fin
     lower, upper = rudder_span(fighter)
     buried = 0.75 * fighter.fuselage.radius
     foot, tip = fin_section(fin, buried), fin_section(fin, fin.z_tip)

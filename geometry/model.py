@@ -78,7 +78,7 @@ class CadEdge:
         return self.crease
 
     def at(self, shares: FloatArray) -> FloatArray:
-        """Points (N, 3) at shares (N,) of the parameter range, from 0 at the first vertex to 1 at the last."""
+        """Points (N, 3) at shares (N,) of the parameter range, 0 at the first vertex, 1 at the last."""
         return curve_of(self.shape).at(np.asarray(shares, dtype=np.float64))
 
     def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -119,9 +119,7 @@ class CadModel:
 
     def __post_init__(self) -> None:
         if self.vertices.shape != (len(self.vertex_faces), 3):
-            raise ValueError(
-                f"vertices have shape {self.vertices.shape}, expected ({len(self.vertex_faces)}, 3)"
-            )
+            raise ValueError(f"vertices have shape {self.vertices.shape}, expected ({len(self.vertex_faces)}, 3)")
         if any(not 0 <= i < len(self.faces) for edge in self.edges for i in edge.faces):
             raise ValueError(f"an edge names a face outside 0 ... {len(self.faces) - 1}")
 

@@ -118,9 +118,7 @@ class Wing:
     tip_chord: float = quantity(0.0753, "m", 0.01, 5.0, "chord at the tip")
     x_te: float = quantity(0.6990, "m", 0.05, 10.0, "x of the trailing edge")
     thickness_ratio: float = quantity(0.040, "", 0.01, 0.2, "thickness by chord, outboard of the kink")
-    bevel_ratio: float = quantity(
-        0.0955, "", 0.02, 0.4, "width of either bevel by chord, outboard of the kink"
-    )
+    bevel_ratio: float = quantity(0.0955, "", 0.02, 0.4, "width of either bevel by chord, outboard of the kink")
     y_kink: float = quantity(0.112, "m", 0.02, 5.0, "y inboard of which thickness and bevels are constant")
 
     def __post_init__(self) -> None:
@@ -132,9 +130,7 @@ class Aileron:
     """The wing's trailing-edge bevel wedge between two span stations."""
 
     gap: float = quantity(0.0, "m", 0.0, 1.0, "spanwise gap between wing and aileron; 0: none")
-    y_inboard: float = quantity(
-        0.0, "m", 0.0, 5.0, "y of the inboard end; 0: one gap outboard of the wing's kink"
-    )
+    y_inboard: float = quantity(0.0, "m", 0.0, 5.0, "y of the inboard end; 0: one gap outboard of the wing's kink")
     y_outboard: float = quantity(0.0, "m", 0.0, 5.0, "y of the outboard end; 0: the wing tip")
 
     def __post_init__(self) -> None:

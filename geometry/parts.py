@@ -1,11 +1,11 @@
-"""The parts that the aircraft is fused from: overlapping solids, each with the patch that its skin becomes."""
+"""The parts that the aircraft is fused from: overlapping solids with the patches their skins become."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from cadquery import Solid
+from cadquery import Face, Shell, Solid, Vector, Wire
 
-from geometry.polyhedron import Loops, solid
+from geometry.polyhedron import FloatArray, Loops
 from geometry.sections import MIRROR
 
 
@@ -17,18 +17,25 @@ class Part:
     solid: Solid
 
 
+def solid(loops: Sequence[FloatArray]) -> Solid:
+    """The solid inside planar polygons (n, 3) that close a volume, in any orientation."""
+    faces = [Face.makeFromWires(Wire.makePolygon([Vector(*p) for p in loop], close=True)) for loop in loops]
+    closed = Solid.makeSolid(Shell.makeShell(faces))
+    return closed if closed.Volume() > 0.0 else Solid(closed.wrapped.Reversed())
+
+
 def both_sides(name: str, polyhedra: Iterable[Loops]) -> list[Part]:
-    """The starboard polyhedra and their exact mirror images, as `name`_right and `name`_left."""
+    """The starboard polyhedra as `name`_right, and their exact mirror images as `name`_left."""
     starboard = list(polyhedra)
-    return one_side(name, "right", starboard) + one_side(name, "left", starboard)
+    return one_side(f"{name}_right", starboard) + one_side(f"{name}_left", starboard)
 
 
-def one_side(name: str, side: str, starboard: Iterable[Loops]) -> list[Part]:
-    """Polyhedra given for the starboard side, as the parts `name`_`side` on their own side."""
-    factor = MIRROR if side == "left" else MIRROR**2
-    return [Part(f"{name}_{side}", solid([loop * factor for loop in loops])) for loops in starboard]
+def one_side(patch: str, starboard: Iterable[Loops]) -> list[Part]:
+    """Polyhedra given for the starboard side, on the side that the patch name ends with."""
+    factor = MIRROR if patch.endswith("_left") else MIRROR**2
+    return [Part(patch, solid([loop * factor for loop in loops])) for loops in starboard]
 
 
-def centred(name: str, polyhedra: Sequence[Loops]) -> list[Part]:
-    """Polyhedra in the plane of symmetry."""
+def centred(name: str, polyhedra: Iterable[Loops]) -> list[Part]:
+    """Polyhedra across the plane of symmetry."""
     return [Part(name, solid(loops)) for loops in polyhedra]

@@ -1,6 +1,7 @@
 """Strake, ventral fin and pedestal: plates with bevelled edges and a block, as polyhedra (starboard side)."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from math import cos, radians, sin, tan
 
 import numpy as np
@@ -60,7 +61,7 @@ def _bevelled_piece(ring: list[FloatArray], half: float) -> Loops:
 
 
 def _at_heights(plan: Sequence[FloatArray], heights: Sequence[float]) -> FloatArray:
-    """The loop (n, 3) over plan corners, without repeated ones: the first piece's root starts at its bevel."""
+    """The loop (n, 3) over plan corners, without repeated ones (the first piece's root is its bevel's)."""
     loop = np.column_stack([np.array(plan), np.array(heights)])
     return loop[np.any(loop != np.roll(loop, 1, axis=0), axis=1)]
 
@@ -80,7 +81,9 @@ def ventral_polyhedron(ventral: VentralFin, fuselage: Fuselage) -> Loops:
     base = np.array([[0.0, buried], [1.0, buried]])
     inner = inset(outline, v.bevel, base, base)
     half = 0.5 * v.thickness
-    edge, right, left = (_canted(*pair, v.cant) for pair in ((outline, 0.0), (inner, half), (inner, -half)))
+    edge, right, left = (
+        _canted(plan, offset, v.cant) for plan, offset in ((outline, 0.0), (inner, half), (inner, -half))
+    )
     faces = [right, left]
     for flat in (right, left):
         faces += [np.array([edge[i], edge[i + 1], flat[i + 1], flat[i]]) for i in range(3)]
@@ -114,11 +117,11 @@ def inset(outline: FloatArray, width: float, first: FloatArray, last: FloatArray
     The inset begins on the line `first` and ends on the line `last`, each given by two points (2, 2).
     """
     lines = []
-    for a, b in zip(outline[:-1], outline[1:], strict=True):
+    for a, b in pairwise(outline):
         right = np.array([b[1] - a[1], a[0] - b[0]]) / np.linalg.norm(b - a)
         lines.append(np.array([a, b]) + width * right)
     lines = [first, *lines, last]
-    return np.array([crossing(a, b) for a, b in zip(lines[:-1], lines[1:], strict=True)])
+    return np.array([crossing(a, b) for a, b in pairwise(lines)])
 
 
 def crossing(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -50,7 +50,7 @@ def _sharp_corners(model: CadModel) -> Iterator[str]:
 def _corners(model: CadModel) -> dict[tuple[int, int], list[FloatArray]]:
     """For each (face, vertex), the unit directions of the face's edges there.
 
-    Chords over the smallest feature count, not tangents: those of an intersection curve at its very end can be off.
+    Chords over the smallest feature count, not tangents: at its very end an intersection curve's can be off.
     """
     corners: dict[tuple[int, int], list[FloatArray]] = {}
     for edge in model.edges:

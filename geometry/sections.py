@@ -23,9 +23,7 @@ LE, FRONT_UPPER, HINGE_UPPER, TE, HINGE_LOWER, FRONT_LOWER = range(6)
 MIRROR = np.array([1.0, -1.0, 1.0])
 
 
-def hexagon(
-    leading: FloatArray, chord: float, bevel: float, half_thickness: float, up: FloatArray
-) -> FloatArray:
+def hexagon(leading: FloatArray, chord: float, bevel: float, half_thickness: float, up: FloatArray) -> FloatArray:
     """The section (6, 3) of a chord along x from `leading` (3,), thick along the unit vector `up` (3,)."""
     aft = np.array([0.0, bevel, chord - bevel, chord, chord - bevel, bevel])
     above = half_thickness * np.array([0.0, 1.0, 1.0, 0.0, -1.0, -1.0])

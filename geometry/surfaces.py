@@ -73,9 +73,7 @@ class CylinderSurface:
     def normals(self, points: FloatArray) -> FloatArray:
         """Radial unit vectors (N, 3)."""
         radial = self._radial(points)
-        return np.asarray(
-            self.side * radial / np.linalg.norm(radial, axis=1, keepdims=True), dtype=np.float64
-        )
+        return np.asarray(self.side * radial / np.linalg.norm(radial, axis=1, keepdims=True), dtype=np.float64)
 
     def _radial(self, points: FloatArray) -> FloatArray:
         offset = points - self.origin

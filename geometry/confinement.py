@@ -1,0 +1,111 @@
+"""Corners of the hexahedra that confine a deformation (paper, section 3), derived from the geometry."""
+
+from dataclasses import dataclass
+from math import cos, radians, sin
+
+import numpy as np
+
+from geometry.hinges import hinge_edges, parent_ribs, trailing_edge
+from geometry.parameters import Fighter
+from geometry.quantity import check_quantities, quantity
+from geometry.sections import MIRROR, FloatArray
+
+# Corner i has the binary code zyx. Mirroring swaps the corners that differ in y.
+MIRRORED_CORNERS = [2, 3, 0, 1, 6, 7, 4, 5]
+
+# Where the inward face of a tail's hexahedron lies, by the y of its panel's borders: inside the fuselage.
+INWARD = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """How far a confinement hexahedron reaches beyond its surface, in metres.
+
+    A tail's hexahedron is bounded by its panel fore and aft; above and below, the margins are measured at its
+    outboard face from the height of the panel's borders. A rudder's `up` is to starboard, its `down` to port.
+    """
+
+    aft: float = quantity(0.05, "m", 1e-4, 10.0, "beyond the trailing edge")
+    outboard: float = quantity(0.05, "m", 1e-4, 10.0, "beyond the tip")
+    up: float = quantity(0.05, "m", 1e-4, 10.0, "above the hinge line")
+    down: float = quantity(0.05, "m", 1e-4, 10.0, "below the hinge line")
+
+    def __post_init__(self) -> None:
+        check_quantities(self, "margins")
+
+
+def hexahedron_corners(fighter: Fighter, surface: str, margins: Margins) -> FloatArray:
+    """Corners (8, 3) of a convex hexahedron with planar faces around a control surface.
+
+    Corner i lies aft where i & 1, to starboard where i & 2, above where i & 4. Inside are the surface and
+    flow, with a tail also its fuselage panel, and no node of any other component.
+    """
+    if surface == "rudder":
+        return _rudder(fighter, margins)
+    starboard = _aileron(fighter, margins) if surface.startswith("aileron") else _tail(fighter, margins)
+    return starboard if surface.endswith("_right") else (starboard * MIRROR)[MIRRORED_CORNERS]
+
+
+def inward_face(surface: str) -> str:
+    """The hexahedron's face towards the parent: in the plane of the inboard rib, or inside the fuselage."""
+    if surface == "rudder":
+        return "z-"
+    return "y+" if surface.endswith("_left") else "y-"
+
+
+def rib_faces(fighter: Fighter, surface: str) -> tuple[str, ...]:
+    """The hexahedron's faces in the planes of the parent's ribs, inboard first; none of a tail's."""
+    opposite = {"z-": "z+", "y+": "y-", "y-": "y+"}
+    inward = inward_face(surface)
+    return (inward, opposite[inward])[: len(parent_ribs(fighter, surface))]
+
+
+def _aileron(fighter: Fighter, margins: Margins) -> FloatArray:
+    """Front face vertical through the hinge edges, root face in the plane of the wing's rib."""
+    hinge = hinge_edges(fighter, "aileron_right")[0]
+    stations = np.abs(parent_ribs(fighter, "aileron_right"))
+    tip = fighter.wing.half_span + margins.outboard
+    y = np.array([stations[0], stations[1] if len(stations) == 2 else tip])
+    front = _along(hinge[:, 1], hinge[:, 0], y)
+    aft = np.full(2, fighter.wing.x_te + margins.aft)
+    return _corners(np.array([front, aft]), np.array([y, y]), np.array([[-margins.down] * 2, [margins.up] * 2]))
+
+
+def _tail(fighter: Fighter, margins: Margins) -> FloatArray:
+    """Front and rear at the panel's axial borders, above and below through its meridian borders."""
+    f, tail = fighter.fuselage, fighter.tail
+    border = f.radius * np.array([cos(radians(f.panel_angle)), sin(radians(f.panel_angle))])
+    y = np.array([INWARD * border[0], tail.half_span + margins.outboard])
+    reach = y[1] - border[0]
+    upper = border[1] + margins.up * (y - border[0]) / reach
+    lower = -border[1] - margins.down * (y - border[0]) / reach
+    tip = trailing_edge(fighter, "tail_right")[1]
+    room = _along(y, upper, tip[1:2])[0] - tip[2], tip[2] - _along(y, lower, tip[1:2])[0]
+    for name, value in zip(("up", "down"), room, strict=True):
+        if value <= 0.0:
+            raise ValueError(f"margins.{name} leaves the tail's tip {-value:g} m outside its hexahedron")
+    x = np.array([[f.panel_front] * 2, [f.panel_rear] * 2])
+    return _corners(x, np.array([y, y]), np.array([lower, upper]))
+
+
+def _rudder(fighter: Fighter, margins: Margins) -> FloatArray:
+    """Front face through the hinge edges, lower face in the plane of the rudder's lower end."""
+    hinge, trailing = hinge_edges(fighter, "rudder")[0], trailing_edge(fighter, "rudder")
+    stations = parent_ribs(fighter, "rudder")
+    tip = fighter.fin.z_tip + margins.outboard
+    z = np.array([stations[0], stations[1] if len(stations) == 2 else tip])
+    front = _along(hinge[:, 2], hinge[:, 0], z)
+    aft = _along(trailing[:, 2], trailing[:, 0], z) + margins.aft
+    corners = [[x[k], y, z[k]] for k in (0, 1) for y in (-margins.down, margins.up) for x in (front, aft)]
+    return np.array(corners)
+
+
+def _corners(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+    """Corners from x[aft][outboard], y[aft][outboard], z[above][outboard]."""
+    return np.array([[x[a, o], y[a, o], z[k, o]] for k in (0, 1) for o in (0, 1) for a in (0, 1)])
+
+
+def _along(stations: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
+    """The straight line through two (station, value) pairs, also beyond them."""
+    slope = (values[1] - values[0]) / (stations[1] - stations[0])
+    return np.asarray(values[0] + slope * (wanted - stations[0]), dtype=np.float64)

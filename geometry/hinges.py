@@ -1,0 +1,82 @@
+"""Control surfaces as plain arrays: their ends, hinge lines, edges and ribs.
+
+Arrays are float64 in metres. "Inboard" is the end next to the parent component: the lower one of a rudder.
+"""
+
+import numpy as np
+
+from geometry.layout import aileron_span, rudder_span
+from geometry.lifting import aileron_ends, rudder_ends, tail_ends
+from geometry.parameters import Fighter
+from geometry.sections import HINGE_LOWER, HINGE_UPPER, MIRROR, TE, FloatArray, tail_pivot
+
+SURFACES = ("aileron_left", "aileron_right", "tail_left", "tail_right", "rudder")
+
+
+def ends(fighter: Fighter, surface: str) -> FloatArray:
+    """Undeflected sections (2, 6, 3) at a surface's inboard and outboard end.
+
+    A tail's inboard end lies inside the fuselage.
+
+    Raises
+    ------
+    ValueError
+        Where there is no control surface of that name.
+    """
+    finders = {"aileron": aileron_ends, "tail": tail_ends, "rudder": rudder_ends}
+    if surface not in SURFACES:
+        raise ValueError(f"no control surface {surface!r}; there are {', '.join(SURFACES)}")
+    factor = MIRROR if surface.endswith("_left") else MIRROR**2
+    return np.asarray(np.array(finders[surface.split("_")[0]](fighter)) * factor, dtype=np.float64)
+
+
+def hinge_line(fighter: Fighter, surface: str) -> FloatArray:
+    """Two points (2, 3) of the axis that a surface turns about.
+
+    A positive right-handed turn moves the trailing edge down, a rudder's to port. Ailerons and rudder
+    turn about the line half way between their hinge edges, tails about their pivot.
+    """
+    if surface.startswith("tail"):
+        pivot = tail_pivot(fighter.tail, fighter.fuselage) * (MIRROR if surface.endswith("_left") else 1.0)
+        return np.array([pivot, pivot + np.array([0.0, 0.01, 0.0])])
+    edges = hinge_edges(fighter, surface)
+    line: FloatArray = 0.5 * (edges[0] + edges[1])
+    return line if surface == "aileron_right" else line[::-1]
+
+
+def hinge_edges(fighter: Fighter, surface: str) -> FloatArray:
+    """Edges (2, 2, 3) along which the surface meets its parent: [upper, lower][inboard, outboard].
+
+    A rudder's upper edge is the starboard one. ValueError for tails, which have none.
+    """
+    if surface.startswith("tail"):
+        raise ValueError(f"{surface} has no hinge edges; it turns as a whole about hinge_line")
+    sections = ends(fighter, surface)
+    return np.array([sections[:, HINGE_UPPER], sections[:, HINGE_LOWER]])
+
+
+def trailing_edge(fighter: Fighter, surface: str) -> FloatArray:
+    """The undeflected trailing edge (2, 3), inboard and outboard; a tail's begins inside the fuselage."""
+    return np.asarray(ends(fighter, surface)[:, TE], dtype=np.float64)
+
+
+def ribs(fighter: Fighter, surface: str) -> FloatArray:
+    """Stations (k,) of the surface's own ends that face its parent.
+
+    They are the y of an aileron's ends and the z of a rudder's, inboard first; a tail has none.
+    """
+    sections = ends(fighter, surface)
+    facing = len(parent_ribs(fighter, surface))
+    return np.array([section[TE, 2 if surface == "rudder" else 1] for section in sections[:facing]])
+
+
+def parent_ribs(fighter: Fighter, surface: str) -> FloatArray:
+    """Stations (k,) of the parent's ribs across the gaps; equal to `ribs` where there is no gap."""
+    if surface.startswith("tail"):
+        return np.empty(0)
+    if surface == "rudder":
+        lower, upper = rudder_span(fighter)
+        return np.array([lower] if upper == fighter.fin.z_tip else [lower, upper])
+    span, side = aileron_span(fighter), -1.0 if surface.endswith("_left") else 1.0
+    stations = [span.wing_rib] if span.outboard == fighter.wing.half_span else [span.wing_rib, span.outer_rib]
+    return side * np.array(stations)
