@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 from cadquery import Edge, Face, Solid
+from numpy.typing import NDArray
 
 from geometry.curves import curve_of
 from geometry.export import write_atomically, write_brep, write_step, write_stl
 from geometry.surfaces import CylinderSurface, FloatArray, FreeFormSurface, PlaneSurface, surface_of
+from geometry.tessellation import tessellate
 
 
 class CadError(RuntimeError):
@@ -49,6 +51,10 @@ class CadFace:
     def project(self, points: FloatArray) -> FloatArray:
         """Nearest points (N, 3) on the underlying surface, which goes on beyond the face's edges."""
         return surface_of(self.shape).nearest(_rows(points))
+
+    def tessellation(self, deflection: float = 1e-5) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Points (N, 3) and outward triangles (T, 3) of the trimmed face; exact on a plane, else to `deflection` m."""
+        return tessellate(self.shape, deflection)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
