@@ -26,7 +26,8 @@ class Confinement:
 
     aft: float = quantity(0.050, "m", 0.005, 1.0, "from the trailing edge to the rear face")
     outboard: float = quantity(0.045, "m", 0.005, 1.0, "from the tip to the outer face")
-    normal: float = quantity(0.055, "m", 0.005, 1.0, "from the surface to the upper and lower faces")
+    up: float = quantity(0.055, "m", 0.005, 1.0, "above the hinge line (rudder: to starboard)")
+    down: float = quantity(0.055, "m", 0.005, 1.0, "below the hinge line (rudder: to port)")
     spacing: float = quantity(0.0, "m", 0.0, 1.0, "between sites on the faces; 0: from the local edge length")
     spacing_edges: float = quantity(1.25, "edges", 0.25, 10.0, "spacing over the median edge of the moving surface")
 
@@ -40,6 +41,7 @@ class Blending:
 
     epsilon: float = quantity(1e4, "1/m", 1.0, 1e8, "shape parameter of the multiquadric")
     strip: float = quantity(0.020, "m", 0.001, 0.5, "width of the spanwise blended strip beside a closed rib")
+    root: float = quantity(0.030, "m", 0.001, 0.5, "depth of the extended root region of a tail")
 
     def __post_init__(self) -> None:
         check_quantities(self, "blending")
@@ -50,7 +52,7 @@ class AdaptationSettings:
     """Choice of centres (section 4) for every control surface of the case."""
 
     initial_surface: int = quantity(10, "centres", 4, 100_000, "initial centres on the control surface")
-    initial_hexahedron: int = quantity(10, "centres", 0, 100_000, "initial centres on the hexahedron")
+    initial_hexahedron: int = quantity(10, "centres", 1, 100_000, "initial centres on the hexahedron")
     n_add: int = quantity(10, "centres", 1, 100_000, "largest number of centres added per iteration")
     tolerance: float = quantity(8e-5, "m", 1e-12, 1.0, "Tol_add and Tol_stop")
     max_centers: int = quantity(10_000, "centres", 8, 1_000_000, "limit on the number of centres")

@@ -25,7 +25,7 @@ def list_cases() -> None:
 
 
 @app.command()
-def run(
+def run(  # noqa: PLR0913, PLR0917 - one parameter an option
     case: Annotated[str, typer.Argument(help="Name of the case (see sdm list).")] = "",
     scale: Annotated[str, typer.Option(help="small, medium or paper.")] = "small",
     angle: Angle = None,

@@ -1,22 +1,26 @@
 """The confinement of one control surface: its hexahedron, the nodes inside and the zero sites (section 3)."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cases.case import Confinement, Strategy
-from cases.motion import FloatArray, IndexArray, SurfaceMotion
+from cases.case import Case, Strategy
+from cases.motion import BoolArray, FloatArray, IndexArray, SurfaceMotion
 from deform.hexahedron import Hexahedron
-from deform.sites import DataSites, joined, pinned, split
+from deform.sites import DataSites, multivariate, pinned, univariate
 from geometry import datum
-from geometry.parameters import Fighter
+from geometry.confinement import hexahedron_corners, inward_face
 from meshing.mesh import TetMesh
 
 DIRECTIONS = ("x", "y", "z")
-ON_FACE = 1e-9
+ON_FACE = 1e-7
 """A node within this distance (m) of a face of the hexahedron counts as on it."""
+
+Grouping = Callable[[Sequence[DataSites]], tuple[DataSites, ...]]
+GROUPINGS: dict[Strategy, Grouping] = {"squv": univariate, "mv": multivariate}
 
 
 class ConfinementError(ValueError):
@@ -32,8 +36,10 @@ class Region:
     surface : name of the control surface.
     hexahedron : where the displacement may differ from zero.
     inside : (M,) indices of the mesh nodes inside.
-    held : (B,) those of them on patches that do not move: they lie on a face of the hexahedron and stay.
-    pinned : for x, y, z: (P, 3) zero sites on its faces, free of duplicates with the surface.
+    held : (B,) those of them on patches that do not deflect.
+    held_components : (B, 3) the components that stay: all where a patch merely touches a face of the
+        hexahedron, the normal one where it slides in its plane.
+    zero : data sites of zero displacement on its faces, and on the sliding face for its normal direction.
     spacing : distance between those sites, metres.
     filter_seconds : time taken to find `inside`.
     """
@@ -42,51 +48,39 @@ class Region:
     hexahedron: Hexahedron
     inside: IndexArray
     held: IndexArray
-    pinned: tuple[FloatArray, FloatArray, FloatArray]
+    held_components: BoolArray
+    zero: tuple[DataSites, ...]
     spacing: float
     filter_seconds: float
 
-    def groups(self, points: FloatArray, displacements: FloatArray, strategy: Strategy) -> tuple[DataSites, ...]:
-        """Return the data sites in groups that share their centres.
-
-        Parameters
-        ----------
-        points, displacements : (K, 3) the surface nodes and how they move.
-        strategy : "squv" gives three groups of one column, "mv" one group of three.
-        """
-        moving = DataSites(points, displacements, (0, 1, 2))
-        if strategy == "squv":
-            columns = zip(split(moving), self.pinned, strict=True)
-            return tuple(joined(column, pinned(zero, column.components)) for column, zero in columns)
-        if any(zero is not self.pinned[0] for zero in self.pinned):
-            raise ConfinementError(
-                "strategy mv needs the same sites in every direction, but the sliding face has sites for its "
-                "normal direction only; use squv"
-            )
-        return (joined(moving, pinned(self.pinned[0], moving.components)),)
+    def zero_sites(self, component: int) -> int:
+        """Return the number of zero sites for one direction."""
+        return sum(len(sites) for sites in self.zero if component in sites.components)
 
 
-def confine(mesh: TetMesh, fighter: Fighter, motion: SurfaceMotion, settings: Confinement) -> Region:
+def confine(case: Case, mesh: TetMesh, motion: SurfaceMotion) -> Region:
     """Build the hexahedron of a control surface, find the nodes inside and place the zero sites.
 
     Raises
     ------
     ConfinementError
-        If a moving node lies outside, or a node of another patch inside.
+        If a moving node lies outside, or a node of a fixed patch inside.
     """
-    surface = motion.patches[0]
-    margins = datum.Margins(aft=settings.aft, outboard=settings.outboard, normal=settings.normal)
-    hexahedron = Hexahedron(datum.hexahedron_corners(fighter, surface, margins))
+    surface, settings = motion.patches[0], case.confinement
+    margins = datum.Margins(settings.aft, settings.outboard, settings.up, settings.down)
+    hexahedron = Hexahedron(hexahedron_corners(case.fighter, surface, margins))
     start = perf_counter()
     inside = np.flatnonzero(hexahedron.contains(mesh.points))
     seconds = perf_counter() - start
-    _check_surface(mesh, hexahedron, motion)
-    boundary = mesh.on(*mesh.names[1:])
-    held = np.setdiff1d(np.intersect1d(boundary, inside, assume_unique=True), motion.nodes, assume_unique=True)
+    check_inside(mesh, hexahedron, motion)
+    check_clear(mesh, hexahedron, motion)
     spacing = settings.spacing or settings.spacing_edges * median_edge(mesh, surface)
-    sites = hexahedron.face_sites(spacing, skip=datum.open_faces(surface))
-    sites = apart_from(sites, mesh.points[motion.nodes], 0.5 * spacing)
-    return Region(surface, hexahedron, inside, held, (sites, sites, sites), spacing, seconds)
+    sites = hexahedron.face_sites(spacing, skip={inward_face(surface)} if surface.startswith("tail") else set())
+    zero = pinned(apart_from(sites, mesh.points[motion.nodes], 0.5 * spacing))
+    boundary = np.intersect1d(mesh.on(*mesh.names[1:]), inside, assume_unique=True)
+    held = np.setdiff1d(boundary, motion.nodes, assume_unique=True)
+    every = np.ones((len(held), 3), dtype=bool)
+    return Region(surface, hexahedron, inside, held, every, (zero,), spacing, seconds)
 
 
 def median_edge(mesh: TetMesh, patch: str) -> float:
@@ -102,23 +96,28 @@ def apart_from(sites: FloatArray, points: FloatArray, distance: float) -> FloatA
     return np.ascontiguousarray(sites[nearest >= distance])
 
 
-def _check_surface(mesh: TetMesh, hexahedron: Hexahedron, motion: SurfaceMotion) -> None:
-    """Nothing but the moving patches may lie inside, and nothing that moves outside."""
+def check_inside(mesh: TetMesh, hexahedron: Hexahedron, motion: SurfaceMotion) -> None:
+    """Raise ConfinementError if a node that moves starts or ends outside."""
     moves = np.any(motion.displacements != 0.0, axis=1)
     before = mesh.points[motion.nodes[moves]]
-    out = ~(hexahedron.contains(before) & hexahedron.contains(before + motion.displacements[moves]))
+    after = before + motion.displacements[moves]
+    out = ~(hexahedron.contains(before, ON_FACE) & hexahedron.contains(after, ON_FACE))
     if out.any():
         raise ConfinementError(
             f"{np.count_nonzero(out)} of {len(before)} moving nodes of {motion.patches[0]} leave its hexahedron; "
-            "enlarge confinement.normal, confinement.aft or confinement.outboard"
+            "enlarge confinement.up, down, aft or outboard"
         )
+
+
+def check_clear(mesh: TetMesh, hexahedron: Hexahedron, motion: SurfaceMotion) -> None:
+    """Raise ConfinementError if a node of a patch that must not move lies inside, off the faces."""
     for name in mesh.names[1:]:
         if name in motion.patches:
             continue
         others = np.setdiff1d(mesh.on(name), motion.nodes, assume_unique=True)
-        crossing = np.count_nonzero(hexahedron.contains(mesh.points[others], tol=-ON_FACE))
+        crossing = np.count_nonzero(hexahedron.contains(mesh.points[others], -ON_FACE))
         if crossing:
             raise ConfinementError(
                 f"the hexahedron of {motion.patches[0]} contains {crossing} nodes of {name}, which must not move; "
-                "reduce confinement.normal, confinement.aft or confinement.outboard"
+                "reduce confinement.up, down, aft or outboard"
             )

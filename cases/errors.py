@@ -15,5 +15,6 @@ def is_reported(error: Exception) -> bool:
     from meshing.vtu import FormatError
 
     return isinstance(
-        error, (InputError, ConfinementError, OutputError, SolveError, CadError, MeshingError, FormatError)
+        error,
+        InputError | ConfinementError | OutputError | SolveError | CadError | MeshingError | FormatError
     )

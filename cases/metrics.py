@@ -5,12 +5,10 @@ from importlib.metadata import version
 from math import isfinite
 from typing import Any
 
-import numpy as np
-
 from cases.confine import DIRECTIONS
 from cases.deflect import Deflected
 from cases.run import Run
-from meshing.quality import QualitySummary, summarize
+from meshing.quality import QualitySummary, mean_ratio, summarise
 
 Json = dict[str, Any]
 
@@ -18,7 +16,7 @@ Json = dict[str, Any]
 def metrics(run: Run) -> Json:
     """Return the content of metrics.json (SI units, degrees)."""
     case, first = run.case, run.deflections[0]
-    before, after = summarize(run.mesh.points, run.mesh.tets), summarize(run.deflected.points, run.mesh.tets)
+    before, after = (summarise(mean_ratio(mesh.points, mesh.tets)) for mesh in (run.mesh, run.deflected))
     return {
         "case": case.name,
         "scale": case.scale,
@@ -59,7 +57,7 @@ def _mesh(run: Run, before: QualitySummary) -> Json:
             for name in mesh.names[1:]
         },
         "quality_min": before.min,
-        "boundary_to_cad_max": run.mesh_report.boundary_to_cad_max,
+        "boundary_to_cad_max": run.origin.boundary_to_cad_max,
     }
 
 
@@ -75,7 +73,7 @@ def _surface(one: Deflected) -> Json:
         },
         "sites": {
             "surface": len(one.motion.nodes),
-            "hexahedron": dict(zip(DIRECTIONS, map(len, region.pinned), strict=True)),
+            "hexahedron": {d: region.zero_sites(c) for c, d in enumerate(DIRECTIONS)},
         },
         "adaptation": _adaptation(one),
         "steps": len(one.steps),
@@ -90,7 +88,7 @@ def _adaptation(one: Deflected) -> Json:
         entry = {
             "centers": max(len(fit.chosen) for fit in fits),
             "iterations": sum(fit.history[-1].iteration for fit in fits),
-            "max_error": max(fit.history[-1].max_residual for fit in fits),
+            "max_error": max(fit.max_error for fit in fits),
             "seconds": sum(fit.history[-1].seconds for fit in fits),
             "stop": fits[-1].stop.value,
         }
@@ -112,4 +110,4 @@ def _evaluation(run: Run) -> Json:
 
 
 def _quality(summary: QualitySummary) -> Json:
-    return {name: float(np.float64(getattr(summary, name))) for name in ("min", "p01", "mean", "below_0_2", "below_0_4")}
+    return {name: getattr(summary, name) for name in ("min", "p01", "mean", "below_0_2", "below_0_4")}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cases.case import Blending
 from deform.kernels import Multiquadric
 from deform.motion import Axis
-from deform.surface import blend
+from deform.surface import blend, blend_strip
 from geometry import datum
 from geometry.parameters import Fighter
 from meshing.mesh import TetMesh
@@ -43,7 +43,7 @@ class SurfaceMotion:
 def axis_of(fighter: Fighter, surface: str) -> Axis:
     """Return the axis of rotation of a control surface."""
     start, end = datum.hinge_line(fighter, surface)
-    return Axis(start, end - start)
+    return Axis.through(start, end)
 
 
 def wedge_motion(
@@ -55,28 +55,14 @@ def wedge_motion(
     from its parent. Beside such a closed rib a strip is blended spanwise; beyond it the faces stay planar.
     """
     wedge = Wedge.of(mesh, fighter, surface)
-    rotation = axis_of(fighter, surface).displacements
     points, kernel = wedge.points, Multiquadric(blending.epsilon)
-    moved = blend(
-        points,
-        fixed=points[wedge.hinge],
-        moved=points[wedge.trailing],
-        displacements=rotation(points[wedge.trailing], angle),
-        kernel=kernel,
-    )
-    moved[wedge.hinge] = 0.0
-    moved[wedge.trailing] = rotation(points[wedge.trailing], angle)
+    turned = axis_of(fighter, surface).displacement(points[wedge.trailing], angle)
+    moved = blend(points, points[wedge.hinge], points[wedge.trailing], turned, kernel)
+    moved[wedge.trailing] = turned
     strip = wedge.distance_to_closed_rib < blending.strip
     if strip.any():
-        near = ~strip & (wedge.distance_to_closed_rib < 3.0 * blending.strip)
-        moved[strip] = blend(
-            points[strip],
-            fixed=points[wedge.fixed],
-            moved=points[near & ~wedge.fixed],
-            displacements=moved[near & ~wedge.fixed],
-            kernel=kernel,
-        )
-        moved[wedge.fixed] = 0.0
+        moved = blend_strip(points, strip, moved, points[wedge.fixed], kernel)
+    moved[wedge.fixed] = 0.0
     return SurfaceMotion(wedge.nodes, moved, ~strip, (surface,))
 
 
@@ -88,8 +74,7 @@ class Wedge:
     ----------
     nodes : (K,) node indices of the patch.
     points : (K, 3) their undeflected coordinates.
-    fixed, hinge, trailing : (K,) masks: shared with another patch; on the hinge edges; on the trailing edge
-        and free to move.
+    fixed, hinge, trailing : (K,) masks: shared with another patch; on the hinge edges; on the trailing edge.
     distance_to_closed_rib : (K,) spanwise distance to the nearest rib without a gap; inf if there is none.
     """
 
@@ -109,8 +94,8 @@ class Wedge:
         fixed = np.isin(nodes, mesh.on(*others), assume_unique=True)
         upper, lower = datum.hinge_edges(fighter, surface)
         hinge = (distance_to_line(points, upper) < ON_LINE) | (distance_to_line(points, lower) < ON_LINE)
-        trailing = (distance_to_line(points, datum.trailing_edge(fighter, surface)) < ON_LINE) & ~fixed
-        span = points[:, datum.span_axis(surface)]
+        trailing = distance_to_line(points, datum.trailing_edge(fighter, surface)) < ON_LINE
+        span = points[:, 2 if surface == "rudder" else 1]
         ribs = span[fixed & ~hinge & ~between_hinge_edges(points, upper, lower)]
         gap = np.abs(span[:, None] - ribs).min(axis=1) if len(ribs) else np.full(len(nodes), np.inf)
         return cls(nodes, points, fixed, hinge, trailing, gap)

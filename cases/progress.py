@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from math import isnan
 from time import perf_counter
 from types import TracebackType
 from typing import Protocol, Self
@@ -70,7 +71,7 @@ class Bars:
         self._tasks[stage] = task
 
         def report(text: str, fraction: float) -> None:
-            known = fraction == fraction  # nan: the length of this step is unknown
+            known = not isnan(fraction)
             self._bars.update(
                 task, description=text, total=1.0 if known else None, completed=fraction if known else 0.0
             )

@@ -5,8 +5,22 @@ from dataclasses import dataclass, field
 from cases.case import Case
 from cases.deflect import Deflected
 from cases.validation import Check
-from meshing.generate import MeshReport
 from meshing.mesh import TetMesh
+
+
+@dataclass(frozen=True, slots=True)
+class MeshOrigin:
+    """How the undeflected mesh came to be: kept with it in the cache.
+
+    Attributes
+    ----------
+    boundary_to_cad_max : largest distance (m) of a boundary node from the CAD.
+    attempts, seconds : meshes tried until one passed verification, and the time they took.
+    """
+
+    boundary_to_cad_max: float
+    attempts: int
+    seconds: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -16,7 +30,7 @@ class Run:
     Attributes
     ----------
     mesh, deflected : the mesh before and after; same cells, same order.
-    mesh_report : how the undeflected mesh came to be and how far its boundary is from the CAD.
+    origin : how the undeflected mesh came to be.
     deflections : one entry per control surface.
     whole_mesh_seconds : time to evaluate the first interpolant at every mesh node, for comparison.
     checks : the validation.
@@ -25,7 +39,7 @@ class Run:
 
     case: Case
     mesh: TetMesh
-    mesh_report: MeshReport
+    origin: MeshOrigin
     deflected: TetMesh
     deflections: tuple[Deflected, ...]
     whole_mesh_seconds: float

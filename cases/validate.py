@@ -1,6 +1,7 @@
 """Measure a deflected mesh against what it should be, and against the deflected CAD."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import trimesh
@@ -25,7 +26,7 @@ def validate(case: Case, mesh: TetMesh, deflected: TetMesh, results: tuple[Defle
     for result in results:
         suffix = f":{result.region.surface}" if len(results) > 1 else ""
         for check in surface_checks(case, mesh, deflected, result, blended):
-            checks.append(Check(check.name + suffix, check.value, check.limit, check.unit, check.where, check.judgement))
+            checks.append(replace(check, name=check.name + suffix))
     return tuple(checks)
 
 
@@ -68,10 +69,11 @@ def surface_checks(
 def trailing_edge_check(case: Case, mesh: TetMesh, deflected: TetMesh, result: Deflected) -> Check:
     """How far the trailing edge is from having turned by exactly the angle, in degrees."""
     wedge = Wedge.of(mesh, case.fighter, result.region.surface)
-    nodes = wedge.nodes[wedge.trailing & result.motion.exact]
+    nodes = wedge.nodes[wedge.trailing & ~wedge.fixed & result.motion.exact]
     axis = axis_of(case.fighter, result.region.surface)
-    turned = axis.angles(mesh.points[nodes], deflected.points[nodes])
-    error = np.abs(turned - result.angle)
+    before, after = axis.radial(mesh.points[nodes]), axis.radial(deflected.points[nodes])
+    sine, cosine = np.cross(before, after) @ axis.direction, np.einsum("ij,ij->i", before, after)
+    error = np.abs(np.degrees(np.arctan2(sine, cosine)) - result.angle)
     return Check(
         "trailing_edge_angle", float(error.max()), ANGLE_LIMIT, "deg", f"{len(nodes)} nodes, asked {result.angle:g} deg"
     )

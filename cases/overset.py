@@ -1,0 +1,90 @@
+"""The overlap of two Chimera blocks: every node that needs a donor cell in the other block must find one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonCore import VTK_ID_TYPE, vtkPoints
+from vtkmodules.vtkCommonDataModel import (
+    VTK_TETRA,
+    vtkCellArray,
+    vtkGenericCell,
+    vtkStaticCellLocator,
+    vtkUnstructuredGrid,
+)
+
+from cases.motion import BoolArray, FloatArray, IndexArray
+from meshing.mesh import TetMesh
+
+TOLERANCE = 1e-7
+"""Distance (m) from a cell within which a node counts as inside: walls of both blocks agree to this."""
+
+
+@dataclass(frozen=True, slots=True)
+class Overlap:
+    """Nodes that need a donor and nodes that found none (orphans), for both directions.
+
+    Attributes
+    ----------
+    outer, outer_orphans : nodes on the block's outer faces, donors sought in the background.
+    fringe, fringe_orphans : background nodes next to the hole, donors sought in the block.
+    hole : background nodes that are switched off around the control surface.
+    """
+
+    outer: int
+    outer_orphans: int
+    fringe: int
+    fringe_orphans: int
+    hole: int
+
+    @property
+    def orphans(self) -> int:
+        """All nodes without a donor."""
+        return self.outer_orphans + self.fringe_orphans
+
+
+def overlap(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArray) -> Overlap:
+    """Count orphans between a (deflected) block and the background.
+
+    Parameters
+    ----------
+    low, high : (3,) corners of the hole, the box around the control surface that is cut out of the background.
+        It must lie well inside the block.
+    """
+    outer = block.on("chimera")
+    hole = np.all((background.points > low) & (background.points < high), axis=1)
+    fringe = fringe_nodes(background.tets, hole)
+    return Overlap(
+        outer=len(outer),
+        outer_orphans=int(np.count_nonzero(~has_donor(block.points[outer], background))),
+        fringe=len(fringe),
+        fringe_orphans=int(np.count_nonzero(~has_donor(background.points[fringe], block))),
+        hole=int(np.count_nonzero(hole)),
+    )
+
+
+def fringe_nodes(tets: IndexArray, hole: BoolArray) -> IndexArray:
+    """Nodes outside the hole that share a cell with a node inside it."""
+    cut = tets[hole[tets].any(axis=1)]
+    nodes = np.unique(cut)
+    return nodes[~hole[nodes]]
+
+
+def has_donor(points: FloatArray, mesh: TetMesh) -> BoolArray:
+    """True for each of points (N, 3) that lies in a cell of the mesh, or within `TOLERANCE` of one."""
+    locator = vtkStaticCellLocator()
+    locator.SetDataSet(_grid(mesh))
+    locator.BuildLocator()
+    cell, weights, local = vtkGenericCell(), [0.0] * 4, [0.0] * 3
+    found = [locator.FindCell(p, TOLERANCE**2, cell, local, weights) >= 0 for p in points.tolist()]
+    return np.array(found, dtype=bool)
+
+
+def _grid(mesh: TetMesh) -> vtkUnstructuredGrid:
+    points, cells, grid = vtkPoints(), vtkCellArray(), vtkUnstructuredGrid()
+    points.SetData(numpy_to_vtk(np.ascontiguousarray(mesh.points), True))
+    offsets = 4 * np.arange(len(mesh.tets) + 1)
+    cells.SetData(numpy_to_vtk(offsets, True, VTK_ID_TYPE), numpy_to_vtk(mesh.tets.ravel(), True, VTK_ID_TYPE))
+    grid.SetPoints(points)
+    grid.SetCells(VTK_TETRA, cells)
+    return grid

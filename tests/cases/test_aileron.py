@@ -1,0 +1,88 @@
+"""Case 5.1 end to end on one real mesh."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.registry import case_named
+from meshing.quality import mean_ratio
+from meshing.vtu import read_vtu, read_vtu_arrays
+
+pytestmark = pytest.mark.mesher
+
+CONTRACT = {
+    "case", "scale", "angle_deg", "strategy", "version", "mesh", "confinement", "sites", "adaptation",
+    "evaluation", "quality", "validation", "timings", "total_seconds", "peak_rss_bytes",
+}  # fmt: skip
+
+
+def test_every_check_passes(aileron_run):
+    run, _ = aileron_run
+    assert {c.name: c.passed for c in run.checks} == dict.fromkeys((c.name for c in run.checks), True)
+    names = {c.name for c in run.checks}
+    assert {"outside_moved", "inverted_cells", "fixed_surfaces_moved", "surface_to_cad", "planarity",
+            "quality_min"} <= names  # fmt: skip
+
+
+def test_files_of_the_contract(aileron_run):
+    run, folder = aileron_run
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics.keys() >= CONTRACT
+    assert metrics["mesh"]["cells"] == len(run.mesh.tets)
+    assert {p.name for p in folder.iterdir()} >= {
+        "case.toml", "undeflected.vtu", "deflected.vtu", "interpolant.npz", "convergence.csv", "report.html",
+        "figures",
+    }  # fmt: skip
+    before, after = read_vtu(folder / "undeflected.vtu"), read_vtu(folder / "deflected.vtu")
+    np.testing.assert_array_equal(before.points, run.mesh.points)
+    np.testing.assert_array_equal(after.tets, before.tets)
+    arrays = read_vtu_arrays(folder / "deflected.vtu")
+    np.testing.assert_array_equal(arrays["displacement"], after.points - before.points)
+    np.testing.assert_allclose(arrays["quality"][: len(after.tets)], mean_ratio(after.points, after.tets))
+
+
+def test_interpolant_file_alone_gives_the_interior(aileron_run):
+    run, folder = aileron_run
+    with np.load(folder / "interpolant.npz", allow_pickle=False) as file:
+        assert str(file["kernel"]) == "thin_plate_spline"
+        inner = np.setdiff1d(run.deflections[0].region.inside, run.mesh.on(*run.mesh.names[1:]))
+        x = run.mesh.points[inner]
+        for column, d in enumerate("xyz"):
+            r = np.linalg.norm(x[:, None] - file[f"centers_{d}"], axis=2)
+            phi = r**2 * np.log(np.where(r > 0.0, r, 1.0))
+            s = np.column_stack([np.ones(len(x)), x]) @ file[f"alpha_{d}"] + phi @ file[f"beta_{d}"]
+            moved = (run.deflected.points - run.mesh.points)[inner, column]
+            np.testing.assert_allclose(s, moved, atol=1e-11)
+
+
+def test_trailing_edge_turns_and_all_else_stays(aileron_run):
+    run, _ = aileron_run
+    moved = np.any(run.deflected.points != run.mesh.points, axis=1)
+    assert set(np.flatnonzero(moved)) <= set(run.deflections[0].region.inside)
+    still = run.mesh.on(*(n for n in run.mesh.names[1:] if n != "aileron_left"))
+    assert not moved[still].any()
+    tip = np.argmin(run.mesh.points[run.mesh.on("aileron_left"), 1])
+    assert run.deflected.points[run.mesh.on("aileron_left")[tip], 2] > 0.0  # negative angle: trailing edge up
+
+
+def test_squv_needs_fewest_centres_in_y_and_both_strategies_converge(aileron_run, aileron_mv_run):
+    squv = {f.components[0]: f for f in aileron_run[0].deflections[0].steps[0].fits}
+    assert len(squv[1].chosen) < min(len(squv[0].chosen), len(squv[2].chosen))
+    for run, _ in (aileron_run, aileron_mv_run):
+        for fit in run.deflections[0].steps[0].fits:
+            assert fit.history[-1].max_residual < run.case.adaptation.tolerance
+
+
+@pytest.mark.parametrize("angle", [5.0, -20.0])
+def test_other_angles_pass(finish, angle):
+    run, _ = finish(replace(case_named("aileron"), angle=angle))
+    assert run.passed, [c for c in run.checks if not c.passed]
+
+
+def test_second_run_writes_the_same_bytes(aileron_run, finish):
+    _, first = aileron_run
+    _, second = finish(case_named("aileron"))
+    for name in ("case.toml", "undeflected.vtu", "deflected.vtu", "interpolant.npz"):
+        assert (first / name).read_bytes() == (second / name).read_bytes(), name

@@ -1,0 +1,44 @@
+"""One mesh cache for all test processes, so that each real mesh is made once per test run."""
+
+from pathlib import Path
+
+import pytest
+from filelock import FileLock
+
+from cases.case import Case
+from cases.pipeline import meshed
+from cases.progress import Silent, Stopwatch
+from cases.registry import case_named
+from meshing.cache import FOLDER_VARIABLE
+
+
+@pytest.fixture(scope="session")
+def shared_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """A folder that every worker of this test run sees."""
+    base = tmp_path_factory.getbasetemp()
+    return base if worker_id == "master" else base.parent
+
+
+@pytest.fixture(scope="session", autouse=True)
+def mesh_cache(shared_folder: Path):
+    """Keep the user's mesh cache out of the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(FOLDER_VARIABLE, str(shared_folder / "meshes"))
+        yield shared_folder / "meshes"
+
+
+@pytest.fixture(scope="session")
+def make_mesh(shared_folder: Path, mesh_cache: Path):
+    """Mesh a case, once among all workers."""
+
+    def make(case: Case):
+        with FileLock(shared_folder / "meshing.lock"):
+            return meshed(case, Stopwatch(Silent()))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def aileron_mesh(make_mesh):
+    """The undeflected small mesh of the aileron case and how it was made."""
+    return make_mesh(case_named("aileron"))
