@@ -7,6 +7,7 @@ from geometry.datum import SURFACES, ends, hinge_line
 from geometry.deflected import Deflection, deflected_wedge, turned, wedge
 from geometry.fuse import Cell, general_fuse
 from geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
+from geometry.layout import MIN_FEATURE
 from geometry.lifting import fin_polyhedra, wing_polyhedra
 from geometry.model import CadModel
 from geometry.parameters import Fighter
@@ -47,7 +48,7 @@ def build(
     found = walls(general_fuse(aircraft_parts(fighter, moved, without)))
     model = assemble(skin(found, _solid, _own_patch), partitions(found, _solid), fluid_inside=False)
     if not moved:
-        preflight(model)
+        preflight(model, min(MIN_FEATURE, fighter.aileron.gap or MIN_FEATURE))
     return model
 
 

@@ -66,7 +66,7 @@ def _aileron(fighter: Fighter, margins: Margins) -> FloatArray:
     stations = np.abs(parent_ribs(fighter, "aileron_right"))
     tip = fighter.wing.half_span + margins.outboard
     y = np.array([stations[0], stations[1] if len(stations) == 2 else tip])
-    front = _along(hinge[:, 1], hinge[:, 0], y)
+    front = along(hinge[:, 1], hinge[:, 0], y)
     aft = np.full(2, fighter.wing.x_te + margins.aft)
     return _corners(np.array([front, aft]), np.array([y, y]), np.array([[-margins.down] * 2, [margins.up] * 2]))
 
@@ -80,7 +80,7 @@ def _tail(fighter: Fighter, margins: Margins) -> FloatArray:
     upper = border[1] + margins.up * (y - border[0]) / reach
     lower = -border[1] - margins.down * (y - border[0]) / reach
     tip = trailing_edge(fighter, "tail_right")[1]
-    room = _along(y, upper, tip[1:2])[0] - tip[2], tip[2] - _along(y, lower, tip[1:2])[0]
+    room = along(y, upper, tip[1:2])[0] - tip[2], tip[2] - along(y, lower, tip[1:2])[0]
     for name, value in zip(("up", "down"), room, strict=True):
         if value <= 0.0:
             raise ValueError(f"margins.{name} leaves the tail's tip {-value:g} m outside its hexahedron")
@@ -94,8 +94,8 @@ def _rudder(fighter: Fighter, margins: Margins) -> FloatArray:
     stations = parent_ribs(fighter, "rudder")
     tip = fighter.fin.z_tip + margins.outboard
     z = np.array([stations[0], stations[1] if len(stations) == 2 else tip])
-    front = _along(hinge[:, 2], hinge[:, 0], z)
-    aft = _along(trailing[:, 2], trailing[:, 0], z) + margins.aft
+    front = along(hinge[:, 2], hinge[:, 0], z)
+    aft = along(trailing[:, 2], trailing[:, 0], z) + margins.aft
     corners = [[x[k], y, z[k]] for k in (0, 1) for y in (-margins.down, margins.up) for x in (front, aft)]
     return np.array(corners)
 
@@ -105,7 +105,7 @@ def _corners(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
     return np.array([[x[a, o], y[a, o], z[k, o]] for k in (0, 1) for o in (0, 1) for a in (0, 1)])
 
 
-def _along(stations: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
+def along(stations: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
     """The straight line through two (station, value) pairs, also beyond them."""
     slope = (values[1] - values[0]) / (stations[1] - stations[0])
     return np.asarray(values[0] + slope * (wanted - stations[0]), dtype=np.float64)

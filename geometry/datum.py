@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.chimera import BlockParameters, block_corners, gap_faces
 from geometry.confinement import Margins, hexahedron_corners, inward_face, rib_faces
 from geometry.hinges import (
     SURFACES,
@@ -20,10 +21,13 @@ from geometry.sections import FloatArray
 
 __all__ = [
     "SURFACES",
+    "BlockParameters",
     "Margins",
     "PanelBorder",
+    "block_corners",
     "cylinder",
     "ends",
+    "gap_faces",
     "hexahedron_corners",
     "hinge_edges",
     "hinge_line",

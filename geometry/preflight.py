@@ -17,22 +17,22 @@ MIN_CORNER = 15.0
 ROUNDING = 1e-9
 
 
-def preflight(model: CadModel) -> None:
-    """Check edge lengths, face corners and the sheets behind weak creases.
+def preflight(model: CadModel, min_edge: float = MIN_FEATURE) -> None:
+    """Check that edges have at least `min_edge` metres, face corners their angle, weak creases their sheet.
 
     Raises
     ------
     CadError
         Listing every place that a mesher would fail at, with the patches that meet there.
     """
-    findings = [*_short_edges(model), *_sharp_corners(model), *_unbacked_creases(model)]
+    findings = [*_short_edges(model, min_edge), *_sharp_corners(model), *_unbacked_creases(model)]
     if findings:
         raise CadError("the geometry cannot be meshed: " + "; ".join(findings))
 
 
-def _short_edges(model: CadModel) -> Iterator[str]:
+def _short_edges(model: CadModel, min_edge: float) -> Iterator[str]:
     for edge in model.edges:
-        if edge.length < MIN_FEATURE - ROUNDING:
+        if edge.length < min_edge - ROUNDING:
             yield f"an edge {1e3 * edge.length:.2g} mm short {_place(model, edge)}"
 
 
