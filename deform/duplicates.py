@@ -7,7 +7,8 @@ from deform.kernels import FloatArray
 
 IndexArray = NDArray[np.intp]
 
-DIRECTION = np.array([0.5698402909980532, 0.7548776662466927, 0.3247179572447460])  # along no lattice of points
+# Along no lattice of points: distinct points of a regular grid get distinct keys.
+DIRECTION = np.array([0.5698402909980532, 0.7548776662466927, 0.3247179572447460])
 
 
 def first_coincident(points: FloatArray, tol: float = 0.0) -> IndexArray:

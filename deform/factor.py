@@ -1,8 +1,8 @@
-"""The product's way: the Cholesky factor of the reduced kernel grows block by block and is never computed again.
+"""The product's way: the Cholesky factor of the reduced kernel grows and is never computed again.
 
-What is kept is the inverse T of the upper factor, K~ = (T T')^-1. A block of m further centres costs two products
-with T and one Cholesky factorisation of size m, and the coefficients follow by an update. One factor serves all
-columns. Mueller and Schaback (2009) and Pazouki and Schaback (2011) describe the basis behind it.
+What is kept is the inverse T of the upper factor, K~ = (T T')^-1. A block of m further centres costs two
+products with T and one Cholesky factorisation of size m, and the coefficients follow by an update. One factor
+serves all columns. Mueller and Schaback (2009) and Pazouki and Schaback (2011) describe the basis behind it.
 """
 
 import numpy as np
@@ -97,7 +97,7 @@ def _inverse_factor(matrix: FloatArray) -> FloatArray:
     upper, info = dpotrf(matrix, lower=0, clean=1)
     if info != 0:
         raise SolveError(
-            f"a centre depends on the {len(matrix)} others to rounding error: do data sites lie closer together than "
-            "the coordinates resolve?"
+            f"one of {len(matrix)} further centres depends on the others to rounding error: do data sites lie "
+            "closer together than the coordinates resolve?"
         )
     return np.asarray(dtrtri(upper, lower=0)[0])

@@ -112,8 +112,8 @@ def adapt(
     """Grow the centres from `initial` until a stopping rule holds.
 
     With several columns (MV) the sites are chosen by the combined residual, the norm over the columns; the
-    adaptation stops on the largest error of any one column, so that MV and SQUV are held to the same accuracy (the
-    paper compares them so, footnote ix).
+    adaptation stops on the largest error of any one column, so that MV and SQUV are held to the same accuracy
+    (the paper compares them so, footnote ix).
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def adapt(
 
 
 def worst(errors: FloatArray, chosen: IndexArray, options: GreedyOptions) -> IndexArray:
-    """Return the sites to add: the `n_add` worst that are free and above tol_add, worst first (steps 4 and 5)."""
+    """Return the sites to add (steps 4 and 5): the `n_add` worst of those above tol_add, worst first."""
     residual = np.sqrt(np.einsum("ij,ij->i", errors, errors))
     residual[chosen] = -1.0
     room = min(options.n_add, options.max_centers - len(chosen))
@@ -161,11 +161,11 @@ def worst(errors: FloatArray, chosen: IndexArray, options: GreedyOptions) -> Ind
 
 def _check_initial(initial: IndexArray, sites: DataSites, options: GreedyOptions) -> None:
     if len(np.unique(initial)) != len(initial) or not len(initial):
-        raise ValueError(f"the {len(initial)} initial centres must be distinct rows of the sites, and at least one")
+        raise ValueError("initial centres must be distinct rows of the sites, and at least one")
     if initial.min() < 0 or initial.max() >= len(sites):
-        raise ValueError(f"initial centres {initial.min()} to {initial.max()} are not all rows of {len(sites)} sites")
+        raise ValueError(f"initial centres {initial.min()} to {initial.max()} are not rows of {len(sites)} sites")
     if options.max_centers < len(initial):
-        raise ValueError(f"max_centers = {options.max_centers} is less than the {len(initial)} initial centres")
+        raise ValueError(f"max_centers = {options.max_centers} is below the {len(initial)} initial centres")
 
 
 def _stop(last: Step, block: IndexArray, options: GreedyOptions) -> Stop | None:
@@ -181,8 +181,6 @@ def _stop(last: Step, block: IndexArray, options: GreedyOptions) -> Stop | None:
 
 def _fraction(history: list[Step], options: GreedyOptions) -> float:
     """Estimate how much is done from the fall of the residual and the use of centres."""
-    first, last = history[0].max_residual, history[-1].max_residual
-    span = np.log(max(first / options.tol_stop, 1.0 + 1e-9))
-    fall = np.log(max(first, options.tol_stop) / max(last, options.tol_stop)) / span
-    used = last and history[-1].n_centers / options.max_centers
-    return float(min(1.0, max(fall, used, 0.0)))
+    first, last = (max(step.max_residual, options.tol_stop) for step in (history[0], history[-1]))
+    fallen = np.log(first / last) / np.log(first / options.tol_stop) if first > options.tol_stop else 1.0
+    return float(max(fallen, history[-1].n_centers / options.max_centers))

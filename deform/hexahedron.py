@@ -18,7 +18,7 @@ FACES = {
     "z-": (0, 2, 3, 1),
     "z+": (4, 5, 7, 6),
 }
-"""Corners of each face, in an order whose triangles have outward normals; corner i has the binary code zyx."""
+"""Corners of each face, ordered so that its triangles have outward normals."""
 
 EDGES = tuple((i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit)
 
@@ -34,7 +34,8 @@ class Hexahedron:
     Parameters
     ----------
     corners
-        (8, 3) in metres. Corner i has the binary code zyx: bit 1 is set on face "x+", bit 2 on "y+", bit 4 on "z+".
+        (8, 3) in metres. Corner i has the binary code zyx: bit 1 is set on face "x+", bit 2 on "y+", bit 4 on
+        "z+".
 
     Raises
     ------
@@ -53,7 +54,7 @@ class Hexahedron:
         _check_faces(self.corners, self.planes)
 
     def contains(self, points: FloatArray, tol: float = 0.0) -> NDArray[np.bool_]:
-        """Return for each of points (M, 3) whether it lies behind all twelve face triangles, or at most `tol` m out."""
+        """Return which of points (M, 3) lie behind all twelve face triangles, or at most `tol` metres out."""
         x = np.ascontiguousarray(points, dtype=np.float64)
         inside = np.empty(len(x), dtype=np.bool_)
         low, high = self.corners.min(axis=0) - abs(tol), self.corners.max(axis=0) + abs(tol)
@@ -95,7 +96,8 @@ class Hexahedron:
         cuts = [self.corners[i] for i in range(8) if height[i] == 0.0]
         for i, j in EDGES:
             if height[i] * height[j] < 0.0:
-                cuts.append(self.corners[i] + height[i] / (height[i] - height[j]) * (self.corners[j] - self.corners[i]))
+                share = height[i] / (height[i] - height[j])
+                cuts.append(self.corners[i] + share * (self.corners[j] - self.corners[i]))
         if len(cuts) < 3:
             raise ValueError(f"the plane through {point} with normal {n} does not cut the hexahedron")
         return _around(np.array(cuts), n)
@@ -137,12 +139,12 @@ def _check_faces(corners: FloatArray, planes: FloatArray) -> None:
         height = corners @ plane[:3] - plane[3]
         off = float(np.abs(height[list(face)]).max())
         if off > PLANAR * size:
-            raise ValueError(f"face {name} (corners {face}) is not planar: a corner is {off:.3g} m out of its plane")
+            raise ValueError(f"face {name} (corners {face}) is not planar: a corner is {off:.3g} m off")
         front = int(np.argmax(height))
         if height[front] > PLANAR * size:
             raise ValueError(
-                f"the hexahedron is not convex, or its corners are not in the order of their binary codes zyx: corner "
-                f"{front} is {height[front]:.3g} m in front of face {name} (corners {face})"
+                f"the hexahedron is not convex, or its corners are not in the order of their codes zyx: "
+                f"corner {front} is {height[front]:.3g} m in front of face {name} (corners {face})"
             )
 
 
@@ -154,13 +156,18 @@ def _around(points: FloatArray, normal: FloatArray) -> FloatArray:
 
 
 @compiled
-def _behind(x, low, high, planes, tol, inside):  # type: ignore[no-untyped-def]  # pragma: no cover - machine code
+def _behind(
+    x: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    planes: FloatArray,
+    tol: float,
+    inside: NDArray[np.bool_],
+) -> None:  # pragma: no cover - machine code
     """Test points x (M, 3) against the bounding box first: most are outside of it."""
     for i in range(len(x)):
         a, b, c = x[i, 0], x[i, 1], x[i, 2]
-        within = (
-            a >= low[0] and a <= high[0] and b >= low[1] and b <= high[1] and c >= low[2] and c <= high[2]
-        )
+        within = a >= low[0] and a <= high[0] and b >= low[1] and b <= high[1] and c >= low[2] and c <= high[2]
         if within:
             for k in range(len(planes)):
                 if planes[k, 0] * a + planes[k, 1] * b + planes[k, 2] * c - planes[k, 3] > tol:

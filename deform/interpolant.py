@@ -7,6 +7,7 @@ import numpy as np
 from scipy.linalg.lapack import dsysv
 from scipy.sparse.linalg import gmres
 
+from deform.duplicates import first_coincident
 from deform.kernels import FloatArray, Kernel
 from deform.progress import Progress, silent
 from deform.sums import kernel_matrix, kernel_sum
@@ -38,20 +39,18 @@ class Interpolant:
                 "must be (C, 3), (C, k) and (4, k)"
             )
 
-    def __call__(
-        self, points: FloatArray, *, threads: int | None = None, progress: Progress = silent
-    ) -> FloatArray:
+    def __call__(self, points: FloatArray, *, threads: int | None = None, progress: Progress = silent) -> FloatArray:
         """Evaluate at points (M, 3); the matrix of eq. 7 is never formed."""
-        return kernel_sum(
-            self.kernel, points, self.centers, self.beta, self.alpha, threads=threads, progress=progress
-        )
+        return kernel_sum(self.kernel, points, self.centers, self.beta, self.alpha, threads=threads, progress=progress)
 
 
 def direct(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solve by LAPACK's factorisation of a symmetric indefinite matrix."""
     _, _, solution, info = dsysv(matrix, right, lower=1)
     if info != 0:
-        raise SolveError(f"the system of {len(matrix)} unknowns is singular: do centres coincide?")
+        raise SolveError(
+            f"the system of {len(matrix)} unknowns is singular: are centres closer than the coordinates resolve?"
+        )
     return np.asarray(solution)
 
 
@@ -74,7 +73,7 @@ def krylov(rtol: float = 1e-10, restart: int = 200, max_cycles: int = 50) -> Sol
             x, info = gmres(matrix, column, rtol=rtol, restart=min(restart, len(matrix)), maxiter=max_cycles)
             if info != 0:
                 raise SolveError(
-                    f"GMRES did not reach rtol = {rtol} for {len(matrix)} unknowns within {max_cycles} cycles of "
+                    f"GMRES did not reach rtol = {rtol} for {len(matrix)} unknowns in {max_cycles} cycles of "
                     f"{restart} iterations: allow more, or use the direct solve"
                 )
             columns.append(x)
@@ -91,13 +90,16 @@ def fit(kernel: Kernel, centers: FloatArray, values: FloatArray, solve: Solve = 
     Raises
     ------
     ValueError
-        If the shapes do not match, or a number is not finite.
+        If the shapes do not match, a number is not finite, or centres coincide.
     SolveError
-        If the system is singular (coinciding centres) or `solve` gives up.
+        If the system is singular to rounding, or `solve` gives up.
     """
     check_finite(centers=centers, values=values)
     if centers.ndim != 2 or values.ndim != 2 or centers.shape != (len(values), 3) or not len(values):
         raise ValueError(f"centers {centers.shape} and values {values.shape} must be (C, 3) and (C, k)")
+    twice = np.flatnonzero(first_coincident(centers) != np.arange(len(centers)))
+    if len(twice):
+        raise ValueError(f"{len(twice)} centers coincide with another, such as row {twice[0]}: {centers[twice[0]]}")
     box = UnitBox.around(centers)
     scaled = box.scaled(centers)
     with single_threaded_blas():
@@ -105,8 +107,6 @@ def fit(kernel: Kernel, centers: FloatArray, values: FloatArray, solve: Solve = 
         q = len(matrix) - len(values)
         solution = solve(matrix, np.vstack([np.zeros((q, values.shape[1])), values]))
         alpha, beta = box.in_metres(kernel, scaled, solution[:q], solution[q:])
-    if not np.isfinite(beta).all():
-        raise SolveError(f"the solution for {len(values)} centres is not finite: do centres coincide?")
     return Interpolant(kernel, np.array(centers, dtype=np.float64), beta, alpha)
 
 

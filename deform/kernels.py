@@ -5,7 +5,8 @@ multiquadric would be solvable without one (paper section 2.1), but only with it
 appendix A keep planar faces planar.
 
 The compiled loops take `kernel.compiled()`: a named tuple of the kernel's numbers, on whose *type* the
-compiled function `phi` is overloaded. A new kernel brings its own tuple and overload; no loop is written again.
+compiled function `phi` is overloaded. A new kernel brings its own tuple and overload; no loop is written
+again.
 """
 
 from collections.abc import Callable
@@ -68,12 +69,15 @@ class ThinPlateSpline:
     sign: ClassVar[float] = 1.0
 
     def __call__(self, r2: FloatArray) -> FloatArray:
+        """Return phi for squared distances r2 of any shape."""
         return np.asarray(0.5 * xlogy(r2, r2), dtype=np.float64)
 
     def compiled(self) -> ThinPlateSplineCode:
+        """Return what selects the compiled phi."""
         return ThinPlateSplineCode()
 
     def rescaled(self, length: float) -> Rescaling:
+        """Return the kernel for distances measured in units of `length`."""
         return Rescaling(self, length**2, length**2 * float(np.log(length)))
 
 
@@ -96,24 +100,21 @@ class Multiquadric:
             raise ValueError(f"epsilon = {self.epsilon} must be a positive number of 1/metre")
 
     def __call__(self, r2: FloatArray) -> FloatArray:
+        """Return phi for squared distances r2 of any shape."""
         return np.asarray(np.sqrt(1.0 + self.epsilon**2 * r2), dtype=np.float64)
 
     def compiled(self) -> MultiquadricCode:
+        """Return what selects the compiled phi."""
         return MultiquadricCode(self.epsilon**2)
 
     def rescaled(self, length: float) -> Rescaling:
+        """Return the kernel for distances measured in units of `length`."""
         return Rescaling(Multiquadric(self.epsilon * length), 1.0, 0.0)
 
 
 def phi(code: tuple[float, ...], r2: float) -> float:
     """Kernel `code` at the squared distance r2; for use inside compiled loops only."""
     raise NotImplementedError("phi is compiled: call it from compiled code, or call the kernel itself")
-
-
-@overload(phi, jit_options={"fastmath": True, "error_model": "numpy"})
-def _phi(code: Any, r2: Any) -> Callable[[Any, Any], Any] | None:
-    """Choose the formula from the type of `code`, when a loop is compiled."""
-    return FORMULAS.get(getattr(code, "instance_class", None))
 
 
 def _thin_plate_spline(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
@@ -128,3 +129,11 @@ FORMULAS: dict[Any, Callable[[Any, Any], Any]] = {
     ThinPlateSplineCode: _thin_plate_spline,
     MultiquadricCode: _multiquadric,
 }
+
+
+def _formula(code: Any, r2: Any) -> Callable[[Any, Any], Any] | None:
+    """Choose the formula from the type of `code`, when a loop is compiled."""
+    return FORMULAS.get(getattr(code, "instance_class", None))
+
+
+overload(phi, jit_options={"fastmath": True, "error_model": "numpy"})(_formula)

@@ -26,7 +26,7 @@ class Axis:
         direction = np.asarray(self.direction, dtype=np.float64)
         length = float(np.linalg.norm(direction))
         if direction.shape != (3,) or not 0.0 < length < np.inf:
-            raise ValueError(f"the direction of an axis must be a vector of 3 numbers and not zero, got {self.direction}")
+            raise ValueError(f"the direction {self.direction} of an axis must be 3 numbers, not all zero")
         object.__setattr__(self, "direction", direction / length)
         object.__setattr__(self, "point", np.asarray(self.point, dtype=np.float64))
 
@@ -36,16 +36,12 @@ class Axis:
         return cls(np.asarray(a), np.asarray(b) - np.asarray(a))
 
     def matrix(self, degrees: float) -> FloatArray:
-        """Return the rotation matrix (3, 3) by Rodrigues' formula."""
-        x, y, z = self.direction
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        angle = np.radians(degrees)
-        # 1 - cos by the half angle: no cancellation, so that small rotations stay isometries.
-        return np.asarray(np.eye(3) + np.sin(angle) * cross + 2.0 * np.sin(0.5 * angle) ** 2 * (cross @ cross))
+        """Return the rotation matrix (3, 3)."""
+        return np.asarray(np.eye(3) + self._turn(degrees))
 
     def displacement(self, points: FloatArray, degrees: float) -> FloatArray:
         """Return how far each of points (N, 3) moves in a rotation by `degrees`."""
-        return np.asarray((points - self.point) @ (self.matrix(degrees) - np.eye(3)).T)
+        return np.asarray((points - self.point) @ self._turn(degrees).T)
 
     def rotated(self, points: FloatArray, degrees: float) -> FloatArray:
         """Return points (N, 3) rotated by `degrees`."""
@@ -55,6 +51,14 @@ class Axis:
         """Return the vectors (N, 3) from the axis to points (N, 3), perpendicular to it."""
         arm = points - self.point
         return np.asarray(arm - np.outer(arm @ self.direction, self.direction))
+
+    def _turn(self, degrees: float) -> FloatArray:
+        """Return the rotation matrix less the identity, by Rodrigues' formula: small angles keep their digits."""
+        x, y, z = self.direction
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        angle = np.radians(degrees)
+        versine = 2.0 * np.sin(0.5 * angle) ** 2  # 1 - cos without cancellation
+        return np.asarray(np.sin(angle) * cross + versine * (cross @ cross))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +85,7 @@ class Cylinder:
         return np.asarray(np.linalg.norm(self.axis.radial(points), axis=1) - self.radius)
 
     def projected(self, points: FloatArray) -> FloatArray:
-        """Return points (N, 3) moved radially onto the surface; a point on the axis has no radial direction."""
+        """Return points (N, 3) moved radially onto the surface; ValueError for points on the axis."""
         radial = self.axis.radial(points)
         r = np.linalg.norm(radial, axis=1, keepdims=True)
         if not r.all():
@@ -113,7 +117,7 @@ class Cylinder:
         if missed.any():
             row = int(np.argmax(missed))
             raise ValueError(
-                f"{int(missed.sum())} lines miss the cylinder, for example through {points[row]} along {d[row]}"
+                f"{int(missed.sum())} lines miss the cylinder, such as that through {points[row]} along {d[row]}"
             )
         # The root of smaller magnitude in the form without cancellation: c over the larger sum.
         q = -(b + np.copysign(np.sqrt(b * b - a * c), b))

@@ -11,8 +11,8 @@ CLEARANCE = 0.5  # of the spacing: inner points nearer than this to an edge are 
 def polygon_sites(polygon: FloatArray, spacing: float) -> FloatArray:
     """Return points (P, 3) on a convex planar polygon, its border included, about `spacing` apart.
 
-    Edges are divided evenly; the inside is filled with rows parallel to the longest edge, evenly spaced across the
-    polygon and evenly divided between its borders.
+    Edges are divided evenly; the inside is filled with rows parallel to the longest edge, evenly spaced
+    across the polygon and evenly divided between its borders.
 
     Parameters
     ----------
@@ -40,7 +40,8 @@ def divided(a: FloatArray, b: FloatArray, spacing: float) -> FloatArray:
 
 def without_coincident(points: FloatArray, tol: float) -> FloatArray:
     """Return points (N, 3) without those within `tol` of an earlier one."""
-    return points[first_coincident(points, tol) == np.arange(len(points))]
+    distinct = first_coincident(points, tol) == np.arange(len(points))
+    return np.asarray(points[distinct])
 
 
 def plane_axes(polygon: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -63,7 +64,7 @@ def _inner_rows(flat: FloatArray, spacing: float) -> FloatArray:
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     from_corner = points[:, None] - flat
     distance = along[:, 0] * from_corner[..., 1] - along[:, 1] * from_corner[..., 0]
-    return points[distance.min(axis=1, initial=np.inf) >= CLEARANCE * spacing]
+    return np.asarray(points[distance.min(axis=1, initial=np.inf) >= CLEARANCE * spacing])
 
 
 def _row(flat: FloatArray, level: float, spacing: float) -> FloatArray:

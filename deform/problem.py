@@ -22,7 +22,7 @@ class Coefficients(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Data sites shifted and scaled to the unit box, with the kernel and the polynomials that belong to it."""
+    """Data sites in the unit box, with the kernel and the polynomials that belong to it."""
 
     sites: DataSites
     kernel: Kernel  # in metres

@@ -1,12 +1,12 @@
 """The reduced kernel: the interpolation problem without its polynomial.
 
-Four unisolvent centres, the *anchors* a, take the linear polynomial out. With L (N, 4) the values of the anchors'
-Lagrange polynomials at the sites, the reduced kernel
+Four unisolvent centres, the *anchors* a, take the linear polynomial out. With L (N, 4) the values of the
+anchors' Lagrange polynomials at the sites, the reduced kernel
 
     K~(i, j) = K(i, j) - L_i . K(a, j) - K(i, a) . L_j + L_i . K(a, a) L_j
 
-is positive definite on all other centres, because the kernel (times its sign) is conditionally so. The values that
-it has to interpolate are those left over by the polynomial through the anchors.
+is positive definite on all other centres, because the kernel (times its sign) is conditionally so. The values
+that it has to interpolate are those left over by the polynomial through the anchors.
 """
 
 from dataclasses import dataclass
@@ -42,8 +42,8 @@ class ReducedKernel:
         diagonal = np.abs(np.diagonal(r))
         if len(diagonal) < count or diagonal[-1] < UNISOLVENT * diagonal[0]:
             raise ValueError(
-                f"the {len(initial)} initial centres do not determine the linear polynomial: take at least {count} that "
-                "do not lie in one plane"
+                f"the {len(initial)} initial centres do not determine the linear polynomial: take at least {count} "
+                "that do not lie in one plane"
             )
         anchors = np.asarray(initial)[pivots[:count]]
         lagrange = problem.polynomials @ np.linalg.inv(problem.polynomials[anchors])
@@ -75,4 +75,4 @@ class ReducedKernel:
         phi = self.anchor_kernel[rows].T @ gamma + self.anchor_kernel[self.anchors].T @ at_anchors
         basis = self.problem.polynomials[self.anchors]
         alpha = np.linalg.solve(basis, self.problem.values[self.anchors] - phi)
-        return alpha, sign * at_anchors, sign * gamma
+        return np.asarray(alpha), sign * at_anchors, sign * gamma

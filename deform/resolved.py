@@ -31,7 +31,8 @@ class Resolved:
         """Solve eq. 5 for the chosen centres."""
         problem, chosen = self._problem, self.chosen
         q = problem.polynomials.shape[1]
-        matrix = coefficient_matrix(problem.polynomials[chosen], problem.scaled_kernel, problem.points[chosen])
+        polynomials, points = problem.polynomials[chosen], problem.points[chosen]
+        matrix = coefficient_matrix(polynomials, problem.scaled_kernel, points)
         right = np.vstack([np.zeros((q, problem.values.shape[1])), problem.values[chosen]])
         solution = self._solve(matrix, right)
         return Coefficients(solution[:q], solution[q:])

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from deform.duplicates import first_coincident
+from deform.duplicates import IndexArray, first_coincident
 from deform.interpolant import check_finite
 from deform.kernels import FloatArray
 
@@ -19,7 +19,7 @@ class DataSites:
     points: FloatArray  # (N, 3) m
     values: FloatArray  # (N, k) m
     components: tuple[int, ...] = XYZ  # the direction of each of the k columns: 0, 1 or 2
-    merged: int = field(default=0, kw_only=True)  # points that `joined` dropped because they were there already
+    merged: int = field(default=0, kw_only=True)  # points that `joined` dropped: they were there already
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3 or not len(self.points):
@@ -30,16 +30,16 @@ class DataSites:
             raise ValueError(f"components {self.components} name a direction twice")
         if self.values.shape != (len(self.points), len(self.components)):
             raise ValueError(
-                f"values {self.values.shape} must be ({len(self.points)}, {len(self.components)}): one row a point, "
-                f"one column for each of the components {self.components}"
+                f"values {self.values.shape} must be ({len(self.points)}, {len(self.components)}): one row a "
+                f"point, one column for each of the components {self.components}"
             )
         check_finite(points=self.points, values=self.values)
         first = first_coincident(self.points)
         twice = np.flatnonzero(first != np.arange(len(first)))
         if len(twice):
             raise ValueError(
-                f"{len(twice)} data sites coincide with another, for example rows {first[twice[0]]} and {twice[0]} at "
-                f"{self.points[twice[0]]}: leave one of each pair, or merge them with `joined`"
+                f"{len(twice)} data sites coincide with another, for example rows {first[twice[0]]} and "
+                f"{twice[0]} at {self.points[twice[0]]}: leave one of each pair, or merge them with `joined`"
             )
 
     def __len__(self) -> int:
@@ -79,12 +79,12 @@ def joined(parts: Sequence[DataSites], tol: float = 1e-9) -> DataSites:
     return DataSites(points[keep], values[keep], components, merged=dropped)
 
 
-def _check_agreement(points: FloatArray, values: FloatArray, first: FloatArray, tol: float) -> None:
+def _check_agreement(points: FloatArray, values: FloatArray, first: IndexArray, tol: float) -> None:
     gap = np.abs(values - values[first]).max(axis=1)
     worst = int(np.argmax(gap))
     if gap[worst] > tol:
         raise ValueError(
-            f"{int(np.count_nonzero(gap > tol))} pairs of coinciding data sites are to move differently, for example "
+            f"{int(np.count_nonzero(gap > tol))} pairs of coinciding data sites are to move differently, such as "
             f"at {points[worst]}: by {values[first[worst]]} and by {values[worst]} m"
         )
 
@@ -108,9 +108,7 @@ def multivariate(parts: Sequence[DataSites], tol: float = 1e-9) -> tuple[DataSit
     for c in XYZ:
         where = tuple(i for i, part in enumerate(parts) if c in part.components)
         carriers.setdefault(where, []).append(c)
-    return tuple(
-        joined([_columns(parts[i], tuple(cs)) for i in where], tol) for where, cs in carriers.items() if where
-    )
+    return tuple(joined([_columns(parts[i], tuple(cs)) for i in where], tol) for where, cs in carriers.items() if where)
 
 
 def _columns(sites: DataSites, components: tuple[int, ...]) -> DataSites:

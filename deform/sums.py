@@ -4,6 +4,8 @@ The logarithm is the cost of a (point, centre) pair, so it is taken once and use
 value depends on nothing but that point: it has the same bits whatever the number of threads.
 """
 
+from typing import Any
+
 import numpy as np
 
 from deform.compiled import compiled
@@ -15,7 +17,7 @@ COLUMNS = 4  # columns that share one pass; missing ones are filled with zeros, 
 PADDING = 32  # centres are filled up to a multiple of this with weight zero: whole vectors, no remainder loop
 
 
-def kernel_sum(  # noqa: PLR0913, PLR0917 - the formula's own symbols, and two ways to run it
+def kernel_sum(
     kernel: Kernel,
     points: FloatArray,
     centers: FloatArray,
@@ -45,17 +47,18 @@ def kernel_sum(  # noqa: PLR0913, PLR0917 - the formula's own symbols, and two w
     x = np.ascontiguousarray(points, dtype=np.float64)
     out = np.empty((len(x), beta.shape[1]))
     code = kernel.compiled()
-    c = _padded(centers.T, 0.0)
-    for k in range(0, beta.shape[1], COLUMNS):
-        part = slice(k, k + COLUMNS)
-        b, a = _padded(beta[:, part].T, 0.0), np.ascontiguousarray(alpha[:, part].T)
-        rows = np.zeros((COLUMNS, b.shape[1]))
-        rows[: len(b)] = b
+    c = _padded(centers.T, 3)
 
-        def chunk(low: int, high: int, rows: FloatArray = rows, a: FloatArray = a, part: slice = part) -> None:
-            _sum_rows(code, x[low:high], c, rows, a, out[low:high, part])
+    def pass_over(part: slice) -> None:
+        b, a = _padded(beta[:, part].T, COLUMNS), np.ascontiguousarray(alpha[:, part].T)
+
+        def chunk(low: int, high: int) -> None:
+            _sum_rows(code, x[low:high], c, b, a, out[low:high, part])
 
         in_chunks(chunk, len(x), c.shape[1], threads, progress)
+
+    for k in range(0, beta.shape[1], COLUMNS):
+        pass_over(slice(k, k + COLUMNS))
     return out
 
 
@@ -72,17 +75,18 @@ def kernel_matrix(kernel: Kernel, a: FloatArray, b: FloatArray) -> FloatArray:
     return out
 
 
-def _padded(rows: FloatArray, value: float) -> FloatArray:
-    """Lengthen the last axis of rows (k, C) to a multiple of `PADDING`."""
-    k, c = rows.shape
-    out = np.full((k, -(-c // PADDING) * PADDING), value)
-    out[:, :c] = rows
+def _padded(rows: FloatArray, count: int) -> FloatArray:
+    """Fill rows (k, C) with zeros up to `count` rows and a multiple of `PADDING` columns."""
+    out = np.zeros((count, -(-rows.shape[1] // PADDING) * PADDING))
+    out[: len(rows), : rows.shape[1]] = rows
     return out
 
 
 @compiled
-def _sum_rows(code, x, c, b, a, out):  # type: ignore[no-untyped-def]  # pragma: no cover - machine code
-    """Write the sums at x (N, 3) for centres c (3, C), weights b (4, C) and polynomials a (k, 4) to out (N, k)."""
+def _sum_rows(
+    code: Any, x: FloatArray, c: FloatArray, b: FloatArray, a: FloatArray, out: FloatArray
+) -> None:  # pragma: no cover - machine code
+    """Sum at x (N, 3) over centres c (3, C) with weights b (4, C), add polynomials a (k, 4): out (N, k)."""
     for i in range(len(x)):
         x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
         s0 = s1 = s2 = s3 = 0.0
@@ -99,7 +103,7 @@ def _sum_rows(code, x, c, b, a, out):  # type: ignore[no-untyped-def]  # pragma:
 
 
 @compiled
-def _matrix_rows(code, x, y, out):  # type: ignore[no-untyped-def]  # pragma: no cover - machine code
+def _matrix_rows(code: Any, x: FloatArray, y: FloatArray, out: FloatArray) -> None:  # pragma: no cover - machine code
     """Write phi between x (M, 3) and y (3, N) to out (M, N)."""
     for i in range(len(x)):
         x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]

@@ -29,8 +29,8 @@ def blend(
 ) -> FloatArray:
     """Blend between points that stay and points that move: an aileron between hinge and trailing edge.
 
-    With the hinge edges fixed and the whole trailing edge of a wedge rotated, the displacement is an affine field
-    and planar faces stay planar to rounding. Not so with spanwise blending: see `blend_strip`.
+    With the hinge edges fixed and the whole trailing edge of a wedge rotated, the displacement is an affine
+    field and planar faces stay planar to rounding. Not so with spanwise blending: see `blend_strip`.
 
     Parameters
     ----------
@@ -59,7 +59,8 @@ def blend_strip(
     """Blend spanwise between fixed points and nodes that already know their displacement.
 
     The kernel is global: fitted to trailing edge and rib at once it bends the whole aileron out of plane. So
-    blend chordwise first, keep that displacement beyond the strip, and let the strip alone connect it to the rib.
+    blend chordwise first, keep that displacement beyond the strip, and let the strip alone connect it to the
+    rib.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def blend_strip(
         (F, 3) points that stay: hinge edges and rib, as far as they bound the strip.
     """
     if strip.all() or not strip.any():
-        raise ValueError(f"the strip holds {int(strip.sum())} of {len(strip)} nodes: some must lie in it, some beyond")
+        raise ValueError(f"{int(strip.sum())} of {len(strip)} nodes lie in the strip: some must, and some must not")
     beyond = np.flatnonzero(~strip)
     known = beyond[farthest(nodes[beyond], STRIP_SITES)]
     sites = joined([pinned(fixed), _away_from(fixed, nodes[known], displacement[known])])
@@ -99,18 +100,20 @@ def elongate(
     region
         Encloses the root region; nodes outside do not move.
     root, root_by
-        (M, 3) rotated nodes of the root line, and their ways to the fuselage.
+        (M, 3) rotated nodes of the root line, and (M, k) their ways to the fuselage: displacements (k = 3), or
+        lengths along given directions (k = 1), which keep planes that contain these directions planar.
     still
         (F, 3) points that do not move: sites on the region's face towards the tip.
 
     Returns
     -------
-    (N, 3) displacements.
+    (N, k) ways of the nodes.
     """
-    sites = joined([DataSites(root, root_by), pinned(still)])
+    columns = root_by.shape[1]
+    stretch = fit(kernel, np.vstack([root, still]), np.vstack([root_by, np.zeros((len(still), columns))]))
     inside = np.flatnonzero(region.contains(nodes))
-    out = np.zeros_like(nodes)
-    out[inside] = fit(kernel, sites.points, sites.values)(nodes[inside])
+    out = np.zeros((len(nodes), columns))
+    out[inside] = stretch(nodes[inside])
     return out
 
 
@@ -122,7 +125,7 @@ def slide_panel(
     border: FloatArray,
     kernel: Kernel = DEFAULT_PANEL,
 ) -> FloatArray:
-    """Move the nodes of a cylindrical panel with the root line that crosses it, and keep them on the cylinder.
+    """Move the nodes of a cylindrical panel with the root line that crosses it, and keep them on it.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Rows of work on several threads, and linear algebra on one.
 
-Compiled code runs without the interpreter lock, so Python's own threads serve: no second pool of OpenMP threads
-that survives a fork badly, and an interrupt is noticed between two chunks.
+Compiled code runs without the interpreter lock, so Python's own threads serve: no second pool of OpenMP
+threads that survives a fork badly, and an interrupt is noticed between two chunks.
 """
 
 import os
@@ -12,12 +12,12 @@ from functools import cache
 
 import numba
 import scipy.linalg  # noqa: F401 - loads SciPy's BLAS, so that the controller below finds it
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
 from deform.progress import Progress, silent
 
 SERIAL_PAIRS = 400_000  # below about 0.2 ms of work a second thread costs more than it saves
-CHUNK_PAIRS = 4_000_000  # about 2 ms: short enough to share the work evenly, long enough to hide the hand-over
+CHUNK_PAIRS = 4_000_000  # about 2 ms: short enough to share evenly, long enough to hide the hand-over
 
 
 def in_chunks(
@@ -29,7 +29,7 @@ def in_chunks(
 ) -> None:
     """Call work(low, high) for consecutive chunks that cover range(rows), on `threads` threads."""
     count = threads or numba.config.NUMBA_NUM_THREADS
-    if count == 1 and progress is silent or rows * pairs_per_row < SERIAL_PAIRS:
+    if (count == 1 and progress is silent) or rows * pairs_per_row < SERIAL_PAIRS:
         work(0, rows)
         return
     size = max(1, min(CHUNK_PAIRS // max(1, pairs_per_row), -(-rows // count)))

@@ -14,8 +14,8 @@ FLAT = 1e-9  # an extent below this share of the largest counts as none
 class UnitBox:
     """A shift and a scale that bring points into the box [-1, 1]**3, and the polynomials on them.
 
-    The interpolant does not depend on either, but the condition of its system does: with r in metres, r**2 log r
-    and the polynomial differ by orders of magnitude.
+    The interpolant does not depend on either, but the condition of its system does: with r in metres, r**2
+    log r and the polynomial differ by orders of magnitude.
     """
 
     origin: FloatArray  # (3,) m
@@ -30,18 +30,16 @@ class UnitBox:
         length = float(0.5 * (high - low).max()) or 1.0
         scaled = (points - origin) / length
         centered = scaled - scaled.mean(axis=0)
-        extent, axes = np.linalg.eigh(centered.T @ centered / len(points))
-        spread = np.sqrt(np.maximum(extent, 0.0))
-        if spread[0] > FLAT * spread[-1]:
-            return cls(origin, length, np.eye(3))
-        return cls(origin, length, axes.T[spread > FLAT * max(spread[-1], FLAT)])
+        spread, axes = np.linalg.svd(centered, full_matrices=False)[1:]
+        extended = spread > FLAT * max(spread[0], FLAT)
+        return cls(origin, length, np.eye(3) if extended.sum() == 3 else axes[extended])
 
     def scaled(self, points: FloatArray) -> FloatArray:
         """Return points (N, 3) in units of the box."""
         return np.asarray((points - self.origin) / self.length)
 
     def polynomials(self, scaled: FloatArray) -> FloatArray:
-        """Return 1 and the coordinates along the axes at scaled points (N, 3): the matrix Q (N, q) of eq. 6."""
+        """Return [1, coordinates along the axes] at scaled points (N, 3): the matrix Q (N, q) of eq. 6."""
         return np.column_stack([np.ones(len(scaled)), scaled @ self.axes.T])
 
     def in_metres(

@@ -14,7 +14,7 @@ from deform.progress import Progress, silent
 
 
 def fused(fits: Sequence[Adaptation]) -> Interpolant:
-    """Return one interpolant with columns x, y, z on the union of all centres; a direction without fit is zero.
+    """Return one interpolant with columns x, y, z on the union of all centres; zero for a direction without fit.
 
     The costly part of a pair, the logarithm, is then taken once for all directions that share a centre.
     """
@@ -44,7 +44,7 @@ def fused(fits: Sequence[Adaptation]) -> Interpolant:
 def displacement(
     points: FloatArray, inside: IndexArray, interpolant: Interpolant, progress: Progress = silent
 ) -> FloatArray:
-    """Return the displacement (N, 3) of points (N, 3): interpolated in the rows `inside`, exactly zero elsewhere."""
+    """Return the displacement (N, 3) of points (N, 3): interpolated in rows `inside`, exactly zero elsewhere."""
     out = np.zeros_like(points)
     out[inside] = interpolant(points[inside], progress=progress)
     return out
@@ -65,8 +65,8 @@ class Prescribed(NamedTuple):
 def prescribe(displacement: FloatArray, nodes: IndexArray, values: FloatArray) -> Prescribed:
     """Replace rows `nodes` of a displacement (N, 3) by their known values (M, 3).
 
-    The interpolant is off by up to tol_stop at data sites that are no centres; nodes of a moved or fixed surface
-    take their places exactly.
+    The interpolant is off by up to tol_stop at data sites that are no centres; nodes of a moved or fixed
+    surface take their places exactly.
 
     Raises
     ------

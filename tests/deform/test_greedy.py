@@ -1,0 +1,173 @@
+"""What an adaptation must satisfy, for every kernel, basis and number of columns."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from deform.factor import Grown
+from deform.greedy import GreedyOptions, Stop, adapt, worst
+from deform.interpolant import SolveError, fit, krylov
+from deform.kernels import Multiquadric, ThinPlateSpline
+from deform.reduction import farthest
+from deform.resolved import Resolved
+from deform.sites import DataSites
+
+KERNELS = [ThinPlateSpline(), Multiquadric(50.0)]
+
+
+def _sites(n=600, columns=3):
+    x = 0.2 * np.random.default_rng(1).uniform(size=(n, 3)) + [0.7, -0.1, 0.0]
+    return DataSites(x, 0.01 * np.sin(20 * x[:, :columns]), tuple(range(columns)))
+
+
+def _options(**changes):
+    return GreedyOptions(**{"n_add": 5, "tol_add": 2e-4, "tol_stop": 2e-4, "max_centers": 600} | changes)
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=repr)
+@pytest.mark.parametrize("columns", [1, 3])
+@pytest.mark.parametrize("n_add", [1, 7])
+def test_the_grown_factor_chooses_what_solving_afresh_chooses(kernel, columns, n_add):
+    sites = _sites(columns=columns)
+    initial = farthest(sites.points, 10)
+    grown, resolved = (adapt(sites, kernel, initial, _options(n_add=n_add), basis=basis) for basis in (Grown, Resolved))
+    assert grown.stop is Stop.CONVERGED
+    assert np.array_equal(grown.chosen, resolved.chosen)
+    assert grown.max_error == pytest.approx(resolved.max_error, rel=1e-6)
+    np.testing.assert_allclose(
+        [s.max_residual for s in grown.history], [s.max_residual for s in resolved.history], rtol=1e-6
+    )
+
+
+def test_gmres_chooses_the_same_centers():
+    sites = _sites(n=200, columns=1)
+    initial = farthest(sites.points, 10)
+    direct = adapt(sites, KERNELS[0], initial, _options())
+    gmres = adapt(sites, KERNELS[0], initial, _options(), basis=partial(Resolved, solve=krylov(1e-12)))
+    assert np.array_equal(direct.chosen, gmres.chosen)
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=repr)
+@pytest.mark.parametrize("basis", [Grown, Resolved])
+def test_the_result_is_the_interpolant_on_its_centers(kernel, basis):
+    sites = _sites()
+    a = adapt(sites, kernel, farthest(sites.points, 8), _options(), basis=basis)
+    plain = fit(kernel, sites.points[a.chosen], sites.values[a.chosen])
+    y = 0.2 * np.random.default_rng(2).uniform(size=(50, 3)) + [0.7, -0.1, 0.0]
+    np.testing.assert_allclose(a.interpolant(y), plain(y), atol=1e-10)
+    assert np.array_equal(a.interpolant.centers, sites.points[a.chosen])
+    assert a.max_error == np.abs(a.interpolant(sites.points) - sites.values).max()
+    assert a.max_error < 2e-4
+    assert len(set(a.chosen.tolist())) == len(a.chosen)
+
+
+def test_initial_centers_come_first_and_history_counts_up():
+    sites = _sites()
+    initial = farthest(sites.points, 8)
+    a = adapt(sites, KERNELS[0], initial, _options())
+    assert np.array_equal(a.chosen[:8], initial)
+    assert [s.iteration for s in a.history] == list(range(len(a.history)))
+    added = np.diff([s.n_centers for s in a.history])
+    assert (added <= 5).all()
+    assert (added > 0).all()
+    assert a.history[0].n_centers == 8
+    assert a.history[-1].n_centers == len(a.chosen)
+    assert (np.diff([s.seconds for s in a.history]) >= 0.0).all()
+
+
+def test_mv_with_one_column_is_squv():
+    sites = _sites()
+    initial = farthest(sites.points, 8)
+    one = adapt(sites.column(1), KERNELS[0], initial, _options())
+    assert one.components == (1,)
+    again = adapt(sites.column(1), KERNELS[0], initial, _options())
+    assert np.array_equal(one.interpolant.beta, again.interpolant.beta)
+
+
+def test_affine_values_need_no_more_than_the_initial_centers():
+    x = _sites().points
+    sites = DataSites(x, x @ np.arange(9.0).reshape(3, 3) + 1.0)
+    a = adapt(sites, KERNELS[0], farthest(x, 5), _options(tol_add=1e-10, tol_stop=1e-10))
+    assert a.stop is Stop.CONVERGED
+    assert len(a.chosen) == 5
+
+
+def test_sites_of_a_plane_are_fine():
+    x = _sites().points.copy()
+    x[:, 2] = 0.3 * x[:, 0] + 0.1
+    sites = DataSites(x, 0.01 * np.sin(20 * x))
+    a = adapt(sites, KERNELS[0], farthest(x, 8), _options())
+    assert a.stop is Stop.CONVERGED
+    assert a.max_error < 2e-4
+
+
+@pytest.mark.parametrize(
+    ("changes", "stop"),
+    [
+        ({"max_centers": 23}, Stop.MAX_CENTERS),
+        ({"max_centers": 10}, Stop.MAX_CENTERS),
+        ({"max_iterations": 3}, Stop.MAX_ITERATIONS),
+        ({"max_iterations": 0}, Stop.MAX_ITERATIONS),
+        ({"tol_add": 1.0}, Stop.EXHAUSTED),
+        ({"tol_stop": 1.0, "tol_add": 1.0}, Stop.CONVERGED),
+    ],
+)
+def test_every_stop_is_a_result_with_a_reason(changes, stop):
+    sites = _sites()
+    a = adapt(sites, KERNELS[0], farthest(sites.points, 10), _options(**changes))
+    assert a.stop is stop
+    assert a.stop.value
+    assert len(a.chosen) <= changes.get("max_centers", 600)
+    assert len(a.history) <= 1 + changes.get("max_iterations", 10_000)
+
+
+def test_worst_sites_first_and_ties_to_the_lower_row():
+    errors = np.array([[0.5], [-3.0], [2.0], [3.0 + 1e-12], [0.9], [7.0]])
+    options = _options(n_add=3, tol_add=0.6, tol_stop=0.6)
+    assert worst(errors, np.array([5]), options).tolist() == [1, 3, 2]
+    assert worst(errors, np.array([1, 2, 3, 5]), options).tolist() == [4]
+    both = np.array([[3.0, 0.0], [2.5, 2.5], [0.0, 0.1]])
+    assert worst(both, np.array([], dtype=int), options).tolist() == [1, 0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("n_add", 0), ("max_centers", 0), ("max_iterations", -1), ("tol_add", 0.0), ("tol_stop", np.nan)],
+)
+def test_options_are_checked(name, value):
+    with pytest.raises(ValueError, match=name):
+        _options(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("initial", "match"),
+    [([0, 1, 2], "at least 4"), ([0, 0, 1, 2, 3], "distinct"), ([], "distinct"), ([0, 1, 2, 600], "rows")],
+)
+def test_initial_centers_are_checked(initial, match):
+    with pytest.raises(ValueError, match=match):
+        adapt(_sites(), KERNELS[0], np.array(initial, dtype=np.intp), _options())
+    with pytest.raises(ValueError, match="max_centers"):
+        adapt(_sites(), KERNELS[0], np.arange(30), _options(max_centers=20))
+
+
+def test_sites_closer_than_the_coordinates_resolve_are_an_error():
+    x = np.vstack([_sites().points, _sites().points[:1] + 2e-16])
+    sites = DataSites(x, np.append(np.zeros(600), 1.0)[:, None], (0,))
+    with pytest.raises(SolveError, match="closer together"):
+        adapt(sites, KERNELS[0], np.arange(8), _options())
+
+
+def test_progress_rises_to_the_end():
+    sites = _sites()
+    seen = []
+    adapt(
+        sites,
+        KERNELS[0],
+        farthest(sites.points, 8),
+        _options(),
+        progress=lambda text, done: seen.append((text, done)),
+    )
+    assert seen[-1][1] == 1.0
+    assert all(0.0 <= done <= 1.0 for _, done in seen)
+    assert "centres" in seen[0][0]

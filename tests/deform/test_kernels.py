@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deform.kernels import Multiquadric, ThinPlateSpline, phi
+from deform.sums import kernel_matrix
+
+KERNELS = [ThinPlateSpline(), Multiquadric(0.7), Multiquadric(1e4)]
+
+
+def test_thin_plate_spline_is_r_squared_log_r():
+    r = np.array([0.0, 1e-3, 0.5, 1.0, 7.0])
+    expected = [0.0, *(r[1:] ** 2 * np.log(r[1:]))]
+    np.testing.assert_allclose(ThinPlateSpline()(r**2), expected, rtol=1e-15, atol=1e-300)
+
+
+def test_multiquadric_is_linear_in_r_for_a_large_parameter():
+    r = np.array([0.01, 0.1, 1.0])
+    np.testing.assert_allclose(Multiquadric(1e4)(r**2), 1e4 * r, rtol=1e-4)
+    assert Multiquadric(1e4)(np.zeros(1)) == 1.0
+
+
+@pytest.mark.parametrize("epsilon", [0.0, -1.0, np.inf, np.nan])
+def test_multiquadric_rejects(epsilon):
+    with pytest.raises(ValueError, match="epsilon"):
+        Multiquadric(epsilon)
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=repr)
+@given(length=st.floats(1e-3, 1e3), rho=st.floats(1e-6, 10.0))
+def test_rescaling_is_the_same_kernel(kernel, length, rho):
+    other, factor, square = kernel.rescaled(length)
+    rho2 = np.array([rho**2])
+    direct = kernel(length**2 * rho2)
+    np.testing.assert_allclose(
+        factor * other(rho2) + square * rho2, direct, rtol=1e-12, atol=1e-12 * abs(square * rho**2)
+    )
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=repr)
+def test_compiled_formula_is_the_kernel(kernel):
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(40, 3)), rng.normal(size=(33, 3))
+    b[0] = a[0]  # r = 0
+    r2 = np.sum((a[:, None] - b) ** 2, axis=2)
+    np.testing.assert_allclose(kernel_matrix(kernel, a, b), kernel(r2), rtol=1e-13, atol=1e-15)
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=repr)
+def test_conditionally_positive_definite_up_to_sign(kernel):
+    x = np.random.default_rng(1).uniform(size=(40, 3))
+    q, _ = np.linalg.qr(np.column_stack([np.ones(40), x]), mode="complete")
+    null = q[:, 4:]
+    assert np.linalg.eigvalsh(null.T @ (kernel.sign * kernel_matrix(kernel, x, x)) @ null).min() > 0.0
+
+
+def test_phi_is_for_compiled_code():
+    with pytest.raises(NotImplementedError, match="compiled"):
+        phi(ThinPlateSpline().compiled(), 1.0)

@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+
+from deform.greedy import GreedyOptions, adapt
+from deform.hexahedron import box
+from deform.kernels import Multiquadric, ThinPlateSpline
+from deform.motion import Axis
+from deform.reduction import farthest
+from deform.sites import DataSites, joined, multivariate, pinned, univariate
+from deform.volume import displacement, fused, inside, prescribe
+
+REGION = box(np.array([0.0, -1.0, -1.0]), np.array([2.0, 2.0, 1.0]))
+OPTIONS = GreedyOptions(n_add=6, tol_add=1e-3, tol_stop=1e-3)
+
+
+def _plate(n=12):
+    """A unit plate whose leading edge is the hinge line x = 0."""
+    x, y = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n)))
+    return np.column_stack([x, y, np.zeros(x.size)])
+
+
+def _fits(group):
+    surface = _plate()
+    hinge = Axis(np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    parts = [DataSites(surface, hinge.displacement(surface, -12.0)), pinned(REGION.face_sites(0.4))]
+    return [adapt(g, ThinPlateSpline(), farthest(g.points, 10), OPTIONS) for g in group(parts)]
+
+
+@pytest.fixture(scope="module")
+def squv():
+    return _fits(univariate)
+
+
+CLOUD = np.random.default_rng(0).uniform((-1, -2, -2), (3, 3, 2), (5_000, 3))
+
+
+def test_points_outside_do_not_move_at_all(squv):
+    rows = inside(CLOUD, REGION)
+    moved = displacement(CLOUD, rows, fused(squv))
+    outside = np.setdiff1d(np.arange(len(CLOUD)), rows)
+    assert len(rows) > 500
+    assert np.array_equal((CLOUD + moved)[outside].view(np.int64), CLOUD[outside].view(np.int64))
+    assert moved[rows].any()
+
+
+def test_the_fused_interpolant_is_its_parts(squv):
+    whole = fused(squv)(CLOUD)
+    for fit in squv:
+        alone = fit.interpolant(CLOUD)
+        np.testing.assert_allclose(whole[:, list(fit.components)], alone, atol=1e-13)
+    together = fused(squv)
+    assert len(together.centers) < sum(len(f.chosen) for f in squv)  # shared centres are taken once
+
+
+def test_mv_and_squv_agree_to_the_tolerance(squv):
+    surface = _plate()
+    mv = fused(_fits(multivariate))(surface)
+    assert np.abs(mv - fused(squv)(surface)).max() < 2e-3
+
+
+def test_displacement_vanishes_at_pinned_faces(squv):
+    sites = joined([pinned(REGION.face_sites(0.4))]).points
+    assert np.abs(fused(squv)(sites)).max() < 1e-3
+
+
+def test_a_direction_without_fit_does_not_move(squv):
+    assert not fused(squv[2:])(CLOUD)[:, :2].any()
+
+
+def test_fusing_checks_what_it_gets(squv):
+    with pytest.raises(ValueError, match="no adaptation"):
+        fused([])
+    with pytest.raises(ValueError, match="two adaptations hold one direction"):
+        fused([squv[0], squv[0]])
+    surface = _plate()
+    other = adapt(DataSites(surface, surface[:, :1], (0,)), Multiquadric(1.0), farthest(surface, 9), OPTIONS)
+    with pytest.raises(ValueError, match="different kernels"):
+        fused([squv[1], other])
+
+
+def test_prescribed_nodes_take_their_places_exactly():
+    interpolated = np.random.default_rng(1).normal(size=(10, 3))
+    kept = interpolated.copy()
+    nodes, values = np.array([7, 2]), np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]])
+    exact = prescribe(interpolated, nodes, values)
+    assert np.array_equal(exact.displacement[nodes], values)
+    others = np.setdiff1d(np.arange(10), nodes)
+    assert np.array_equal(exact.displacement[others], interpolated[others])
+    assert exact.correction == np.abs(values - kept[nodes]).max()
+    assert np.array_equal(interpolated, kept)
+    assert prescribe(interpolated, np.empty(0, dtype=np.intp), values[:0]).correction == 0.0
+
+
+def test_a_node_shared_by_two_surfaces_must_not_be_moved_twice():
+    with pytest.raises(ValueError, match="prescribed twice"):
+        prescribe(np.zeros((5, 3)), np.array([1, 1]), np.array([[0.0, 0, 0], [1.0, 0, 0]]))
+    assert prescribe(np.ones((5, 3)), np.array([1, 1]), np.zeros(3)).correction == 1.0
