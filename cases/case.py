@@ -29,7 +29,7 @@ class Confinement:
     up: float = quantity(0.055, "m", 0.005, 1.0, "above the hinge line (rudder: to starboard)")
     down: float = quantity(0.055, "m", 0.005, 1.0, "below the hinge line (rudder: to port)")
     spacing: float = quantity(0.0, "m", 0.0, 1.0, "between sites on the faces; 0: from the local edge length")
-    spacing_edges: float = quantity(1.25, "edges", 0.25, 10.0, "spacing over the median edge of the moving surface")
+    spacing_edges: float = quantity(1.75, "edges", 0.25, 10.0, "spacing over the median edge of the moving surface")
 
     def __post_init__(self) -> None:
         check_quantities(self, "confinement")

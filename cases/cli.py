@@ -2,20 +2,25 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Any, NoReturn
 
-import typer
+import click
 from rich.console import Console
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
+FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
+FILE = click.Path(path_type=Path)
 
-Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replace a parameter.")]
-Angle = Annotated[float | None, typer.Option(help="Deflection in degrees; positive is trailing edge down.")]
-Out = Annotated[Path | None, typer.Option(help="Output folder (default runs/CASE).")]
-UNUSABLE, FAILED, INTERRUPTED = 2, 1, 130
+angle_option = click.option("--angle", type=float, help="Deflection in degrees; positive is trailing edge down.")
+set_option = click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Replace a parameter.")
 
 
-@app.command("list")
+@click.group()
+@click.version_option(package_name="sdm-deflect")
+def cli() -> None:
+    """Deflect aircraft control surfaces in CFD meshes, and check the result against CAD."""
+
+
+@cli.command("list")
 def list_cases() -> None:
     """List the cases with their default angle."""
     from cases.registry import CASES
@@ -24,23 +29,22 @@ def list_cases() -> None:
         print(f"{case.name:<18}{case.angle:+6.1f} deg  {case.title}")
 
 
-@app.command()
-def run(  # noqa: PLR0913, PLR0917 - one parameter an option
-    case: Annotated[str, typer.Argument(help="Name of the case (see sdm list).")] = "",
-    scale: Annotated[str, typer.Option(help="small, medium or paper.")] = "small",
-    angle: Angle = None,
-    strategy: Annotated[str | None, typer.Option(help="squv or mv.")] = None,
-    out: Out = None,
-    assignments: Set = None,
-    config: Annotated[Path | None, typer.Option(help="Repeat a run from its case.toml.")] = None,
-    cache: Annotated[bool, typer.Option(help="Use the mesh cache.")] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="Print metrics.json instead of the table.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress bars.")] = False,
-) -> None:
+@cli.command()
+@click.argument("case", default="")
+@click.option("--scale", default="small", show_default=True, help="small, medium or paper.")
+@angle_option
+@click.option("--strategy", help="squv (centres per direction) or mv (common centres).")
+@click.option("--out", type=FILE, help="Output folder (default runs/CASE).")
+@set_option
+@click.option("--config", type=FILE, help="Repeat a run from its case.toml.")
+@click.option("--cache/--no-cache", default=True, help="Whether to use the mesh cache.")
+@click.option("--json", "as_json", is_flag=True, help="Print metrics.json instead of the table.")
+@click.option("--quiet", is_flag=True, help="No progress bars.")
+def run(case: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, **given: Any) -> int:
     """Run a case: geometry, mesh, deformation, validation, report."""
     from cases.resolve import resolve
 
-    resolved = resolve(case, scale, angle, strategy, assignments or [], config)
+    resolved = resolve(case, **given)
 
     from cases.console import summary
     from cases.output import output_folder
@@ -58,42 +62,46 @@ def run(  # noqa: PLR0913, PLR0917 - one parameter an option
         print((folder / "metrics.json").read_text(encoding="utf-8"), end="")
     else:
         Console().print(summary(result, folder))
-    raise typer.Exit(0 if result.passed else FAILED)
+    return 0 if result.passed else FAILED
 
 
-@app.command()
-def geometry(
-    out: Annotated[Path, typer.Option(help="File to write: .step, .brep or .stl.")],
-    case: Annotated[str, typer.Option(help="Case whose aircraft is built.")] = "aileron",
-    angle: Angle = 0.0,
-    assignments: Set = None,
-) -> None:
-    """Write the CAD alone, deflected by --angle."""
+@cli.command()
+@click.option("--out", type=FILE, required=True, help="File to write: .step, .brep or .stl.")
+@click.option("--case", default="aileron", show_default=True, help="Case whose aircraft is built.")
+@angle_option
+@set_option
+def geometry(out: Path, case: str, angle: float | None, assignments: tuple[str, ...]) -> None:
+    """Write the CAD alone, deflected by --angle (default 0)."""
     from cases.errors import InputError
     from cases.resolve import resolve
 
-    resolved = resolve(case, "small", angle, None, assignments or [], None)
+    resolved = resolve(case, angle=angle or 0.0, assignments=assignments)
     if out.suffix not in (".step", ".brep", ".stl"):
         raise InputError(f"--out {out}: the suffix must be .step, .brep or .stl")
 
-    from cases.cad import deflected_cad
+    from cases.cad import deflected_cad, undeflected_cad
 
     with Console(stderr=True).status("building the CAD"):
-        model = deflected_cad(resolved)
-    model.write(out)
+        model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)
+        try:
+            model.write(out)
+        except OSError as error:
+            raise InputError(f"--out {out}: {error.strerror}") from None
     print(f"{out}: {len(model.faces)} faces, {len(model.edges)} edges")
 
 
-@app.command()
-def quality(mesh: Annotated[Path, typer.Argument(help="Any mesh file that VTK or meshio reads.")]) -> None:
+@cli.command()
+@click.argument("mesh", type=FILE)
+def quality(mesh: Path) -> None:
     """Print points, cells, patches, quality and inverted cells of a mesh file."""
     from cases.inspection import inspect
 
     Console().print(inspect(mesh))
 
 
-@app.command("cache")
-def cache_command(clear: Annotated[bool, typer.Option("--clear", help="Delete the cached meshes.")] = False) -> None:
+@cli.command()
+@click.option("--clear", is_flag=True, help="Delete the cached meshes.")
+def cache(clear: bool) -> None:
     """Show where meshes are cached and how much they take."""
     from meshing.cache import MeshCache, default_folder
 
@@ -107,18 +115,17 @@ def cache_command(clear: Annotated[bool, typer.Option("--clear", help="Delete th
 
 def main() -> NoReturn:
     """Entry point: one line on stderr and a code that tells what went wrong; never a traceback for a mistake."""
-    import click
-
     from cases.errors import is_reported
 
     try:
-        code = app(standalone_mode=False)
+        code = cli(standalone_mode=False) or 0
+    except click.exceptions.NoArgsIsHelpError as error:
+        print(error.format_message())
+        code = UNUSABLE
     except click.ClickException as error:
         code = _complain(error.format_message())
-    except click.Abort:
-        code = INTERRUPTED
-    except KeyboardInterrupt:
-        print("interrupted; the previous results are as they were", file=sys.stderr)
+    except (KeyboardInterrupt, click.Abort):
+        print("interrupted; earlier results are as they were", file=sys.stderr)
         code = INTERRUPTED
     except Exception as error:
         if not is_reported(error):

@@ -15,7 +15,8 @@ def summary(run: Run, folder: Path) -> Group:
     case, figures = run.case, metrics(run)
     table = Table(title=f"{case.name} {case.angle:+g} deg, {case.scale}, {case.strategy}", title_justify="left")
     for heading in ("check", "value", "limit", "", "measured over"):
-        table.add_column(heading, justify="right" if heading in ("value", "limit") else "left", overflow="fold")
+        number = heading in ("value", "limit")
+        table.add_column(heading, justify="right" if number else "left", no_wrap=heading != "measured over")
     for check in run.checks:
         sign = "<=" if check.judgement == "at most" else ">="
         table.add_row(

@@ -1,15 +1,16 @@
 """Deflect one control surface inside its hexahedron, in as few steps as keep every cell positive."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 
 from cases.case import AdaptationSettings, Case, Deflection
-from cases.confine import DIRECTIONS, GROUPINGS, Region, confine
-from cases.motion import FloatArray, IndexArray, SurfaceMotion
+from cases.confine import DIRECTIONS, GROUPINGS, Region
+from cases.motion import FloatArray, IndexArray
+from cases.motions import mover
 from cases.progress import Report
+from cases.turn import Turn, turn_of
 from deform.greedy import Adaptation, adapt
 from deform.kernels import ThinPlateSpline
 from deform.reduction import farthest
@@ -19,8 +20,6 @@ from meshing.mesh import TetMesh
 from meshing.quality import signed_volumes
 
 MAX_STEPS = 8
-Move = Callable[[float], SurfaceMotion]
-"""The surface motion at a deflection angle in degrees."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,35 +37,31 @@ class Deflected:
 
     Attributes
     ----------
-    region, motion : its confinement and the prescribed displacements of the whole angle.
-    angle : degrees.
+    turn : what it was to do.
     points : (N, 3) deflected coordinates of every mesh node, metres; same bits as before outside the region.
     steps : the solves, one unless a single step inverted cells.
     inverted : number of inverted cells that remain.
     """
 
-    region: Region
-    motion: SurfaceMotion
-    angle: float
+    turn: Turn
     points: FloatArray
     steps: tuple[Step, ...]
     inverted: int
 
 
-def deflect(mesh: TetMesh, case: Case, deflection: Deflection, move: Move, report: Report) -> Deflected:
+def deflect(mesh: TetMesh, case: Case, deflection: Deflection, report: Report) -> Deflected:
     """Deflect one surface; the angle is halved into steps while cells are inverted, up to `MAX_STEPS`."""
-    angle = deflection.factor * case.angle
-    motion = move(angle)
-    region = confine(case, mesh, motion)
-    cells = mesh.tets[np.isin(mesh.tets, region.inside).any(axis=1)]
+    turn, move = turn_of(case, mesh, deflection), mover(case, mesh, deflection.surface)
+    start = mesh.points[turn.motion.nodes]
+    cells = mesh.tets[np.isin(mesh.tets, turn.region.inside).any(axis=1)]
     count = 1
     while True:
-        targets = [mesh.points[motion.nodes] + move(angle * k / count).displacements for k in range(1, count)]
-        targets.append(mesh.points[motion.nodes] + motion.displacements)
-        points, steps = follow(mesh, case, region, motion.nodes, targets, report)
+        between = [start + move(turn.angle * k / count).displacements for k in range(1, count)]
+        targets = [*between, start + turn.motion.displacements]
+        points, steps = follow(mesh, case, turn.region, turn.motion.nodes, targets, report)
         inverted = int(np.count_nonzero(signed_volumes(points, cells) <= 0.0))
         if not inverted or 2 * count > MAX_STEPS:
-            return Deflected(region, motion, angle, points, steps, inverted)
+            return Deflected(turn, points, steps, inverted)
         count *= 2
 
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 from cases.case import Case
 from cases.deflect import deflect
-from cases.motions import mover
 from cases.progress import Report
 from meshing.mesh import TetMesh
 from meshing.quality import mean_ratio
@@ -66,7 +65,7 @@ def attempt(case: Case, mesh: TetMesh, angle: float) -> Trial:
     turned = replace(case, angle=angle)
     worst, steps = 1.0, 1
     for one in case.deflections:
-        result = deflect(mesh, turned, one, mover(turned, mesh, one), lambda text, fraction: None)
+        result = deflect(mesh, turned, one, lambda text, fraction: None)
         worst = min(worst, float(mean_ratio(result.points, mesh.tets).min()))
         steps = max(steps, len(result.steps))
     return Trial(angle, worst, steps)

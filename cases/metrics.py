@@ -35,7 +35,7 @@ def metrics(run: Run) -> Json:
             ],
             "passed": run.passed,
         },
-        "deflections": {d.region.surface: {"angle_deg": d.angle, **_surface(d)} for d in run.deflections},
+        "deflections": {d.turn.region.surface: {"angle_deg": d.turn.angle, **_surface(d)} for d in run.deflections},
         "timings": run.seconds,
         "total_seconds": sum(run.seconds.values()),
         "peak_rss_bytes": peak_rss_bytes(),
@@ -63,7 +63,7 @@ def _mesh(run: Run, before: QualitySummary) -> Json:
 
 def _surface(one: Deflected) -> Json:
     """Confinement, sites and adaptation of one control surface."""
-    region = one.region
+    region = one.turn.region
     return {
         "confinement": {
             "corners": region.hexahedron.corners.tolist(),
@@ -72,7 +72,7 @@ def _surface(one: Deflected) -> Json:
             "spacing": region.spacing,
         },
         "sites": {
-            "surface": len(one.motion.nodes),
+            "surface": len(one.turn.motion.nodes),
             "hexahedron": {d: region.zero_sites(c) for c, d in enumerate(DIRECTIONS)},
         },
         "adaptation": _adaptation(one),
@@ -99,7 +99,7 @@ def _adaptation(one: Deflected) -> Json:
 def _evaluation(run: Run) -> Json:
     seconds = sum(step.evaluation_seconds for d in run.deflections for step in d.steps)
     pairs = sum(
-        len(d.region.inside) * len(fit.chosen) * len(fit.components)
+        len(d.turn.region.inside) * len(fit.chosen) * len(fit.components)
         for d in run.deflections for step in d.steps for fit in step.fits
     )  # fmt: skip
     return {

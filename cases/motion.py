@@ -40,6 +40,11 @@ class SurfaceMotion:
     patches: tuple[str, ...]
 
 
+def hinged(surface: str) -> bool:
+    """True for trailing-edge wedges on a hinge (ailerons, rudder), False for tails, which turn as a whole."""
+    return not surface.startswith("tail")
+
+
 def axis_of(fighter: Fighter, surface: str) -> Axis:
     """Return the axis of rotation of a control surface."""
     start, end = datum.hinge_line(fighter, surface)
@@ -99,6 +104,14 @@ class Wedge:
         ribs = span[fixed & ~hinge & ~between_hinge_edges(points, upper, lower)]
         gap = np.abs(span[:, None] - ribs).min(axis=1) if len(ribs) else np.full(len(nodes), np.inf)
         return cls(nodes, points, fixed, hinge, trailing, gap)
+
+    def normal_through(self, points: FloatArray) -> FloatArray:
+        """Unit normal (3,) of the plane through hinge-edge points (N, 3) and the trailing edge; zero for a rib."""
+        edge = points[np.argmax(np.linalg.norm(points - points[0], axis=1))] - points[0]
+        normal = np.cross(edge, self.points[self.trailing][0] - points[0])
+        in_plane = np.abs((self.points[self.trailing] - points[0]) @ normal) < ON_LINE * np.linalg.norm(normal)
+        length = np.linalg.norm(normal)
+        return np.asarray(normal / length if in_plane.all() and length > 0.0 else np.zeros(3), dtype=np.float64)
 
 
 def distance_to_line(points: FloatArray, line: FloatArray) -> FloatArray:

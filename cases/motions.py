@@ -2,22 +2,22 @@
 
 from collections.abc import Callable
 
-from cases.case import Blending, Case, Deflection
-from cases.deflect import Move
-from cases.motion import SurfaceMotion, wedge_motion
+from cases.case import Blending, Case
+from cases.motion import SurfaceMotion, hinged, wedge_motion
 from cases.tail import tail_motion
 from geometry.parameters import Fighter
 from meshing.mesh import TetMesh
 
 Motion = Callable[[TetMesh, Fighter, str, float, Blending], SurfaceMotion]
-MOTIONS: dict[str, Motion] = {"aileron": wedge_motion, "rudder": wedge_motion, "tail": tail_motion}
+Move = Callable[[float], SurfaceMotion]
+"""The surface motion at a deflection angle in degrees."""
 
 
-def mover(case: Case, mesh: TetMesh, deflection: Deflection) -> Move:
-    """Return the surface motion of one control surface as a function of its angle in degrees."""
-    motion = MOTIONS[deflection.surface.partition("_")[0]]
+def mover(case: Case, mesh: TetMesh, surface: str) -> Move:
+    """Return the motion of one control surface as a function of its angle in degrees."""
+    motion: Motion = wedge_motion if hinged(surface) else tail_motion
 
     def move(angle: float) -> SurfaceMotion:
-        return motion(mesh, case.fighter, deflection.surface, angle, case.blending)
+        return motion(mesh, case.fighter, surface, angle, case.blending)
 
     return move

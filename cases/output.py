@@ -67,8 +67,8 @@ def write_interpolants(path: Path, deflections: tuple[Deflected, ...]) -> None:
     """
     arrays: dict[str, np.ndarray] = {"kernel": np.array("thin_plate_spline")}
     for i, one in enumerate(deflections):
-        tag = f"_{one.region.surface}" if i else ""
-        arrays[f"hexahedron{tag}"] = one.region.hexahedron.corners
+        tag = f"_{one.turn.region.surface}" if i else ""
+        arrays[f"hexahedron{tag}"] = one.turn.region.hexahedron.corners
         for k, step in enumerate(one.steps):
             suffix = tag + (f"_step{k + 1}" if k else "")
             for fit in step.fits:
@@ -92,5 +92,5 @@ def write_convergence(path: Path, deflections: tuple[Deflected, ...]) -> None:
                     for row in fit.history:
                         rows.writerow(
                             [direction, row.iteration, row.n_centers, f"{row.max_residual:.6e}",
-                             f"{row.seconds:.6f}", one.region.surface, k + 1]
+                             f"{row.seconds:.6f}", one.turn.region.surface, k + 1]
                         )  # fmt: skip

@@ -1,6 +1,6 @@
 """Variations of a case from the command line and from TOML: nested values replaced all at once."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -15,7 +15,7 @@ T = TypeVar("T")
 Nested = dict[str, Any]
 
 
-def parse_assignments(assignments: list[str]) -> Nested:
+def parse_assignments(assignments: Sequence[str]) -> Nested:
     """Turn ["wing.half_span=0.3", ...] into nested tables.
 
     Raises
@@ -75,7 +75,7 @@ def _replaced(value: T, nested: Mapping[str, Any], prefix: str) -> T:
         if is_dataclass(old):
             if not isinstance(new, Mapping):
                 raise ValueError(f"{prefix}{name} is a table; set one of its values, such as {prefix}{name}.…")
-            changes[name] = _replaced(old, new, f"{prefix}{name}.")  # type: ignore[type-var]
+            changes[name] = _replaced(old, new, f"{prefix}{name}.")
         else:
             changes[name] = _converted(new, hints[name], prefix + name)
     return replace(value, **changes)  # type: ignore[type-var]

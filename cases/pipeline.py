@@ -9,8 +9,8 @@ import numpy as np
 from cases.cad import undeflected_cad
 from cases.case import Case
 from cases.deflect import Deflected, deflect
-from cases.motions import mover
 from cases.output import write_run
+from cases.overlap import check_disjoint
 from cases.progress import Stopwatch
 from cases.report.page import write_report
 from cases.run import MeshOrigin, Run
@@ -25,11 +25,12 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> 
     """Run a case and write its files into `folder`."""
     mesh, origin = meshed(case, watch, cache)
     with watch.stage("deformation") as tell:
-        results = tuple(deflect(mesh, case, one, mover(case, mesh, one), tell) for one in case.deflections)
+        results = tuple(deflect(mesh, case, one, tell) for one in case.deflections)
+        check_disjoint([result.turn.region for result in results])
         deflected = combined(mesh, results)
         whole = whole_mesh_seconds(mesh, results[0])
     with watch.stage("validation"):
-        checks = validate(case, mesh, deflected, results)
+        checks = validate(case, mesh, deflected, [result.turn for result in results])
     run = Run(case, mesh, origin, deflected, results, whole, checks, watch.seconds)
     with watch.stage("report"):
         write_report(run, folder)
@@ -58,7 +59,7 @@ def combined(mesh: TetMesh, results: tuple[Deflected, ...]) -> TetMesh:
     """Return the mesh with every control surface deflected; their hexahedra are disjoint."""
     points = mesh.points.copy()
     for one in results:
-        changed = np.concatenate([one.region.inside, one.motion.nodes])
+        changed = np.concatenate([one.turn.region.inside, one.turn.motion.nodes])
         points[changed] = one.points[changed]
     return mesh.with_points(points)
 

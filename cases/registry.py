@@ -4,10 +4,13 @@ from dataclasses import replace
 from difflib import get_close_matches
 
 from cases.aileron import AILERON
+from cases.all import ALL
 from cases.case import Case
+from cases.rudder import RUDDER
+from cases.tail import TAIL
 from meshing.parameters import SCALES
 
-CASES: dict[str, Case] = {case.name: case for case in (AILERON,)}
+CASES: dict[str, Case] = {case.name: case for case in (AILERON, TAIL, RUDDER, ALL)}
 
 
 def case_named(name: str, scale: str = "small") -> Case:

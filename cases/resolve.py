@@ -1,5 +1,6 @@
 """From what the user typed to a case."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,11 +12,11 @@ from cases.registry import case_named
 
 def resolve(
     name: str,
-    scale: str,
-    angle: float | None,
-    strategy: str | None,
-    assignments: list[str],
-    config: Path | None,
+    scale: str = "small",
+    angle: float | None = None,
+    strategy: str | None = None,
+    assignments: Sequence[str] = (),
+    config: Path | None = None,
 ) -> Case:
     """Return the case: registered defaults, then the configuration file, then options, then --set.
 

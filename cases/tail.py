@@ -3,7 +3,7 @@
 import numpy as np
 
 from cases.case import AdaptationSettings, Blending, Case, Deflection
-from cases.motion import FloatArray, SurfaceMotion, axis_of
+from cases.motion import BoolArray, FloatArray, IndexArray, SurfaceMotion, axis_of
 from deform.hexahedron import Hexahedron, box
 from deform.kernels import Multiquadric
 from deform.motion import Axis, Cylinder
@@ -30,19 +30,34 @@ def tail_motion(mesh: TetMesh, fighter: Fighter, surface: str, angle: float, ble
     leaves the planes by what the blending is not affine). The panel follows by thin plate splines between
     root line and border, then radially back onto the cylinder.
     """
-    panel = f"fuselage_panel_{surface.removeprefix('tail_')}"
+    panel = panel_of(surface)
     nodes, cylinder = mesh.on(surface), fuselage_cylinder(fighter)
-    root = np.isin(nodes, mesh.on(panel), assume_unique=True)
-    rotated, axis = axis_of(fighter, surface).rotated(mesh.points[nodes], angle), axis_of(fighter, surface)
-    apex = axis.rotated(datum.apex(fighter, surface)[None], angle)[0]
-    slid = rotated + root_extension(rotated, root, apex, cylinder, blending)
-    moved_root = nodes[root], slid[root] - mesh.points[nodes[root]]
-    on_panel, panel_moves = panel_motion(mesh, panel, cylinder, *moved_root)
+    root: BoolArray = np.isin(nodes, mesh.on(panel), assume_unique=True)
+    axis = axis_of(fighter, surface)
+    rotated = axis.rotated(mesh.points[nodes], angle)
+    tip = axis.rotated(apex(datum.ends(fighter, surface))[None], angle)[0]
+    slid = rotated + root_extension(rotated, root, tip, cylinder, blending)
+    slides = slid - mesh.points[nodes]
+    on_panel, panel_slides = panel_motion(mesh, panel, cylinder, nodes[root], slides[root])
     every = np.union1d(nodes, on_panel)
     displacements = np.zeros((len(every), 3))
-    displacements[np.searchsorted(every, on_panel)] = panel_moves
-    displacements[np.searchsorted(every, nodes)] = slid - mesh.points[nodes]
+    displacements[np.searchsorted(every, on_panel)] = panel_slides
+    displacements[np.searchsorted(every, nodes)] = slides
     return SurfaceMotion(every, displacements, np.isin(every, nodes), (surface, panel))
+
+
+def panel_of(surface: str) -> str:
+    """Return the fuselage panel on which a tail turns."""
+    return f"fuselage_panel_{surface.removeprefix('tail_')}"
+
+
+def apex(sections: FloatArray) -> FloatArray:
+    """Return the point (3,) where the lines through corresponding vertices of two sections (2, k, 3) meet."""
+    directions = sections[1] - sections[0]
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    across = np.eye(3) - np.einsum("ki,kj->kij", directions, directions)
+    right = np.einsum("kij,kj->i", across, sections[0])
+    return np.asarray(np.linalg.solve(across.sum(axis=0), right), dtype=np.float64)
 
 
 def fuselage_cylinder(fighter: Fighter) -> Cylinder:
@@ -52,7 +67,7 @@ def fuselage_cylinder(fighter: Fighter) -> Cylinder:
 
 
 def root_extension(
-    rotated: FloatArray, root: FloatArray, apex: FloatArray, cylinder: Cylinder, blending: Blending
+    rotated: FloatArray, root: BoolArray, apex: FloatArray, cylinder: Cylinder, blending: Blending
 ) -> FloatArray:
     """Displacement (K, 3) that extends the rotated tail (K, 3) onto the cylinder along the rays to its apex.
 
@@ -67,7 +82,7 @@ def root_extension(
     kernel = Multiquadric(blending.epsilon)
     extension = elongate(rotated, region, rotated[root], distances, still, kernel) * rays
     extension[root] = onto
-    return extension
+    return np.asarray(extension, dtype=np.float64)
 
 
 def root_region(root: FloatArray, depth: float) -> tuple[Hexahedron, str]:
@@ -80,8 +95,8 @@ def root_region(root: FloatArray, depth: float) -> tuple[Hexahedron, str]:
 
 
 def panel_motion(
-    mesh: TetMesh, panel: str, cylinder: Cylinder, root: np.ndarray, root_moves: FloatArray
-) -> tuple[np.ndarray, FloatArray]:
+    mesh: TetMesh, panel: str, cylinder: Cylinder, root: IndexArray, root_moves: FloatArray
+) -> tuple[IndexArray, FloatArray]:
     """Displacement of the fuselage panel's nodes: thin plate splines, then radially back onto the cylinder.
 
     Returns

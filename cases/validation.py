@@ -36,8 +36,9 @@ class Check:
 
 def worst(distances: FloatArray, points: FloatArray) -> str:
     """Describe the largest of distances (N,) at points (N, 3): rms, count and place."""
-    i = int(np.argmax(distances))
-    x, y, z = points[i]
+    if not distances.any():
+        return f"{len(distances)} nodes"
+    x, y, z = points[int(np.argmax(distances))]
     rms = float(np.sqrt(np.mean(distances**2)))
     return f"{len(distances)} nodes, rms {rms:.1e}, worst at ({x:.4f}, {y:.4f}, {z:.4f})"
 

@@ -37,12 +37,12 @@ def convergence(run: Run, figure: Figure) -> str:
         rows = fit.history
         axes.semilogy(
             [r.n_centers for r in rows], [max(r.max_residual, 1e-16) for r in rows],
-            label=f"$f_{{{label}}}$", lw=2, **STYLES[fit.components[0]],
+            label=f"$f_{{{label}}}$", lw=2, marker="o", ms=3 if len(rows) > 1 else 7, **STYLES[fit.components[0]],
         )  # fmt: skip
     tolerance = run.case.adaptation.tolerance
     axes.axhline(tolerance, color="0.4", lw=1)
     axes.annotate(f"tolerance {tolerance:g} m", (axes.get_xlim()[0], tolerance), va="bottom", color="0.3")
-    axes.set(xlabel="centres", ylabel="largest residual at the data sites, m", title=first.region.surface)
+    axes.set(xlabel="centres", ylabel="largest residual at the data sites, m", title=first.turn.region.surface)
     axes.legend()
     axes.grid(alpha=0.3)
     return "Largest residual against the number of centres for each displacement direction, falling to the tolerance."
@@ -50,7 +50,7 @@ def convergence(run: Run, figure: Figure) -> str:
 
 def quality(run: Run, figure: Figure) -> str:
     """Mean ratio of the cells that touch a hexahedron, before and after, on common bins."""
-    inside = np.concatenate([one.region.inside for one in run.deflections])
+    inside = np.concatenate([one.turn.region.inside for one in run.deflections])
     cells = run.mesh.tets[np.isin(run.mesh.tets, inside).any(axis=1)]
     before, after = (mean_ratio(mesh.points, cells) for mesh in (run.mesh, run.deflected))
     axes = figure.add_subplot()

@@ -1,0 +1,16 @@
+"""Every control surface at once, each in a hexahedron of its own."""
+
+from cases.case import Case, Deflection
+
+ALL = Case(
+    name="all",
+    title="both ailerons (-/+), both tails and the rudder at once",
+    deflections=(
+        Deflection("aileron_left", -1.0),
+        Deflection("aileron_right", 1.0),
+        Deflection("tail_left", 1.0),
+        Deflection("tail_right", 1.0),
+        Deflection("rudder", 1.25),
+    ),
+    angle=12.0,
+)

@@ -1,0 +1,142 @@
+"""Checks of one deflected control surface against the CAD whose surface was rotated rigidly, or blended."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from cases.case import Case
+from cases.motion import FloatArray, IndexArray, Wedge, hinged
+from cases.tail import fuselage_cylinder, panel_of
+from cases.turn import Turn
+from cases.validation import Check, plane_deviation, worst
+from deform.motion import Axis
+from geometry.model import CadModel
+from meshing.mesh import TetMesh
+
+ANGLE_LIMIT = 1e-9
+"""Largest deviation (deg) of the trailing edge from its angle: rounding only."""
+ON_CYLINDER = 1e-12
+"""Largest distance (m) of panel nodes from the cylinder: rounding only."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """A deflected control surface: the mesh before and after, what was asked, and the axis."""
+
+    case: Case
+    mesh: TetMesh
+    deflected: TetMesh
+    turn: Turn
+    axis: Axis
+
+    @property
+    def exact(self) -> IndexArray:
+        """Nodes that must lie on the deflected CAD."""
+        return self.turn.motion.nodes[self.turn.motion.exact]
+
+    def faces(self, nodes: IndexArray) -> Iterator[IndexArray]:
+        """Nodes of each CAD face of the surface, of those given."""
+        own = self.mesh.patch == self.mesh.names.index(self.turn.surface)
+        for face in np.unique(self.mesh.face[own]):
+            yield np.intersect1d(self.mesh.triangles[own & (self.mesh.face == face)], nodes)
+
+
+def surface_checks(shape: Shape, rigid: CadModel, blended: CadModel) -> Iterator[Check]:
+    """Checks of one control surface."""
+    yield planarity(shape)
+    if hinged(shape.turn.surface):
+        yield surface_to_cad(shape, blended, shape.exact, shape.case.limits.surface_to_cad)
+        yield trailing_edge_angle(shape)
+        yield hinge_offset(shape, rigid)
+    else:
+        panel = shape.mesh.on(panel_of(shape.turn.surface))
+        root = np.intersect1d(shape.exact, panel, assume_unique=True)
+        rest = np.setdiff1d(shape.exact, root, assume_unique=True)
+        yield surface_to_cad(shape, rigid, rest, shape.case.limits.surface_to_cad)
+        yield cylindricity(shape, panel)
+        yield root_on_cylinder(shape, rigid, root)
+
+
+def surface_to_cad(shape: Shape, cad: CadModel, nodes: IndexArray, limit: float) -> Check:
+    """Distance of the moved nodes from the trimmed faces of the deflected CAD."""
+    points = shape.deflected.points[nodes]
+    distance = distance_to_patch(points, cad, shape.turn.surface)
+    return Check("surface_to_cad", float(distance.max()), limit, "m", worst(distance, points))
+
+
+def planarity(shape: Shape) -> Check:
+    """Distance of each planar face's nodes from their own best plane (three nodes always have one)."""
+    faces = [nodes for nodes in shape.faces(shape.exact) if len(nodes) > 3]
+    off = np.concatenate([plane_deviation(shape.deflected.points[nodes]) for nodes in faces])
+    points = shape.deflected.points[np.concatenate(faces)]
+    return Check("planarity", float(off.max()), shape.case.limits.planarity, "m", worst(off, points))
+
+
+def trailing_edge_angle(shape: Shape) -> Check:
+    """How far the trailing edge is from having turned by exactly the angle, in degrees."""
+    wedge = Wedge.of(shape.mesh, shape.case.fighter, shape.turn.surface)
+    nodes = wedge.nodes[wedge.trailing & ~wedge.fixed & shape.turn.motion.exact]
+    before, after = (shape.axis.radial(mesh.points[nodes]) for mesh in (shape.mesh, shape.deflected))
+    sine, cosine = np.cross(before, after) @ shape.axis.direction, np.einsum("ij,ij->i", before, after)
+    error = np.abs(np.degrees(np.arctan2(sine, cosine)) - shape.turn.angle)
+    where = f"{len(nodes)} nodes, asked {shape.turn.angle:g} deg"
+    return Check("trailing_edge_angle", float(error.max()), ANGLE_LIMIT, "deg", where)
+
+
+def hinge_offset(shape: Shape, rigid: CadModel) -> Check:
+    """Blended and rigid wedge differ at the hinge by a known amount: check that it is exactly that.
+
+    The blended surface keeps its hinge edges; in a rigid rotation by theta they go half thickness x sin theta
+    fore or aft and half thickness x (1 - cos theta) up or down. A fixed hinge node P on a face with unit normal
+    n is therefore |(P - R P) . R n| from the plane of the rotated face: that is compared with the CAD.
+    """
+    wedge = Wedge.of(shape.mesh, shape.case.fighter, shape.turn.surface)
+    hinge = wedge.nodes[wedge.hinge & shape.turn.motion.exact]
+    rotation, off, largest = shape.axis.matrix(shape.turn.angle), [np.zeros(1)], 0.0
+    for face in shape.faces(hinge):
+        before = shape.mesh.points[face]
+        if not len(face) or not (normal := wedge.normal_through(before)).any():
+            continue
+        expected = np.abs((before - shape.axis.rotated(before, shape.turn.angle)) @ (rotation @ normal))
+        off.append(np.abs(distance_to_planes(shape.deflected.points[face], rigid, shape.turn.surface) - expected))
+        largest = max(largest, float(expected.max()))
+    half = float(np.linalg.norm(shape.axis.radial(shape.mesh.points[hinge]), axis=1).max())
+    shift = 1e3 * half * abs(np.sin(np.radians(shape.turn.angle)))
+    where = f"{len(hinge)} nodes; rigid CAD up to {1e3 * largest:.3f} mm away, half thickness x sin = {shift:.3f} mm"
+    return Check("hinge_offset", float(np.concatenate(off).max()), shape.case.limits.planarity, "m", where)
+
+
+def cylindricity(shape: Shape, panel: IndexArray) -> Check:
+    """Distance of the panel's nodes from the fuselage cylinder."""
+    points = shape.deflected.points[panel]
+    off = np.abs(fuselage_cylinder(shape.case.fighter).distance(points))
+    return Check("cylindricity", float(off.max()), ON_CYLINDER, "m", worst(off, points))
+
+
+def root_on_cylinder(shape: Shape, rigid: CadModel, root: IndexArray) -> Check:
+    """Distance of the root line's nodes from the cylinder and from each rotated plane of the tail they are on."""
+    points = shape.deflected.points[root]
+    off = np.abs(fuselage_cylinder(shape.case.fighter).distance(points))
+    for nodes in shape.faces(root):
+        if len(nodes):
+            place = np.searchsorted(root, nodes)
+            away = distance_to_planes(shape.deflected.points[nodes], rigid, shape.turn.surface)
+            off[place] = np.maximum(off[place], away)
+    return Check("root_on_cylinder", float(off.max()), shape.case.limits.planarity, "m", worst(off, points))
+
+
+def distance_to_patch(points: FloatArray, cad: CadModel, patch: str) -> FloatArray:
+    """Distance (N,) of points (N, 3) from the trimmed CAD faces of a patch, exact on planes."""
+    parts = [trimesh.Trimesh(*face.tessellation(), process=False) for face in cad.faces_of(patch)]
+    _, distance, _ = trimesh.proximity.closest_point(trimesh.util.concatenate(parts), points)
+    return np.asarray(distance, dtype=np.float64)
+
+
+def distance_to_planes(points: FloatArray, cad: CadModel, patch: str) -> FloatArray:
+    """Distance (N,) of points (N, 3), all of one face, from that plane of a patch which suits them best."""
+    distances = [
+        np.linalg.norm(face.project(points) - points, axis=1) for face in cad.faces_of(patch) if face.planar
+    ]
+    return np.asarray(min(distances, key=np.max), dtype=np.float64)
