@@ -1,0 +1,92 @@
+"""Which CAD vertex, edge or face each boundary node belongs to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from geometry.model import CadModel
+from meshing.mesh import FloatArray, IntArray
+from meshing.topology import decode, encode
+
+# Nodes within this distance (metres) beyond the nearest one compete for a CAD vertex, so many at most: on
+# needle-shaped faces the mesher pulls the right node up to 4 mm away.
+RIVALRY = 5e-3
+RIVALS = 24
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Attachment:
+    """The CAD entity of each boundary node.
+
+    Parameters
+    ----------
+    nodes
+        (K,) sorted node indices.
+    vertex, edge, face
+        (K,) index of the CAD vertex, else of the CAD edge, else of the CAD face; -1 elsewhere.
+    incidence
+        (P, 2) distinct pairs of a node and a CAD face that it touches.
+    """
+
+    nodes: IntArray
+    vertex: IntArray
+    edge: IntArray
+    face: IntArray
+    incidence: IntArray
+
+    @property
+    def lost(self) -> IntArray:
+        """Nodes (L,) that touch several faces and belong to no CAD edge or vertex."""
+        return self.nodes[(self.vertex < 0) & (self.edge < 0) & (self.face < 0)]
+
+
+def attach(points: FloatArray, triangles: IntArray, face: IntArray, model: CadModel) -> Attachment:
+    """Attach the nodes of boundary triangles (B, 3) whose CAD faces (B,) are known.
+
+    A node of one face belongs to it, a node of two to the nearest edge between them. A CAD vertex takes the
+    node that shares most faces with it; among equals, the nearest.
+    """
+    incidence = decode(np.unique(encode(np.stack([triangles.ravel(), np.repeat(face, 3)], axis=1))))
+    nodes, first, count = np.unique(incidence[:, 0], return_index=True, return_counts=True)
+    vertex = _vertices(points, nodes, incidence, model)
+    edge = np.where(vertex < 0, _edges(points, nodes, incidence, model), -1)
+    single = (count == 1) & (vertex < 0)
+    return Attachment(nodes, vertex, edge, np.where(single, incidence[first, 1], -1), incidence)
+
+
+def _vertices(points: FloatArray, nodes: IntArray, incidence: IntArray, model: CadModel) -> IntArray:
+    vertex = np.full(len(nodes), -1)
+    if not len(model.vertices):
+        return vertex
+    touched: dict[int, set[int]] = {}
+    for node, face in incidence.tolist():
+        touched.setdefault(node, set()).add(face)
+    distances, candidates = cKDTree(points[nodes]).query(model.vertices, k=min(RIVALS, len(nodes)))
+    for index, faces in enumerate(model.vertex_faces):
+        rivals = [
+            (-len(touched[int(nodes[k])] & faces), distance, k)
+            for distance, k in zip(distances[index], candidates[index], strict=True)
+            if vertex[k] < 0 and distance < distances[index, 0] + RIVALRY
+        ]
+        if rivals:
+            vertex[min(rivals)[2]] = index
+    return vertex
+
+
+def _edges(points: FloatArray, nodes: IntArray, incidence: IntArray, model: CadModel) -> IntArray:
+    edge, nearest = np.full(len(nodes), -1), np.full(len(nodes), np.inf)
+    on_face = [np.empty(0, dtype=np.intp) for _ in model.faces]
+    order = np.argsort(incidence[:, 1], kind="stable")
+    faces, start = np.unique(incidence[order, 1], return_index=True)
+    for face, members in zip(faces, np.split(incidence[order, 0], start[1:]), strict=True):
+        on_face[face] = members
+    for index, cad in enumerate(model.edges):
+        shared = np.intersect1d(on_face[cad.faces[0]], on_face[cad.faces[1]], assume_unique=True)
+        rows = np.searchsorted(nodes, shared)
+        distance = np.linalg.norm(cad.project(points[shared])[0] - points[shared], axis=1)
+        better = distance < nearest[rows]
+        edge[rows[better]], nearest[rows[better]] = index, distance[better]
+    return edge

@@ -1,0 +1,91 @@
+"""Work in a child process that ends at once when this process is interrupted or dies."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshing.errors import MeshingError
+
+Array = NDArray[np.generic]
+Arrays = Mapping[str, Array]
+
+_PR_SET_PDEATHSIG = 1
+
+
+def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
+    """Run ``python -m module`` on arrays and return the arrays that it answers with.
+
+    Mesh generators run for minutes inside compiled code that no signal can stop; a process can be killed.
+
+    Parameters
+    ----------
+    module
+        A module that calls `serve` when run.
+    seconds
+        Time limit.
+
+    Raises
+    ------
+    MeshingError
+        If the child fails or takes too long; with the last line it wrote.
+    """
+    with tempfile.TemporaryDirectory(prefix="sdm-deflect-") as folder:
+        question, answer = Path(folder) / "question.npz", Path(folder) / "answer.npz"
+        np.savez(question, **arrays)  # type: ignore[arg-type]
+        # Its own session: the terminal's Ctrl-C reaches this process only, which then kills the child.
+        process = subprocess.Popen(
+            [sys.executable, "-m", module, str(question), str(answer)],
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+        try:
+            _, complaint = process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            raise MeshingError(f"{module} took more than {seconds:g} s") from None
+        finally:
+            process.kill()
+            process.wait()
+        if process.returncode:
+            lines = complaint.decode(errors="replace").strip().splitlines() or ["no message"]
+            raise MeshingError(f"{module} ended with code {process.returncode}: {lines[-1]}")
+        with np.load(answer, allow_pickle=False) as stored:
+            return dict(stored)
+
+
+def serve(work: Callable[[Arrays], Arrays]) -> None:
+    """Be the child: read the question, work, write the answer and this process's peak memory in bytes."""
+    _die_with_parent()
+    with np.load(sys.argv[1], allow_pickle=False) as stored:
+        question = dict(stored)
+    answer = work(question)
+    np.savez(sys.argv[2], **answer, peak_bytes=np.array(peak_bytes()))  # type: ignore[arg-type]
+
+
+def peak_bytes() -> int:
+    """The largest resident memory of this process so far."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        # Unlike ru_maxrss this does not start from the parent's memory at the time of the fork.
+        return 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM:")))
+    except (OSError, StopIteration):
+        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def _die_with_parent() -> None:
+    """Ask Linux to kill this process when its parent dies of anything, be it a kill that cannot be caught."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

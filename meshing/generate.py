@@ -1,0 +1,171 @@
+"""The whole road from CAD to a mesh that passed verification."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.model import CadModel
+from meshing.attachment import attach
+from meshing.errors import MeshingError
+from meshing.exterior import inside_solid
+from meshing.mesh import VOLUME, FloatArray, IntArray, TetMesh
+from meshing.naming import boundary_triangles, cad_faces
+from meshing.octree import background
+from meshing.parameters import FAR_EDGE, MeshParameters
+from meshing.sizing import SizeField, size_field
+from meshing.snapping import snapped
+from meshing.sources import sources
+from meshing.surface import Surface, mesh_surface
+from meshing.topology import cell_faces
+from meshing.verify import Verification, verify
+from meshing.volume import PADDING, Filling, fill
+
+FAR_FIELD = "far_field"
+Progress = Callable[[str, float], None]
+Box = tuple[FloatArray, FloatArray]
+
+# Where the flow is inside the solid the mesher's box exceeds it by this share.
+ALLOWANCE = 0.05
+# And the far field is this share further away than asked for.
+SLACK = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class MeshReport:
+    """How a mesh came about: its figures, attempts, seconds, and the volume mesher's peak memory in bytes."""
+
+    verification: Verification
+    attempts: int
+    rejected: tuple[str, ...]
+    seconds: float
+    surface_seconds: float
+    volume_seconds: float
+    peak_bytes: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Generated:
+    """A mesh that passed verification, and its report."""
+
+    mesh: TetMesh
+    report: MeshReport
+
+
+def silent(stage: str, fraction: float) -> None:
+    """Ignore progress."""
+
+
+def generate(model: CadModel, parameters: MeshParameters, progress: Progress = silent) -> Generated:
+    """Mesh the flow around (or inside) a CAD model.
+
+    The volume mesher is not deterministic: each attempt gives another mesh, and one that fails verification
+    is never returned.
+
+    Parameters
+    ----------
+    progress
+        Called with a stage and the fraction done, nan where that is unknown.
+
+    Raises
+    ------
+    MeshingError
+        If no attempt passes; the message holds each attempt's failures.
+    """
+    start = time.perf_counter()
+    progress("surface mesh", 0.0)
+    field, box, surface = prepare(model, parameters)
+    surface_seconds = time.perf_counter() - start
+    rejected: list[str] = []
+    for attempt in range(1, parameters.max_attempts + 1):
+        progress(f"volume mesh, attempt {attempt}", float("nan"))
+        begin = time.perf_counter()
+        try:
+            filling = fill(surface, field, box, parameters)
+            volume_seconds = time.perf_counter() - begin
+            progress(f"boundary, attempt {attempt}", 0.9)
+            mesh = assemble(filling, surface, model, parameters)
+        except MeshingError as error:
+            rejected.append(str(error))
+            continue
+        verification = verify(mesh, model, parameters)
+        if not verification.failures:
+            seconds = time.perf_counter() - start
+            timings = (seconds, surface_seconds, volume_seconds)
+            report = MeshReport(verification, attempt, tuple(rejected), *timings, filling.peak_bytes)
+            return Generated(mesh, report)
+        rejected.append("; ".join(verification.failures))
+    reasons = " | ".join(f"attempt {i}: {reason}" for i, reason in enumerate(rejected, 1))
+    raise MeshingError(f"no usable mesh in {parameters.max_attempts} attempts: {reasons}")
+
+
+def prepare(model: CadModel, parameters: MeshParameters) -> tuple[SizeField, Box, Surface]:
+    """The target sizes, the box to fill and the surface mesh: all that attempts have in common.
+
+    Raises
+    ------
+    MeshingError
+        If the surface cannot be meshed.
+    """
+    points, lengths = sources(model, parameters)
+    low, high = points.min(axis=0), points.max(axis=0)
+    extent = float((high - low).max())
+    distance = (ALLOWANCE if model.fluid_inside else parameters.far_field) * extent
+    largest = FAR_EDGE * (extent if model.fluid_inside else distance)
+    field = size_field(points, lengths, parameters.growth, largest)
+    # Samples fall a little short of the body's ends.
+    around = distance * (1.0 + SLACK) + SLACK * extent
+    box = (low - around, high + around)
+    padding = PADDING * (box[1] - box[0])
+    surface = mesh_surface(model, background(field, box[0] - padding, box[1] + padding))
+    return field, box, surface
+
+
+def assemble(filling: Filling, surface: Surface, model: CadModel, parameters: MeshParameters) -> TetMesh:
+    """Select the flow, name its boundary and put that on the CAD.
+
+    Raises
+    ------
+    MeshingError
+        If the boundary cannot be matched with the CAD.
+    """
+    faces = cell_faces(filling.tets)
+    solid = inside_solid(filling.points, filling.tets, faces, surface, parameters.envelope)
+    fluid = solid if model.fluid_inside else ~solid
+    triangles, outermost = boundary_triangles(faces, fluid)
+    if model.fluid_inside and outermost.any():
+        raise MeshingError("the flow inside the solid leaks to the outside")
+    body = triangles[~outermost]
+    out_of_solid = body if model.fluid_inside else body[:, ::-1]
+    face = cad_faces(filling.points, out_of_solid, surface)
+    if (face < 0).any():
+        raise MeshingError(f"{np.count_nonzero(face < 0)} boundary triangles are near no CAD face")
+    points = snapped(filling.points, attach(filling.points, body, face, model), model)
+    return _named(points, filling.tets[fluid], (body, face), triangles[outermost], model)
+
+
+def _named(
+    points: FloatArray,
+    tets: IntArray,
+    body: tuple[IntArray, IntArray],
+    far: IntArray,
+    model: CadModel,
+) -> TetMesh:
+    """Mesh of the used points, its patches in the order of the CAD faces, the far field last."""
+    patches = list(dict.fromkeys(face.patch for face in model.faces))
+    names = (VOLUME, *patches, *([FAR_FIELD] if len(far) else []))
+    patch_of_face = np.array([names.index(face.patch) for face in model.faces])
+    triangles, face = body
+    used, compact = np.unique(np.concatenate([tets.ravel(), triangles.ravel(), far.ravel()]), return_inverse=True)
+    cells, skin = compact[: tets.size].reshape(-1, 4), compact[tets.size :].reshape(-1, 3)
+    return TetMesh(
+        points=points[used],
+        tets=cells,
+        triangles=skin,
+        patch=np.concatenate([patch_of_face[face], np.full(len(far), len(names) - 1)]),
+        face=np.concatenate([face, np.full(len(far), -1)]),
+        names=names,
+    )

@@ -1,0 +1,82 @@
+"""Graded octrees: cubes as fine as a size field asks, and what the mesh generators need of them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial import Delaunay, cKDTree
+
+from meshing.mesh import BoolArray, FloatArray, IntArray
+from meshing.quality import signed_volumes
+from meshing.sizing import SizeField
+
+CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
+ROOTS = 4
+# Half the diagonal of a unit cube: how far a cube's corners are from its centre.
+HALF_DIAGONAL = 0.87
+# A cube is split for the background mesh if its edge exceeds this many target lengths.
+COARSENESS = 2.5
+# The same for the cloud of seed points, which should be about one target length apart.
+SPACING = 1.4
+
+
+def leaves(
+    low: FloatArray, high: FloatArray, split: Callable[[FloatArray, float], BoolArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Split the cubes that cover a box as long as `split(centres, edge)` says so.
+
+    Returns
+    -------
+    Low corners (K, 3) and edge lengths (K,) of the cubes that were not split, in metres.
+    """
+    edge = float((high - low).max()) / ROOTS
+    count = np.ceil((high - low) / edge - 1e-9).astype(np.intp)
+    cubes = low + edge * np.array(list(itertools.product(*map(range, count))), dtype=np.float64)
+    corners, edges = [], []
+    while len(cubes):
+        finer = split(cubes + 0.5 * edge, edge)
+        corners.append(cubes[~finer])
+        edges.append(np.full(len(corners[-1]), edge))
+        edge *= 0.5
+        cubes = (cubes[finer][:, None] + edge * CORNERS).reshape(-1, 3)
+    return np.concatenate(corners), np.concatenate(edges)
+
+
+def background(field: SizeField, low: FloatArray, high: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Tetrahedra that cover a box and carry the size field as nodal values.
+
+    Returns
+    -------
+    Points (N, 3), tetrahedra (M, 4), target edge lengths (N,) in metres.
+    """
+
+    def split(centres: FloatArray, edge: float) -> BoolArray:
+        within = np.maximum(field(centres) - field.growth * HALF_DIAGONAL * edge, field.smallest)
+        return np.asarray(edge > COARSENESS * within)
+
+    cubes, edges = leaves(low, high, split)
+    corners = (cubes[:, None] + edges[:, None, None] * CORNERS).reshape(-1, 3)
+    scale = edges.min() / 64.0
+    points = scale * np.unique(np.round(corners / scale), axis=0)
+    # Cube corners are cospherical, which Delaunay triangulations answer with flat cells.
+    points += 1e-2 * edges.min() * (np.random.default_rng(0).random(points.shape) - 0.5)
+    tets = Delaunay(points).simplices.astype(np.intp)
+    volumes = signed_volumes(points, tets)
+    tets[volumes < 0.0] = tets[volumes < 0.0][:, [0, 2, 1, 3]]
+    return points, tets[np.abs(volumes) > 1e-9 * edges.min() ** 3], field(points)
+
+
+def seeds(field: SizeField, low: FloatArray, high: FloatArray, surface: FloatArray) -> FloatArray:
+    """Points (K, 3) about one target length apart in a box, for the mesher to start from.
+
+    They keep away from the box's sides and from points (S, 3) of the surface, and save a third of the work.
+    """
+    cubes, edges = leaves(low, high, lambda centres, edge: edge > SPACING * field(centres))
+    points = cubes + 0.5 * edges[:, None]
+    lengths = field(points)[:, None]
+    points = points + 0.15 * lengths * (np.random.default_rng(0).random(points.shape) - 0.5)
+    inside = ((points > low + 0.3 * lengths) & (points < high - 0.3 * lengths)).all(axis=1)
+    distance, _ = cKDTree(surface).query(points)
+    return np.asarray(points[inside & (distance > 0.6 * lengths[:, 0])])

@@ -1,0 +1,98 @@
+"""Target sizes, tolerances and acceptance limits of a mesh, as one frozen value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from geometry.quantity import check_quantities, quantity
+
+# The far field is as good as free (its cells are few), so its size follows from its distance.
+FAR_EDGE = 0.4
+
+COMPONENTS = (
+    "fuselage",
+    "fuselage_panel",
+    "fuselage_rear",
+    "canopy",
+    "inlet",
+    "pedestal",
+    "strake",
+    "wing",
+    "aileron",
+    "tail",
+    "ventral",
+    "fin",
+    "rudder",
+    "chimera",
+)
+
+
+def _edge(default: float, where: str) -> float:
+    length: float = quantity(default, "m", 1e-4, 1.0, f"target edge length on the {where}")
+    return length
+
+
+@dataclass(frozen=True, slots=True)
+class MeshParameters:
+    """How fine, how exact and how good a mesh shall be; the defaults are those of the small scale.
+
+    Raises
+    ------
+    ValueError
+        For a value outside its range.
+    """
+
+    fuselage: float = _edge(0.020, "fuselage")
+    fuselage_panel: float = _edge(0.012, "fuselage panels beside the tails")
+    fuselage_rear: float = _edge(0.014, "rear of the fuselage")
+    canopy: float = _edge(0.012, "canopy")
+    inlet: float = _edge(0.014, "inlet")
+    pedestal: float = _edge(0.012, "pedestal")
+    strake: float = _edge(0.010, "strakes")
+    wing: float = _edge(0.014, "wings")
+    aileron: float = _edge(0.006, "ailerons")
+    tail: float = _edge(0.011, "tails")
+    ventral: float = _edge(0.012, "ventral fins")
+    fin: float = _edge(0.014, "fin")
+    rudder: float = _edge(0.009, "rudder")
+    chimera: float = _edge(0.012, "outer faces of a Chimera block")
+    corner: float = quantity(0.0035, "m", 1e-4, 1.0, "target edge length at sharp corners of faces")
+    turn: float = quantity(30.0, "deg", 2.0, 90.0, "largest angle by which a curved face turns along an edge")
+    gap_cells: float = quantity(2.0, "", 0.5, 20.0, "cells across a gap between two faces")
+    growth: float = quantity(0.3, "", 0.05, 1.0, "growth of the edge length per metre away from the surface")
+    far_field: float = quantity(10.0, "body lengths", 0.5, 100.0, "distance of the far field from the body")
+    envelope: float = quantity(1.2e-4, "m", 1e-6, 1e-2, "how far the mesher may stray from its surface input")
+    aim: float = quantity(0.3, "", 0.05, 0.6, "mean ratio at which the mesher leaves a cell alone")
+    max_attempts: int = quantity(4, "", 1, 20, "meshes tried before giving up")
+    max_seconds: float = quantity(3600.0, "s", 1.0, 1e6, "time after which one attempt is given up")
+    accept_min: float = quantity(0.3, "", 0.0, 1.0, "smallest mean ratio of an acceptable mesh")
+    accept_mean: float = quantity(0.87, "", 0.0, 1.0, "smallest average mean ratio of an acceptable mesh")
+    accept_below: float = quantity(2e-4, "", 0.0, 1.0, "largest acceptable share of cells below 0.4")
+
+    def __post_init__(self) -> None:
+        check_quantities(self, "mesh")
+
+    def edge_length(self, patch: str) -> float:
+        """Target edge length in metres on a patch; left and right are alike.
+
+        Raises
+        ------
+        ValueError
+            If no target length belongs to the patch.
+        """
+        component = patch.removesuffix("_left").removesuffix("_right")
+        if component not in COMPONENTS:
+            raise ValueError(f"no target edge length for patch {patch!r}; there are {', '.join(COMPONENTS)}")
+        return float(getattr(self, component))
+
+    def scaled(self, factor: float) -> MeshParameters:
+        """All edge lengths and the envelope multiplied by a factor."""
+        lengths = {name: factor * getattr(self, name) for name in (*COMPONENTS, "corner", "envelope")}
+        return replace(self, **lengths)
+
+
+SCALES: Mapping[str, MeshParameters] = MappingProxyType(
+    {"small": MeshParameters(), "medium": MeshParameters().scaled(0.6)}
+)

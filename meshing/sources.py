@@ -1,0 +1,121 @@
+"""Where the CAD asks for small cells: on patches, in curves, at sharp corners, in gaps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from geometry.model import CadFace, CadModel
+from meshing.mesh import FloatArray, IntArray
+from meshing.parameters import MeshParameters
+
+# Chord error in metres of the triangulation that samples are drawn from, and samples per squared edge length.
+DEFLECTION = 5e-4
+DENSITY = 4.0
+FEWEST = 40
+SHARP_CORNER = 25.0
+
+# Two faces face each other across a gap if their normals oppose and the line between them is near the normal.
+OPPOSED = -0.7
+AHEAD = 0.8
+# No gap and no curvature asks for cells smaller than this many envelopes.
+ENVELOPES = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Points (S, 3) on CAD faces, normals (S, 3) into the fluid, and target edge lengths (S,) in metres."""
+
+    points: FloatArray
+    normals: FloatArray
+    lengths: FloatArray
+
+
+def sources(model: CadModel, parameters: MeshParameters) -> tuple[FloatArray, FloatArray]:
+    """Points (S, 3) and the edge lengths (S,) wanted there, in metres."""
+    samples = [_sample(face, model.fluid_inside, parameters) for face in model.faces]
+    together = Samples(
+        np.concatenate([each.points for each in samples]),
+        np.concatenate([each.normals for each in samples]),
+        np.concatenate([each.lengths for each in samples]),
+    )
+    floor = ENVELOPES * parameters.envelope
+    gaps = np.maximum(_gap_widths(together, parameters.gap_cells) / parameters.gap_cells, floor)
+    corners = model.vertices[_sharp_corners(model)]
+    return (
+        np.concatenate([together.points, corners]),
+        np.concatenate([np.minimum(together.lengths, gaps), np.full(len(corners), parameters.corner)]),
+    )
+
+
+def _sample(face: CadFace, fluid_inside: bool, parameters: MeshParameters) -> Samples:
+    length = parameters.edge_length(face.patch)
+    points = _spread(face.tessellation(DEFLECTION), DENSITY / length**2)
+    normals = face.normal_at(points)
+    lengths = np.full(len(points), length)
+    if not face.planar:
+        floor = min(length, max(parameters.corner, ENVELOPES * parameters.envelope))
+        lengths = np.clip(np.deg2rad(parameters.turn) / _curvature(points, normals), floor, length)
+    return Samples(points, -normals if fluid_inside else normals, lengths)
+
+
+def _spread(triangulation: tuple[FloatArray, IntArray], density: float) -> FloatArray:
+    """Random points (S, 3), the same ones every time, of the given number per square metre on triangles."""
+    points, triangles = triangulation
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    count = max(FEWEST, round(density * float(areas.sum())))
+    random = np.random.default_rng(0)
+    chosen = random.choice(len(triangles), size=count, p=areas / areas.sum())
+    u, v = random.random((2, count, 1))
+    u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
+    return np.asarray(a[chosen] + u * (b - a)[chosen] + v * (c - a)[chosen])
+
+
+def _curvature(points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Largest turn of the normal per length (S,), in radians per metre, towards the nearest samples."""
+    distance, near = cKDTree(points).query(points, k=8)
+    turn = np.linalg.norm(normals[near[:, 1:]] - normals[:, None], axis=2)
+    apart = np.maximum(distance[:, 1:], 1e-4)
+    return np.asarray(np.maximum((turn / apart).max(axis=1), 1e-9))
+
+
+def _gap_widths(samples: Samples, cells: float) -> FloatArray:
+    """Distance (S,) in metres from each sample through the fluid to a face opposite; inf where there is none.
+
+    Gaps wider than `cells` times the sample's own edge length need no attention and read inf.
+    """
+    widths = np.full(len(samples.points), np.inf)
+    tree = cKDTree(samples.points)
+    for i, near in enumerate(tree.query_ball_point(samples.points, cells * samples.lengths)):
+        other = np.asarray(near)
+        opposed = other[samples.normals[other] @ samples.normals[i] < OPPOSED]
+        if len(opposed):
+            way = samples.points[opposed] - samples.points[i]
+            distance = np.linalg.norm(way, axis=1)
+            facing = distance[way @ samples.normals[i] > AHEAD * distance]
+            widths[i] = facing.min(initial=np.inf)
+    return widths
+
+
+def _sharp_corners(model: CadModel) -> IntArray:
+    """Vertices where some face's interior angle is below SHARP_CORNER degrees."""
+    tree = cKDTree(model.vertices)
+    sharp: set[int] = set()
+    for face in model.faces:
+        points, triangles = face.tessellation(DEFLECTION)
+        distance, vertex = tree.query(points)
+        angle = np.zeros(len(model.vertices))
+        for i in range(3):
+            at, left, right = (points[triangles[:, (i + j) % 3]] for j in range(3))
+            on_vertex = distance[triangles[:, i]] < 1e-6
+            np.add.at(angle, vertex[triangles[on_vertex, i]], _angle(left - at, right - at)[on_vertex])
+        sharp.update(np.flatnonzero((angle > 0.0) & (angle < np.deg2rad(SHARP_CORNER))).tolist())
+    return np.array(sorted(sharp), dtype=np.intp)
+
+
+def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
+    across = np.linalg.norm(np.cross(a, b), axis=1)
+    return np.asarray(np.arctan2(across, np.einsum("ij,ij->i", a, b)))

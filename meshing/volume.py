@@ -1,0 +1,63 @@
+"""The only call of the volume mesher (pytetwild)."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from dataclasses import dataclass
+
+import numpy as np
+
+from meshing import child
+from meshing.errors import MeshingError
+from meshing.mesh import FloatArray, IntArray
+from meshing.octree import background, seeds
+from meshing.parameters import MeshParameters
+from meshing.quality import signed_volumes
+from meshing.sizing import SizeField
+from meshing.surface import Surface
+
+# fTetWild gains nothing from more.
+MOST_THREADS = 8
+# The background mesh must cover the box that the mesher puts around its input.
+PADDING = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Filling:
+    """Tetrahedra (M, 4) on points (N, 3) that fill a box, and the mesher's peak memory in bytes."""
+
+    points: FloatArray
+    tets: IntArray
+    peak_bytes: int
+
+
+def fill(surface: Surface, field: SizeField, box: tuple[FloatArray, FloatArray], parameters: MeshParameters) -> Filling:
+    """Fill the box from `low` (3,) to `high` (3,) with tetrahedra that respect the surface.
+
+    The result differs from run to run: the mesher seeds itself from the system.
+
+    Raises
+    ------
+    MeshingError
+        If the mesher crashes, takes too long or returns an inverted cell.
+    """
+    low, high = box
+    corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
+    cloud = seeds(field, low, high, surface.spots())
+    points, tets, lengths = background(field, low - PADDING * (high - low), high + PADDING * (high - low))
+    question = {
+        "points": np.concatenate([surface.points, corners, cloud]),
+        "triangles": surface.triangles,
+        "background_points": points,
+        "background_tets": tets,
+        "background_lengths": lengths,
+        "envelope": np.array(parameters.envelope),
+        "energy": np.array(3.0 / parameters.aim),
+        "threads": np.array(min(MOST_THREADS, os.cpu_count() or 1)),
+    }
+    answer = child.call("meshing.volume_worker", question, parameters.max_seconds)
+    nodes, cells = answer["points"].astype(np.float64), answer["tets"].astype(np.intp)
+    if signed_volumes(nodes, cells).min(initial=0.0) < 0.0:
+        raise MeshingError("the volume mesher returned an inverted cell")
+    return Filling(nodes, cells, int(answer["peak_bytes"]))
