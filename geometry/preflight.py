@@ -13,6 +13,9 @@ from geometry.surfaces import FloatArray
 # Degrees. Sharper corners of faces are needles.
 MIN_CORNER = 15.0
 
+# So many places are named in a message.
+SHOWN = 3
+
 # Two lengths count as equal within this (metres): a gap of exactly the smallest feature is fine.
 ROUNDING = 1e-9
 
@@ -23,11 +26,12 @@ def preflight(model: CadModel, min_edge: float = MIN_FEATURE) -> None:
     Raises
     ------
     CadError
-        Listing every place that a mesher would fail at, with the patches that meet there.
+        Naming the first places that a mesher would fail at, with the patches that meet there.
     """
     findings = [*_short_edges(model, min_edge), *_sharp_corners(model), *_unbacked_creases(model)]
     if findings:
-        raise CadError("the geometry cannot be meshed: " + "; ".join(findings))
+        others = f"; and {len(findings) - SHOWN} more" if len(findings) > SHOWN else ""
+        raise CadError(f"the geometry cannot be meshed: {'; '.join(findings[:SHOWN])}{others}")
 
 
 def _short_edges(model: CadModel, min_edge: float) -> Iterator[str]:

@@ -1,18 +1,22 @@
-"""Triangles on a CAD face, for sampling it and for distances from its trimmed shape."""
+"""Triangles on CAD faces: for sampling, for distances from trimmed faces and for STL files."""
+
+from collections.abc import Sequence
 
 import numpy as np
-from cadquery import Face
+from cadquery import Face, Shape
 from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.TopAbs import TopAbs_Orientation
 from OCP.TopLoc import TopLoc_Location
 
+FloatArray = NDArray[np.float64]
+
 # Largest angle in radians between neighbouring chords on a curved face.
 ANGLE = 0.3
 
 
-def tessellate(face: Face, deflection: float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def tessellate(face: Face, deflection: float) -> tuple[FloatArray, NDArray[np.intp]]:
     """Points (N, 3) on the face and outward triangles (T, 3); exact on a plane, else within `deflection` metres.
 
     Raises
@@ -21,6 +25,26 @@ def tessellate(face: Face, deflection: float) -> tuple[NDArray[np.float64], NDAr
         If the kernel finds no triangle on the face.
     """
     BRepMesh_IncrementalMesh(face.wrapped, deflection, False, ANGLE, False)
+    return _triangulation(face)
+
+
+def closed_triangles(solids: Sequence[Shape], deflection: float, angle: float) -> FloatArray:
+    """Corners (T, 3, 3) of outward triangles on all faces, watertight, in single precision.
+
+    Triangles that single precision makes degenerate (the kernel makes two at the apex of a nose) are left out.
+    """
+    corners = []
+    for solid in solids:
+        BRepMesh_IncrementalMesh(solid.wrapped, deflection, False, angle, False)
+        for face in solid.Faces():
+            points, triangles = _triangulation(face)
+            corners.append(points.astype(np.float32).astype(np.float64)[triangles])
+    found = np.concatenate(corners)
+    distinct = np.all(np.any(found != np.roll(found, 1, axis=1), axis=2), axis=1)
+    return np.asarray(found[distinct], dtype=np.float64)
+
+
+def _triangulation(face: Face) -> tuple[FloatArray, NDArray[np.intp]]:
     location = TopLoc_Location()
     mesh = BRep_Tool.Triangulation_s(face.wrapped, location)
     if mesh is None:
