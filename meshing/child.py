@@ -44,21 +44,21 @@ def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
         question, answer = Path(folder) / "question.npz", Path(folder) / "answer.npz"
         np.savez(question, **arrays)  # type: ignore[arg-type]
         # Its own session: the terminal's Ctrl-C reaches this process only, which then kills the child.
-        process = subprocess.Popen(
+        with subprocess.Popen(
             [sys.executable, "-m", module, str(question), str(answer)],
             env=os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             start_new_session=True,
-        )
-        try:
-            _, complaint = process.communicate(timeout=seconds)
-        except subprocess.TimeoutExpired:
-            raise MeshingError(f"{module} took more than {seconds:g} s") from None
-        finally:
-            process.kill()
-            process.wait()
+        ) as process:
+            try:
+                _, complaint = process.communicate(timeout=seconds)
+            except subprocess.TimeoutExpired:
+                raise MeshingError(f"{module} took more than {seconds:g} s") from None
+            finally:
+                process.kill()
+                process.wait()
         if process.returncode:
             lines = complaint.decode(errors="replace").strip().splitlines() or ["no message"]
             raise MeshingError(f"{module} ended with code {process.returncode}: {lines[-1]}")

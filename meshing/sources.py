@@ -1,4 +1,4 @@
-"""Where the CAD asks for small cells: on patches, in curves, at sharp corners, in gaps."""
+"""Where the CAD asks for small cells: on patches, in curves, in gaps, at sharp corners and on short edges."""
 
 from __future__ import annotations
 
@@ -44,9 +44,10 @@ def sources(model: CadModel, parameters: MeshParameters) -> tuple[FloatArray, Fl
     floor = ENVELOPES * parameters.envelope
     gaps = np.maximum(_gap_widths(together, parameters.gap_cells) / parameters.gap_cells, floor)
     corners = model.vertices[_sharp_corners(model)]
+    middles, lengths = _middles(model)
     return (
-        np.concatenate([together.points, corners]),
-        np.concatenate([np.minimum(together.lengths, gaps), np.full(len(corners), parameters.corner)]),
+        np.concatenate([together.points, corners, middles]),
+        np.concatenate([np.minimum(together.lengths, gaps), np.full(len(corners), parameters.corner), lengths]),
     )
 
 
@@ -98,6 +99,13 @@ def _gap_widths(samples: Samples, cells: float) -> FloatArray:
             facing = distance[way @ samples.normals[i] > AHEAD * distance]
             widths[i] = facing.min(initial=np.inf)
     return widths
+
+
+def _middles(model: CadModel) -> tuple[FloatArray, FloatArray]:
+    """Middle (E, 3) and length (E,) of each CAD edge: a cell should not be longer than a short edge."""
+    ends = model.vertices[[edge.vertices for edge in model.edges]]
+    middles = [edge.project(pair.mean(axis=0)[None])[0] for edge, pair in zip(model.edges, ends, strict=True)]
+    return np.concatenate(middles), np.array([edge.length for edge in model.edges])
 
 
 def _sharp_corners(model: CadModel) -> IntArray:

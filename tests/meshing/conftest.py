@@ -28,3 +28,8 @@ def grid_mesh(cells: int = 3) -> TetMesh:
 @pytest.fixture
 def cube() -> TetMesh:
     return grid_mesh()
+
+
+@pytest.fixture
+def fine_cube() -> TetMesh:
+    return grid_mesh(6)

@@ -24,9 +24,7 @@ def test_the_mean_ratio_lies_between_zero_and_one(points: np.ndarray) -> None:
 
 
 @given(coordinates, st.floats(1e-3, 1e3), st.floats(0.0, 6.0))
-def test_the_mean_ratio_ignores_size_place_and_attitude(
-    points: np.ndarray, scale: float, turn: float
-) -> None:
+def test_the_mean_ratio_ignores_size_place_and_attitude(points: np.ndarray, scale: float, turn: float) -> None:
     if np.ptp(points, axis=0).max() < 1e-3:
         return
     rotation = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])

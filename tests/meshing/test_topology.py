@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meshing.mesh import TetMesh
+from meshing.topology import TET_FACES, cell_faces, decode, edges_of, encode
+
+
+def test_outer_faces_of_the_cube_are_its_boundary(cube: TetMesh) -> None:
+    faces = cell_faces(cube.tets)
+    outer = faces.nodes[faces.second < 0]
+    assert {frozenset(row) for row in outer.tolist()} == {frozenset(row) for row in cube.triangles.tolist()}
+    assert 4 * len(cube.tets) == 2 * len(faces.nodes) - len(outer)
+
+
+def test_both_cells_hold_the_face_that_they_share(cube: TetMesh) -> None:
+    faces = cell_faces(cube.tets)
+    shared = faces.second >= 0
+    for cells in (faces.first, faces.second):
+        held = (faces.nodes[shared][:, :, None] == cube.tets[cells[shared]][:, None]).any(axis=2)
+        assert held.all()
+
+
+def test_faces_point_out_of_their_first_cell(cube: TetMesh) -> None:
+    faces = cell_faces(cube.tets)
+    a, b, c = (cube.points[faces.nodes[:, i]] for i in range(3))
+    inwards = cube.points[cube.tets[faces.first]].mean(axis=1) - a
+    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), inwards) < 0.0).all()
+
+
+def test_a_face_of_three_cells_is_refused() -> None:
+    with pytest.raises(ValueError, match="more than two"):
+        cell_faces(np.array([[0, 1, 2, 3], [0, 1, 2, 4], [0, 1, 2, 5]]))
+
+
+def test_edges_of_two_triangles() -> None:
+    ends, index = edges_of(np.array([[0, 1, 2], [2, 1, 3]]))
+    assert ends.tolist() == [[0, 1], [0, 2], [1, 2], [1, 3], [2, 3]]
+    assert index.tolist() == [[0, 2, 1], [2, 3, 4]]
+
+
+@given(st.lists(st.tuples(st.integers(0, 2**31 - 1), st.integers(0, 2**31 - 1)), min_size=1))
+def test_codes_are_unique_and_ordered_like_their_pairs(pairs: list[tuple[int, int]]) -> None:
+    rows = np.array(pairs)
+    assert np.array_equal(decode(encode(rows)), rows)
+    assert decode(np.sort(encode(rows))).tolist() == sorted(map(list, pairs))
+
+
+def test_tet_faces_exclude_their_own_node() -> None:
+    assert [set(range(4)) - set(row) for row in TET_FACES.tolist()] == [{0}, {1}, {2}, {3}]
