@@ -1,9 +1,10 @@
 """How this package compiles its loops."""
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -18,3 +19,21 @@ def compiled(function: Function) -> Function:
     calls changes in another file: after editing `kernels.py` touch the modules with loops as well.
     """
     return cast(Function, njit(cache=True, fastmath=True, error_model="numpy", nogil=True)(function))
+
+
+def _prefer_wide_vectors(context: Any) -> tuple[Any, Callable[..., Any]]:
+    """Let the enclosing compiled function use the machine's widest vectors.
+
+    LLVM keeps to 256 bits on processors that have 512, for fear of a lower clock. Loops of nothing but
+    arithmetic gain a fifth by the full width.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        # `add` of this set knows no attributes with values; LLVM does.
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+prefer_wide_vectors: Callable[[], None] = intrinsic(_prefer_wide_vectors)

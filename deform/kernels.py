@@ -18,11 +18,9 @@ from numba.extending import overload
 from numpy.typing import NDArray
 from scipy.special import xlogy
 
-from deform.logarithm import log
+from deform.logarithm import LOG_UNIT, scaled_log
 
 FloatArray = NDArray[np.float64]
-
-TINY = 1e-300  # keeps log finite at r = 0, where r**2 log r is zero all the same: cheaper than a branch
 
 
 class Rescaling(NamedTuple):
@@ -38,6 +36,9 @@ class Kernel(Protocol):
 
     sign: ClassVar[float]
     """+1 or -1: sign * phi is the conditionally positive definite one."""
+
+    unit: ClassVar[float]
+    """phi = unit * compiled phi: a constant factor that the loops need not repeat."""
 
     def __call__(self, r2: FloatArray) -> FloatArray:
         """Return phi for squared distances r2 of any shape."""
@@ -67,6 +68,7 @@ class ThinPlateSpline:
     """phi(r) = r**2 log r, zero at r = 0 (eq. 8)."""
 
     sign: ClassVar[float] = 1.0
+    unit: ClassVar[float] = 0.5 * LOG_UNIT
 
     def __call__(self, r2: FloatArray) -> FloatArray:
         """Return phi for squared distances r2 of any shape."""
@@ -94,6 +96,7 @@ class Multiquadric:
 
     epsilon: float
     sign: ClassVar[float] = -1.0
+    unit: ClassVar[float] = 1.0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.epsilon < np.inf:
@@ -113,12 +116,12 @@ class Multiquadric:
 
 
 def phi(code: tuple[float, ...], r2: float) -> float:
-    """Kernel `code` at the squared distance r2; for use inside compiled loops only."""
+    """Return phi / unit at the squared distance r2; for use inside compiled loops only."""
     raise NotImplementedError("phi is compiled: call it from compiled code, or call the kernel itself")
 
 
 def _thin_plate_spline(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
-    return 0.5 * r2 * log(r2 + TINY)
+    return r2 * scaled_log(r2)  # zero at r = 0 because the logarithm there is finite
 
 
 def _multiquadric(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code

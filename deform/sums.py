@@ -7,13 +7,14 @@ value depends on nothing but that point: it has the same bits whatever the numbe
 from typing import Any
 
 import numpy as np
+from numba.cpython.unsafe.tuple import tuple_setitem
 
-from deform.compiled import compiled
+from deform.compiled import compiled, prefer_wide_vectors
 from deform.kernels import FloatArray, Kernel, phi
 from deform.progress import Progress, silent
 from deform.threads import in_chunks
 
-COLUMNS = 4  # columns that share one pass; missing ones are filled with zeros, which cost next to nothing
+WIDTHS = (1, 4, 8)  # columns of one pass: one machine code for each, the narrowest that fits is taken
 PADDING = 32  # centres are filled up to a multiple of this with weight zero: whole vectors, no remainder loop
 
 
@@ -46,19 +47,19 @@ def kernel_sum(
     """
     x = np.ascontiguousarray(points, dtype=np.float64)
     out = np.empty((len(x), beta.shape[1]))
-    code = kernel.compiled()
-    c = _padded(centers.T, 3)
+    code, c, b = kernel.compiled(), _padded(centers.T), kernel.unit * beta.T
 
     def pass_over(part: slice) -> None:
-        b, a = _padded(beta[:, part].T, COLUMNS), np.ascontiguousarray(alpha[:, part].T)
+        width = next(w for w in WIDTHS if w >= min(beta.shape[1] - part.start, WIDTHS[-1]))
+        weights, a = _padded(b[part], width), np.ascontiguousarray(alpha[:, part].T)
 
         def chunk(low: int, high: int) -> None:
-            _sum_rows(code, x[low:high], c, b, a, out[low:high, part])
+            _sum_rows(code, x[low:high], c, weights, (0.0,) * width, a, out[low:high, part])
 
         in_chunks(chunk, len(x), c.shape[1], threads, progress)
 
-    for k in range(0, beta.shape[1], COLUMNS):
-        pass_over(slice(k, k + COLUMNS))
+    for k in range(0, beta.shape[1], WIDTHS[-1]):
+        pass_over(slice(k, k + WIDTHS[-1]))
     return out
 
 
@@ -66,16 +67,16 @@ def kernel_matrix(kernel: Kernel, a: FloatArray, b: FloatArray) -> FloatArray:
     """Return phi(|a_i - b_j|) as (M, N) for a (M, 3) and b (N, 3)."""
     out = np.empty((len(a), len(b)))
     x, y = np.ascontiguousarray(a), np.ascontiguousarray(b.T)
-    code = kernel.compiled()
+    code, unit = kernel.compiled(), kernel.unit
 
     def chunk(low: int, high: int) -> None:
-        _matrix_rows(code, x[low:high], y, out[low:high])
+        _matrix_rows(code, unit, x[low:high], y, out[low:high])
 
     in_chunks(chunk, len(a), len(b))
     return out
 
 
-def _padded(rows: FloatArray, count: int) -> FloatArray:
+def _padded(rows: FloatArray, count: int = 3) -> FloatArray:
     """Fill rows (k, C) with zeros up to `count` rows and a multiple of `PADDING` columns."""
     out = np.zeros((count, -(-rows.shape[1] // PADDING) * PADDING))
     out[: len(rows), : rows.shape[1]] = rows
@@ -84,29 +85,39 @@ def _padded(rows: FloatArray, count: int) -> FloatArray:
 
 @compiled
 def _sum_rows(
-    code: Any, x: FloatArray, c: FloatArray, b: FloatArray, a: FloatArray, out: FloatArray
+    code: Any,
+    x: FloatArray,
+    c: FloatArray,
+    b: FloatArray,
+    zeros: tuple[float, ...],
+    a: FloatArray,
+    out: FloatArray,
 ) -> None:  # pragma: no cover - machine code
-    """Sum at x (N, 3) over centres c (3, C) with weights b (4, C), add polynomials a (k, 4): out (N, k)."""
+    """Sum at x (N, 3) over centres c (3, C) with weights b (w, C), add polynomials a (k, 4): out (N, k).
+
+    The w sums are kept in a tuple, which LLVM keeps in registers.
+    """
+    prefer_wide_vectors()
     for i in range(len(x)):
         x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
-        s0 = s1 = s2 = s3 = 0.0
+        s = zeros
         for j in range(c.shape[1]):
             d0, d1, d2 = x0 - c[0, j], x1 - c[1, j], x2 - c[2, j]
             p = phi(code, d0 * d0 + d1 * d1 + d2 * d2)
-            s0 += b[0, j] * p
-            s1 += b[1, j] * p
-            s2 += b[2, j] * p
-            s3 += b[3, j] * p
-        s = (s0, s1, s2, s3)
+            for k in range(len(zeros)):
+                s = tuple_setitem(s, k, s[k] + b[k, j] * p)
         for k in range(len(a)):
             out[i, k] = s[k] + (a[k, 0] + a[k, 1] * x0 + a[k, 2] * x1 + a[k, 3] * x2)
 
 
 @compiled
-def _matrix_rows(code: Any, x: FloatArray, y: FloatArray, out: FloatArray) -> None:  # pragma: no cover - machine code
+def _matrix_rows(
+    code: Any, unit: float, x: FloatArray, y: FloatArray, out: FloatArray
+) -> None:  # pragma: no cover - machine code
     """Write phi between x (M, 3) and y (3, N) to out (M, N)."""
+    prefer_wide_vectors()
     for i in range(len(x)):
         x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
         for j in range(y.shape[1]):
             d0, d1, d2 = x0 - y[0, j], x1 - y[1, j], x2 - y[2, j]
-            out[i, j] = phi(code, d0 * d0 + d1 * d1 + d2 * d2)
+            out[i, j] = unit * phi(code, d0 * d0 + d1 * d1 + d2 * d2)
