@@ -6,9 +6,11 @@ import numpy as np
 from cadquery import Face, Shape
 from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
+from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.TopAbs import TopAbs_Orientation
 from OCP.TopLoc import TopLoc_Location
+from OCP.TopoDS import TopoDS_Shape
 
 FloatArray = NDArray[np.float64]
 
@@ -24,8 +26,9 @@ def tessellate(face: Face, deflection: float) -> tuple[FloatArray, NDArray[np.in
     ValueError
         If the kernel finds no triangle on the face.
     """
-    BRepMesh_IncrementalMesh(face.wrapped, deflection, False, ANGLE, False)
-    return _triangulation(face)
+    alone = Face(_unmeshed(face))
+    BRepMesh_IncrementalMesh(alone.wrapped, deflection, False, ANGLE, False)
+    return _triangulation(alone)
 
 
 def closed_triangles(solids: Sequence[Shape], deflection: float, angle: float) -> FloatArray:
@@ -35,13 +38,19 @@ def closed_triangles(solids: Sequence[Shape], deflection: float, angle: float) -
     """
     corners = []
     for solid in solids:
-        BRepMesh_IncrementalMesh(solid.wrapped, deflection, False, angle, False)
-        for face in solid.Faces():
+        alone = Shape.cast(_unmeshed(solid))
+        BRepMesh_IncrementalMesh(alone.wrapped, deflection, False, angle, False)
+        for face in alone.Faces():
             points, triangles = _triangulation(face)
             corners.append(points.astype(np.float32).astype(np.float64)[triangles])
     found = np.concatenate(corners)
     distinct = np.all(np.any(found != np.roll(found, 1, axis=1), axis=2), axis=1)
     return np.asarray(found[distinct], dtype=np.float64)
+
+
+def _unmeshed(shape: Shape) -> TopoDS_Shape:
+    """A copy for the kernel to keep its triangles in: it would mix them with those of earlier calls."""
+    return BRepBuilderAPI_Copy(shape.wrapped, False, False).Shape()
 
 
 def _triangulation(face: Face) -> tuple[FloatArray, NDArray[np.intp]]:
