@@ -54,6 +54,6 @@ def block(gapped):
     return chimera_block(gapped, BlockParameters())
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture
 def rng():
     return np.random.default_rng(0)
