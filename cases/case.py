@@ -4,9 +4,13 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from deform.greedy import GreedyOptions
+from geometry.chimera import BlockParameters
 from geometry.parameters import Fighter
 from geometry.quantity import check_quantities, quantity
 from meshing.parameters import SCALES, MeshParameters
+
+Domain = Literal["aircraft", "block"]
+"""What is meshed: the flow around the aircraft, or a Chimera block around the (one) aileron."""
 
 Strategy = Literal["squv", "mv"]
 STRATEGIES: tuple[Strategy, ...] = ("squv", "mv")
@@ -29,6 +33,8 @@ class Confinement:
     up: float = quantity(0.055, "m", 0.005, 1.0, "above the hinge line (rudder: to starboard)")
     down: float = quantity(0.055, "m", 0.005, 1.0, "below the hinge line (rudder: to port)")
     spacing: float = quantity(0.0, "m", 0.0, 1.0, "between sites on the faces; 0: from the local edge length")
+    slide: bool = True
+    """Whether nodes slide in the plane of a Chimera face inside the hexahedron; False pins them."""
     spacing_edges: float = quantity(1.75, "edges", 0.25, 10.0, "spacing over the median edge of the moving surface")
 
     def __post_init__(self) -> None:
@@ -95,10 +101,12 @@ class Case:
     name: str
     title: str
     deflections: tuple[Deflection, ...]
+    domain: Domain = "aircraft"
     angle: float = quantity(-12.0, "deg", -60.0, 60.0, "deflection, positive is trailing edge down")
     scale: str = "small"
     strategy: Strategy = "squv"
     fighter: Fighter = field(default_factory=Fighter)
+    block: BlockParameters = field(default_factory=BlockParameters)
     mesh: MeshParameters = field(default_factory=lambda: SCALES["small"])
     confinement: Confinement = field(default_factory=Confinement)
     blending: Blending = field(default_factory=Blending)

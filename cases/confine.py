@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cases.case import Case, Strategy
-from cases.motion import BoolArray, FloatArray, IndexArray, SurfaceMotion
+from cases.motion import BoolArray, IndexArray, SurfaceMotion
+from cases.zero_sites import BLOCK, block_stations, zero_sites
 from deform.hexahedron import Hexahedron
-from deform.sites import DataSites, multivariate, pinned, univariate
+from deform.sites import DataSites, multivariate, univariate
 from geometry import datum
-from geometry.confinement import hexahedron_corners, inward_face
+from geometry.confinement import hexahedron_corners
 from meshing.mesh import TetMesh
 
 DIRECTIONS = ("x", "y", "z")
@@ -39,7 +39,6 @@ class Region:
     held : (B,) those of them on patches that do not deflect.
     held_components : (B, 3) the components that stay: all where a patch merely touches a face of the
         hexahedron, the normal one where it slides in its plane.
-    sliding : patches whose nodes inside slide in their plane.
     zero : data sites of zero displacement on its faces, and on the sliding face for its normal direction.
     spacing : distance between those sites, metres.
     filter_seconds : time taken to find `inside`.
@@ -50,7 +49,6 @@ class Region:
     inside: IndexArray
     held: IndexArray
     held_components: BoolArray
-    sliding: tuple[str, ...]
     zero: tuple[DataSites, ...]
     spacing: float
     filter_seconds: float
@@ -68,22 +66,39 @@ def confine(case: Case, mesh: TetMesh, motion: SurfaceMotion) -> Region:
     ConfinementError
         If a moving node lies outside, or a node of a fixed patch inside.
     """
-    surface, settings = motion.patches[0], case.confinement
-    margins = datum.Margins(settings.aft, settings.outboard, settings.up, settings.down)
-    hexahedron = Hexahedron(hexahedron_corners(case.fighter, surface, margins))
+    surface = motion.patches[0]
+    hexahedron = hexahedron_of(case, surface)
     hexahedron.contains(mesh.points[:1])  # loads the compiled test: not part of the filter's time
     start = perf_counter()
     inside = np.flatnonzero(hexahedron.contains(mesh.points))
     seconds = perf_counter() - start
     check_inside(mesh, hexahedron, motion)
-    check_clear(mesh, hexahedron, motion)
-    spacing = settings.spacing or settings.spacing_edges * median_edge(mesh, surface)
-    sites = hexahedron.face_sites(spacing, skip={inward_face(surface)} if surface.startswith("tail") else set())
-    zero = pinned(apart_from(sites, mesh.points[motion.nodes], 0.5 * spacing))
+    check_clear(case, mesh, hexahedron, motion)
+    spacing = case.confinement.spacing or case.confinement.spacing_edges * median_edge(mesh, surface)
+    zero = zero_sites(case, surface, hexahedron, mesh.points[motion.nodes], spacing)
+    held, components = held_nodes(case, mesh, inside, motion)
+    return Region(surface, hexahedron, inside, held, components, zero, spacing, seconds)
+
+
+def hexahedron_of(case: Case, surface: str) -> Hexahedron:
+    """Return the hexahedron of a control surface."""
+    settings = case.confinement
+    margins = datum.Margins(settings.aft, settings.outboard, settings.up, settings.down)
+    return Hexahedron(hexahedron_corners(case.fighter, surface, margins))
+
+
+def held_nodes(case: Case, mesh: TetMesh, inside: IndexArray, motion: SurfaceMotion) -> tuple[IndexArray, BoolArray]:
+    """Boundary nodes (B,) inside that the surface motion does not decide, and which components (B, 3) stay.
+
+    They lie on faces of the hexahedron and stay, but for those of a block's outer faces alone, which slide.
+    """
     boundary = np.intersect1d(mesh.on(*mesh.names[1:]), inside, assume_unique=True)
     held = np.setdiff1d(boundary, motion.nodes, assume_unique=True)
-    every = np.ones((len(held), 3), dtype=bool)
-    return Region(surface, hexahedron, inside, held, every, (), (zero,), spacing, seconds)
+    components = np.ones((len(held), 3), dtype=bool)
+    if case.domain == "block" and case.confinement.slide:
+        walls = mesh.on(*(name for name in mesh.names[1:] if name != BLOCK))
+        components[~np.isin(held, walls, assume_unique=True)] = (False, True, False)
+    return held, components
 
 
 def median_edge(mesh: TetMesh, patch: str) -> float:
@@ -91,12 +106,6 @@ def median_edge(mesh: TetMesh, patch: str) -> float:
     corners = mesh.points[mesh.triangles_of(patch)]
     edges = corners - np.roll(corners, 1, axis=1)
     return float(np.median(np.linalg.norm(edges, axis=2)))
-
-
-def apart_from(sites: FloatArray, points: FloatArray, distance: float) -> FloatArray:
-    """Return the sites (P, 3) that keep at least this distance from all points (K, 3)."""
-    nearest, _ = cKDTree(points).query(sites)
-    return np.ascontiguousarray(sites[nearest >= distance])
 
 
 def check_inside(mesh: TetMesh, hexahedron: Hexahedron, motion: SurfaceMotion) -> None:
@@ -112,12 +121,16 @@ def check_inside(mesh: TetMesh, hexahedron: Hexahedron, motion: SurfaceMotion) -
         )
 
 
-def check_clear(mesh: TetMesh, hexahedron: Hexahedron, motion: SurfaceMotion) -> None:
+def check_clear(case: Case, mesh: TetMesh, hexahedron: Hexahedron, motion: SurfaceMotion) -> None:
     """Raise ConfinementError if a node of a patch that must not move lies inside, off the faces."""
+    stations = block_stations(case, motion.patches[0])
     for name in mesh.names[1:]:
         if name in motion.patches:
             continue
         others = np.setdiff1d(mesh.on(name), motion.nodes, assume_unique=True)
+        if name == BLOCK:
+            on_gap_face = np.abs(mesh.points[others, 1, None] - stations).min(axis=1) <= ON_FACE
+            others = others[~on_gap_face]
         crossing = np.count_nonzero(hexahedron.contains(mesh.points[others], -ON_FACE))
         if crossing:
             raise ConfinementError(

@@ -17,7 +17,7 @@ from deform.reduction import farthest
 from deform.sites import DataSites
 from deform.volume import fused
 from meshing.mesh import TetMesh
-from meshing.quality import signed_volumes
+from meshing.quality import QualitySummary, mean_ratio, signed_volumes, summarise
 
 MAX_STEPS = 8
 
@@ -63,6 +63,12 @@ def deflect(mesh: TetMesh, case: Case, deflection: Deflection, report: Report) -
         if not inverted or 2 * count > MAX_STEPS:
             return Deflected(turn, points, steps, inverted)
         count *= 2
+
+
+def inside_quality(mesh: TetMesh, region: Region, points: FloatArray) -> QualitySummary:
+    """Quality of the cells that touch the hexahedron, with the nodes of the mesh at `points` (N, 3)."""
+    cells = mesh.tets[np.isin(mesh.tets, region.inside).any(axis=1)]
+    return summarise(mean_ratio(points, cells))
 
 
 def follow(

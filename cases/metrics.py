@@ -1,12 +1,13 @@
 """The figures of a run, as the contract names them."""
 
 import resource
+from dataclasses import asdict
 from importlib.metadata import version
 from math import isfinite
 from typing import Any
 
 from cases.confine import DIRECTIONS
-from cases.deflect import Deflected
+from cases.deflect import Deflected, inside_quality
 from cases.run import Run
 from meshing.quality import QualitySummary, mean_ratio, summarise
 
@@ -24,7 +25,7 @@ def metrics(run: Run) -> Json:
         "strategy": case.strategy,
         "version": version("sdm-deflect"),
         "mesh": _mesh(run, before),
-        **_surface(first),
+        **_surface(run, first),
         "evaluation": _evaluation(run),
         "quality": {"before": _quality(before), "after": _quality(after), "inverted": after.inverted},
         "validation": {
@@ -35,7 +36,7 @@ def metrics(run: Run) -> Json:
             ],
             "passed": run.passed,
         },
-        "deflections": {d.turn.region.surface: {"angle_deg": d.turn.angle, **_surface(d)} for d in run.deflections},
+        "deflections": {d.turn.region.surface: {"angle_deg": d.turn.angle, **_surface(run, d)} for d in run.deflections},
         "timings": run.seconds,
         "total_seconds": sum(run.seconds.values()),
         "peak_rss_bytes": peak_rss_bytes(),
@@ -61,7 +62,7 @@ def _mesh(run: Run, before: QualitySummary) -> Json:
     }
 
 
-def _surface(one: Deflected) -> Json:
+def _surface(run: Run, one: Deflected) -> Json:
     """Confinement, sites and adaptation of one control surface."""
     region = one.turn.region
     return {
@@ -76,6 +77,11 @@ def _surface(one: Deflected) -> Json:
             "hexahedron": {d: region.zero_sites(c) for c, d in enumerate(DIRECTIONS)},
         },
         "adaptation": _adaptation(one),
+        "quality_inside": {
+            "before": asdict(inside_quality(run.mesh, region, run.mesh.points)),
+            "after": asdict(inside_quality(run.mesh, region, run.deflected.points)),
+            **({"after_pinned": asdict(run.pinned)} if run.pinned else {}),
+        },
         "steps": len(one.steps),
         "largest_correction": max(step.correction for step in one.steps),
     }

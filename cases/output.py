@@ -55,6 +55,8 @@ def write_run(run: Run, folder: Path) -> None:
         point_data={"displacement": run.deflected.points - run.mesh.points},
         cell_data={"quality": mean_ratio(run.deflected.points, run.deflected.tets)},
     )
+    if run.background is not None:
+        write_vtu(folder / "background.vtu", run.background)
     write_interpolants(folder / "interpolant.npz", run.deflections)
     write_convergence(folder / "convergence.csv", run.deflections)
 

@@ -1,5 +1,6 @@
 """The overlap of two Chimera blocks: every node that needs a donor cell in the other block must find one."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +14,15 @@ from vtkmodules.vtkCommonDataModel import (
     vtkUnstructuredGrid,
 )
 
+from cases.case import Case
 from cases.motion import BoolArray, FloatArray, IndexArray
+from cases.validation import Check, worst
+from cases.zero_sites import BLOCK, block_stations
+from geometry.datum import ends, ribs
 from meshing.mesh import TetMesh
 
+HOLE = 0.25
+"""Share of the block's margin by which the hole in the background exceeds the control surface."""
 TOLERANCE = 1e-7
 """Distance (m) from a cell within which a node counts as inside: walls of both blocks agree to this."""
 
@@ -51,7 +58,7 @@ def overlap(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArr
     low, high : (3,) corners of the hole, the box around the control surface that is cut out of the background.
         It must lie well inside the block.
     """
-    outer = block.on("chimera")
+    outer = block.on(BLOCK)
     hole = np.all((background.points > low) & (background.points < high), axis=1)
     fringe = fringe_nodes(background.tets, hole)
     return Overlap(
@@ -61,6 +68,36 @@ def overlap(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArr
         fringe_orphans=int(np.count_nonzero(~has_donor(background.points[fringe], block))),
         hole=int(np.count_nonzero(hole)),
     )
+
+
+def overset_checks(case: Case, mesh: TetMesh, deflected: TetMesh, background: TetMesh) -> Iterator[Check]:
+    """Checks of a Chimera block: its faces in the gaps stay planar, and both blocks find their donors."""
+    surface = case.deflections[0].surface
+    nodes = mesh.on(BLOCK)
+    on_gap_face = np.isin(mesh.points[nodes, 1], block_stations(case, surface))
+    off = np.abs(deflected.points[nodes[on_gap_face], 1] - mesh.points[nodes[on_gap_face], 1])
+    yield Check("chimera_face_in_plane", float(off.max()), 0.0, "m", worst(off, mesh.points[nodes[on_gap_face]]))
+    found = overlap(deflected, background, *hole(case, surface))
+    where = (
+        f"{found.outer} nodes of the block's faces in the background, {found.fringe} of the background around its "
+        f"hole of {found.hole} nodes in the block"
+    )
+    yield Check("orphans", float(found.orphans), 0.0, "nodes", where)
+
+
+def hole(case: Case, surface: str) -> tuple[FloatArray, FloatArray]:
+    """Corners (3,) of the box cut out of the background: the aileron, grown by a quarter of the block's margin.
+
+    It ends with the aileron in the gaps, where the block is only a few cells wider.
+    """
+    points, block = ends(case.fighter, surface)[:, 2:5].reshape(-1, 3), case.block
+    low, high = points.min(axis=0), points.max(axis=0)
+    low -= HOLE * np.array([0.0, block.outboard, block.down])
+    high += HOLE * np.array([block.aft, block.outboard, block.up])
+    for station in ribs(case.fighter, surface):
+        inboard = np.abs(station - low[1]) > np.abs(station - high[1])
+        (high if inboard else low)[1] = station
+    return low, high
 
 
 def fringe_nodes(tets: IndexArray, hole: BoolArray) -> IndexArray:

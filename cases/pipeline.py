@@ -1,37 +1,43 @@
 """One case, from parameters to validated result: geometry, mesh, deformation, validation, output."""
 
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from cases.cad import undeflected_cad
+from cases.cad import background_cad, background_finer, undeflected_cad
 from cases.case import Case
-from cases.deflect import Deflected, deflect
+from cases.deflect import Deflected, deflect, inside_quality
 from cases.output import write_run
 from cases.overlap import check_disjoint
-from cases.progress import Stopwatch
+from cases.progress import Report, Stopwatch
 from cases.report.page import write_report
 from cases.run import MeshOrigin, Run
 from cases.validate import validate
 from deform.volume import fused
+from geometry.model import CadModel
 from meshing.cache import MeshCache, cache_key, default_folder
-from meshing.generate import generate
+from meshing.generate import Generated, generate
 from meshing.mesh import TetMesh
+from meshing.quality import QualitySummary
 
 
 def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> Run:
     """Run a case and write its files into `folder`."""
     mesh, origin = meshed(case, watch, cache)
+    background = background_mesh(case, watch, cache) if case.domain == "block" else None
     with watch.stage("deformation") as tell:
         results = tuple(deflect(mesh, case, one, tell) for one in case.deflections)
         check_disjoint([result.turn.region for result in results])
         deflected = combined(mesh, results)
         whole = whole_mesh_seconds(mesh, results[0])
+        pinned = pinned_quality(case, mesh, tell) if case.domain == "block" else None
     with watch.stage("validation"):
-        checks = validate(case, mesh, deflected, [result.turn for result in results])
-    run = Run(case, mesh, origin, deflected, results, whole, checks, watch.seconds)
+        checks = validate(case, mesh, deflected, [result.turn for result in results], background)
+    run = Run(case, mesh, origin, deflected, results, whole, checks, watch.seconds, background, pinned)
     with watch.stage("report"):
         write_report(run, folder)
     write_run(run, folder)
@@ -40,19 +46,50 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> 
 
 def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[TetMesh, MeshOrigin]:
     """Return the undeflected mesh of the case, from the cache if it is there and whole."""
-    store, key = MeshCache(default_folder()), cache_key({"fighter": case.fighter, "mesh": case.mesh})
+    parts = {"fighter": case.fighter, "mesh": case.mesh, "domain": case.domain}
+    if case.domain == "block":
+        parts |= {"block": case.block, "surface": case.deflections[0].surface}
+    return _cached(parts, partial(undeflected_cad, case), partial(generate, parameters=case.mesh), watch, cache)
+
+
+def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> TetMesh:
+    """Return the mesh of the aircraft that surrounds the Chimera block of a case."""
+    parts = {
+        "fighter": case.fighter, "mesh": case.mesh, "domain": "background", "block": case.block,
+        "surface": case.deflections[0].surface,
+    }  # fmt: skip
+    mesher = partial(generate, parameters=case.mesh, finer=background_finer(case))
+    return _cached(parts, partial(background_cad, case), mesher, watch, cache)[0]
+
+
+def _cached(
+    parts: dict[str, object],
+    build: Callable[[], CadModel],
+    mesher: Callable[..., Generated],
+    watch: Stopwatch,
+    cache: bool,
+) -> tuple[TetMesh, MeshOrigin]:
+    """Return the mesh of these parameters from the cache, or build and mesh the CAD and keep the result."""
+    store, key = MeshCache(default_folder()), cache_key(parts)
     found = store.load(key) if cache else None
     if found is not None:
         return found[0], MeshOrigin(**found[1])  # type: ignore[arg-type]
     with watch.stage("geometry"):
-        model = undeflected_cad(case)
+        model = build()
     with watch.stage("mesh") as tell:
-        generated = generate(model, case.mesh, tell)
+        generated = mesher(model, progress=tell)
     report = generated.report
     origin = MeshOrigin(report.verification.boundary_to_cad_max, report.attempts, report.seconds)
     if cache:
         store.store(key, generated.mesh, asdict(origin))
     return generated.mesh, origin
+
+
+def pinned_quality(case: Case, mesh: TetMesh, tell: Report) -> QualitySummary:
+    """Quality inside the hexahedron if the Chimera face were pinned instead of sliding: what sliding is worth."""
+    stiff = replace(case, confinement=replace(case.confinement, slide=False))
+    result = deflect(mesh, stiff, case.deflections[0], tell)
+    return inside_quality(mesh, result.turn.region, result.points)
 
 
 def combined(mesh: TetMesh, results: tuple[Deflected, ...]) -> TetMesh:

@@ -4,13 +4,14 @@ from dataclasses import replace
 from difflib import get_close_matches
 
 from cases.aileron import AILERON
+from cases.aileron_chimera import AILERON_CHIMERA
 from cases.all import ALL
 from cases.case import Case
 from cases.rudder import RUDDER
 from cases.tail import TAIL
 from meshing.parameters import SCALES
 
-CASES: dict[str, Case] = {case.name: case for case in (AILERON, TAIL, RUDDER, ALL)}
+CASES: dict[str, Case] = {case.name: case for case in (AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
 
 
 def case_named(name: str, scale: str = "small") -> Case:

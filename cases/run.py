@@ -6,6 +6,7 @@ from cases.case import Case
 from cases.deflect import Deflected
 from cases.validation import Check
 from meshing.mesh import TetMesh
+from meshing.quality import QualitySummary
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,8 @@ class Run:
     whole_mesh_seconds : time to evaluate the first interpolant at every mesh node, for comparison.
     checks : the validation.
     seconds : per stage.
+    background : the mesh around a Chimera block; None without a block.
+    pinned : quality inside the hexahedron with a pinned instead of a sliding Chimera face, for comparison.
     """
 
     case: Case
@@ -45,6 +48,8 @@ class Run:
     whole_mesh_seconds: float
     checks: tuple[Check, ...]
     seconds: dict[str, float] = field(default_factory=dict)
+    background: TetMesh | None = None
+    pinned: QualitySummary | None = None
 
     @property
     def passed(self) -> bool:

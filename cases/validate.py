@@ -8,20 +8,25 @@ import numpy as np
 from cases.cad import deflected_cad
 from cases.case import Case
 from cases.motion import FloatArray, IndexArray, axis_of, hinged
+from cases.overset import overset_checks
 from cases.turn import Turn
 from cases.validate_surface import Shape, surface_checks
 from cases.validation import Check, worst
+from cases.zero_sites import BLOCK
 from meshing.mesh import TetMesh
 from meshing.quality import mean_ratio, signed_volumes
 
 
-def validate(case: Case, mesh: TetMesh, deflected: TetMesh, turns: Sequence[Turn]) -> tuple[Check, ...]:
+def validate(
+    case: Case, mesh: TetMesh, deflected: TetMesh, turns: Sequence[Turn], background: TetMesh | None = None
+) -> tuple[Check, ...]:
     """Return every check that applies to the case.
 
     Parameters
     ----------
     mesh, deflected : before and after; same cells, same order.
     turns : what each control surface was to do.
+    background : the mesh around a Chimera block.
     """
     checks = list(mesh_checks(case, mesh, deflected, turns))
     rigid = deflected_cad(case, "rigid")
@@ -30,6 +35,8 @@ def validate(case: Case, mesh: TetMesh, deflected: TetMesh, turns: Sequence[Turn
         shape = Shape(case, mesh, deflected, turn, axis_of(case.fighter, turn.surface))
         suffix = f":{turn.surface}" if len(turns) > 1 else ""
         checks += [replace(check, name=check.name + suffix) for check in surface_checks(shape, rigid, blended)]
+    if background is not None:
+        checks += overset_checks(case, mesh, deflected, background)
     return tuple(checks)
 
 
@@ -42,8 +49,7 @@ def mesh_checks(case: Case, mesh: TetMesh, deflected: TetMesh, turns: Sequence[T
     volumes = signed_volumes(deflected.points, deflected.tets)
     yield Check("inverted_cells", float(np.count_nonzero(volumes <= 0.0)), 0.0, "cells", f"of {len(volumes)}")
     moving = [patch for turn in turns for patch in turn.motion.patches]
-    sliding = [patch for turn in turns for patch in turn.region.sliding]
-    fixed = mesh.on(*(name for name in mesh.names[1:] if name not in (*moving, *sliding)))
+    fixed = mesh.on(*(name for name in mesh.names[1:] if name not in (*moving, BLOCK)))
     check = unmoved("fixed_surfaces_moved", moved, fixed, mesh.points)
     border = np.intersect1d(fixed, mesh.on(*moving), assume_unique=True)
     yield replace(check, where=f"{check.where}, of which {len(border)} border a moving patch")

@@ -27,6 +27,7 @@ from meshing.volume import PADDING, Filling, fill
 FAR_FIELD = "far_field"
 Progress = Callable[[str, float], None]
 Box = tuple[FloatArray, FloatArray]
+Finer = tuple[FloatArray, FloatArray]
 
 # Where the flow is inside the solid the mesher's box exceeds it by this share.
 ALLOWANCE = 0.05
@@ -59,7 +60,9 @@ def silent(stage: str, fraction: float) -> None:
     """Ignore progress."""
 
 
-def generate(model: CadModel, parameters: MeshParameters, progress: Progress = silent) -> Generated:
+def generate(
+    model: CadModel, parameters: MeshParameters, progress: Progress = silent, finer: Finer | None = None
+) -> Generated:
     """Mesh the flow around (or inside) a CAD model.
 
     The volume mesher is not deterministic: each attempt gives another mesh, and one that fails verification
@@ -69,6 +72,8 @@ def generate(model: CadModel, parameters: MeshParameters, progress: Progress = s
     ----------
     progress
         Called with a stage and the fraction done, nan where that is unknown.
+    finer
+        Points (S, 3) where the cells are to be small for another reason than the CAD, and edge lengths (S,).
 
     Raises
     ------
@@ -77,7 +82,7 @@ def generate(model: CadModel, parameters: MeshParameters, progress: Progress = s
     """
     start = time.perf_counter()
     progress("surface mesh", 0.0)
-    field, box, surface = prepare(model, parameters)
+    field, box, surface = prepare(model, parameters, finer)
     surface_seconds = time.perf_counter() - start
     rejected: list[str] = []
     for attempt in range(1, parameters.max_attempts + 1):
@@ -102,7 +107,7 @@ def generate(model: CadModel, parameters: MeshParameters, progress: Progress = s
     raise MeshingError(f"no usable mesh in {parameters.max_attempts} attempts: {reasons}")
 
 
-def prepare(model: CadModel, parameters: MeshParameters) -> tuple[SizeField, Box, Surface]:
+def prepare(model: CadModel, parameters: MeshParameters, finer: Finer | None = None) -> tuple[SizeField, Box, Surface]:
     """The target sizes, the box to fill and the surface mesh: all that attempts have in common.
 
     Raises
@@ -111,10 +116,13 @@ def prepare(model: CadModel, parameters: MeshParameters) -> tuple[SizeField, Box
         If the surface cannot be meshed.
     """
     points, lengths = sources(model, parameters)
-    low, high = points.min(axis=0), points.max(axis=0)
+    known = np.concatenate([points, model.vertices])
+    low, high = known.min(axis=0), known.max(axis=0)
     extent = float((high - low).max())
     distance = (ALLOWANCE if model.fluid_inside else parameters.far_field) * extent
     largest = FAR_EDGE * (extent if model.fluid_inside else distance)
+    if finer is not None:
+        points, lengths = np.concatenate([points, finer[0]]), np.concatenate([lengths, finer[1]])
     field = size_field(points, lengths, parameters.growth, largest)
     # Samples fall a little short of the body's ends.
     around = distance * (1.0 + SLACK) + SLACK * extent
