@@ -18,8 +18,11 @@ ROOTS = 4
 HALF_DIAGONAL = 0.87
 # A cube is split for the background mesh if its edge exceeds this many target lengths.
 COARSENESS = 2.5
-# The same for the cloud of seed points, which should be about one target length apart.
-SPACING = 1.4
+# The same for seed points: a little sparse, because a mesher that has to refine is made to optimise, too.
+SPACING = 1.7
+JITTER = 0.05
+# How far seed points stay from the surface and from the box's sides, in target lengths.
+CLEARANCE = 0.7
 
 
 def leaves(
@@ -57,9 +60,7 @@ def background(field: SizeField, low: FloatArray, high: FloatArray) -> tuple[Flo
         return np.asarray(edge > COARSENESS * within)
 
     cubes, edges = leaves(low, high, split)
-    corners = (cubes[:, None] + edges[:, None, None] * CORNERS).reshape(-1, 3)
-    scale = edges.min() / 64.0
-    points = scale * np.unique(np.round(corners / scale), axis=0)
+    points = _cube_corners(cubes, edges)
     # Cube corners are cospherical, which Delaunay triangulations answer with flat cells.
     points += 1e-2 * edges.min() * (np.random.default_rng(0).random(points.shape) - 0.5)
     tets = Delaunay(points).simplices.astype(np.intp)
@@ -69,14 +70,24 @@ def background(field: SizeField, low: FloatArray, high: FloatArray) -> tuple[Flo
 
 
 def seeds(field: SizeField, low: FloatArray, high: FloatArray, surface: FloatArray) -> FloatArray:
-    """Points (K, 3) about one target length apart in a box, for the mesher to start from.
+    """Points (K, 3) of graded body-centred cubic lattices in a box, for the mesher to start from.
 
-    They keep away from the box's sides and from points (S, 3) of the surface, and save a third of the work.
+    Such lattices have the best-shaped Delaunay tetrahedra: the mesher's first guess is then better than what
+    it reaches in five passes from a simple cubic one. The points keep away from the box's sides and from
+    points (S, 3) of the surface.
     """
     cubes, edges = leaves(low, high, lambda centres, edge: edge > SPACING * field(centres))
-    points = cubes + 0.5 * edges[:, None]
+    points = np.concatenate([cubes + 0.5 * edges[:, None], _cube_corners(cubes, edges)])
     lengths = field(points)[:, None]
-    points = points + 0.15 * lengths * (np.random.default_rng(0).random(points.shape) - 0.5)
-    inside = ((points > low + 0.3 * lengths) & (points < high - 0.3 * lengths)).all(axis=1)
+    points = points + JITTER * lengths * (np.random.default_rng(0).random(points.shape) - 0.5)
+    margin = CLEARANCE * lengths
+    inside = ((points > low + margin) & (points < high - margin)).all(axis=1)
     distance, _ = cKDTree(surface).query(points)
-    return np.asarray(points[inside & (distance > 0.6 * lengths[:, 0])])
+    return np.asarray(points[inside & (distance > margin[:, 0])])
+
+
+def _cube_corners(cubes: FloatArray, edges: FloatArray) -> FloatArray:
+    """The distinct corners (N, 3) of cubes with low corners (K, 3) and edge lengths (K,)."""
+    corners = (cubes[:, None] + edges[:, None, None] * CORNERS).reshape(-1, 3)
+    grain = edges.min() / 64.0
+    return np.asarray(grain * np.unique(np.round(corners / grain), axis=0))

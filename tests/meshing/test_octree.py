@@ -1,6 +1,6 @@
 import numpy as np
 
-from meshing.octree import COARSENESS, background, leaves, seeds
+from meshing.octree import CLEARANCE, COARSENESS, background, leaves, seeds
 from meshing.quality import signed_volumes
 from meshing.sizing import size_field
 
@@ -32,7 +32,7 @@ def test_seeds_are_spaced_like_the_field_and_keep_their_distance() -> None:
     again = seeds(FIELD, LOW, HIGH, surface)
     assert np.array_equal(cloud, again)
     away = np.linalg.norm(cloud[:, None] - surface, axis=2).min(axis=1)
-    assert (away > 0.6 * FIELD(cloud) - 1e-12).all()
+    assert (away > CLEARANCE * FIELD(cloud) - 1e-12).all()
     assert ((cloud > LOW) & (cloud < HIGH)).all()
     apart = np.linalg.norm(cloud[:, None] - cloud, axis=2) + np.diag(np.full(len(cloud), np.inf))
     ratio = apart.min(axis=1) / FIELD(cloud)
