@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from deform.greedy import GreedyOptions
+from deform.selection import GreedyOptions
 from geometry.chimera import BlockParameters
 from geometry.parameters import Fighter
 from geometry.quantity import check_quantities, quantity
@@ -95,7 +95,8 @@ class Limits:
 class Case:
     """Geometry, mesh, deflection, confinement, adaptation and limits of one run.
 
-    `angle` is in degrees, positive for trailing edge down (rudder: to port).
+    `angle` is in degrees, positive for trailing edge down (rudder: to port). `background` holds the sizes of the
+    mesh around a Chimera block, whose own are `mesh`.
     """
 
     name: str
@@ -108,6 +109,7 @@ class Case:
     fighter: Fighter = field(default_factory=Fighter)
     block: BlockParameters = field(default_factory=BlockParameters)
     mesh: MeshParameters = field(default_factory=lambda: SCALES["small"])
+    background: MeshParameters = field(default_factory=lambda: SCALES["small"])
     confinement: Confinement = field(default_factory=Confinement)
     blending: Blending = field(default_factory=Blending)
     adaptation: AdaptationSettings = field(default_factory=AdaptationSettings)

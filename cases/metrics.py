@@ -36,7 +36,7 @@ def metrics(run: Run) -> Json:
             ],
             "passed": run.passed,
         },
-        "deflections": {d.turn.region.surface: {"angle_deg": d.turn.angle, **_surface(run, d)} for d in run.deflections},
+        "deflections": {d.turn.surface: {"angle_deg": d.turn.angle, **_surface(run, d)} for d in run.deflections},
         "timings": run.seconds,
         "total_seconds": sum(run.seconds.values()),
         "peak_rss_bytes": peak_rss_bytes(),

@@ -69,7 +69,7 @@ def write_interpolants(path: Path, deflections: tuple[Deflected, ...]) -> None:
     """
     arrays: dict[str, np.ndarray] = {"kernel": np.array("thin_plate_spline")}
     for i, one in enumerate(deflections):
-        tag = f"_{one.turn.region.surface}" if i else ""
+        tag = f"_{one.turn.surface}" if i else ""
         arrays[f"hexahedron{tag}"] = one.turn.region.hexahedron.corners
         for k, step in enumerate(one.steps):
             suffix = tag + (f"_step{k + 1}" if k else "")
@@ -94,5 +94,5 @@ def write_convergence(path: Path, deflections: tuple[Deflected, ...]) -> None:
                     for row in fit.history:
                         rows.writerow(
                             [direction, row.iteration, row.n_centers, f"{row.max_residual:.6e}",
-                             f"{row.seconds:.6f}", one.turn.region.surface, k + 1]
+                             f"{row.seconds:.6f}", one.turn.surface, k + 1]
                         )  # fmt: skip

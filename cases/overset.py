@@ -15,14 +15,12 @@ from vtkmodules.vtkCommonDataModel import (
 )
 
 from cases.case import Case
+from cases.hole import hole
 from cases.motion import BoolArray, FloatArray, IndexArray
 from cases.validation import Check, worst
 from cases.zero_sites import BLOCK, block_stations
-from geometry.datum import ends, ribs
 from meshing.mesh import TetMesh
 
-HOLE = 0.25
-"""Share of the block's margin by which the hole in the background exceeds the control surface."""
 TOLERANCE = 1e-7
 """Distance (m) from a cell within which a node counts as inside: walls of both blocks agree to this."""
 
@@ -77,27 +75,12 @@ def overset_checks(case: Case, mesh: TetMesh, deflected: TetMesh, background: Te
     on_gap_face = np.isin(mesh.points[nodes, 1], block_stations(case, surface))
     off = np.abs(deflected.points[nodes[on_gap_face], 1] - mesh.points[nodes[on_gap_face], 1])
     yield Check("chimera_face_in_plane", float(off.max()), 0.0, "m", worst(off, mesh.points[nodes[on_gap_face]]))
-    found = overlap(deflected, background, *hole(case, surface))
+    found = overlap(deflected, background, *hole(case))
     where = (
         f"{found.outer} nodes of the block's faces in the background, {found.fringe} of the background around its "
         f"hole of {found.hole} nodes in the block"
     )
     yield Check("orphans", float(found.orphans), 0.0, "nodes", where)
-
-
-def hole(case: Case, surface: str) -> tuple[FloatArray, FloatArray]:
-    """Corners (3,) of the box cut out of the background: the aileron, grown by a quarter of the block's margin.
-
-    It ends with the aileron in the gaps, where the block is only a few cells wider.
-    """
-    points, block = ends(case.fighter, surface)[:, 2:5].reshape(-1, 3), case.block
-    low, high = points.min(axis=0), points.max(axis=0)
-    low -= HOLE * np.array([0.0, block.outboard, block.down])
-    high += HOLE * np.array([block.aft, block.outboard, block.up])
-    for station in ribs(case.fighter, surface):
-        inboard = np.abs(station - low[1]) > np.abs(station - high[1])
-        (high if inboard else low)[1] = station
-    return low, high
 
 
 def fringe_nodes(tets: IndexArray, hole: BoolArray) -> IndexArray:

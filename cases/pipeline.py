@@ -8,9 +8,10 @@ from time import perf_counter
 
 import numpy as np
 
-from cases.cad import background_cad, background_finer, undeflected_cad
+from cases.cad import background_cad, undeflected_cad
 from cases.case import Case
 from cases.deflect import Deflected, deflect, inside_quality
+from cases.hole import finer_background
 from cases.output import write_run
 from cases.overlap import check_disjoint
 from cases.progress import Report, Stopwatch
@@ -54,11 +55,12 @@ def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[TetMesh, M
 
 def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> TetMesh:
     """Return the mesh of the aircraft that surrounds the Chimera block of a case."""
+    finer = finer_background(case)
     parts = {
-        "fighter": case.fighter, "mesh": case.mesh, "domain": "background", "block": case.block,
-        "surface": case.deflections[0].surface,
+        "fighter": case.fighter, "mesh": case.background, "domain": "background",
+        "surface": case.deflections[0].surface, "finer": [array.tolist() for array in finer],
     }  # fmt: skip
-    mesher = partial(generate, parameters=case.mesh, finer=background_finer(case))
+    mesher = partial(generate, parameters=case.background, finer=finer)
     return _cached(parts, partial(background_cad, case), mesher, watch, cache)[0]
 
 

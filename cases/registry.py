@@ -13,6 +13,9 @@ from meshing.parameters import SCALES
 
 CASES: dict[str, Case] = {case.name: case for case in (AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
 
+EDGE_FACTORS = {"aileron-chimera": {"aileron": 0.55, "wing": 0.55, "chimera": 0.8, "gap_cells": 1.5}}
+"""Edge lengths of a case's mesh by those of its scale."""
+
 
 def case_named(name: str, scale: str = "small") -> Case:
     """Return a case at a scale; ValueError with the nearest name if there is none."""
@@ -22,4 +25,6 @@ def case_named(name: str, scale: str = "small") -> Case:
         raise ValueError(f"unknown case {name!r}; {hint}")
     if scale not in SCALES:
         raise ValueError(f"unknown scale {scale!r}; there are {', '.join(SCALES)}")
-    return replace(CASES[name], scale=scale, mesh=SCALES[scale])
+    sizes, factors = SCALES[scale], EDGE_FACTORS.get(name, {})
+    finer = replace(sizes, **{patch: factor * getattr(sizes, patch) for patch, factor in factors.items()})
+    return replace(CASES[name], scale=scale, mesh=finer, background=sizes)

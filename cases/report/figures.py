@@ -42,7 +42,7 @@ def convergence(run: Run, figure: Figure) -> str:
     tolerance = run.case.adaptation.tolerance
     axes.axhline(tolerance, color="0.4", lw=1)
     axes.annotate(f"tolerance {tolerance:g} m", (axes.get_xlim()[0], tolerance), va="bottom", color="0.3")
-    axes.set(xlabel="centres", ylabel="largest residual at the data sites, m", title=first.turn.region.surface)
+    axes.set(xlabel="centres", ylabel="largest residual at the data sites, m", title=first.turn.surface)
     axes.legend()
     axes.grid(alpha=0.3)
     return "Largest residual against the number of centres for each displacement direction, falling to the tolerance."

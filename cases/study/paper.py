@@ -1,0 +1,135 @@
+"""The paper's numbers, read from `cases/paper.toml`: nothing in here is ours."""
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from tomllib import loads
+from typing import Any, Literal
+
+COLUMNS = ("x", "y", "z", "xyz")
+"""Uni-variate adaptations for one direction, and the multi-variate one for all three."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What an adaptation was asked to do.
+
+    Attributes
+    ----------
+    columns : directions that share their centres: "x", "y", "z" (SQUV) or "xyz" (MV).
+    angle : deflection, degrees.
+    initial : initial centres on the control surface and on the hexahedron.
+    n_add : M_add, the largest number of centres added in an iteration.
+    """
+
+    columns: str
+    angle: float
+    initial: tuple[int, int]
+    n_add: int
+
+    def __post_init__(self) -> None:
+        if self.columns not in COLUMNS:
+            raise ValueError(f"columns = {self.columns!r} is not one of {', '.join(COLUMNS)}")
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row of a convergence table: a setting, and what came of it.
+
+    Attributes
+    ----------
+    iterations, centers : t_end and N_c,end.
+    seconds : time of the adaptation.
+    max_error : largest error (m) at any data site; nan where the paper does not say.
+    """
+
+    setting: Setting
+    iterations: int
+    centers: int
+    seconds: float
+    max_error: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A convergence table of the paper and the settings that all its rows share."""
+
+    title: str
+    case: str
+    tolerance: float
+    rows: tuple[Row, ...]
+    max_centers: int = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """Mesh and data sites of one case; `zero_sites` are those on the hexahedron for x, y and z."""
+
+    case: str
+    points: int
+    cells: int
+    surface: int
+    zero_sites: tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Timings of section 5, in seconds, of the interpolant for f_x."""
+
+    case: str
+    centers: int
+    inside: int
+    filter_seconds: float
+    inside_seconds: float
+    whole_seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class QualityStatement:
+    """What the paper reads off a histogram for cells below a mean ratio.
+
+    `finding` is "as before" (no deterioration visible there) or "none" (the deformed mesh has no such cells).
+    """
+
+    figure: int
+    case: str
+    angle: float
+    below: float
+    finding: Literal["as before", "none"]
+
+
+@dataclass(frozen=True, slots=True)
+class Paper:
+    """All numbers of section 5."""
+
+    machine: str
+    tables: dict[str, Table]
+    sizes: tuple[Size, ...]
+    evaluations: tuple[Evaluation, ...]
+    quality: tuple[QualityStatement, ...]
+
+    def size(self, case: str) -> Size:
+        """Return the sizes of a case; KeyError if the paper does not have it."""
+        return {one.case: one for one in self.sizes}[case]
+
+
+@cache
+def paper() -> Paper:
+    """Read the data file of the package."""
+    data = loads(files("cases").joinpath("paper.toml").read_text(encoding="utf-8"))
+    return Paper(
+        machine=data["machine"]["text"],
+        tables={name: _table(data[name]) for name in sorted(data) if name.startswith("table")},
+        sizes=tuple(Size(**{**one, "zero_sites": tuple(one["zero_sites"])}) for one in data["sizes"]),
+        evaluations=tuple(Evaluation(**one) for one in data["evaluations"]),
+        quality=tuple(QualityStatement(**one) for one in data["quality"]),
+    )
+
+
+def _table(data: dict[str, Any]) -> Table:
+    return Table(**{**data, "rows": tuple(_row(one) for one in data["rows"])})
+
+
+def _row(data: dict[str, Any]) -> Row:
+    setting = Setting(data.pop("columns"), float(data.pop("angle")), tuple(data.pop("initial")), data.pop("n_add"))
+    return Row(setting, **data)
