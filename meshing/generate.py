@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from meshing.verify import Verification, verify
 from meshing.volume import PADDING, Filling, fill
 
 FAR_FIELD = "far_field"
+# By how much the mesher's aim is raised after a failure, and where that ends.
+EFFORT = 0.05
+HIGHEST_AIM = 0.5
 Progress = Callable[[str, float], None]
 Box = tuple[FloatArray, FloatArray]
 Finer = tuple[FloatArray, FloatArray]
@@ -89,7 +92,7 @@ def generate(
         progress(f"volume mesh, attempt {attempt}", float("nan"))
         begin = time.perf_counter()
         try:
-            filling = fill(surface, field, box, parameters)
+            filling = fill(surface, field, box, harder(parameters, attempt))
             volume_seconds = time.perf_counter() - begin
             progress(f"boundary, attempt {attempt}", 0.9)
             mesh = assemble(filling, surface, model, parameters)
@@ -105,6 +108,11 @@ def generate(
         rejected.append("; ".join(verification.failures))
     reasons = " | ".join(f"attempt {i}: {reason}" for i, reason in enumerate(rejected, 1))
     raise MeshingError(f"no usable mesh in {parameters.max_attempts} attempts: {reasons}")
+
+
+def harder(parameters: MeshParameters, attempt: int) -> MeshParameters:
+    """Parameters with which the mesher works longer, and better, at each further attempt (1, 2, ...)."""
+    return replace(parameters, aim=min(parameters.aim + EFFORT * (attempt - 1), HIGHEST_AIM))
 
 
 def prepare(model: CadModel, parameters: MeshParameters, finer: Finer | None = None) -> tuple[SizeField, Box, Surface]:

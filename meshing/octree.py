@@ -19,7 +19,7 @@ HALF_DIAGONAL = 0.87
 # A cube is split for the background mesh if its edge exceeds this many target lengths.
 COARSENESS = 2.5
 # The same for seed points: a little sparse, because a mesher that has to refine is made to optimise, too.
-SPACING = 1.7
+SPACING = 1.9
 JITTER = 0.05
 # How far seed points stay from the surface and from the box's sides, in target lengths.
 CLEARANCE = 0.7

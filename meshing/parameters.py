@@ -45,7 +45,7 @@ class MeshParameters:
     """
 
     fuselage: float = _edge(0.024, "fuselage")
-    fuselage_panel: float = _edge(0.012, "fuselage panels beside the tails")
+    fuselage_panel: float = _edge(0.01, "fuselage panels beside the tails")
     fuselage_rear: float = _edge(0.015, "rear of the fuselage")
     canopy: float = _edge(0.014, "canopy")
     inlet: float = _edge(0.016, "inlet")
@@ -53,7 +53,7 @@ class MeshParameters:
     strake: float = _edge(0.011, "strakes")
     wing: float = _edge(0.017, "wings")
     aileron: float = _edge(0.006, "ailerons")
-    tail: float = _edge(0.011, "tails")
+    tail: float = _edge(0.009, "tails")
     ventral: float = _edge(0.014, "ventral fins")
     fin: float = _edge(0.017, "fin")
     rudder: float = _edge(0.009, "rudder")
