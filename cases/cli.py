@@ -91,6 +91,51 @@ def geometry(out: Path, case: str, angle: float | None, assignments: tuple[str, 
 
 
 @cli.command()
+@click.argument("folder", type=FILE)
+def validate(folder: Path) -> int:
+    """Repeat the validation of a finished run from its files."""
+    from cases.console import verdict
+    from cases.finished import validate_folder
+
+    with Console(stderr=True).status("building the deflected CAD"):
+        checks = validate_folder(folder)
+    Console().print(verdict(checks, str(folder)))
+    return 0 if all(check.passed for check in checks) else FAILED
+
+
+@cli.command()
+@click.argument("case")
+@click.option("--scale", default="small", show_default=True, help="small, medium or paper.")
+@click.option("--quality", "threshold", default=0.2, show_default=True, help="Smallest acceptable mean ratio.")
+@click.option("--resolution", default=1.0, show_default=True, help="Degrees to which the limit is found.")
+@click.option("--out", type=FILE, help="Output folder (default runs/CASE-limit).")
+@set_option
+def limit(case: str, scale: str, threshold: float, resolution: float, out: Path | None, **given: Any) -> None:
+    """Find the largest angle of each sign that inverts no cell and keeps a quality, by bisection."""
+    from cases.errors import InputError
+    from cases.resolve import resolve
+
+    resolved = resolve(case, scale, **given)
+    for name, value, high in (("quality", threshold, 1.0), ("resolution", resolution, 30.0)):
+        if not 0.0 < value < high:
+            raise InputError(f"--{name} {value:g} must be between 0 and {high:g}")
+
+    from cases.limit import find_limits, write_limits
+    from cases.output import output_folder
+    from cases.pipeline import meshed
+    from cases.progress import Bars, Stopwatch
+
+    folder = out or Path("runs") / f"{resolved.name}-limit"
+    with output_folder(folder) as scratch, Bars(Console(stderr=True)) as bars:
+        watch = Stopwatch(bars)
+        mesh, _ = meshed(resolved, watch)
+        with watch.stage("bisection") as report:
+            limits = find_limits(resolved, mesh, threshold, resolution, report)
+        table = write_limits(limits, resolved, threshold, scratch)
+    Console().print(table)
+
+
+@cli.command()
 @click.argument("mesh", type=FILE)
 def quality(mesh: Path) -> None:
     """Print points, cells, patches, quality and inverted cells of a mesh file."""

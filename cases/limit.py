@@ -1,6 +1,11 @@
 """The largest deflection of each sign that keeps every cell positive and of acceptable shape."""
 
+import csv
 from dataclasses import dataclass, replace
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from rich.table import Table
 
 from cases.case import Case
 from cases.deflect import deflect
@@ -69,3 +74,29 @@ def attempt(case: Case, mesh: TetMesh, angle: float) -> Trial:
         worst = min(worst, float(mean_ratio(result.points, mesh.tets).min()))
         steps = max(steps, len(result.steps))
     return Trial(angle, worst, steps)
+
+
+def write_limits(limits: tuple[Limit, Limit], case: Case, threshold: float, folder: Path) -> Table:
+    """Write limit.csv and limit.png and return the limits as a table."""
+    trials = sorted((trial for limit in limits for trial in limit.trials), key=lambda trial: trial.angle)
+    with (folder / "limit.csv").open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(["angle_deg", "quality_min", "steps"])
+        rows.writerows([f"{t.angle:g}", f"{t.quality_min:.4f}", t.steps] for t in trials)
+    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    axes.plot([t.angle for t in trials], [t.quality_min for t in trials], "o-", color="#0072b2")
+    axes.axhline(threshold, color="0.4", lw=1, label=f"threshold {threshold:g}")
+    axes.set(xlabel="deflection, deg", ylabel="smallest mean ratio (0: inverted cells)", title=case.title)
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(folder / "limit.png", dpi=110, metadata={"Software": None})
+    table = Table(title=f"{case.name}: largest deflections with quality >= {threshold:g}", title_justify="left")
+    for heading in ("sign", "largest angle, deg", "smallest quality there", "steps", "angles tried"):
+        table.add_column(heading, justify="right")
+    for sign, limit in zip(("-", "+"), limits, strict=True):
+        at = next((t for t in limit.trials if t.angle == limit.angle), Trial(0.0, float("nan"), 0))
+        table.add_row(
+            sign, f"{limit.angle:+.2f}", f"{at.quality_min:.3f}", str(at.steps), str(len(limit.trials))
+        )
+    return table

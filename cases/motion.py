@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cases.case import Blending
+from cases.case import Case
 from deform.kernels import Multiquadric
 from deform.motion import Axis
 from deform.surface import blend, blend_strip
@@ -51,17 +51,15 @@ def axis_of(fighter: Fighter, surface: str) -> Axis:
     return Axis.through(start, end)
 
 
-def wedge_motion(
-    mesh: TetMesh, fighter: Fighter, surface: str, angle: float, blending: Blending
-) -> SurfaceMotion:
+def wedge_motion(case: Case, mesh: TetMesh, surface: str, angle: float) -> SurfaceMotion:
     """Aileron or rudder: hinge edges fixed, trailing edge rotated, multiquadric in between.
 
     Nodes shared with another patch stay: the hinge edges, and the rib where no gap separates the surface
     from its parent. Beside such a closed rib a strip is blended spanwise; beyond it the faces stay planar.
     """
-    wedge = Wedge.of(mesh, fighter, surface)
+    wedge, blending = Wedge.of(mesh, case.fighter, surface), case.blending
     points, kernel = wedge.points, Multiquadric(blending.epsilon)
-    turned = axis_of(fighter, surface).displacement(points[wedge.trailing], angle)
+    turned = axis_of(case.fighter, surface).displacement(points[wedge.trailing], angle)
     moved = blend(points, points[wedge.hinge], points[wedge.trailing], turned, kernel)
     moved[wedge.trailing] = turned
     strip = wedge.distance_to_closed_rib < blending.strip
@@ -104,14 +102,6 @@ class Wedge:
         ribs = span[fixed & ~hinge & ~between_hinge_edges(points, upper, lower)]
         gap = np.abs(span[:, None] - ribs).min(axis=1) if len(ribs) else np.full(len(nodes), np.inf)
         return cls(nodes, points, fixed, hinge, trailing, gap)
-
-    def normal_through(self, points: FloatArray) -> FloatArray:
-        """Unit normal (3,) of the plane through hinge-edge points (N, 3) and the trailing edge; zero for a rib."""
-        edge = points[np.argmax(np.linalg.norm(points - points[0], axis=1))] - points[0]
-        normal = np.cross(edge, self.points[self.trailing][0] - points[0])
-        in_plane = np.abs((self.points[self.trailing] - points[0]) @ normal) < ON_LINE * np.linalg.norm(normal)
-        length = np.linalg.norm(normal)
-        return np.asarray(normal / length if in_plane.all() and length > 0.0 else np.zeros(3), dtype=np.float64)
 
 
 def distance_to_line(points: FloatArray, line: FloatArray) -> FloatArray:

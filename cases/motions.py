@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 
-from cases.case import Blending, Case
+from cases.case import Case
 from cases.motion import SurfaceMotion, hinged, wedge_motion
 from cases.tail import tail_motion
-from geometry.parameters import Fighter
 from meshing.mesh import TetMesh
 
-Motion = Callable[[TetMesh, Fighter, str, float, Blending], SurfaceMotion]
+Motion = Callable[[Case, TetMesh, str, float], SurfaceMotion]
 Move = Callable[[float], SurfaceMotion]
 """The surface motion at a deflection angle in degrees."""
 
@@ -18,6 +17,6 @@ def mover(case: Case, mesh: TetMesh, surface: str) -> Move:
     motion: Motion = wedge_motion if hinged(surface) else tail_motion
 
     def move(angle: float) -> SurfaceMotion:
-        return motion(mesh, case.fighter, surface, angle, case.blending)
+        return motion(case, mesh, surface, angle)
 
     return move

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from cases.case import AdaptationSettings, Blending, Case, Deflection
+from cases.case import AdaptationSettings, Blending, Case, Confinement, Deflection
+from cases.confine import hexahedron_of
 from cases.motion import BoolArray, FloatArray, IndexArray, SurfaceMotion, axis_of
 from deform.hexahedron import Hexahedron, box
 from deform.kernels import Multiquadric
@@ -17,11 +18,12 @@ TAIL = Case(
     title="left horizontal tail on the fuselage cylinder (section 5.3)",
     deflections=(Deflection("tail_left"),),
     angle=12.0,
+    confinement=Confinement(aft=0.080),
     adaptation=AdaptationSettings(initial_surface=100, initial_hexahedron=100, n_add=12, max_centers=2200),
 )
 
 
-def tail_motion(mesh: TetMesh, fighter: Fighter, surface: str, angle: float, blending: Blending) -> SurfaceMotion:
+def tail_motion(case: Case, mesh: TetMesh, surface: str, angle: float) -> SurfaceMotion:
     """Rotate the tail, extend its root onto the cylinder, and let the fuselage panel follow on the cylinder.
 
     Every plane of the tail contains the apex of its trapezoid, so a node that slides along its ray to the
@@ -30,15 +32,16 @@ def tail_motion(mesh: TetMesh, fighter: Fighter, surface: str, angle: float, ble
     leaves the planes by what the blending is not affine). The panel follows by thin plate splines between
     root line and border, then radially back onto the cylinder.
     """
-    panel = panel_of(surface)
+    panel, fighter = panel_of(surface), case.fighter
     nodes, cylinder = mesh.on(surface), fuselage_cylinder(fighter)
     root: BoolArray = np.isin(nodes, mesh.on(panel), assume_unique=True)
     axis = axis_of(fighter, surface)
     rotated = axis.rotated(mesh.points[nodes], angle)
     tip = axis.rotated(apex(datum.ends(fighter, surface))[None], angle)[0]
-    slid = rotated + root_extension(rotated, root, tip, cylinder, blending)
+    slid = rotated + root_extension(rotated, root, tip, cylinder, case.blending)
     slides = slid - mesh.points[nodes]
-    on_panel, panel_slides = panel_motion(mesh, panel, cylinder, nodes[root], slides[root])
+    region = hexahedron_of(case, surface)
+    on_panel, panel_slides = panel_motion(mesh, panel, region, cylinder, nodes[root], slides[root])
     every = np.union1d(nodes, on_panel)
     displacements = np.zeros((len(every), 3))
     displacements[np.searchsorted(every, on_panel)] = panel_slides
@@ -95,20 +98,22 @@ def root_region(root: FloatArray, depth: float) -> tuple[Hexahedron, str]:
 
 
 def panel_motion(
-    mesh: TetMesh, panel: str, cylinder: Cylinder, root: IndexArray, root_moves: FloatArray
+    mesh: TetMesh, panel: str, region: Hexahedron, cylinder: Cylinder, root: IndexArray, root_moves: FloatArray
 ) -> tuple[IndexArray, FloatArray]:
     """Displacement of the fuselage panel's nodes: thin plate splines, then radially back onto the cylinder.
+
+    Nodes on the panel's border and outside the hexahedron stay.
 
     Returns
     -------
     nodes : (P,) indices of the panel's nodes.
-    displacements : (P, 3), exactly `root_moves` at the root line and zero on the border.
+    displacements : (P, 3), exactly `root_moves` at the root line and zero on the border and outside.
     """
     nodes = mesh.on(panel)
     points = mesh.points[nodes]
     on_root = np.isin(nodes, root, assume_unique=True)
     others = [name for name in mesh.names[1:] if name != panel]
-    border = np.isin(nodes, mesh.on(*others), assume_unique=True) & ~on_root
+    border = (np.isin(nodes, mesh.on(*others), assume_unique=True) | ~region.contains(points)) & ~on_root
     moves = root_moves[np.searchsorted(root, nodes[on_root])]
     values = slide_panel(points, cylinder, points[on_root], moves, points[border])
     values[on_root], values[border] = moves, 0.0

@@ -10,7 +10,7 @@ from cases.case import Case
 from cases.motion import FloatArray, IndexArray, Wedge, hinged
 from cases.tail import fuselage_cylinder, panel_of
 from cases.turn import Turn
-from cases.validation import Check, plane_deviation, worst
+from cases.validation import Check, plane_deviation, plane_normal, worst
 from deform.motion import Axis
 from geometry.model import CadModel
 from meshing.mesh import TetMesh
@@ -36,11 +36,12 @@ class Shape:
         """Nodes that must lie on the deflected CAD."""
         return self.turn.motion.nodes[self.turn.motion.exact]
 
-    def faces(self, nodes: IndexArray) -> Iterator[IndexArray]:
-        """Nodes of each CAD face of the surface, of those given."""
+    def faces(self, nodes: IndexArray) -> Iterator[tuple[IndexArray, FloatArray]]:
+        """For each CAD face of the surface: its nodes among those given, and its undeflected unit normal (3,)."""
         own = self.mesh.patch == self.mesh.names.index(self.turn.surface)
         for face in np.unique(self.mesh.face[own]):
-            yield np.intersect1d(self.mesh.triangles[own & (self.mesh.face == face)], nodes)
+            on_face = np.unique(self.mesh.triangles[own & (self.mesh.face == face)])
+            yield np.intersect1d(on_face, nodes), plane_normal(self.mesh.points[on_face])
 
 
 def surface_checks(shape: Shape, rigid: CadModel, blended: CadModel) -> Iterator[Check]:
@@ -68,7 +69,7 @@ def surface_to_cad(shape: Shape, cad: CadModel, nodes: IndexArray, limit: float)
 
 def planarity(shape: Shape) -> Check:
     """Distance of each planar face's nodes from their own best plane (three nodes always have one)."""
-    faces = [nodes for nodes in shape.faces(shape.exact) if len(nodes) > 3]
+    faces = [nodes for nodes, _ in shape.faces(shape.exact) if len(nodes) > 3]
     off = np.concatenate([plane_deviation(shape.deflected.points[nodes]) for nodes in faces])
     points = shape.deflected.points[np.concatenate(faces)]
     return Check("planarity", float(off.max()), shape.case.limits.planarity, "m", worst(off, points))
@@ -95,12 +96,13 @@ def hinge_offset(shape: Shape, rigid: CadModel) -> Check:
     wedge = Wedge.of(shape.mesh, shape.case.fighter, shape.turn.surface)
     hinge = wedge.nodes[wedge.hinge & shape.turn.motion.exact]
     rotation, off, largest = shape.axis.matrix(shape.turn.angle), [np.zeros(1)], 0.0
-    for face in shape.faces(hinge):
-        before = shape.mesh.points[face]
-        if not len(face) or not (normal := wedge.normal_through(before)).any():
+    for nodes, normal in shape.faces(hinge):
+        if abs(normal @ shape.axis.direction) > 0.5:  # an end of the wedge
             continue
+        before = shape.mesh.points[nodes]
         expected = np.abs((before - shape.axis.rotated(before, shape.turn.angle)) @ (rotation @ normal))
-        off.append(np.abs(distance_to_planes(shape.deflected.points[face], rigid, shape.turn.surface) - expected))
+        away = distance_to_plane(shape.deflected.points[nodes], rigid, shape.turn.surface, rotation @ normal)
+        off.append(np.abs(away - expected))
         largest = max(largest, float(expected.max()))
     half = float(np.linalg.norm(shape.axis.radial(shape.mesh.points[hinge]), axis=1).max())
     shift = 1e3 * half * abs(np.sin(np.radians(shape.turn.angle)))
@@ -119,10 +121,11 @@ def root_on_cylinder(shape: Shape, rigid: CadModel, root: IndexArray) -> Check:
     """Distance of the root line's nodes from the cylinder and from each rotated plane of the tail they are on."""
     points = shape.deflected.points[root]
     off = np.abs(fuselage_cylinder(shape.case.fighter).distance(points))
-    for nodes in shape.faces(root):
+    rotation = shape.axis.matrix(shape.turn.angle)
+    for nodes, normal in shape.faces(root):
         if len(nodes):
             place = np.searchsorted(root, nodes)
-            away = distance_to_planes(shape.deflected.points[nodes], rigid, shape.turn.surface)
+            away = distance_to_plane(shape.deflected.points[nodes], rigid, shape.turn.surface, rotation @ normal)
             off[place] = np.maximum(off[place], away)
     return Check("root_on_cylinder", float(off.max()), shape.case.limits.planarity, "m", worst(off, points))
 
@@ -134,9 +137,8 @@ def distance_to_patch(points: FloatArray, cad: CadModel, patch: str) -> FloatArr
     return np.asarray(distance, dtype=np.float64)
 
 
-def distance_to_planes(points: FloatArray, cad: CadModel, patch: str) -> FloatArray:
-    """Distance (N,) of points (N, 3), all of one face, from that plane of a patch which suits them best."""
-    distances = [
-        np.linalg.norm(face.project(points) - points, axis=1) for face in cad.faces_of(patch) if face.planar
-    ]
-    return np.asarray(min(distances, key=np.max), dtype=np.float64)
+def distance_to_plane(points: FloatArray, cad: CadModel, patch: str, normal: FloatArray) -> FloatArray:
+    """Distance (N,) of points (N, 3) from the plane of that face of a patch which faces along `normal` (3,)."""
+    faces = [face for face in cad.faces_of(patch) if face.planar]
+    face = max(faces, key=lambda one: abs(float(one.normal_at(points[:1])[0] @ normal)))
+    return np.asarray(np.linalg.norm(face.project(points) - points, axis=1), dtype=np.float64)

@@ -45,6 +45,9 @@ def worst(distances: FloatArray, points: FloatArray) -> str:
 
 def plane_deviation(points: FloatArray) -> FloatArray:
     """Distance (N,) of points (N, 3) from their least-squares plane."""
-    centred = points - points.mean(axis=0)
-    normal = np.linalg.svd(centred, full_matrices=False)[2][2]
-    return np.asarray(np.abs(centred @ normal), dtype=np.float64)
+    return np.asarray(np.abs((points - points.mean(axis=0)) @ plane_normal(points)), dtype=np.float64)
+
+
+def plane_normal(points: FloatArray) -> FloatArray:
+    """Unit normal (3,) of the least-squares plane of points (N, 3); its sign is arbitrary."""
+    return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2], dtype=np.float64)

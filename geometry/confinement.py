@@ -21,8 +21,9 @@ INWARD = 0.5
 class Margins:
     """How far a confinement hexahedron reaches beyond its surface, in metres.
 
-    A tail's hexahedron is bounded by its panel fore and aft; above and below, the margins are measured at its
-    outboard face from the height of the panel's borders. A rudder's `up` is to starboard, its `down` to port.
+    A tail's hexahedron begins at its panel's front border; `aft` is measured at its outboard face from the rear
+    border, `up` and `down` there from the height of the panel's borders. A rudder's `up` is to starboard, its `down`
+    to port.
     """
 
     aft: float = quantity(0.05, "m", 1e-4, 10.0, "beyond the trailing edge")
@@ -72,7 +73,12 @@ def _aileron(fighter: Fighter, margins: Margins) -> FloatArray:
 
 
 def _tail(fighter: Fighter, margins: Margins) -> FloatArray:
-    """Front and rear at the panel's axial borders, above and below through its meridian borders."""
+    """Front face in the plane of the panel's front border, upper and lower through its meridian borders.
+
+    The rear face touches the panel's rear border where the fuselage is widest and leans aft from there, by `aft` at
+    the outboard face: in the border's plane it would stand ten millimetres behind a trailing edge that moves as far.
+    Where it cuts the panel, the panel's nodes behind it stay.
+    """
     f, tail = fighter.fuselage, fighter.tail
     border = f.radius * np.array([cos(radians(f.panel_angle)), sin(radians(f.panel_angle))])
     y = np.array([INWARD * border[0], tail.half_span + margins.outboard])
@@ -84,7 +90,8 @@ def _tail(fighter: Fighter, margins: Margins) -> FloatArray:
     for name, value in zip(("up", "down"), room, strict=True):
         if value <= 0.0:
             raise ValueError(f"margins.{name} leaves the tail's tip {-value:g} m outside its hexahedron")
-    x = np.array([[f.panel_front] * 2, [f.panel_rear] * 2])
+    rear = f.panel_rear + margins.aft * (y - f.radius) / (y[1] - f.radius)
+    x = np.array([[f.panel_front] * 2, rear])
     return _corners(x, np.array([y, y]), np.array([lower, upper]))
 
 

@@ -1,0 +1,39 @@
+"""A finished output folder, read back."""
+
+from pathlib import Path
+
+import numpy as np
+
+from cases.case import Case
+from cases.errors import InputError
+from cases.resolve import resolve
+from cases.turn import turn_of
+from cases.validate import validate
+from cases.validation import Check
+from meshing.mesh import TetMesh
+from meshing.vtu import read_vtu
+
+
+def validate_folder(folder: Path) -> tuple[Check, ...]:
+    """Validate the meshes of a run against the CAD of its case.toml, both built afresh.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or the two meshes do not belong together.
+    """
+    case, mesh, deflected = read_run(folder)
+    background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
+    turns = [turn_of(case, mesh, deflection) for deflection in case.deflections]
+    return validate(case, mesh, deflected, turns, background)
+
+
+def read_run(folder: Path) -> tuple[Case, TetMesh, TetMesh]:
+    """Return the case of a finished run and its mesh before and after."""
+    if not (folder / "case.toml").is_file():
+        raise InputError(f"{folder} is not the output folder of a run: it has no case.toml")
+    case = resolve("", config=folder / "case.toml")
+    mesh, deflected = read_vtu(folder / "undeflected.vtu"), read_vtu(folder / "deflected.vtu")
+    if mesh.points.shape != deflected.points.shape or not np.array_equal(mesh.tets, deflected.tets):
+        raise InputError(f"{folder}: undeflected.vtu and deflected.vtu differ in points or cells")
+    return case, mesh, deflected
