@@ -21,14 +21,14 @@ def compiled(function: Function) -> Function:
     return cast(Function, njit(cache=True, fastmath=True, error_model="numpy", nogil=True)(function))
 
 
-def _prefer_wide_vectors(context: Any) -> tuple[Any, Callable[..., Any]]:
+def _prefer_wide_vectors(context: Any) -> tuple[Any, Callable[..., Any]]:  # pragma: no cover - compiling
     """Let the enclosing compiled function use the machine's widest vectors.
 
     LLVM keeps to 256 bits on processors that have 512, for fear of a lower clock. Loops of nothing but
     arithmetic gain a fifth by the full width.
     """
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # pragma: no cover - compiling
         # `add` of this set knows no attributes with values; LLVM does.
         set.add(builder.function.attributes, '"prefer-vector-width"="512"')
         return context.get_dummy_value()

@@ -1,103 +1,84 @@
-"""The product's way: the Cholesky factor of the reduced kernel grows and is never computed again.
+"""The product's way: the Cholesky factor of the reduced kernel grows with the centres.
 
-What is kept is the inverse T of the upper factor, K~ = (T T')^-1. A block of m further centres costs two
-products with T and one Cholesky factorisation of size m, and the coefficients follow by an update. One factor
-serves all columns. Mueller and Schaback (2009) and Pazouki and Schaback (2011) describe the basis behind it.
+One factor serves all columns. A block of m further centres costs one forward solve for m columns and one backward
+solve for each column of values: C**2 where solving afresh costs C**3. Mueller and Schaback (2009) and Pazouki and
+Schaback (2011) describe the Newton basis behind it.
 """
 
+from dataclasses import dataclass, replace
+from typing import Self
+
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtri
 
 from deform.duplicates import IndexArray
 from deform.interpolant import SolveError
 from deform.kernels import FloatArray
+from deform.panels import Factor, NotPositiveDefiniteError
 from deform.problem import Coefficients, Problem
 from deform.reduced import ReducedKernel
 
-GROWTH = 1.5  # of the memory, when it is full
 
-
+@dataclass(frozen=True, slots=True, eq=False)
 class Grown:
     """Interpolants on growing centres; memory C**2 plus the sites.
 
-    Parameters
-    ----------
-    problem, initial
-        The sites, and the rows of those that are the first centres: at least four that span a volume.
+    One may go back to an earlier basis and extend it otherwise; see `Factor`.
     """
 
-    def __init__(self, problem: Problem, initial: IndexArray) -> None:
-        self._problem = problem
-        self._kernel = ReducedKernel.of(problem, initial)
-        columns = problem.values.shape[1]
-        self._inverse = np.zeros((0, 0))
-        self._z, self._gamma = np.zeros((0, columns)), np.zeros((0, columns))
-        self._rows = np.empty(0, dtype=np.intp)  # centres beside the anchors
-        self.chosen = np.array(initial, dtype=np.intp)
-        anchors = self._kernel.anchors
-        beside = ~np.isin(self.chosen, anchors)
-        self._anchor_places = np.array([np.flatnonzero(self.chosen == a)[0] for a in anchors])
-        self._places = np.flatnonzero(beside)  # where in `chosen` the centres beside the anchors stand
-        self._append(self.chosen[beside])
+    kernel: ReducedKernel
+    chosen: IndexArray  # (C,) rows of the sites: the centres
+    anchor_places: IndexArray  # where in `chosen` the anchors stand
+    beside: IndexArray  # where in `chosen` the other centres stand
+    factor: Factor  # of the reduced kernel there
+    z: FloatArray  # (n, k) solution of R' z = values there
 
-    def extend(self, block: IndexArray) -> None:
-        """Take these rows of the sites as further centres."""
-        self._places = np.append(self._places, np.arange(len(self.chosen), len(self.chosen) + len(block)))
-        self.chosen = np.append(self.chosen, block)
-        self._append(block)
+    @classmethod
+    def of(cls, problem: Problem, initial: IndexArray) -> Self:
+        """Start from the rows `initial` of the sites: at least four that span a volume."""
+        kernel = ReducedKernel.of(problem, initial)
+        places = np.array([np.flatnonzero(initial == anchor)[0] for anchor in kernel.anchors])
+        beside = np.setdiff1d(np.arange(len(initial)), places)
+        none = np.empty(0, dtype=np.intp)
+        empty = cls(kernel, none, places, none, Factor(), np.empty((0, problem.values.shape[1])))
+        return empty._grown(np.array(initial, dtype=np.intp), beside)
+
+    def extended(self, block: IndexArray) -> Self:
+        """Return the basis with these rows of the sites as further centres."""
+        return self._grown(np.append(self.chosen, block), len(self.chosen) + np.arange(len(block)))
 
     def coefficients(self) -> Coefficients:
         """Return the coefficients of the interpolant on the chosen centres."""
-        alpha, at_anchors, others = self._kernel.completed(self._rows, self._gamma)
-        beta = np.empty((len(self.chosen), others.shape[1]))
-        beta[self._anchor_places] = at_anchors
-        beta[self._places] = others
-        return Coefficients(alpha, beta)
+        return self._completed(self.factor.backward(self.z))
 
     def refined(self) -> Coefficients:
         """Return the coefficients after one step of iterative refinement on the residual at the centres."""
-        errors = self._problem.errors(self.chosen, self.coefficients(), self.chosen)
-        lagrange = self._kernel.lagrange[self._rows]
-        missing = lagrange @ errors[self._anchor_places] - errors[self._places]
-        t = self._factor()
-        self._gamma = self._gamma + t @ (t.T @ missing)
-        return self.coefficients()
+        first = self.coefficients()
+        errors = self.kernel.problem.errors(self.chosen, [first], self.chosen)[0]
+        rows = self.chosen[self.beside]
+        missing = self.kernel.lagrange[rows] @ errors[self.anchor_places] - errors[self.beside]
+        correction = self.factor.backward(self.factor.forward(missing))
+        return self._completed(self.factor.backward(self.z) + correction)
 
-    def _append(self, block: IndexArray) -> None:
-        """Grow the factor by the rows `block` and update z = T' g and gamma = T z."""
-        n, m = len(self._rows), len(block)
-        t = self._factor()
-        above = t.T @ self._kernel.matrix(self._rows, block)
-        corner = _inverse_factor(self._kernel.matrix(block, block) - above.T @ above)
-        self._reserve(n + m)
-        self._inverse[:n, n : n + m] = -(t @ (above @ corner))
-        self._inverse[n : n + m, n : n + m] = corner
-        z = corner.T @ (self._kernel.values[block] - above.T @ self._z)
-        self._rows = np.append(self._rows, block)
-        self._z = np.vstack([self._z, z])
-        self._gamma = np.vstack([self._gamma, np.zeros_like(z)]) + self._inverse[: n + m, n : n + m] @ z
+    def _grown(self, chosen: IndexArray, new: IndexArray) -> Self:
+        """Extend the factor by the centres that stand at the places `new` of `chosen`."""
+        rows, further = self.chosen[self.beside], chosen[new]
+        columns = self.kernel.matrix(np.append(rows, further), further)
+        above = self.factor.forward(columns[: len(rows)])
+        try:
+            factor, inverse = self.factor.extended(above, columns[len(rows) :])
+        except NotPositiveDefiniteError:
+            raise SolveError(
+                f"one of {len(new)} further centres depends on the others to rounding error: do data sites lie "
+                "closer together than the coordinates resolve?"
+            ) from None
+        z = inverse.T @ (self.kernel.values[further] - above.T @ self.z)
+        beside, z = np.append(self.beside, new), np.vstack([self.z, z])
+        return replace(self, chosen=chosen, beside=beside, factor=factor, z=z)
 
-    def _factor(self) -> FloatArray:
-        n = len(self._rows)
-        return self._inverse[:n, :n]
-
-    def _reserve(self, size: int) -> None:
-        """Make room for a factor of this size."""
-        have = len(self._inverse)
-        if size > have:
-            larger = np.zeros((max(size, int(GROWTH * have)),) * 2)
-            larger[:have, :have] = self._inverse
-            self._inverse = larger
-
-
-def _inverse_factor(matrix: FloatArray) -> FloatArray:
-    """Return the inverse of the upper Cholesky factor of a matrix (m, m)."""
-    if not len(matrix):
-        return matrix
-    upper, info = dpotrf(matrix, lower=0, clean=1)
-    if info != 0:
-        raise SolveError(
-            f"one of {len(matrix)} further centres depends on the others to rounding error: do data sites lie "
-            "closer together than the coordinates resolve?"
-        )
-    return np.asarray(dtrtri(upper, lower=0)[0])
+    def _completed(self, gamma: FloatArray) -> Coefficients:
+        """Add the coefficients of the anchors and of the polynomial."""
+        alpha, at_anchors, others = self.kernel.completed(self.chosen[self.beside], gamma)
+        beta = np.empty((len(self.chosen), others.shape[1]))
+        beta[self.anchor_places] = at_anchors
+        beta[self.beside] = others
+        return Coefficients(alpha, beta)

@@ -1,10 +1,11 @@
 """Greedy centre adaptation (paper section 4)."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
+from itertools import zip_longest
 from time import perf_counter
-from typing import Protocol
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -14,10 +15,12 @@ from deform.interpolant import Interpolant
 from deform.kernels import FloatArray, Kernel
 from deform.problem import Coefficients, Problem
 from deform.progress import Progress, silent
+from deform.selection import GreedyOptions, Rule, Separated
 from deform.sites import DataSites
 from deform.threads import single_threaded_blas
 
-TIE = 1e-6  # residuals that differ by less than this share of tol_stop are equal: rounding does not choose
+WORTH_GUESSING = 400_000  # pairs of a sweep; a smaller one costs no more than a guess
+BAD = 0.5  # sites above this share of the residuals just mended are looked at when blocks are guessed
 
 
 class Stop(Enum):
@@ -27,37 +30,6 @@ class Stop(Enum):
     MAX_CENTERS = "limit on the number of centres reached: raise max_centers or accept the error"
     MAX_ITERATIONS = "limit on the number of iterations reached: raise max_iterations or n_add"
     EXHAUSTED = "no remaining site is off by more than tol_add: lower tol_add to go on"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GreedyOptions:
-    """Steps (5) and (6) of the algorithm.
-
-    Parameters
-    ----------
-    n_add
-        Number of sites added in an iteration, at most.
-    tol_add, tol_stop
-        Residuals in metres: sites above the first may be added, the second ends the adaptation.
-    max_centers, max_iterations
-        Limits; reaching one is a result, not an error.
-    """
-
-    n_add: int
-    tol_add: float
-    tol_stop: float
-    max_centers: int = 10_000
-    max_iterations: int = 100_000
-
-    def __post_init__(self) -> None:
-        for name in ("n_add", "max_centers"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} = {getattr(self, name)} must be at least 1")
-        if self.max_iterations < 0:
-            raise ValueError(f"max_iterations = {self.max_iterations} must not be negative")
-        for name in ("tol_add", "tol_stop"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name} = {getattr(self, name)} m must be a positive length")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,10 +57,13 @@ class Adaptation:
 class Basis(Protocol):
     """Interpolants on growing centres: all that the greedy loop knows of linear algebra."""
 
-    chosen: IndexArray
+    @property
+    def chosen(self) -> IndexArray:
+        """Rows (C,) of the sites: the centres."""
+        ...
 
-    def extend(self, block: IndexArray) -> None:
-        """Take these rows of the sites as further centres."""
+    def extended(self, block: IndexArray) -> Self:
+        """Return the basis with these rows of the sites as further centres."""
         ...
 
     def coefficients(self) -> Coefficients:
@@ -106,7 +81,8 @@ def adapt(
     initial: IndexArray,
     options: GreedyOptions,
     *,
-    basis: Callable[[Problem, IndexArray], Basis] = Grown,
+    rule: Rule = Separated(),  # noqa: B008 - a frozen value
+    basis: Callable[[Problem, IndexArray], Basis] = Grown.of,
     progress: Progress = silent,
 ) -> Adaptation:
     """Grow the centres from `initial` until a stopping rule holds.
@@ -123,40 +99,109 @@ def adapt(
         (M,) rows of the sites: the first centres; at least four that span a volume.
     options
         Steps (5) and (6).
+    rule
+        `Separated()` adds large blocks of sites that are no neighbours, `Worst()` is the paper's.
     basis
-        `Grown` extends one factor; `Resolved` solves again in every iteration, as the paper does.
+        `Grown.of` extends one factor; `Resolved.of` solves again in every iteration, as the paper does.
     """
     _check_initial(initial, sites, options)
-    start, history = perf_counter(), list[Step]()
+    history = History(options, progress, perf_counter())
     with single_threaded_blas():
         problem = Problem.of(sites, kernel)
-        state = basis(problem, initial)
-        while True:
-            errors = problem.errors(state.chosen, state.coefficients())
-            largest = float(np.abs(errors).max())
-            history.append(Step(len(history), len(state.chosen), largest, perf_counter() - start))
-            progress(f"{len(state.chosen)} centres, error {largest:.2e} m", _fraction(history, options))
-            block = worst(errors, state.chosen, options)
-            stop = _stop(history[-1], block, options)
-            if stop is not None:
-                break
-            state.extend(block)
-        interpolant = problem.interpolant(state.chosen, state.refined())
+        trail = [Trial.of(basis(problem, initial))]
+        while (found := _checked(problem, trail, rule, history)).stop is None:
+            trail = _tried(problem, found, rule, options)
+        chosen = found.basis.chosen
+        interpolant = problem.interpolant(chosen, found.basis.refined())
         error = float(np.abs(interpolant(sites.points) - sites.values).max())
-    return Adaptation(interpolant, sites.components, state.chosen, tuple(history), stop, error)
+    return Adaptation(interpolant, sites.components, chosen, tuple(history.steps), found.stop, error)
 
 
-def worst(errors: FloatArray, chosen: IndexArray, options: GreedyOptions) -> IndexArray:
-    """Return the sites to add (steps 4 and 5): the `n_add` worst of those above tol_add, worst first."""
-    residual = np.sqrt(np.einsum("ij,ij->i", errors, errors))
-    residual[chosen] = -1.0
-    room = min(options.n_add, options.max_centers - len(chosen))
-    above = np.flatnonzero(residual > options.tol_add)
-    rank = np.rint(residual[above] / (TIE * options.tol_stop))
-    if len(above) > room > 0:
-        keep = rank >= np.partition(rank, -room)[-room]
-        above, rank = above[keep], rank[keep]
-    return np.asarray(above[np.argsort(-rank, kind="stable")][: max(room, 0)])
+class Trial(NamedTuple):
+    """A basis that has not been checked on all sites yet."""
+
+    basis: Basis
+    coefficients: Coefficients
+
+    @classmethod
+    def of(cls, basis: Basis) -> Self:
+        """Solve for the coefficients."""
+        return cls(basis, basis.coefficients())
+
+
+class Checked(NamedTuple):
+    """A basis with its residual at all sites, and what follows from it."""
+
+    basis: Basis
+    residual: FloatArray  # (N,) combined over the columns
+    block: IndexArray  # the centres to add
+    stop: Stop | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class History:
+    """Records one step for each interpolant that was evaluated at all sites."""
+
+    options: GreedyOptions
+    progress: Progress
+    start: float
+    steps: list[Step] = field(default_factory=list)
+
+    def record(self, n_centers: int, errors: FloatArray) -> Step:
+        """Append the step of an interpolant with errors (N, k)."""
+        largest = float(np.abs(errors).max())
+        self.steps.append(Step(len(self.steps), n_centers, largest, perf_counter() - self.start))
+        if self.progress is not silent:
+            self.progress(f"{n_centers} centres, error {largest:.2e} m", self._fraction())
+        return self.steps[-1]
+
+    def _fraction(self) -> float:
+        """Estimate how much is done from the fall of the residual and the use of centres."""
+        tol, last = self.options.tol_stop, self.steps[-1]
+        first = max(self.steps[0].max_residual, tol)
+        fallen = np.log(first / max(last.max_residual, tol)) / np.log(first / tol) if first > tol else 1.0
+        return float(max(fallen, last.n_centers / self.options.max_centers))
+
+
+def _checked(problem: Problem, trail: Sequence[Trial], rule: Rule, history: History) -> Checked:
+    """Evaluate a trail of ever larger bases at all sites, and follow it as far as `rule` would have gone.
+
+    The first basis of the trail is certain; each of the others rests on a guess of the block that follows.
+    """
+    all_errors = problem.errors(trail[-1].basis.chosen, [trial.coefficients for trial in trail])
+    guesses = [trial.basis.chosen for trial in trail[1:]]
+    for trial, errors, guess in zip_longest(trail, all_errors, guesses):
+        basis, residual = trial.basis, _combined(errors)
+        block = rule.choose(problem.points, residual, basis.chosen, history.options)
+        stop = _stop(history.record(len(basis.chosen), errors), block, history.options)
+        found = Checked(basis, residual, block, stop)
+        if stop is not None or guess is None or not np.array_equal(block, guess[len(basis.chosen) :]):
+            break
+    return found
+
+
+def _tried(problem: Problem, found: Checked, rule: Rule, options: GreedyOptions) -> list[Trial]:
+    """Extend a checked basis by its block, and by further blocks guessed from a part of the sites.
+
+    A residual that comes to be among the worst was large before, or is near a new centre, where it may grow.
+    """
+    trail, block = [Trial.of(found.basis.extended(found.block))], found.block
+    residual = np.where(found.residual > BAD * found.residual[block].min(), found.residual, -1.0)
+    while len(trail) < rule.look_ahead and len(residual) * len(found.basis.chosen) > WORTH_GUESSING:
+        basis, coefficients = trail[-1]
+        residual[problem.neighbours(block)] = 0.0
+        rows = np.flatnonzero(residual >= 0.0)
+        residual[rows] = _combined(problem.errors(basis.chosen, [coefficients], rows)[0])
+        block = rule.choose(problem.points, residual, basis.chosen, options)
+        if not len(block):
+            break
+        trail.append(Trial.of(basis.extended(block)))
+    return trail
+
+
+def _combined(errors: FloatArray) -> FloatArray:
+    """Return the norms (N,) of errors (N, k) over the columns: the residual of MV (section 4)."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", errors, errors)))
 
 
 def _check_initial(initial: IndexArray, sites: DataSites, options: GreedyOptions) -> None:
@@ -177,10 +222,3 @@ def _stop(last: Step, block: IndexArray, options: GreedyOptions) -> Stop | None:
     if last.iteration >= options.max_iterations:
         return Stop.MAX_ITERATIONS
     return None if len(block) else Stop.EXHAUSTED
-
-
-def _fraction(history: list[Step], options: GreedyOptions) -> float:
-    """Estimate how much is done from the fall of the residual and the use of centres."""
-    first, last = (max(step.max_residual, options.tol_stop) for step in (history[0], history[-1]))
-    fallen = np.log(first / last) / np.log(first / options.tol_stop) if first > options.tol_stop else 1.0
-    return float(max(fallen, history[-1].n_centers / options.max_centers))

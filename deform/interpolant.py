@@ -18,6 +18,9 @@ Solve = Callable[[FloatArray, FloatArray], FloatArray]
 """Maps a symmetric matrix (n, n) and right-hand sides (n, k) to solutions (n, k)."""
 
 
+BLOCK = 64  # of the factorisation; without work space for it LAPACK takes a method five times as slow
+
+
 class SolveError(RuntimeError):
     """The interpolation system could not be solved."""
 
@@ -46,7 +49,7 @@ class Interpolant:
 
 def direct(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solve by LAPACK's factorisation of a symmetric indefinite matrix."""
-    _, _, solution, info = dsysv(matrix, right, lower=1)
+    _, _, solution, info = dsysv(matrix, right, lower=1, lwork=len(matrix) * BLOCK)
     if info != 0:
         raise SolveError(
             f"the system of {len(matrix)} unknowns is singular: are centres closer than the coordinates resolve?"
@@ -106,7 +109,7 @@ def fit(kernel: Kernel, centers: FloatArray, values: FloatArray, solve: Solve = 
         matrix = coefficient_matrix(box.polynomials(scaled), kernel.rescaled(box.length).kernel, scaled)
         q = len(matrix) - len(values)
         solution = solve(matrix, np.vstack([np.zeros((q, values.shape[1])), values]))
-        alpha, beta = box.in_metres(kernel, scaled, solution[:q], solution[q:])
+        alpha, beta = box.in_metres(kernel, scaled, box.complete(solution[:q]), solution[q:])
     return Interpolant(kernel, np.array(centers, dtype=np.float64), beta, alpha)
 
 

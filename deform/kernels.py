@@ -134,7 +134,7 @@ FORMULAS: dict[Any, Callable[[Any, Any], Any]] = {
 }
 
 
-def _formula(code: Any, r2: Any) -> Callable[[Any, Any], Any] | None:
+def _formula(code: Any, r2: Any) -> Callable[[Any, Any], Any] | None:  # pragma: no cover - compiling
     """Choose the formula from the type of `code`, when a loop is compiled."""
     return FORMULAS.get(getattr(code, "instance_class", None))
 

@@ -1,9 +1,11 @@
 """One adaptation problem in well-conditioned coordinates: what every solver of it shares."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from deform.duplicates import IndexArray
 from deform.interpolant import Interpolant
@@ -12,11 +14,13 @@ from deform.sites import DataSites
 from deform.sums import kernel_sum
 from deform.unitbox import UnitBox
 
+NEIGHBOURS = 80  # sites around a new centre where the residual may grow
+
 
 class Coefficients(NamedTuple):
     """Coefficients for the scaled coordinates of a `Problem`, one row of beta for each chosen site."""
 
-    alpha: FloatArray  # (q, k)
+    alpha: FloatArray  # (4, k) of 1 and the scaled coordinates
     beta: FloatArray  # (C, k)
 
 
@@ -30,13 +34,15 @@ class Problem:
     points: FloatArray  # (N, 3) scaled
     polynomials: FloatArray  # (N, q)
     scaled_kernel: Kernel
+    tree: cKDTree
 
     @classmethod
     def of(cls, sites: DataSites, kernel: Kernel) -> Self:
         """Scale `sites`."""
         box = UnitBox.around(sites.points)
         points = box.scaled(sites.points)
-        return cls(sites, kernel, box, points, box.polynomials(points), kernel.rescaled(box.length).kernel)
+        scaled_kernel = kernel.rescaled(box.length).kernel
+        return cls(sites, kernel, box, points, box.polynomials(points), scaled_kernel, cKDTree(points))
 
     @property
     def values(self) -> FloatArray:
@@ -44,13 +50,24 @@ class Problem:
         return self.sites.values
 
     def errors(
-        self, chosen: IndexArray, coefficients: Coefficients, rows: IndexArray | slice = slice(None)
+        self, chosen: IndexArray, trail: Sequence[Coefficients], rows: IndexArray | slice = slice(None)
     ) -> FloatArray:
-        """Return interpolant minus value at the given rows of the sites, (R, k)."""
-        alpha = np.vstack([coefficients.alpha[:1], self.box.axes.T @ coefficients.alpha[1:]])
-        centers = self.points[chosen]
-        s = kernel_sum(self.scaled_kernel, self.points[rows], centers, coefficients.beta, alpha)
-        return s - self.values[rows]
+        """Return interpolant minus value at rows of the sites, (T, R, k), for T interpolants in one pass.
+
+        Each interpolant of `trail` has the first of the chosen sites as its centres, as many as it has coefficients.
+        """
+        alpha = np.hstack([coefficients.alpha for coefficients in trail])
+        beta = np.zeros((len(chosen), alpha.shape[1]))
+        k = self.values.shape[1]
+        for t, coefficients in enumerate(trail):
+            beta[: len(coefficients.beta), t * k : (t + 1) * k] = coefficients.beta
+        s = kernel_sum(self.scaled_kernel, self.points[rows], self.points[chosen], beta, alpha)
+        return s.reshape(len(s), len(trail), k).transpose(1, 0, 2) - self.values[rows]
+
+    def neighbours(self, rows: IndexArray) -> IndexArray:
+        """Return the rows of the sites nearest to each of the given ones, all in one."""
+        count = min(NEIGHBOURS, len(self.points))
+        return np.asarray(self.tree.query(self.points[rows], count)[1]).ravel()
 
     def interpolant(self, chosen: IndexArray, coefficients: Coefficients) -> Interpolant:
         """Return the interpolant in metres."""

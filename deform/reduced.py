@@ -29,39 +29,37 @@ class ReducedKernel:
 
     problem: Problem
     anchors: IndexArray  # (q,) rows of the sites
-    lagrange: FloatArray  # (N, q)
-    anchor_kernel: FloatArray  # (N, q) sign * phi between sites and anchors
-    corrected: FloatArray  # (N, q) anchor_kernel - lagrange K(a, a)
+    left: FloatArray  # (N, 2 q): K~ = K - left right'
+    right: FloatArray  # (N, 2 q)
+    recovery: FloatArray  # (4, q): the polynomial through values at the anchors
     values: FloatArray  # (N, k)
 
     @classmethod
     def of(cls, problem: Problem, initial: IndexArray) -> Self:
         """Pick the anchors among the initial centres by a pivoted QR factorisation of their polynomials."""
-        count = problem.polynomials.shape[1]
-        _, r, pivots = qr(problem.polynomials[initial].T, mode="economic", pivoting=True)
-        diagonal = np.abs(np.diagonal(r))
-        if len(diagonal) < count or diagonal[-1] < UNISOLVENT * diagonal[0]:
-            raise ValueError(
-                f"the {len(initial)} initial centres do not determine the linear polynomial: take at least {count} "
-                "that do not lie in one plane"
-            )
-        anchors = np.asarray(initial)[pivots[:count]]
-        lagrange = problem.polynomials @ np.linalg.inv(problem.polynomials[anchors])
+        anchors = _unisolvent(problem.polynomials, np.asarray(initial))
+        inverse = np.linalg.inv(problem.polynomials[anchors])
+        lagrange = problem.polynomials @ inverse
         kernel = problem.scaled_kernel
         k = kernel.sign * kernel_matrix(kernel, problem.points, problem.points[anchors])
+        left, right = np.hstack([lagrange, k]), np.hstack([k - lagrange @ k[anchors], lagrange])
         values = problem.values - lagrange @ problem.values[anchors]
-        return cls(problem, anchors, lagrange, k, k - lagrange @ k[anchors], values)
+        return cls(problem, anchors, left, right, problem.box.complete(np.asarray(inverse, dtype=np.float64)), values)
+
+    @property
+    def lagrange(self) -> FloatArray:
+        """Lagrange polynomials of the anchors at the sites, (N, q)."""
+        return self.left[:, : len(self.anchors)]
 
     def matrix(self, i: IndexArray, j: IndexArray) -> FloatArray:
         """Return K~ between the sites of rows i and j, (len(i), len(j))."""
         kernel, points = self.problem.scaled_kernel, self.problem.points
         k = kernel.sign * kernel_matrix(kernel, points[i], points[j])
-        k -= self.lagrange[i] @ self.corrected[j].T
-        k -= self.anchor_kernel[i] @ self.lagrange[j].T
+        k -= self.left[i] @ self.right[j].T
         return np.asarray(k)
 
     def completed(self, rows: IndexArray, gamma: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return polynomial (q, k), kernel coefficients of the anchors (q, k) and of `rows` (C, k).
+        """Return polynomial (4, k), kernel coefficients of the anchors (q, k) and of `rows` (C, k).
 
         Parameters
         ----------
@@ -70,9 +68,22 @@ class ReducedKernel:
         gamma
             (C, k) solution of K~ gamma = g on them.
         """
-        sign = self.problem.scaled_kernel.sign
-        at_anchors = -(self.lagrange[rows].T @ gamma)
-        phi = self.anchor_kernel[rows].T @ gamma + self.anchor_kernel[self.anchors].T @ at_anchors
-        basis = self.problem.polynomials[self.anchors]
-        alpha = np.linalg.solve(basis, self.problem.values[self.anchors] - phi)
+        sign, q = self.problem.scaled_kernel.sign, len(self.anchors)
+        sums = self.left[rows].T @ gamma
+        at_anchors = -sums[:q]
+        phi = sums[q:] + self.left[self.anchors, q:].T @ at_anchors
+        alpha = self.recovery @ (self.problem.values[self.anchors] - phi)
         return np.asarray(alpha), sign * at_anchors, sign * gamma
+
+
+def _unisolvent(polynomials: FloatArray, initial: IndexArray) -> IndexArray:
+    """Return those of the initial centres that determine a polynomial best."""
+    count = polynomials.shape[1]
+    _, r, pivots = qr(polynomials[initial].T, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diagonal(r))
+    if len(diagonal) < count or diagonal[-1] < UNISOLVENT * diagonal[0]:
+        raise ValueError(
+            f"the {len(initial)} initial centres do not determine the linear polynomial: take at least {count} "
+            "that do not lie in one plane"
+        )
+    return np.asarray(initial[pivots[:count]])

@@ -42,6 +42,10 @@ class UnitBox:
         """Return [1, coordinates along the axes] at scaled points (N, 3): the matrix Q (N, q) of eq. 6."""
         return np.column_stack([np.ones(len(scaled)), scaled @ self.axes.T])
 
+    def complete(self, alpha: FloatArray) -> FloatArray:
+        """Turn coefficients (q, k) of these polynomials into those (4, k) of 1 and the scaled coordinates."""
+        return np.vstack([alpha[:1], self.axes.T @ alpha[1:]])
+
     def in_metres(
         self, kernel: Kernel, centers: FloatArray, alpha: FloatArray, beta: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
@@ -54,7 +58,7 @@ class UnitBox:
         centers
             (C, 3) scaled centres.
         alpha, beta
-            (q, k) and (C, k) coefficients for `kernel.rescaled(length).kernel`.
+            (4, k) and (C, k) coefficients for `kernel.rescaled(length).kernel`.
 
         Returns
         -------
@@ -67,6 +71,6 @@ class UnitBox:
         """
         _, factor, square = kernel.rescaled(self.length)
         metres = beta / factor
-        slope = self.axes.T @ alpha[1:] / self.length
+        slope = alpha[1:] / self.length
         constant = alpha[0] - self.origin @ slope - square * (np.sum(centers**2, axis=1) @ metres)
         return np.vstack([constant, slope]), metres

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from deform.factor import Grown
-from deform.greedy import GreedyOptions, Stop, adapt, worst
+from deform.greedy import Stop, adapt
 from deform.interpolant import SolveError, fit, krylov
 from deform.kernels import Multiquadric, ThinPlateSpline
 from deform.reduction import farthest
 from deform.resolved import Resolved
+from deform.selection import GreedyOptions, Separated, Worst
 from deform.sites import DataSites
 
 KERNELS = [ThinPlateSpline(), Multiquadric(50.0)]
@@ -27,11 +28,14 @@ def _options(**changes):
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=repr)
 @pytest.mark.parametrize("columns", [1, 3])
-@pytest.mark.parametrize("n_add", [1, 7])
-def test_the_grown_factor_chooses_what_solving_afresh_chooses(kernel, columns, n_add):
+@pytest.mark.parametrize(("rule", "n_add"), [(Worst(), 1), (Worst(), 7), (Separated(), 1)], ids=repr)
+def test_the_grown_factor_chooses_what_solving_afresh_chooses(kernel, columns, rule, n_add):
     sites = _sites(columns=columns)
     initial = farthest(sites.points, 10)
-    grown, resolved = (adapt(sites, kernel, initial, _options(n_add=n_add), basis=basis) for basis in (Grown, Resolved))
+    grown, resolved = (
+        adapt(sites, kernel, initial, _options(n_add=n_add), rule=rule, basis=basis)
+        for basis in (Grown.of, Resolved.of)
+    )
     assert grown.stop is Stop.CONVERGED
     assert np.array_equal(grown.chosen, resolved.chosen)
     assert grown.max_error == pytest.approx(resolved.max_error, rel=1e-6)
@@ -40,16 +44,51 @@ def test_the_grown_factor_chooses_what_solving_afresh_chooses(kernel, columns, n
     )
 
 
+@pytest.mark.parametrize("columns", [1, 3])
+def test_looking_ahead_changes_nothing_but_the_time(monkeypatch, columns):
+    monkeypatch.setattr("deform.greedy.WORTH_GUESSING", 0)
+    sites = _sites(columns=columns)
+    initial = farthest(sites.points, 10)
+    plain, ahead, far = (adapt(sites, KERNELS[0], initial, _options(), rule=Worst(n)) for n in (1, 8, 20))
+    assert np.array_equal(plain.chosen, ahead.chosen)
+    assert np.array_equal(plain.chosen, far.chosen)
+    np.testing.assert_allclose(
+        [s.max_residual for s in plain.history], [s.max_residual for s in ahead.history], rtol=1e-9
+    )
+    np.testing.assert_allclose(plain.interpolant.beta, ahead.interpolant.beta, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("changes", [{"max_centers": 61}, {"max_iterations": 11}, {"n_add": 40}])
+def test_looking_ahead_stops_where_it_should(monkeypatch, changes):
+    monkeypatch.setattr("deform.greedy.WORTH_GUESSING", 0)
+    sites = _sites(columns=1)
+    initial = farthest(sites.points, 10)
+    plain, ahead = (adapt(sites, KERNELS[0], initial, _options(**changes), rule=Worst(n)) for n in (1, 8))
+    assert plain.stop is ahead.stop
+    assert np.array_equal(plain.chosen, ahead.chosen)
+    assert len(plain.history) == len(ahead.history)
+
+
+def test_separated_blocks_need_fewer_iterations_and_no_more_centers():
+    x = 0.2 * np.random.default_rng(3).uniform(size=(6_000, 3))
+    sites = DataSites(x, 0.01 * np.sin(30 * x[:, :1]) * np.cos(20 * x[:, 1:2]), (0,))
+    initial = farthest(x, 20)
+    worst, separated = (adapt(sites, KERNELS[0], initial, _options(n_add=12), rule=r) for r in (Worst(), Separated()))
+    assert separated.max_error < 2e-4
+    assert len(separated.history) < 0.5 * len(worst.history)
+    assert len(separated.chosen) < 1.05 * len(worst.chosen)
+
+
 def test_gmres_chooses_the_same_centers():
     sites = _sites(n=200, columns=1)
     initial = farthest(sites.points, 10)
     direct = adapt(sites, KERNELS[0], initial, _options())
-    gmres = adapt(sites, KERNELS[0], initial, _options(), basis=partial(Resolved, solve=krylov(1e-12)))
+    gmres = adapt(sites, KERNELS[0], initial, _options(), basis=partial(Resolved.of, solve=krylov(1e-12)))
     assert np.array_equal(direct.chosen, gmres.chosen)
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=repr)
-@pytest.mark.parametrize("basis", [Grown, Resolved])
+@pytest.mark.parametrize("basis", [Grown.of, Resolved.of], ids=["grown", "resolved"])
 def test_the_result_is_the_interpolant_on_its_centers(kernel, basis):
     sites = _sites()
     a = adapt(sites, kernel, farthest(sites.points, 8), _options(), basis=basis)
@@ -65,7 +104,7 @@ def test_the_result_is_the_interpolant_on_its_centers(kernel, basis):
 def test_initial_centers_come_first_and_history_counts_up():
     sites = _sites()
     initial = farthest(sites.points, 8)
-    a = adapt(sites, KERNELS[0], initial, _options())
+    a = adapt(sites, KERNELS[0], initial, _options(), rule=Worst())
     assert np.array_equal(a.chosen[:8], initial)
     assert [s.iteration for s in a.history] == list(range(len(a.history)))
     added = np.diff([s.n_centers for s in a.history])
@@ -120,24 +159,6 @@ def test_every_stop_is_a_result_with_a_reason(changes, stop):
     assert a.stop.value
     assert len(a.chosen) <= changes.get("max_centers", 600)
     assert len(a.history) <= 1 + changes.get("max_iterations", 10_000)
-
-
-def test_worst_sites_first_and_ties_to_the_lower_row():
-    errors = np.array([[0.5], [-3.0], [2.0], [3.0 + 1e-12], [0.9], [7.0]])
-    options = _options(n_add=3, tol_add=0.6, tol_stop=0.6)
-    assert worst(errors, np.array([5]), options).tolist() == [1, 3, 2]
-    assert worst(errors, np.array([1, 2, 3, 5]), options).tolist() == [4]
-    both = np.array([[3.0, 0.0], [2.5, 2.5], [0.0, 0.1]])
-    assert worst(both, np.array([], dtype=int), options).tolist() == [1, 0]
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("n_add", 0), ("max_centers", 0), ("max_iterations", -1), ("tol_add", 0.0), ("tol_stop", np.nan)],
-)
-def test_options_are_checked(name, value):
-    with pytest.raises(ValueError, match=name):
-        _options(**{name: value})
 
 
 @pytest.mark.parametrize(

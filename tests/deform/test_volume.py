@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
-from deform.greedy import GreedyOptions, adapt
+from deform.greedy import adapt
 from deform.hexahedron import box
 from deform.kernels import Multiquadric, ThinPlateSpline
 from deform.motion import Axis
 from deform.reduction import farthest
+from deform.selection import GreedyOptions
 from deform.sites import DataSites, joined, multivariate, pinned, univariate
 from deform.volume import displacement, fused, inside, prescribe
 
