@@ -1,0 +1,73 @@
+"""Uniform red refinement: every tetrahedron into eight, new boundary nodes on the exact CAD."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from geometry.model import CadModel
+from meshing.attachment import attach
+from meshing.mesh import FloatArray, IntArray, TetMesh
+from meshing.snapping import snapped
+from meshing.topology import TET_EDGES, TRIANGLE_EDGES, encode
+
+# Nodes 0 ... 3 are the parent's, 4 ... 9 the midpoints of TET_EDGES. Each child keeps the parent's orientation.
+CORNER_CHILDREN = np.array([[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]])
+DIAGONALS = np.array([[4, 9], [5, 8], [6, 7]])
+RINGS = np.array([[5, 6, 8, 7], [4, 7, 9, 6], [4, 5, 9, 8]])
+# Nodes 0 ... 2 are the parent's, 3 ... 5 the midpoints of TRIANGLE_EDGES.
+TRIANGLE_CHILDREN = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
+
+
+def split(mesh: TetMesh) -> TetMesh:
+    """Every tetrahedron into eight and every boundary triangle into four, by the midpoints of all edges.
+
+    The octahedron in the middle is cut along its shortest diagonal (Bey 1995 discusses the choice). The old
+    nodes come first and keep their places, so meshes are nested; children of a cell follow each other.
+    """
+    codes, middle = np.unique(encode(_ends(mesh.tets, TET_EDGES)), return_inverse=True)
+    count = len(mesh.points)
+    points = np.concatenate([mesh.points, 0.5 * (mesh.points[codes >> 32] + mesh.points[codes & 0xFFFFFFFF])])
+    parents = np.concatenate([mesh.tets, count + middle.reshape(-1, 6)], axis=1)
+    sides = count + np.searchsorted(codes, encode(_ends(mesh.triangles, TRIANGLE_EDGES))).reshape(-1, 3)
+    triangles = np.concatenate([mesh.triangles, sides], axis=1)[:, TRIANGLE_CHILDREN]
+    return replace(
+        mesh,
+        points=points,
+        tets=_children(points, parents),
+        triangles=triangles.reshape(-1, 3),
+        patch=np.repeat(mesh.patch, 4),
+        face=np.repeat(mesh.face, 4),
+    )
+
+
+def refined(mesh: TetMesh, model: CadModel) -> TetMesh:
+    """Split a mesh and put its new boundary nodes on the CAD model that it was made from; old nodes stay."""
+    finer = split(mesh)
+    body = finer.face >= 0
+    attachment = attach(finer.points, finer.triangles[body], finer.face[body], model)
+    points = snapped(finer.points, attachment, model)
+    points[: len(mesh.points)] = mesh.points
+    return finer.with_points(points)
+
+
+def _ends(cells: IntArray, edges: IntArray) -> IntArray:
+    """End nodes (K, 2), low first, of all edges of all cells."""
+    return np.sort(cells[:, edges].reshape(-1, 2), axis=1)
+
+
+def _children(points: FloatArray, parents: IntArray) -> IntArray:
+    """Eight tetrahedra (8 M, 4) for each parent (M, 10)."""
+    ends = points[parents[:, DIAGONALS]]
+    lengths = np.einsum("mdk,mdk->md", ends[:, :, 0] - ends[:, :, 1], ends[:, :, 0] - ends[:, :, 1])
+    shortest = lengths.argmin(axis=1)
+    children = np.empty((len(parents), 8, 4), dtype=np.intp)
+    children[:, :4] = parents[:, CORNER_CHILDREN]
+    rows = np.arange(len(parents))[:, None]
+    diagonal, ring = parents[rows, DIAGONALS[shortest]], parents[rows, RINGS[shortest]]
+    children[:, 4:, 0] = diagonal[:, :1]
+    children[:, 4:, 1] = diagonal[:, 1:]
+    children[:, 4:, 2] = ring
+    children[:, 4:, 3] = np.roll(ring, -1, axis=1)
+    return children.reshape(-1, 4)

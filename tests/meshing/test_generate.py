@@ -1,0 +1,90 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from geometry.model import CadModel
+from meshing import generate as module
+from meshing.errors import MeshingError
+from meshing.generate import FAR_FIELD, Generated, generate, harder
+from meshing.naming import unit_normals
+from meshing.parameters import MeshParameters
+from meshing.quality import signed_volumes
+
+
+def test_the_flow_around_a_body_is_the_box_without_the_body(made: Generated, body: CadModel) -> None:
+    mesh = made.mesh
+    far = mesh.points[mesh.on(FAR_FIELD)]
+    box = np.prod(far.max(axis=0) - far.min(axis=0))
+    a, b, c = (mesh.points[mesh.triangles[mesh.face >= 0][:, i]] for i in range(3))
+    skin = -np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0
+    assert signed_volumes(mesh.points, mesh.tets).sum() == pytest.approx(box - skin, rel=1e-9)
+    assert skin == pytest.approx(body.solid.Volume(), rel=0.04)
+
+
+def test_every_patch_carries_its_own_faces(made: Generated, body: CadModel) -> None:
+    mesh = made.mesh
+    assert mesh.names == ("volume", *body.patches, FAR_FIELD)
+    for index, face in enumerate(body.faces):
+        own = mesh.triangles[mesh.face == index]
+        assert len(own)
+        assert {mesh.names[i] for i in mesh.patch[mesh.face == index]} == {face.patch}
+        inward = unit_normals(mesh.points, own)
+        agreement = np.einsum("ij,ij->i", -inward, face.normal_at(mesh.points[own].mean(axis=1)))
+        assert agreement.min() > (1.0 - 1e-9 if face.planar else 0.9)
+        area = np.linalg.norm(np.cross(*np.diff(mesh.points[own], axis=1).transpose(1, 0, 2)), axis=1).sum() / 2
+        assert area == pytest.approx(face.area, rel=0.06)
+
+
+def test_the_report_tells_how_it_went(made: Generated) -> None:
+    report = made.report
+    assert report.verification.failures == ()
+    assert report.verification.clean_edges == report.verification.edges
+    assert report.verification.boundary_to_cad_max < 1e-12
+    assert 1 <= report.attempts == len(report.rejected) + 1
+    assert report.seconds > report.volume_seconds > 0.0
+    assert report.peak_bytes > 1e7
+
+
+def test_the_flow_inside_a_chamber_has_no_far_field(chamber: CadModel, coarse: MeshParameters) -> None:
+    stages: list[tuple[str, float]] = []
+    mesh = generate(chamber, coarse, lambda stage, done: stages.append((stage, done))).mesh
+    assert mesh.names == ("volume", "chimera", "wing_right")
+    assert (mesh.face >= 0).all()
+    volume = signed_volumes(mesh.points, mesh.tets).sum()
+    assert volume == pytest.approx(chamber.solid.Volume(), rel=1e-9)
+    outward = unit_normals(mesh.points, mesh.triangles)
+    for index, face in enumerate(chamber.faces):
+        centres = mesh.points[mesh.triangles[mesh.face == index]].mean(axis=1)
+        assert np.einsum("ij,ij->i", outward[mesh.face == index], face.normal_at(centres)).min() > 0.999
+    assert stages[0] == ("surface mesh", 0.0)
+    assert math.isnan(stages[1][1])
+
+
+def test_a_mesh_that_fails_is_never_returned(
+    body: CadModel, monkeypatch: pytest.MonkeyPatch, coarse: MeshParameters
+) -> None:
+    impossible = replace(coarse, accept_min=0.99, max_attempts=2)
+    aims: list[float] = []
+    fill = module.fill
+
+    def watched(surface, field, box, parameters):
+        aims.append(parameters.aim)
+        if len(aims) == 2:
+            raise MeshingError("the mesher crashed")
+        return fill(surface, field, box, parameters)
+
+    monkeypatch.setattr(module, "fill", watched)
+    with pytest.raises(
+        MeshingError, match=r"no usable mesh in 2 attempts: attempt 1: smallest mean ratio .* attempt 2: the mesher"
+    ):
+        generate(body, impossible)
+    assert aims[1] > aims[0]
+
+
+def test_each_attempt_aims_higher_up_to_a_limit(coarse: MeshParameters) -> None:
+    aims = [harder(coarse, attempt).aim for attempt in range(1, 20)]
+    assert aims[0] == coarse.aim
+    assert (np.diff(aims) >= 0.0).all()
+    assert aims[-1] <= 0.5

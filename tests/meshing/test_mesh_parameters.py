@@ -1,0 +1,33 @@
+from dataclasses import asdict, fields
+
+import pytest
+
+from meshing.parameters import COMPONENTS, SCALES, MeshParameters
+
+
+def test_every_component_is_a_field_and_left_and_right_are_alike() -> None:
+    parameters = MeshParameters()
+    assert set(COMPONENTS) < {field.name for field in fields(MeshParameters)}
+    assert parameters.edge_length("wing_left") == parameters.edge_length("wing_right") == parameters.wing
+    assert parameters.edge_length("fuselage_panel_left") == parameters.fuselage_panel
+
+
+def test_unknown_patches_and_values_out_of_range_are_named() -> None:
+    with pytest.raises(ValueError, match="patch 'propeller'"):
+        MeshParameters().edge_length("propeller")
+    with pytest.raises(ValueError, match=r"mesh\.wing = -1 m is outside"):
+        MeshParameters(wing=-1.0)
+    with pytest.raises(ValueError, match=r"mesh\.aim"):
+        MeshParameters(aim=float("nan"))
+
+
+def test_scaling_changes_lengths_only() -> None:
+    half, whole = asdict(MeshParameters().scaled(0.5)), asdict(MeshParameters())
+    changed = {name for name in whole if half[name] != whole[name]}
+    assert changed == {*COMPONENTS, "corner", "envelope"}
+    assert all(half[name] == 0.5 * whole[name] for name in changed)
+
+
+def test_finer_scales_have_shorter_edges() -> None:
+    assert SCALES["medium"].wing < SCALES["small"].wing
+    assert SCALES["small"].far_field == 10.0

@@ -1,0 +1,45 @@
+import numpy as np
+import pytest
+
+from geometry.model import CadModel
+from meshing.boundary import boundary_failures
+from meshing.generate import Generated
+from meshing.mesh import TetMesh
+from meshing.parameters import MeshParameters
+from meshing.quality import mean_ratio, signed_volumes
+from meshing.refine import refined, split
+from meshing.verify import verify
+
+
+def test_eight_positive_children_fill_each_parent(cube: TetMesh) -> None:
+    sheared = cube.with_points(cube.points @ np.array([[1.0, 0.3, 0], [0, 0.8, 0.2], [0.1, 0, 1.1]]))
+    finer = split(sheared)
+    volumes = signed_volumes(finer.points, finer.tets).reshape(-1, 8)
+    assert (volumes > 0.0).all()
+    parents = signed_volumes(sheared.points, sheared.tets)
+    assert volumes == pytest.approx(np.tile(parents[:, None] / 8.0, 8))
+
+
+def test_meshes_are_nested_and_keep_their_boundary(cube: TetMesh) -> None:
+    finer = split(cube)
+    assert np.array_equal(finer.points[: len(cube.points)], cube.points)
+    assert boundary_failures(finer) == []
+    assert len(finer.triangles) == 4 * len(cube.triangles)
+    assert (finer.points[finer.on("low"), 0] == 0.0).all()
+    assert len(finer.on("low")) == 7 * 7
+    assert len(finer.points) == 7**3
+
+
+def test_children_have_few_shapes_however_often_they_are_split(cube: TetMesh) -> None:
+    once = split(cube)
+    twice = split(once)
+    assert mean_ratio(twice.points, twice.tets).min() == pytest.approx(mean_ratio(once.points, once.tets).min())
+
+
+def test_new_boundary_nodes_lie_on_the_cad(made: Generated, body: CadModel, coarse: MeshParameters) -> None:
+    finer = refined(made.mesh, body)
+    checked = verify(finer, body, coarse)
+    assert checked.failures == ()
+    assert checked.clean_edges == checked.edges
+    assert np.array_equal(finer.points[: len(made.mesh.points)], made.mesh.points)
+    assert len(finer.tets) == 8 * len(made.mesh.tets)

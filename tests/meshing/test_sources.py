@@ -1,0 +1,44 @@
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from geometry.model import CadModel
+from meshing.parameters import MeshParameters
+from meshing.sizing import size_field
+from meshing.sources import sources
+
+
+def test_each_patch_is_covered_with_its_own_length(body: CadModel, coarse: MeshParameters) -> None:
+    points, lengths = sources(body, replace(coarse, turn=90.0, gap_cells=0.5))
+    for face in body.faces:
+        spots, triangles = face.tessellation(1e-3)
+        centres = spots[triangles].mean(axis=1)
+        size = coarse.edge_length(face.patch)
+        field = size_field(points, lengths, 0.3, 1.0)
+        assert (field(centres) <= 1.3 * size).all()
+        assert (field(centres) >= 0.5 * size).all()
+
+
+def test_a_curved_face_never_turns_more_than_asked_along_an_edge(body: CadModel, coarse: MeshParameters) -> None:
+    points, lengths = sources(body, replace(coarse, turn=10.0, corner=0.001))
+    field = size_field(points, lengths, 0.3, 1.0)
+    round_face = next(face for face in body.faces if not face.planar)
+    spots, triangles = round_face.tessellation(1e-3)
+    wanted = np.deg2rad(10.0) * 0.1
+    assert field(spots[triangles].mean(axis=1)).max() < 1.5 * wanted
+
+
+def test_gaps_get_their_cells(chamber: CadModel, coarse: MeshParameters) -> None:
+    wide = replace(coarse, wing=0.2, chimera=0.2, corner=0.2, turn=90.0)
+    at_tip = np.array([[0.275, 0.25, 0.0]])
+    for cells, expected in ((4.0, (0.4 - 0.25) / 4.0), (2.0, (0.4 - 0.25) / 2.0)):
+        field = size_field(*sources(chamber, replace(wide, gap_cells=cells)), 0.3, 1.0)
+        assert 0.7 * expected < field(at_tip)[0] < 1.3 * expected
+
+
+def test_sources_are_the_same_every_time(body: CadModel, coarse: MeshParameters) -> None:
+    first, again = sources(body, coarse), sources(body, coarse)
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    distance, _ = cKDTree(first[0]).query(body.vertices)
+    assert distance.max() < 0.03

@@ -1,0 +1,103 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from geometry.model import CadModel
+from meshing.attachment import attach
+from meshing.generate import Generated
+from meshing.mesh import TetMesh
+from meshing.parameters import MeshParameters
+from meshing.snapping import snapped
+from meshing.verify import EXACT, verify
+
+
+def failures(mesh: TetMesh, body: CadModel, coarse: MeshParameters) -> str:
+    return "; ".join(verify(mesh, body, coarse).failures)
+
+
+def moved(mesh: TetMesh, node: int, step: np.ndarray) -> TetMesh:
+    points = mesh.points.copy()
+    points[node] += step
+    return mesh.with_points(points)
+
+
+def body_attachment(mesh: TetMesh, body: CadModel):
+    own = mesh.face >= 0
+    return attach(mesh.points, mesh.triangles[own], mesh.face[own], body)
+
+
+def test_a_good_mesh_has_no_failures(made: Generated, body: CadModel, coarse: MeshParameters) -> None:
+    assert failures(made.mesh, body, coarse) == ""
+
+
+def test_worst_cells_are_where_they_are_said_to_be(made: Generated, body: CadModel, coarse: MeshParameters) -> None:
+    checked = verify(made.mesh, body, coarse)
+    assert set(checked.worst) == set(made.mesh.names[1:])
+    assert min(worst.quality for worst in checked.worst.values()) >= checked.quality.min
+
+
+@pytest.mark.parametrize("kind", ["face", "edge", "vertex"])
+def test_a_node_off_the_cad_is_noticed(made: Generated, body: CadModel, kind: str, coarse: MeshParameters) -> None:
+    attachment = body_attachment(made.mesh, body)
+    node = attachment.nodes[getattr(attachment, kind) >= 0][0]
+    assert failures(moved(made.mesh, node, np.array([3.0, 2.0, 1.0]) * EXACT), body, coarse)
+    assert failures(moved(made.mesh, node, np.full(3, 1e-3 * EXACT)), body, coarse) == ""
+
+
+def test_a_turned_cell_is_noticed(made: Generated, body: CadModel, coarse: MeshParameters) -> None:
+    tets = made.mesh.tets.copy()
+    tets[0, :2] = tets[0, 1::-1]
+    assert "1 cells are inverted" in failures(replace(made.mesh, tets=tets), body, coarse)
+
+
+def test_triangles_under_a_wrong_face_break_chains(made: Generated, body: CadModel, coarse: MeshParameters) -> None:
+    mesh = made.mesh
+    face = mesh.face.copy()
+    edge = next(edge for edge in body.edges if edge.faces[0] != edge.faces[1])
+    face[np.flatnonzero(face == edge.faces[0])[0]] = edge.faces[1]
+    assert "CAD edge" in failures(replace(mesh, face=face), body, coarse)
+    unknown = next(
+        (a, b)
+        for a in range(len(body.faces))
+        for b in range(len(body.faces))
+        if a != b and not any({a, b} == set(edge.faces) for edge in body.edges)
+    )
+    face = np.where(mesh.face == unknown[0], unknown[1], mesh.face)
+    assert "no mesh edge" in failures(replace(mesh, face=face), body, coarse)
+
+
+def test_nodes_that_swap_places_along_an_edge_break_its_chain(
+    made: Generated, body: CadModel, coarse: MeshParameters
+) -> None:
+    attachment = body_attachment(made.mesh, body)
+    index = np.bincount(attachment.edge[attachment.edge >= 0]).argmax()
+    first, second = attachment.nodes[attachment.edge == index][:2]
+    points = made.mesh.points.copy()
+    points[[first, second]] = points[[second, first]]
+    assert "is not one chain of mesh edges" in failures(made.mesh.with_points(points), body, coarse)
+
+
+def test_a_near_far_field_is_noticed(made: Generated, body: CadModel, coarse: MeshParameters) -> None:
+    demanding = replace(coarse, far_field=2.0)
+    assert "the far field is only" in "; ".join(verify(made.mesh, body, demanding).failures)
+    assert made.report.verification.far_distance >= 0.5
+
+
+def test_quality_limits_are_those_of_the_parameters(made: Generated, body: CadModel, coarse: MeshParameters) -> None:
+    strict = replace(coarse, accept_min=0.9, accept_mean=0.95, accept_below=0.0)
+    found = "; ".join(verify(made.mesh, body, strict).failures)
+    assert "smallest mean ratio" in found
+    assert "average mean ratio" in found
+    assert "below mean ratio 0.4" in found
+
+
+def test_snapping_undoes_what_moves_nodes_off_the_cad(made: Generated, body: CadModel, coarse: MeshParameters) -> None:
+    mesh = made.mesh
+    own = mesh.on(*mesh.names[1:-1])
+    noise = np.zeros_like(mesh.points)
+    noise[own] = 1e-4 * (np.random.default_rng(0).random((len(own), 3)) - 0.5)
+    shaken = mesh.with_points(mesh.points + noise)
+    assert failures(shaken, body, coarse)
+    restored = shaken.with_points(snapped(shaken.points, body_attachment(shaken, body), body))
+    assert failures(restored, body, coarse) == ""
