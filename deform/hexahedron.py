@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from deform.compiled import compiled
 from deform.kernels import FloatArray
 from deform.polygon import polygon_sites, without_coincident
+from deform.threads import in_chunks
 
 FACES = {
     "x-": (0, 4, 6, 2),
@@ -58,7 +59,11 @@ class Hexahedron:
         x = np.ascontiguousarray(points, dtype=np.float64)
         inside = np.empty(len(x), dtype=np.bool_)
         low, high = self.corners.min(axis=0) - abs(tol), self.corners.max(axis=0) + abs(tol)
-        _behind(x, low, high, self.planes, tol, inside)
+
+        def chunk(start: int, stop: int) -> None:
+            _behind(x[start:stop], low, high, self.planes, tol, inside[start:stop])
+
+        in_chunks(chunk, len(x), len(self.planes))
         return inside
 
     def face(self, name: str) -> FloatArray:

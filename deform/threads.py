@@ -28,7 +28,7 @@ def in_chunks(
     progress: Progress = silent,
 ) -> None:
     """Call work(low, high) for consecutive chunks that cover range(rows), on `threads` threads."""
-    count = threads or numba.config.NUMBA_NUM_THREADS
+    count = threads or available_threads()
     if (count == 1 and progress is silent) or rows * pairs_per_row < SERIAL_PAIRS:
         work(0, rows)
         return
@@ -36,6 +36,11 @@ def in_chunks(
     starts = range(0, rows, size)
     jobs = [_pool(os.getpid(), count).submit(work, i, min(rows, i + size)) for i in starts]
     _wait(jobs, progress)
+
+
+def available_threads() -> int:
+    """Return how many threads work is shared among: the cores, or what NUMBA_NUM_THREADS says."""
+    return int(numba.config.NUMBA_NUM_THREADS)
 
 
 def _wait(jobs: list[Future[None]], progress: Progress) -> None:

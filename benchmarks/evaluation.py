@@ -1,0 +1,88 @@
+"""Evaluation: our kernel sum beside the others', on the tail's points (section 5.3)."""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from benchmarks.measure import exponent, side_by_side
+from benchmarks.memory import peak_above_arrays
+from benchmarks.peers import Sum, available
+from benchmarks.results import Result
+from benchmarks.workloads import points_around, tail
+from deform.interpolant import Interpolant
+from deform.kernels import ThinPlateSpline
+
+CENTERS, INSIDE, WHOLE = 2_200, 80_261, 623_387
+OURS = "this package"
+
+
+def results(rounds: int) -> Iterator[Result]:
+    """Yield all figures about evaluation."""
+    yield from _beside_peers(rounds)
+    yield from _confined(rounds)
+    yield from _growth(rounds)
+    points, centers = np.empty((INSIDE, 3)), CENTERS
+    above = peak_above_arrays(len(points), centers)
+    yield Result("evaluation_memory", above / 2**20, "MiB", 1, "peak above the arrays")
+
+
+def task(points: int, centers: int) -> Sum:
+    """Return a sum for three directions."""
+    workload = tail()
+    rows = np.linspace(0, len(workload.sites) - 1, centers).round().astype(np.intp)
+    beta = np.random.default_rng(0).normal(size=(centers, 3))
+    return Sum(points_around(workload.region, points), workload.sites.points[rows], beta)
+
+
+def interpolant(sum_: Sum) -> Interpolant:
+    """Return our form of a sum."""
+    return Interpolant(ThinPlateSpline(), sum_.centers, sum_.beta, np.zeros((4, sum_.beta.shape[1])))
+
+
+def _beside_peers(rounds: int) -> Iterator[Result]:
+    sum_ = task(INSIDE, CENTERS)
+    ours = interpolant(sum_)
+    actions, missing = available(sum_)
+    times = side_by_side({OURS: lambda: ours(sum_.points), **actions}, rounds)
+    names = {"C, one direction": "evaluation_vs_c", "SciPy RBFInterpolator": "evaluation_vs_scipy"}
+    for peer in actions:
+        slug = names.get(peer, "evaluation_vs_" + peer.split()[0].strip(",").lower().replace("-", "_"))
+        yield Result(slug, times.ratio(peer, OURS), "their time / ours", rounds, f"{peer}: {times.median(peer):.3f} s")
+    for peer, reason in missing.items():
+        if peer in names:
+            yield Result(names[peer], float("nan"), "their time / ours", 0, reason)
+    seconds = times.median(OURS)
+    note = f"three directions: {seconds:.3f} s"
+    yield Result("pairs_per_second", INSIDE * CENTERS / seconds, "1/s", rounds, note)
+
+
+def _confined(rounds: int) -> Iterator[Result]:
+    workload = tail()
+    ours = interpolant(task(8, CENTERS))
+    points = points_around(workload.region, INSIDE, WHOLE - INSIDE)
+    inside = np.flatnonzero(workload.region.contains(points))
+    near = points[inside]
+    actions = {
+        "filter": lambda: workload.region.contains(points),
+        "confined": lambda: ours(near),
+        "whole": lambda: ours(points),
+    }
+    times = side_by_side(actions, rounds)
+    saved = times.of("whole") - times.of("confined")
+    note = f"{len(inside)} of {len(points)} points"
+    yield Result("whole_vs_confined", times.ratio("whole", "confined"), "ratio", rounds, note)
+    share = 100.0 * float(np.median(times.of("filter") / saved))
+    yield Result("filter_share", share, "% of the time saved", rounds, f"{1e3 * times.median('filter'):.1f} ms")
+
+
+def _growth(rounds: int) -> Iterator[Result]:
+    points = [INSIDE * 2**k // 4 for k in range(5)]
+    sums = [interpolant(task(8, CENTERS))] * 5
+    clouds = [points_around(tail().region, n) for n in points]
+    times = side_by_side({str(n): partial(s, c) for n, s, c in zip(points, sums, clouds, strict=True)}, rounds)
+    yield Result("evaluation_exponent_points", exponent(points, [times.median(str(n)) for n in points]), "", rounds)
+    centers = [CENTERS * 2**k // 8 for k in range(5)]
+    sums = [interpolant(task(8, c)) for c in centers]
+    times = side_by_side({str(c): partial(s, clouds[2]) for c, s in zip(centers, sums, strict=True)}, rounds)
+    yield Result("evaluation_exponent_centers", exponent(centers, [times.median(str(c)) for c in centers]), "", rounds)

@@ -1,0 +1,50 @@
+"""Times taken side by side, so that a busy machine slows all of them alike."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Action = Callable[[], object]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Times:
+    """Seconds of several actions that took turns."""
+
+    names: tuple[str, ...]
+    seconds: FloatArray  # (rounds, actions)
+
+    def of(self, name: str) -> FloatArray:
+        """Return the seconds (rounds,) of one action."""
+        return self.seconds[:, self.names.index(name)]
+
+    def median(self, name: str) -> float:
+        """Return the median of one action's seconds."""
+        return float(np.median(self.of(name)))
+
+    def ratio(self, other: str, ours: str) -> float:
+        """Return the median over the rounds of the other's seconds over ours."""
+        return float(np.median(self.of(other) / self.of(ours)))
+
+
+def side_by_side(actions: Mapping[str, Action], rounds: int) -> Times:
+    """Run all actions once to warm up, then all of them in turn, `rounds` times."""
+    for action in actions.values():
+        action()
+    rows = [[_seconds(action) for action in actions.values()] for _ in range(rounds)]
+    return Times(tuple(actions), np.array(rows))
+
+
+def _seconds(action: Action) -> float:
+    start = perf_counter()
+    action()
+    return perf_counter() - start
+
+
+def exponent(sizes: list[int], seconds: list[float]) -> float:
+    """Return p of the least-squares fit seconds ~ sizes**p."""
+    return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])

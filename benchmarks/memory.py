@@ -1,0 +1,56 @@
+"""Peak memory, each in a process of its own."""
+
+import json
+import resource
+import subprocess
+import sys
+from time import perf_counter
+
+import numpy as np
+
+from deform.interpolant import Interpolant
+from deform.kernels import ThinPlateSpline
+
+DIRECTIONS = 3
+UNIT = 1024 if sys.platform.startswith("linux") else 1  # of ru_maxrss, in bytes
+
+
+def peak_above_arrays(points: int, centers: int) -> float:
+    """Return the bytes that an evaluation needs beside its points and its result."""
+    return _measured(points, centers)["above"]
+
+
+def seconds_and_peak(points: int, centers: int) -> tuple[float, float]:
+    """Return the seconds of an evaluation and the peak memory of its process in bytes."""
+    found = _measured(points, centers)
+    return found["seconds"], found["peak"]
+
+
+def _measured(points: int, centers: int) -> dict[str, float]:
+    command = [sys.executable, "-m", "benchmarks.memory", str(points), str(centers)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    found: dict[str, float] = json.loads(done.stdout)
+    return found
+
+
+def _peak() -> float:
+    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * UNIT
+
+
+def main(points: int, centers: int) -> dict[str, float]:
+    """Evaluate once and measure this process."""
+    rng = np.random.default_rng(0)
+    c, beta = rng.random((centers, 3)), rng.normal(size=(centers, DIRECTIONS))
+    s = Interpolant(ThinPlateSpline(), c, beta, np.zeros((4, DIRECTIONS)))
+    s(rng.random((50_000, 3)))  # loads the machine code and starts the threads
+    x = np.empty((points, 3))
+    for axis in range(3):
+        x[:, axis] = np.linspace(0.0, 1.0 + axis, points)
+    before, start = _peak(), perf_counter()
+    values = s(x)
+    seconds = perf_counter() - start
+    return {"seconds": seconds, "peak": _peak(), "above": max(0.0, _peak() - before - values.nbytes)}
+
+
+if __name__ == "__main__":
+    print(json.dumps(main(int(sys.argv[1]), int(sys.argv[2]))))

@@ -1,0 +1,146 @@
+"""Others' evaluations of the same kernel sum; each says why it cannot run where it cannot."""
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import RBFInterpolator
+
+from benchmarks.measure import Action, FloatArray
+
+C_SOURCE = """
+#include <math.h>
+#include <stddef.h>
+void kernel_sum(const double *x, const double *y, const double *z, size_t n, const double *cx, const double *cy,
+                const double *cz, const double *w, size_t m, double *out) {
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < n; i++) {
+        double s = 0;
+#pragma omp simd reduction(+ : s)
+        for (size_t j = 0; j < m; j++) {
+            double dx = x[i] - cx[j], dy = y[i] - cy[j], dz = z[i] - cz[j];
+            double r2 = dx * dx + dy * dy + dz * dz + 1e-300;
+            s += w[j] * r2 * log(r2);
+        }
+        out[i] = 0.5 * s;
+    }
+}
+"""
+C_FLAGS = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC")
+BLOCK = 256  # rows of NumPy's blocks: phi stays in the cache
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sum:
+    """A thin plate spline sum: the arguments that all peers are given."""
+
+    points: FloatArray  # (N, 3)
+    centers: FloatArray  # (C, 3)
+    beta: FloatArray  # (C, k)
+
+
+class UnavailableError(RuntimeError):
+    """A peer is not installed here."""
+
+
+@cache
+def _compiled() -> ctypes.CDLL:
+    """Compile the C loop with the system's vector logarithm."""
+    gcc = shutil.which("gcc")
+    if gcc is None:
+        raise UnavailableError("no gcc")
+    with tempfile.TemporaryDirectory() as folder:
+        source, library = Path(folder, "kernel_sum.c"), Path(folder, "kernel_sum.so")
+        source.write_text(C_SOURCE)
+        command = [gcc, *C_FLAGS, str(source), "-o", str(library), "-lm"]
+        done = subprocess.run(command, check=False, capture_output=True)
+        if done.returncode:
+            raise UnavailableError("gcc failed")
+        return ctypes.CDLL(str(library))
+
+
+def c_one_direction(task: Sum) -> Action:
+    """C with OpenMP and the vector logarithm, for the first direction alone."""
+    function = _compiled().kernel_sum
+    x, c = np.ascontiguousarray(task.points.T), np.ascontiguousarray(task.centers.T)
+    w, out = np.ascontiguousarray(task.beta[:, 0]), np.empty(len(task.points))
+
+    def pointer(a: FloatArray) -> ctypes.c_void_p:
+        return ctypes.c_void_p(a.ctypes.data)
+
+    def run() -> FloatArray:
+        arguments = [*map(pointer, x), ctypes.c_size_t(len(out)), *map(pointer, c), pointer(w)]
+        function(*arguments, ctypes.c_size_t(len(w)), pointer(out))
+        return out
+
+    return run
+
+
+def numpy_blocks(task: Sum) -> Action:
+    """NumPy in blocks that fit the cache, all directions."""
+
+    def run() -> FloatArray:
+        out = np.empty((len(task.points), task.beta.shape[1]))
+        for i in range(0, len(out), BLOCK):
+            part = task.points[i : i + BLOCK]
+            r2 = np.full((len(part), len(task.centers)), 1e-300)
+            for axis in range(3):
+                r2 += (part[:, axis, None] - task.centers[:, axis]) ** 2
+            out[i : i + BLOCK] = (0.5 * r2 * np.log(r2)) @ task.beta
+        return out
+
+    return run
+
+
+def scipy_interpolator(task: Sum) -> Action:
+    """SciPy's RBFInterpolator, all directions; its fit is not part of the time."""
+    interpolator = RBFInterpolator(task.centers, task.beta, kernel="thin_plate_spline", degree=1)
+    return lambda: interpolator(task.points)
+
+
+def treverhines(task: Sum) -> Action:
+    """The package treverhines-rbf, one direction; its fit is not part of the time."""
+    if find_spec("rbf") is None:
+        raise UnavailableError("treverhines-rbf is not installed")
+    interpolant = import_module("rbf.interpolate").RBFInterpolant(task.centers, task.beta[:, 0], phi="phs2", order=1)
+    return lambda: interpolant(task.points)
+
+
+def keops(task: Sum) -> Action:
+    """KeOps on the CPU, all directions; its compilation is not part of the time."""
+    if find_spec("pykeops") is None:
+        raise UnavailableError("pykeops is not installed")
+
+    def run() -> FloatArray:
+        x, c = lazy(task.points[:, None, :]), lazy(task.centers[None, :, :])
+        r2 = ((x - c) ** 2).sum(-1) + 1e-300
+        return np.asarray((0.5 * r2 * r2.log()) @ task.beta)
+
+    return run
+
+
+PEERS: dict[str, Callable[[Sum], Action]] = {
+    "C, one direction": c_one_direction,
+    "NumPy in blocks": numpy_blocks,
+    "SciPy RBFInterpolator": scipy_interpolator,
+    "treverhines-rbf, one direction": treverhines,
+    "KeOps": keops,
+}
+
+
+def available(task: Sum) -> tuple[dict[str, Action], dict[str, str]]:
+    """Return the peers that run here, and why the others do not."""
+    actions, missing = {}, {}
+    for name, build in PEERS.items():
+        try:
+            actions[name] = build(task)
+        except UnavailableError as reason:
+            missing[name] = str(reason)
+    return actions, missing

@@ -1,0 +1,48 @@
+"""What a benchmark yields: named figures, for people and for programs."""
+
+import json
+import os
+import platform
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One figure."""
+
+    name: str
+    value: float
+    unit: str
+    median_of: int
+    note: str = ""
+
+
+def show(title: str, results: Iterable[Result]) -> None:
+    """Print a table."""
+    table = Table("figure", "value", "unit", "median of", "", title=title, title_justify="left")
+    for r in results:
+        table.add_row(r.name, f"{r.value:.4g}", r.unit, str(r.median_of), r.note)
+    Console(width=120).print(table)
+
+
+def write(path: Path, results: Iterable[Result]) -> None:
+    """Write {name: {value, unit, median_of}} beside the place and rename it there."""
+    content = {r.name: {"value": r.value, "unit": r.unit, "median_of": r.median_of} for r in results}
+    draft = path.with_name(path.name + ".part")
+    draft.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    draft.replace(path)
+
+
+def machine() -> str:
+    """Describe the processor in one line."""
+    model = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        lines = info.read_text(encoding="utf-8").splitlines()
+        model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model)
+    return f"{model}, {len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()} cores"

@@ -1,0 +1,38 @@
+import numpy as np
+
+from benchmarks.adaptation import best_solve
+from benchmarks.evaluation import OURS, interpolant, task
+from benchmarks.memory import main
+from benchmarks.peers import PEERS, available
+from deform.interpolant import fit
+from deform.kernels import ThinPlateSpline
+
+
+def test_peers_compute_the_same_sum():
+    sum_ = task(400, 90)
+    expected = interpolant(sum_)(sum_.points)
+    actions, missing = available(sum_)
+    assert set(actions) | set(missing) == set(PEERS)
+    assert OURS not in PEERS
+    for name in {"C, one direction", "NumPy in blocks", "KeOps"} & set(actions):
+        got = np.asarray(actions[name]()).reshape(400, -1)
+        np.testing.assert_allclose(got, expected[:, : got.shape[1]], rtol=1e-9, atol=1e-9)
+
+
+def test_peers_that_fit_interpolate_the_same_values():
+    sum_ = task(400, 90)
+    actions, _ = available(sum_)
+    expected = fit(ThinPlateSpline(), sum_.centers, sum_.beta)(sum_.points)
+    np.testing.assert_allclose(actions["SciPy RBFInterpolator"](), expected, atol=1e-8 * np.abs(expected).max())
+
+
+def test_the_best_solve_solves():
+    a = np.random.default_rng(1).normal(size=(60, 60))
+    a = a + a.T
+    np.testing.assert_allclose(a @ best_solve(60)(a, np.ones((60, 2))), 1.0, atol=1e-9)
+
+
+def test_memory_is_measured_with_the_time():
+    found = main(60_000, 50)
+    assert 0.0 < found["seconds"] < 60.0
+    assert found["above"] < found["peak"]
