@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -117,6 +118,7 @@ def keops(task: Sum) -> Action:
     """KeOps on the CPU, all directions; its compilation is not part of the time."""
     if find_spec("pykeops") is None:
         raise UnavailableError("pykeops is not installed")
+    lazy = import_module("pykeops.numpy").LazyTensor
 
     def run() -> FloatArray:
         x, c = lazy(task.points[:, None, :]), lazy(task.centers[None, :, :])
