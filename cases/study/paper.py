@@ -74,9 +74,19 @@ class Size:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Timings of section 5, in seconds, of the interpolant for f_x."""
+    """Timings of section 5, in seconds, of the interpolant for f_x.
+
+    Attributes
+    ----------
+    setting, tolerance, max_centers : how that interpolant was found.
+    inside : mesh points inside the hexahedron.
+    filter_seconds, inside_seconds, whole_seconds : to find those, to evaluate there, and on all mesh points.
+    """
 
     case: str
+    setting: Setting
+    tolerance: float
+    max_centers: int
     centers: int
     inside: int
     filter_seconds: float
@@ -121,7 +131,7 @@ def paper() -> Paper:
         machine=data["machine"]["text"],
         tables={name: _table(data[name]) for name in sorted(data) if name.startswith("table")},
         sizes=tuple(Size(**{**one, "zero_sites": tuple(one["zero_sites"])}) for one in data["sizes"]),
-        evaluations=tuple(Evaluation(**one) for one in data["evaluations"]),
+        evaluations=tuple(_evaluation(one) for one in data["evaluations"]),
         quality=tuple(QualityStatement(**one) for one in data["quality"]),
     )
 
@@ -131,5 +141,14 @@ def _table(data: dict[str, Any]) -> Table:
 
 
 def _row(data: dict[str, Any]) -> Row:
-    setting = Setting(data.pop("columns"), float(data.pop("angle")), tuple(data.pop("initial")), data.pop("n_add"))
-    return Row(setting, **data)
+    names = {"columns", "angle", "initial", "n_add"}
+    setting = _setting({name: data[name] for name in names})
+    return Row(setting, **{name: value for name, value in data.items() if name not in names})
+
+
+def _evaluation(data: dict[str, Any]) -> Evaluation:
+    return Evaluation(**{**data, "setting": _setting(data["setting"])})
+
+
+def _setting(data: dict[str, Any]) -> Setting:
+    return Setting(data["columns"], float(data["angle"]), tuple(data["initial"]), data["n_add"])

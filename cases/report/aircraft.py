@@ -1,0 +1,56 @@
+"""Figure 1: the aircraft's surfaces by component, and the two overlapping Chimera blocks."""
+
+import numpy as np
+
+from cases.report.colours import COMPONENTS, MAGENTA, components_of
+from cases.report.compose import Picture
+from cases.report.layers import box, patches
+from cases.report.scene import View, plain
+from cases.run import Run
+from cases.zero_sites import BLOCK
+from geometry.datum import block_corners
+from meshing.mesh import TetMesh
+
+FAR_FIELD = "far_field"
+PIXELS = (900, 620)
+
+
+def blocks(aircraft: Run, chimera: Run) -> Picture:
+    """Draw the aircraft as meshed, and the aileron's block in the aircraft's.
+
+    Raises
+    ------
+    ValueError
+        If the second run has no Chimera block.
+    """
+    if chimera.background is None:
+        raise ValueError(f"case {chimera.case.name} has no Chimera block")
+    names = components_of(walls(aircraft.mesh))
+    legend = {name: COMPONENTS[name] for name in [*names, BLOCK]}
+    return Picture(
+        (whole(aircraft.mesh), overlapping(chimera, chimera.background)),
+        ("full model, one block", "Chimera block of the aileron in the aircraft's block"),
+        "Left: surface mesh of the aircraft, coloured by component. Right: the Chimera block around the left aileron, "
+        "transparent with magenta edges, in the surrounding aircraft.",
+        legend={("block's outer faces" if name == BLOCK else name): colour for name, colour in legend.items()},
+    )
+
+
+def walls(mesh: TetMesh) -> list[str]:
+    """Return the patches of the aircraft itself."""
+    return [name for name in mesh.names[1:] if name not in (FAR_FIELD, BLOCK)]
+
+
+def whole(mesh: TetMesh) -> View:
+    """Look at the aircraft from ahead, port and above."""
+    layers = patches(mesh, walls(mesh), edge=(70, 70, 70), width=0.6)
+    return View(layers, np.array([0.47, 0.0, 0.04]), (-1.0, -1.1, 0.9), 0.74, PIXELS)
+
+
+def overlapping(run: Run, background: TetMesh) -> View:
+    """Look at the block around the aileron from behind, port and above."""
+    corners = block_corners(run.case.fighter, run.case.block, run.deflections[0].turn.surface)
+    around = patches(background, walls(background), edge=(120, 120, 120), width=0.4)
+    own = patches(run.mesh, walls(run.mesh), edge=(60, 60, 60), width=0.6)
+    outside = plain(run.mesh.points, run.mesh.triangles_of(BLOCK), MAGENTA, opacity=0.12)
+    return View((*around, *own, outside, box(corners)), corners.mean(axis=0), (0.9, -1.0, 0.9), 0.34, PIXELS)

@@ -1,0 +1,33 @@
+"""Figures 3, 4 and 7: quality histograms before and after, on common bins."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cases.run import Run
+from meshing.quality import mean_ratio
+
+BINS = np.linspace(0.0, 1.0, 51)
+
+
+def histograms(runs: Sequence[Run], titles: Sequence[str]) -> tuple[Figure, str]:
+    """Draw one pair of histograms of all cells of the mesh for each run, and say what is seen."""
+    figure = Figure(figsize=(4.6 * len(runs), 3.6), layout="constrained")
+    axes = figure.subplots(1, len(runs), sharey=True, squeeze=False)[0]
+    texts = [pair(run, one, title) for run, one, title in zip(runs, axes, titles, strict=True)]
+    axes[0].set_ylabel("cells of the mesh (log above 1)")
+    axes[0].legend(loc="upper left")
+    return figure, "Histograms of the mean ratio before and after the deflection. " + " ".join(texts)
+
+
+def pair(run: Run, axes: Axes, title: str) -> str:
+    """Draw the histograms of one run, undeflected black and deflected filled, as in the paper."""
+    before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
+    axes.stairs(np.histogram(after, BINS)[0], BINS, label="deflected", color="#d55e00", alpha=0.5, fill=True)
+    axes.stairs(np.histogram(before, BINS)[0], BINS, label="undeflected", color="black", lw=1.4)
+    axes.set(xlabel="mean ratio", yscale="symlog", xlim=(0.0, 1.0), ylim=(0.0, None))
+    axes.set_title(f"{title}\nsmallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")
+    axes.grid(alpha=0.3)
+    return f"{title}: smallest {before.min():.3f} before and {after.min():.3f} after."

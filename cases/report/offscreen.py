@@ -1,0 +1,36 @@
+"""Pictures drawn in another process, so that a missing graphics library is a message and not the end."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cases.report.scene import View, encoded
+from meshing.child import call
+from meshing.errors import MeshingError
+
+Image = NDArray[np.uint8]
+Array = NDArray[np.generic]
+Call = Callable[[str, Mapping[str, Array], float], Mapping[str, Array]]
+
+SECONDS = 300.0
+NEEDS = "rendering needs OpenGL libraries (on Debian: apt-get install libgl1 libegl1 libopengl0)"
+
+
+class RenderError(RuntimeError):
+    """A picture could not be drawn."""
+
+
+def rendered(views: tuple[View, ...], module: str = "cases.report.render") -> tuple[Image, ...]:
+    """Return the images (H, W, 3) of views.
+
+    Raises
+    ------
+    RenderError
+        If the drawing process fails; says what that most likely needs.
+    """
+    try:
+        answer = call(module, encoded(views), SECONDS)
+    except MeshingError as error:
+        raise RenderError(f"{error}; {NEEDS}") from None
+    return tuple(answer[str(i)].astype(np.uint8) for i in range(len(views)))

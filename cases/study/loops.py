@@ -1,0 +1,45 @@
+"""The greedy loops that the studies time against each other."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from deform.duplicates import IndexArray
+from deform.factor import Grown
+from deform.greedy import Basis
+from deform.interpolant import krylov
+from deform.problem import Problem
+from deform.resolved import Resolved
+from deform.selection import Rule, Separated, Worst
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """How the centres are chosen and how their coefficients are found.
+
+    Attributes
+    ----------
+    name : short, for files and legends.
+    meaning : one phrase.
+    """
+
+    name: str
+    meaning: str
+    rule: Rule
+    basis: Callable[[Problem, IndexArray], Basis]
+
+    @property
+    def chooses_as_paper(self) -> bool:
+        """True if the centres are those of the paper's rule, whatever the time they take."""
+        return isinstance(self.rule, Worst)
+
+
+GROWN = Loop("grown", "the paper's rule, one factor that grows with the centres", Worst(), Grown.of)
+LAPACK = Loop("lapack", "the paper's rule, solved again in every iteration by LAPACK", Worst(look_ahead=1), Resolved.of)
+GMRES = Loop(
+    "gmres",
+    "the paper's loop: its rule, solved again in every iteration and for every direction by GMRES",
+    Worst(look_ahead=1),
+    partial(Resolved.of, solve=krylov()),
+)
+DEFAULT = Loop("default", "what `sdm run` does: blocks of separated sites, growing factor", Separated(), Grown.of)

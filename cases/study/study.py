@@ -1,0 +1,107 @@
+"""One of the paper's tables, measured here row by row."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from cases.case import Case
+from cases.progress import Report
+from cases.study.loops import DEFAULT, GMRES, GROWN, LAPACK, Loop
+from cases.study.measure import Measured, Sites, measure, sites_of
+from cases.study.paper import Row, Setting, Table, paper
+from cases.study.table1 import TRENDS as TRENDS1
+from cases.study.table2 import TRENDS as TRENDS2
+from cases.study.table3 import TRENDS as TRENDS3
+from cases.study.table4 import TRENDS as TRENDS4
+from cases.study.trend import Finding, Trend
+from meshing.mesh import TetMesh
+
+Chosen = Callable[[Table, Setting], tuple[Loop, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """Which loops to time for each row of a table, and what the paper reads off it."""
+
+    name: str
+    loops: Chosen
+    trends: tuple[Trend, ...]
+
+    @property
+    def table(self) -> Table:
+        """The paper's table."""
+        return paper().tables[self.name]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """A study carried out on a mesh.
+
+    Attributes
+    ----------
+    case : as it was run; its angle is that of the first row.
+    points, cells : of the mesh.
+    sites : the data sites at each angle.
+    measured : every row, once for each of its loops.
+    """
+
+    study: Study
+    case: Case
+    points: int
+    cells: int
+    sites: dict[float, Sites]
+    measured: tuple[Measured, ...]
+
+    def by(self, loop: Loop) -> list[Row]:
+        """Return the rows that one loop gave."""
+        return [one.row for one in self.measured if one.loop == loop]
+
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        """The loops that were timed, in a fixed order."""
+        return tuple(loop for loop in (GROWN, LAPACK, GMRES, DEFAULT) if self.by(loop))
+
+    def findings(self, trend: Trend) -> dict[Loop, Finding]:
+        """Judge a trend: for time by every loop with the paper's rule, for centres by the first of them."""
+        alike = [loop for loop in self.loops if loop.chooses_as_paper]
+        judged = {loop: trend.test(self.by(loop), self.study.table) for loop in (alike if trend.of_time else alike[:1])}
+        return {loop: finding for loop, finding in judged.items() if finding is not None}
+
+
+def every_loop(_table: Table, _setting: Setting) -> tuple[Loop, ...]:
+    """Time all loops: for tables of small problems."""
+    return GROWN, LAPACK, GMRES, DEFAULT
+
+
+def gmres_once(table: Table, setting: Setting) -> tuple[Loop, ...]:
+    """Time GMRES, which takes long, for the fewest initial centres only (figure 2)."""
+    fewest = min(row.setting.initial for row in table.rows)
+    return every_loop(table, setting) if setting.initial == fewest else direct_loops(table, setting)
+
+
+def direct_loops(_table: Table, _setting: Setting) -> tuple[Loop, ...]:
+    """Leave GMRES out: for tables of large problems."""
+    return GROWN, LAPACK, DEFAULT
+
+
+STUDIES = {
+    study.name: study
+    for study in (
+        Study("table1", gmres_once, TRENDS1),
+        Study("table2", every_loop, TRENDS2),
+        Study("table3", direct_loops, TRENDS3),
+        Study("table4", direct_loops, TRENDS4),
+    )
+}
+
+
+def carry_out(study: Study, case: Case, mesh: TetMesh, report: Report) -> Result:
+    """Measure every row of a table on the mesh of its case."""
+    table, done = study.table, list[Measured]()
+    angles = dict.fromkeys(row.setting.angle for row in table.rows)
+    sites = {angle: sites_of(replace(case, angle=angle), mesh) for angle in angles}
+    jobs = [(row.setting, loop) for row in table.rows for loop in study.loops(table, row.setting)]
+    for i, (setting, loop) in enumerate(jobs):
+        report(f"{setting.columns} {setting.angle:+g} deg, {sum(setting.initial)} initial, "
+               f"n_add {setting.n_add}, {loop.name}", i / len(jobs))  # fmt: skip
+        done.append(measure(sites[setting.angle], setting, table, loop))
+    return Result(study, case, len(mesh.points), len(mesh.tets), sites, tuple(done))

@@ -1,0 +1,125 @@
+"""A study as CSV and as a table in Markdown, ours beside the paper's."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from cases.study.loops import DEFAULT, Loop
+from cases.study.measure import Sites
+from cases.study.paper import Row, Setting, Size, paper
+from cases.study.study import Result
+from cases.study.trend import listed, title
+
+FIELDS = (
+    "source", "columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_add", "sites", "iterations",
+    "centers", "seconds", "max_error", "converged", "repetitions",
+)  # fmt: skip
+
+
+def write_csv(result: Result, path: Path) -> None:
+    """Write one line for every row of the paper and for every row measured here."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        out = csv.writer(file)
+        out.writerow(FIELDS)
+        for row in result.study.table.rows:
+            out.writerow(["paper", *_setting(row.setting), "", *_results(row), "", ""])
+        for one in result.measured:
+            out.writerow(
+                [one.loop.name, *_setting(one.row.setting), one.sites, *_results(one.row), one.converged,
+                 one.repetitions]
+            )  # fmt: skip
+
+
+def markdown(result: Result) -> str:
+    """Return heading, sizes, table, loops and trends."""
+    table = result.study.table
+    loops = [f"- `{loop.name}`: {loop.meaning}." for loop in result.loops]
+    parts = [
+        f"## Table {result.study.name[-1]}: {table.title}",
+        sizes(result),
+        "\n".join(rows(result)),
+        "Seconds by loop (wall time, median of up to five runs):\n\n" + "\n".join(loops),
+        convergence(result),
+        "\n".join(verdicts(result)),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def sizes(result: Result) -> str:
+    """Say on what the study was carried out, ours and theirs, and how far the sites move."""
+    theirs, sites = paper().size(result.study.table.case), next(iter(result.sites.values()))
+    ours = Size(theirs.case, result.points, result.cells, sites.surface,
+                tuple(sites.region.zero_sites(c) for c in range(3)))  # type: ignore[arg-type]  # fmt: skip
+    return (
+        f"Here (scale `{result.case.scale}`): {_size(ours)}. The paper: {_size(theirs)}. "
+        f"Largest prescribed displacement in x, y, z: {'; '.join(map(_largest, result.sites.items()))}."
+    )
+
+
+def rows(result: Result) -> list[str]:
+    """Return the lines of the Markdown table."""
+    loops = [loop for loop in result.loops if loop != DEFAULT]
+    heads = ["", "initial", "M_add", "t_end paper", "here", "N_c,end paper", "here", "max error paper", "here"]
+    heads += ["s paper"] + [f"s `{loop.name}`" for loop in loops] + [f"`{DEFAULT.name}`: t_end, N_c,end, s"]
+    lines = [_line(heads), _line(["---", "---", *["---:"] * (len(heads) - 2)])]
+    ours = {(one.row.setting, one.loop): one.row for one in result.measured}
+    for theirs in result.study.table.rows:
+        setting = theirs.setting
+        times = [_seconds(ours.get((setting, loop))) for loop in loops]
+        row, own = ours[setting, loops[0]], ours[setting, DEFAULT]
+        lines.append(_line([
+            f"{title(setting.columns)} at {setting.angle:+g}°", "{} + {}".format(*setting.initial), str(setting.n_add),
+            str(theirs.iterations), str(row.iterations), str(theirs.centers), str(row.centers),
+            "" if theirs.max_error != theirs.max_error else f"{theirs.max_error:.2e}", f"{row.max_error:.2e}",
+            _seconds(theirs), *times, f"{own.iterations}, {own.centers}, {_seconds(own)}",
+        ]))  # fmt: skip
+    return lines
+
+
+def convergence(result: Result) -> str:
+    """Say how many of the adaptations reached the tolerance."""
+    reached, tolerance = sum(one.converged for one in result.measured), result.study.table.tolerance
+    return f"{reached} of {len(result.measured)} adaptations here reached the tolerance of {tolerance:g} m."
+
+
+def verdicts(result: Result) -> list[str]:
+    """Return one list item for each trend of the paper: whether it holds here, and the numbers."""
+    lines = []
+    for trend in result.study.trends:
+        found = result.findings(trend)
+        judged = [f"{_by(loop, trend.of_time)}**{one.verdict}** ({one.evidence})" for loop, one in found.items()]
+        lines.append(f"- {trend.statement} Here: {'; '.join(judged) or 'these rows cannot tell'}.")
+    return lines
+
+
+def _largest(entry: tuple[float, Sites]) -> str:
+    angle, sites = entry
+    largest = (1e3 * float(np.abs(sites.groups[d].values).max()) for d in "xyz")
+    return f"{listed(largest)} mm at {angle:+g}°"
+
+
+def _by(loop: Loop, of_time: bool) -> str:
+    return f"`{loop.name}` " if of_time else ""
+
+
+def _size(size: Size) -> str:
+    zero = size.zero_sites
+    text = str(zero[0]) if len(set(zero)) == 1 else "{} / {} / {} (x / y / z)".format(*zero)
+    return f"{size.points:,} points, {size.cells:,} tetrahedra, {size.surface} sites on the surface and {text} at zero"
+
+
+def _setting(setting: Setting) -> list[object]:
+    return [setting.columns, f"{setting.angle:g}", *setting.initial, setting.n_add]
+
+
+def _results(row: Row) -> list[object]:
+    return [row.iterations, row.centers, f"{row.seconds:.6g}", f"{row.max_error:.6g}"]
+
+
+def _seconds(row: Row | None) -> str:
+    return "" if row is None else f"{row.seconds:.3g}"
+
+
+def _line(cells: list[str]) -> str:
+    return "| " + " | ".join(cells) + " |"

@@ -1,0 +1,53 @@
+"""Timings of section 5: the filter, and evaluation inside the hexahedron against the whole mesh."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from statistics import median
+from time import perf_counter
+
+from cases.case import Case
+from cases.study.loops import GROWN
+from cases.study.measure import ENOUGH_SECONDS, REPETITIONS, measure, sites_of
+from cases.study.paper import Evaluation
+from cases.study.trend import Finding
+from meshing.mesh import TetMesh
+
+ALIKE = 1.5
+"""Two ratios agree if they differ by no more than this factor."""
+
+
+def timed(theirs: Evaluation, case: Case, mesh: TetMesh) -> Evaluation:
+    """Find the interpolant as the paper did and time filter and evaluation, medians of several runs."""
+    sites = sites_of(replace(case, angle=theirs.setting.angle), mesh)
+    region, fit = sites.region, measure(sites, theirs.setting, theirs, GROWN)
+    inside = mesh.points[region.inside]
+    return replace(
+        theirs,
+        centers=fit.row.centers,
+        inside=len(inside),
+        filter_seconds=_median_seconds(lambda: region.hexahedron.contains(mesh.points)),
+        inside_seconds=_median_seconds(lambda: fit.interpolant(inside)),
+        whole_seconds=_median_seconds(lambda: fit.interpolant(mesh.points)),
+    )
+
+
+def savings(one: Evaluation, points: int) -> Finding:
+    """Judge whether confinement saves evaluation time by the share of the mesh that lies inside."""
+    time, share = one.whole_seconds / one.inside_seconds, points / one.inside
+    return Finding(max(time / share, share / time) <= ALIKE, f"{time:.3g} times faster, {share:.3g} times fewer points")
+
+
+def filter_is_cheap(one: Evaluation) -> Finding:
+    """Judge whether filter and evaluation inside together take less time than evaluation on the whole mesh."""
+    confined = one.filter_seconds + one.inside_seconds
+    return Finding(confined < one.whole_seconds, f"{confined:.3g} s against {one.whole_seconds:.3g} s")
+
+
+def _median_seconds(work: Callable[[], object]) -> float:
+    work()  # loads compiled code
+    spent: list[float] = []
+    while len(spent) < REPETITIONS and sum(spent) < ENOUGH_SECONDS:
+        start = perf_counter()
+        work()
+        spent.append(perf_counter() - start)
+    return median(spent)
