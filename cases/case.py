@@ -3,7 +3,10 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from deform.selection import GreedyOptions
+import numpy as np
+
+from deform.hexahedron import Hexahedron
+from deform.selection import GreedyOptions, Rule, Separated, Worst
 from geometry.chimera import BlockParameters
 from geometry.parameters import Fighter
 from geometry.quantity import check_quantities, quantity
@@ -12,7 +15,10 @@ from meshing.parameters import SCALES, MeshParameters
 Domain = Literal["aircraft", "block"]
 """What is meshed: the flow around the aircraft, or a Chimera block around the (one) aileron."""
 
+RuleName = Literal["separated", "worst"]
+RULES: dict[RuleName, Rule] = {"separated": Separated(), "worst": Worst()}
 Strategy = Literal["squv", "mv"]
+LARGEST_ANGLE = 60.0
 STRATEGIES: tuple[Strategy, ...] = ("squv", "mv")
 
 
@@ -33,12 +39,19 @@ class Confinement:
     up: float = quantity(0.055, "m", 0.005, 1.0, "above the hinge line (rudder: to starboard)")
     down: float = quantity(0.055, "m", 0.005, 1.0, "below the hinge line (rudder: to port)")
     spacing: float = quantity(0.0, "m", 0.0, 1.0, "between sites on the faces; 0: from the local edge length")
+    corners: tuple[tuple[float, float, float], ...] = ()
+    """Eight corners of the hexahedron (m) instead of the margins; corner i has the binary code zyx."""
     slide: bool = True
     """Whether nodes slide in the plane of a Chimera face inside the hexahedron; False pins them."""
     spacing_edges: float = quantity(1.75, "edges", 0.25, 10.0, "spacing over the median edge of the moving surface")
 
     def __post_init__(self) -> None:
         check_quantities(self, "confinement")
+        if self.corners:
+            try:
+                Hexahedron(np.array(self.corners, dtype=np.float64))
+            except ValueError as error:
+                raise ValueError(f"confinement.corners: {error}") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +75,13 @@ class AdaptationSettings:
     n_add: int = quantity(10, "centres", 1, 100_000, "largest number of centres added per iteration")
     tolerance: float = quantity(8e-5, "m", 1e-12, 1.0, "Tol_add and Tol_stop")
     max_centers: int = quantity(10_000, "centres", 8, 1_000_000, "limit on the number of centres")
+    rule: RuleName = "separated"
+    """"separated" adds large blocks of sites that are no neighbours; "worst" is the paper's rule."""
 
     def __post_init__(self) -> None:
         check_quantities(self, "adaptation")
+        if self.rule not in RULES:
+            raise ValueError(f"adaptation.rule = {self.rule!r} is not one of {', '.join(RULES)}")
         if self.max_centers < self.initial_surface + self.initial_hexahedron:
             raise ValueError(
                 f"adaptation.max_centers = {self.max_centers} is fewer than the "
@@ -103,7 +120,7 @@ class Case:
     title: str
     deflections: tuple[Deflection, ...]
     domain: Domain = "aircraft"
-    angle: float = quantity(-12.0, "deg", -60.0, 60.0, "deflection, positive is trailing edge down")
+    angle: float = quantity(-12.0, "deg", -LARGEST_ANGLE, LARGEST_ANGLE, "deflection, positive is trailing edge down")
     scale: str = "small"
     strategy: Strategy = "squv"
     fighter: Fighter = field(default_factory=Fighter)
@@ -121,3 +138,9 @@ class Case:
             raise ValueError(f"scale = {self.scale!r} is not one of {', '.join(SCALES)}")
         if self.strategy not in STRATEGIES:
             raise ValueError(f"strategy = {self.strategy!r} is not one of {', '.join(STRATEGIES)}")
+        for one in self.deflections:
+            if abs(one.factor * self.angle) > LARGEST_ANGLE:
+                raise ValueError(
+                    f"case.angle = {self.angle:g} deg turns the {one.surface} by {one.factor * self.angle:g} deg; "
+                    f"at most {LARGEST_ANGLE:g} deg are possible"
+                )

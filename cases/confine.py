@@ -83,6 +83,8 @@ def confine(case: Case, mesh: TetMesh, motion: SurfaceMotion) -> Region:
 def hexahedron_of(case: Case, surface: str) -> Hexahedron:
     """Return the hexahedron of a control surface."""
     settings = case.confinement
+    if settings.corners:
+        return Hexahedron(np.array(settings.corners, dtype=np.float64))
     margins = datum.Margins(settings.aft, settings.outboard, settings.up, settings.down)
     return Hexahedron(hexahedron_corners(case.fighter, surface, margins))
 

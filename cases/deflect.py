@@ -5,7 +5,7 @@ from time import perf_counter
 
 import numpy as np
 
-from cases.case import AdaptationSettings, Case, Deflection
+from cases.case import RULES, AdaptationSettings, Case, Deflection
 from cases.confine import DIRECTIONS, GROUPINGS, Region
 from cases.motion import FloatArray, IndexArray
 from cases.motions import mover
@@ -104,4 +104,4 @@ def fit_group(sites: DataSites, surface: int, settings: AdaptationSettings, repo
     def tell(text: str, fraction: float) -> None:
         report(f"{names}: {text}", fraction)
 
-    return adapt(sites, ThinPlateSpline(), initial, settings.options, progress=tell)
+    return adapt(sites, ThinPlateSpline(), initial, settings.options, rule=RULES[settings.rule], progress=tell)

@@ -7,14 +7,11 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from cases.case import Case
+from cases.case import LARGEST_ANGLE, Case
 from cases.deflect import deflect
 from cases.progress import Report
 from meshing.mesh import TetMesh
 from meshing.quality import mean_ratio
-
-LARGEST = 60.0
-"""Angles (deg) beyond this are not tried: a case allows no more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,16 +47,17 @@ def find_limits(case: Case, mesh: TetMesh, threshold: float, resolution: float, 
 
 def _find(case: Case, mesh: TetMesh, threshold: float, resolution: float, sign: float, report: Report) -> Limit:
     trials: list[Trial] = []
+    largest = LARGEST_ANGLE / max(abs(one.factor) for one in case.deflections)
 
     def acceptable(magnitude: float) -> bool:
         report(f"{sign * magnitude:+.2f} deg", float("nan"))
         trials.append(attempt(case, mesh, sign * magnitude))
         return trials[-1].quality_min >= threshold
 
-    good, bad = 0.0, LARGEST
-    if acceptable(LARGEST):
-        good = LARGEST
-    while good < LARGEST and bad - good > resolution:
+    good, bad = 0.0, largest
+    if acceptable(largest):
+        good = largest
+    while good < largest and bad - good > resolution:
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if acceptable(middle) else (good, middle)
     return Limit(sign * good, tuple(sorted(trials, key=lambda trial: abs(trial.angle))))

@@ -31,17 +31,23 @@ def output_folder(target: Path) -> Iterator[Path]:
     OutputError
         At once if the folder cannot be made or written.
     """
+    new = not target.exists()
     try:
         target.mkdir(parents=True, exist_ok=True)
         scratch = TemporaryDirectory(prefix=".partial-", dir=target)
     except OSError as error:
         raise OutputError(f"--out {target}: {error.strerror}; choose a folder that can be written") from None
-    with scratch as name:
-        yield Path(name)
-        for path in sorted(p for p in Path(name).rglob("*") if p.is_file()):
-            final = target / path.relative_to(name)
-            final.parent.mkdir(parents=True, exist_ok=True)
-            path.replace(final)
+    try:
+        with scratch as name:
+            yield Path(name)
+            for path in sorted(p for p in Path(name).rglob("*") if p.is_file()):
+                final = target / path.relative_to(name)
+                final.parent.mkdir(parents=True, exist_ok=True)
+                path.replace(final)
+    except BaseException:
+        if new and not any(target.iterdir()):
+            target.rmdir()
+        raise
 
 
 def write_run(run: Run, folder: Path) -> None:

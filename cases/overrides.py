@@ -84,9 +84,7 @@ def _replaced(value: T, nested: Mapping[str, Any], prefix: str) -> T:
 def _converted(new: object, kind: Any, name: str) -> object:
     """Convert text or a TOML value to the type of the field."""
     if get_origin(kind) is tuple:
-        if not isinstance(new, list):
-            raise ValueError(f"{name} is a list of tables")
-        return tuple(get_args(kind)[0](**item) for item in new)
+        return _listed(new, get_args(kind)[0], name)
     if isinstance(new, Mapping | list):
         raise ValueError(f"{name} is a single value, not a table")
     if kind is bool:
@@ -100,6 +98,17 @@ def _converted(new: object, kind: Any, name: str) -> object:
     except ValueError:
         wanted = "a whole number" if kind is int else "a number"
         raise ValueError(f"{name} = {new} is not {wanted}") from None
+
+
+def _listed(new: object, kind: Any, name: str) -> object:
+    """Convert a TOML list, or its text, to a tuple of dataclasses or of tuples of numbers."""
+    try:
+        items: Any = loads(f"items = {new}")["items"] if isinstance(new, str) else new
+        if is_dataclass(kind):
+            return tuple(kind(**item) for item in items)  # type: ignore[operator]
+        return tuple(tuple(float(number) for number in item) for item in items)
+    except (TOMLDecodeError, TypeError, ValueError) as error:
+        raise ValueError(f"{name} is not a list as in case.toml: {error}") from None
 
 
 def _unknown(path: str, name: str, known: set[str]) -> str:

@@ -5,9 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from cases.case import Case
+from cases.confine import hexahedron_of
 from cases.errors import InputError
 from cases.overrides import Nested, parse_assignments, read_toml, with_overrides
 from cases.registry import case_named
+from cases.zero_sites import block_stations
 
 
 def resolve(
@@ -35,6 +37,10 @@ def resolve(
             case = replace(case, angle=angle)
         if strategy is not None:
             case = replace(case, strategy=strategy)  # type: ignore[arg-type]
-        return with_overrides(case, parse_assignments(assignments))
+        case = with_overrides(case, parse_assignments(assignments))
+        for one in case.deflections:
+            block_stations(case, one.surface)
+            hexahedron_of(case, one.surface)
     except (ValueError, TypeError) as error:
         raise InputError(str(error)) from error
+    return case

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from cases.deflect import deflect
 from cases.output import output_folder
-from cases.pipeline import run_case
+from cases.pipeline import combined, run_case
 from cases.progress import Silent, Stopwatch
 from cases.registry import case_named
+from cases.validate import validate
 
 
 @pytest.fixture(scope="session")
@@ -34,3 +36,28 @@ def aileron_run(finish):
 def aileron_mv_run(finish):
     """The same with one set of centres for all directions."""
     return finish(replace(case_named("aileron"), strategy="mv"))
+
+
+@pytest.fixture(scope="session")
+def tail_run(finish):
+    """Case 5.3 at +12 degrees."""
+    return finish(case_named("tail"))
+
+
+@pytest.fixture(scope="session")
+def chimera_run(finish):
+    """Case 5.2 at -30 degrees, with its background."""
+    return finish(replace(case_named("aileron-chimera"), angle=-30.0))
+
+
+@pytest.fixture(scope="session")
+def turned(make_mesh):
+    """Mesh, deflect and validate a case without report and background; return run-like pieces."""
+
+    def turn(case):
+        mesh, _ = make_mesh(case)
+        results = [deflect(mesh, case, one, lambda text, fraction: None) for one in case.deflections]
+        points = combined(mesh, tuple(results))
+        return mesh, points, validate(case, mesh, points, [result.turn for result in results])
+
+    return turn

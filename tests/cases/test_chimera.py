@@ -1,0 +1,76 @@
+"""Case 5.2: nodes slide in the Chimera face, both blocks find donors, pinning is worse."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.overset import has_donor, overlap
+from cases.registry import case_named
+from cases.zero_sites import BLOCK, block_stations
+from geometry.parameters import Aileron, Fighter
+
+pytestmark = pytest.mark.mesher
+
+
+def test_every_check_passes(chimera_run):
+    run, _ = chimera_run
+    assert {c.name for c in run.checks if not c.passed} == set()
+    assert {"chimera_face_in_plane", "orphans"} <= {c.name for c in run.checks}
+
+
+def test_nodes_slide_in_the_chimera_face(chimera_run):
+    run, _ = chimera_run
+    station = block_stations(run.case, "aileron_left")[0]
+    nodes = run.mesh.on(BLOCK)
+    face = nodes[run.mesh.points[nodes, 1] == station]
+    moved = run.deflected.points[face] - run.mesh.points[face]
+    assert len(face) > 100
+    assert np.all(run.deflected.points[face, 1] == station)
+    assert np.abs(moved[:, 2]).max() > 1e-3
+    outer = np.setdiff1d(nodes, face)
+    assert np.array_equal(run.deflected.points[outer], run.mesh.points[outer])
+
+
+def test_y_has_most_sites_and_fewest_centres(chimera_run):
+    _, folder = chimera_run
+    metrics = json.loads((folder / "metrics.json").read_text())
+    sites, fits = metrics["sites"]["hexahedron"], metrics["adaptation"]
+    assert sites["y"] > sites["x"] == sites["z"]
+    assert fits["y"]["centers"] < min(fits["x"]["centers"], fits["z"]["centers"])
+
+
+def test_sliding_is_better_than_pinning(chimera_run):
+    _, folder = chimera_run
+    inside = json.loads((folder / "metrics.json").read_text())["deflections"]["aileron_left"]["quality_inside"]
+    assert inside["after"]["inverted"] == 0
+    assert inside["after"]["min"] >= 0.2
+    assert inside["after"]["min"] > inside["after_pinned"]["min"]
+    assert inside["after"]["below_0_4"] < inside["after_pinned"]["below_0_4"]
+
+
+def test_a_hole_larger_than_the_block_leaves_orphans(chimera_run):
+    run, _ = chimera_run
+    low, high = run.mesh.points.min(axis=0) - 0.02, run.mesh.points.max(axis=0) + 0.02
+    assert overlap(run.deflected, run.background, low, high).fringe_orphans > 0
+
+
+def test_donors_are_found_inside_and_nowhere_else(chimera_run):
+    run, _ = chimera_run
+    centroids = run.mesh.points[run.mesh.tets].mean(axis=1)[::50]
+    assert has_donor(centroids, run.mesh).all()
+    assert not has_donor(centroids + np.array([10.0, 0.0, 0.0]), run.mesh).any()
+
+
+def test_an_aileron_with_two_gaps_slides_on_both_faces(turned):
+    fighter = Fighter(aileron=Aileron(gap=0.00427, y_outboard=0.235))
+    case = replace(case_named("aileron-chimera"), fighter=fighter, angle=-20.0)
+    mesh, deflected, checks = turned(case)
+    assert {c.name for c in checks if not c.passed} == set()
+    stations = block_stations(case, "aileron_left")
+    assert len(stations) == 2
+    for station in stations:
+        face = mesh.on(BLOCK)[mesh.points[mesh.on(BLOCK), 1] == station]
+        assert np.all(deflected.points[face, 1] == station)
+        assert np.abs(deflected.points[face, 2] - mesh.points[face, 2]).max() > 5e-4

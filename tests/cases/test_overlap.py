@@ -1,0 +1,41 @@
+"""Hexahedra of several surfaces at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.case import Confinement
+from cases.confine import ConfinementError
+from cases.deflect import deflect
+from cases.overlap import check_disjoint, shared_depth
+from cases.registry import case_named
+from deform.hexahedron import box
+
+
+@pytest.mark.parametrize(("gap", "depth"), [(-0.4, 0.2), (0.0, 0.0), (0.6, -0.3)])
+def test_depth_of_two_boxes(gap, depth):
+    low, high = np.zeros(3), np.ones(3)
+    shift = np.array([1.0 + gap, 0.0, 0.0])
+    assert shared_depth(box(low, high), box(low + shift, high + shift)) == pytest.approx(depth, abs=1e-9)
+
+
+@pytest.mark.mesher
+def test_all_surfaces_at_once_pass(turned):
+    case = case_named("all")
+    mesh, deflected, checks = turned(case)
+    assert {c.name for c in checks if not c.passed} == set()
+    names = {c.name for c in checks}
+    assert {f"surface_to_cad:{d.surface}" for d in case.deflections} <= names
+    moved = np.any(mesh.points != deflected.points, axis=1)
+    assert not moved[mesh.on("wing_left", "wing_right", "fin", "fuselage")].any()
+
+
+@pytest.mark.mesher
+def test_overlapping_pair_is_named(make_mesh):
+    case = replace(case_named("all"), confinement=Confinement(up=0.16, down=0.055, outboard=0.06))
+    mesh, _ = make_mesh(case)
+    pair = [d for d in case.deflections if d.surface in ("tail_left", "rudder")]
+    regions = [deflect(mesh, case, d, lambda text, fraction: None).turn.region for d in pair]
+    with pytest.raises(ConfinementError, match="hexahedra of tail_left and rudder overlap by"):
+        check_disjoint(regions)

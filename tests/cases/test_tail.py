@@ -1,0 +1,55 @@
+"""Case 5.3: planes stay planes, the panel stays on the cylinder, the root line on both."""
+
+import numpy as np
+import pytest
+
+from cases.motion import axis_of
+from cases.tail import apex, fuselage_cylinder
+from geometry.datum import ends
+from geometry.parameters import Fighter, Tail
+
+pytestmark = pytest.mark.mesher
+
+
+def test_every_check_passes(tail_run):
+    run, _ = tail_run
+    assert {c.name for c in run.checks if not c.passed} == set()
+    assert {"cylindricity", "root_on_cylinder", "surface_to_cad", "planarity"} <= {c.name for c in run.checks}
+
+
+def test_quality_falls_by_less_than_a_tenth(tail_run):
+    from meshing.quality import mean_ratio
+
+    run, _ = tail_run
+    before, after = (mean_ratio(m.points, m.tets).min() for m in (run.mesh, run.deflected))
+    assert after > before - 0.1
+
+
+def test_beyond_the_root_region_the_tail_is_rigid(tail_run):
+    run, _ = tail_run
+    nodes = run.mesh.on("tail_left")
+    axis = axis_of(run.case.fighter, "tail_left")
+    rigid = axis.rotated(run.mesh.points[nodes], 12.0)
+    reach = fuselage_cylinder(run.case.fighter).radius + run.case.blending.root
+    outboard = np.abs(run.mesh.points[nodes, 1]) > reach
+    assert outboard.sum() > 50
+    np.testing.assert_allclose(run.deflected.points[nodes[outboard]], rigid[outboard], atol=1e-15)
+    assert np.linalg.norm(run.deflected.points[nodes] - rigid, axis=1).max() > 1e-4  # the root was extended
+
+
+def test_panel_border_stays_and_panel_follows(tail_run):
+    run, _ = tail_run
+    panel = run.mesh.on("fuselage_panel_left")
+    border = np.intersect1d(panel, run.mesh.on("fuselage", "fuselage_rear"))
+    moved = np.linalg.norm(run.deflected.points - run.mesh.points, axis=1)
+    assert moved[border].max() == 0.0
+    assert moved[panel].max() > 0.01
+
+
+@pytest.mark.parametrize("tail", [Tail(), Tail(half_span=0.2, anhedral=-5.0, le_sweep=30.0)])
+def test_all_edges_of_a_tail_meet_in_its_apex(tail):
+    sections = ends(Fighter(tail=tail), "tail_left")
+    point = apex(sections)
+    along = sections[1] - sections[0]
+    off = np.cross(point - sections[0], along / np.linalg.norm(along, axis=1, keepdims=True))
+    assert np.linalg.norm(off, axis=1).max() < 1e-14

@@ -1,0 +1,103 @@
+"""The validations fail when they should."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.case import Deflection
+from cases.deflect import deflect
+from cases.turn import turn_of
+from cases.validate import validate
+from cases.validation import Check, plane_deviation
+
+pytestmark = pytest.mark.mesher
+
+
+def failing(run, points, case=None):
+    """Names of the checks that fail on these points."""
+    case = case or run.case
+    turns = [turn_of(case, run.mesh, one) for one in case.deflections]
+    return {c.name for c in validate(case, run.mesh, run.mesh.with_points(points), turns) if not c.passed}
+
+
+def test_the_right_mesh_passes(tail_run):
+    run, _ = tail_run
+    assert failing(run, run.deflected.points) == set()
+
+
+def test_a_wrong_angle_is_noticed(aileron_run, tail_run):
+    run, _ = aileron_run
+    assert {"surface_to_cad", "trailing_edge_angle"} <= failing(
+        run, run.deflected.points, replace(run.case, angle=-12.001)
+    )
+    run, _ = tail_run
+    assert {"surface_to_cad", "root_on_cylinder"} <= failing(
+        run, run.deflected.points, replace(run.case, angle=12.001)
+    )
+
+
+def test_a_bulged_panel_is_noticed(tail_run):
+    run, _ = tail_run
+    points = run.deflected.points.copy()
+    panel = np.setdiff1d(run.mesh.on("fuselage_panel_left"), run.mesh.on("fuselage", "fuselage_rear", "tail_left"))
+    points[panel, 1:] *= 1.0 + 1e-9
+    assert failing(run, points) == {"cylindricity"}
+
+
+def test_a_bent_tail_is_noticed(tail_run):
+    run, _ = tail_run
+    points = run.deflected.points.copy()
+    tail = np.setdiff1d(run.mesh.on("tail_left"), run.mesh.on("fuselage_panel_left"))
+    span = np.abs(points[tail, 1]) - 0.066
+    points[tail, 2] += 1e-5 * (span / 0.1) ** 2
+    assert {"planarity", "surface_to_cad"} <= failing(run, points)
+
+
+def test_one_moved_border_node_is_noticed(tail_run):
+    run, _ = tail_run
+    points = run.deflected.points.copy()
+    border = np.intersect1d(run.mesh.on("fuselage_panel_left"), run.mesh.on("fuselage_rear"))
+    points[border[0], 0] += 1e-12
+    assert "fixed_surfaces_moved" in failing(run, points)
+
+
+def test_one_node_moved_outside_is_noticed(aileron_run):
+    run, _ = aileron_run
+    points = run.deflected.points.copy()
+    inner = np.setdiff1d(np.arange(len(points)), run.deflections[0].turn.region.inside)
+    inner = np.setdiff1d(inner, run.mesh.on(*run.mesh.names[1:]))
+    points[inner[0], 2] = np.nextafter(points[inner[0], 2], 1.0)
+    assert failing(run, points) == {"outside_moved"}
+
+
+def test_one_inverted_cell_is_noticed(aileron_run):
+    run, _ = aileron_run
+    points = run.deflected.points.copy()
+    free = np.setdiff1d(run.deflections[0].turn.region.inside, run.mesh.on(*run.mesh.names[1:]))
+    points[free[0]] += [0.0, 0.0, 0.05]
+    assert {"inverted_cells", "quality_min"} <= failing(run, points)
+
+
+def test_nan_never_passes():
+    assert not Check("x", float("nan"), 1.0, "m", "").passed
+    assert not Check("x", float("nan"), 1.0, "m", "", "at least").passed
+
+
+def test_deviation_from_a_plane_is_the_height_of_a_bump():
+    grid = np.stack(np.meshgrid(np.arange(5.0), np.arange(5.0), [0.0]), -1).reshape(-1, 3)
+    assert plane_deviation(grid).max() < 1e-15
+    grid[12, 2] = 0.1
+    assert plane_deviation(grid).argmax() == 12
+
+
+def test_steps_are_taken_where_one_would_invert_cells(chimera_run):
+    run, _ = chimera_run
+    stiff = replace(run.case, confinement=replace(run.case.confinement, slide=False))
+    result = deflect(run.mesh, stiff, Deflection("aileron_left"), lambda text, fraction: None)
+    assert len(result.steps) > 1
+    np.testing.assert_allclose(
+        result.points[result.turn.motion.nodes],
+        run.mesh.points[result.turn.motion.nodes] + result.turn.motion.displacements,
+        atol=1e-15,
+    )
