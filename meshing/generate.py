@@ -9,22 +9,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.model import CadModel
-from meshing.attachment import attach
+from meshing.assembly import assemble
 from meshing.errors import MeshingError
-from meshing.exterior import inside_solid
-from meshing.mesh import VOLUME, FloatArray, IntArray, TetMesh
-from meshing.naming import boundary_triangles, cad_faces
+from meshing.mesh import FloatArray, TetMesh
 from meshing.octree import background
 from meshing.parameters import FAR_EDGE, MeshParameters
+from meshing.refine import refined
 from meshing.sizing import SizeField, size_field
-from meshing.snapping import snapped
 from meshing.sources import sources
 from meshing.surface import Surface, mesh_surface
-from meshing.topology import cell_faces
 from meshing.verify import Verification, verify
-from meshing.volume import PADDING, Filling, fill
+from meshing.volume import PADDING, fill
 
-FAR_FIELD = "far_field"
 # By how much the mesher's aim is raised after a failure, and where that ends.
 EFFORT = 0.05
 HIGHEST_AIM = 0.5
@@ -95,7 +91,9 @@ def generate(
             filling = fill(surface, field, box, harder(parameters, attempt))
             volume_seconds = time.perf_counter() - begin
             progress(f"boundary, attempt {attempt}", 0.9)
-            mesh = assemble(filling, surface, model, parameters)
+            mesh = assemble(filling, surface, model, parameters.envelope)
+            for _ in range(parameters.refinements):
+                mesh = refined(mesh, model)
         except MeshingError as error:
             rejected.append(str(error))
             continue
@@ -138,50 +136,3 @@ def prepare(model: CadModel, parameters: MeshParameters, finer: Finer | None = N
     padding = PADDING * (box[1] - box[0])
     surface = mesh_surface(model, background(field, box[0] - padding, box[1] + padding))
     return field, box, surface
-
-
-def assemble(filling: Filling, surface: Surface, model: CadModel, parameters: MeshParameters) -> TetMesh:
-    """Select the flow, name its boundary and put that on the CAD.
-
-    Raises
-    ------
-    MeshingError
-        If the boundary cannot be matched with the CAD.
-    """
-    faces = cell_faces(filling.tets)
-    solid = inside_solid(filling.points, filling.tets, faces, surface, parameters.envelope)
-    fluid = solid if model.fluid_inside else ~solid
-    triangles, outermost = boundary_triangles(faces, fluid)
-    if model.fluid_inside and outermost.any():
-        raise MeshingError("the flow inside the solid leaks to the outside")
-    body = triangles[~outermost]
-    out_of_solid = body if model.fluid_inside else body[:, ::-1]
-    face = cad_faces(filling.points, out_of_solid, surface)
-    if (face < 0).any():
-        raise MeshingError(f"{np.count_nonzero(face < 0)} boundary triangles are near no CAD face")
-    points = snapped(filling.points, attach(filling.points, body, face, model), model)
-    return _named(points, filling.tets[fluid], (body, face), triangles[outermost], model)
-
-
-def _named(
-    points: FloatArray,
-    tets: IntArray,
-    body: tuple[IntArray, IntArray],
-    far: IntArray,
-    model: CadModel,
-) -> TetMesh:
-    """Mesh of the used points, its patches in the order of the CAD faces, the far field last."""
-    patches = list(dict.fromkeys(face.patch for face in model.faces))
-    names = (VOLUME, *patches, *([FAR_FIELD] if len(far) else []))
-    patch_of_face = np.array([names.index(face.patch) for face in model.faces])
-    triangles, face = body
-    used, compact = np.unique(np.concatenate([tets.ravel(), triangles.ravel(), far.ravel()]), return_inverse=True)
-    cells, skin = compact[: tets.size].reshape(-1, 4), compact[tets.size :].reshape(-1, 3)
-    return TetMesh(
-        points=points[used],
-        tets=cells,
-        triangles=skin,
-        patch=np.concatenate([patch_of_face[face], np.full(len(far), len(names) - 1)]),
-        face=np.concatenate([face, np.full(len(far), -1)]),
-        names=names,
-    )

@@ -65,6 +65,7 @@ class MeshParameters:
     far_field: float = quantity(10.0, "body lengths", 0.5, 100.0, "distance of the far field from the body")
     envelope: float = quantity(1.2e-4, "m", 1e-6, 1e-2, "how far the mesher may stray from its surface input")
     aim: float = quantity(0.32, "", 0.05, 0.6, "mean ratio at which the mesher leaves a cell alone")
+    refinements: int = quantity(0, "", 0, 3, "uniform refinements, each of which halves all edges")
     max_attempts: int = quantity(4, "", 1, 20, "meshes tried before giving up")
     max_seconds: float = quantity(3600.0, "s", 1.0, 1e6, "time after which one attempt is given up")
     accept_min: float = quantity(0.3, "", 0.0, 1.0, "smallest mean ratio of an acceptable mesh")

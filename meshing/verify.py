@@ -7,16 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.model import CadModel
-from meshing.attachment import Attachment, attach
+from meshing.attachment import attach
 from meshing.boundary import boundary_failures
 from meshing.chains import broken_chains
+from meshing.exactness import exactness
 from meshing.mesh import FloatArray, TetMesh
 from meshing.parameters import MeshParameters
 from meshing.quality import QualitySummary, mean_ratio, summarise
-
-# Largest allowed distance in metres of a boundary node from what it belongs to.
-EXACT = 1e-7
-FREE_FORM = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,58 +73,35 @@ def verify(mesh: TetMesh, model: CadModel, parameters: MeshParameters) -> Verifi
     triangles, face = mesh.triangles[body], mesh.face[body]
     attachment = attach(mesh.points, triangles, face, model)
     broken = broken_chains(mesh.points, triangles, face, attachment, model)
-    exact, edge, free_form = _distances(mesh.points, attachment, model)
+    measured = exactness(mesh.points, attachment, model)
     far_distance = _far_distance(mesh)
-    matched = _matched(mesh.points, attachment, model)
     failures = [
         *_quality_failures(summary, parameters),
         *boundary_failures(mesh),
-        *_distance_failures(exact, edge, free_form),
+        *measured.failures(),
         *(_place(index, model) + problem for index, problem in broken.items()),
     ]
     if len(attachment.lost):
         failures.append(f"{len(attachment.lost)} nodes touch faces that share no CAD edge")
-    if matched < len(model.vertices):
-        failures.append(f"{len(model.vertices) - matched} CAD vertices have no node")
+    unmatched = len(model.vertices) - measured.matched_vertices
+    if unmatched:
+        failures.append(f"{unmatched} CAD vertices have no node")
     length = float(np.ptp(mesh.points[triangles].reshape(-1, 3), axis=0).max())
     if far_distance < parameters.far_field * length:
         failures.append(f"the far field is only {far_distance:.3f} m away from the body")
     return Verification(
         quality=summary,
         worst=_worst(mesh, quality),
-        exact_distance=exact,
-        edge_distance=edge,
-        free_form_distance=free_form,
+        exact_distance=measured.exact,
+        edge_distance=measured.edge,
+        free_form_distance=measured.free_form,
         clean_edges=len(model.edges) - sum(index >= 0 for index in broken),
         edges=len(model.edges),
-        matched_vertices=matched,
+        matched_vertices=measured.matched_vertices,
         vertices=len(model.vertices),
         far_distance=far_distance,
         failures=tuple(failures),
     )
-
-
-def _distances(points: FloatArray, attachment: Attachment, model: CadModel) -> tuple[float, float, float]:
-    """Largest distance of nodes from planes and cylinders, from CAD edges, and from free-form faces."""
-    exact, edge, free_form = 0.0, 0.0, 0.0
-    for index, cad in enumerate(model.faces):
-        nodes = attachment.incidence[attachment.incidence[:, 1] == index, 0]
-        away = np.linalg.norm(cad.project(points[nodes]) - points[nodes], axis=1).max(initial=0.0)
-        if cad.free_form:
-            free_form = max(free_form, float(away))
-        else:
-            exact = max(exact, float(away))
-    for index in np.unique(attachment.edge[attachment.edge >= 0]):
-        nodes = attachment.nodes[attachment.edge == index]
-        away = np.linalg.norm(model.edges[index].project(points[nodes])[0] - points[nodes], axis=1).max()
-        edge = max(edge, float(away))
-    return exact, edge, free_form
-
-
-def _matched(points: FloatArray, attachment: Attachment, model: CadModel) -> int:
-    on_vertex = attachment.vertex >= 0
-    away = points[attachment.nodes[on_vertex]] - model.vertices[attachment.vertex[on_vertex]]
-    return int(np.count_nonzero(np.linalg.norm(away, axis=1) <= EXACT))
 
 
 def _far_distance(mesh: TetMesh) -> float:
@@ -165,15 +139,6 @@ def _quality_failures(summary: QualitySummary, parameters: MeshParameters) -> li
     if summary.below_0_4 >= parameters.accept_below:
         failures.append(f"{summary.below_0_4:.3%} of the cells are below mean ratio 0.4")
     return failures
-
-
-def _distance_failures(exact: float, edge: float, free_form: float) -> list[str]:
-    limits = (
-        ("planes and cylinders", exact, EXACT),
-        ("CAD edges", edge, EXACT),
-        ("free-form faces", free_form, FREE_FORM),
-    )
-    return [f"boundary nodes are up to {value:.1e} m off {what}" for what, value, limit in limits if value > limit]
 
 
 def _place(index: int, model: CadModel) -> str:

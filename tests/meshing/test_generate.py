@@ -6,8 +6,9 @@ import pytest
 
 from geometry.model import CadModel
 from meshing import generate as module
+from meshing.assembly import FAR_FIELD
 from meshing.errors import MeshingError
-from meshing.generate import FAR_FIELD, Generated, generate, harder
+from meshing.generate import Generated, generate, harder
 from meshing.naming import unit_normals
 from meshing.parameters import MeshParameters
 from meshing.quality import signed_volumes
@@ -81,6 +82,12 @@ def test_a_mesh_that_fails_is_never_returned(
     ):
         generate(body, impossible)
     assert aims[1] > aims[0]
+
+
+def test_refinements_halve_the_edges_and_stay_on_the_cad(body: CadModel, coarse: MeshParameters) -> None:
+    once = generate(body, replace(coarse, refinements=1))
+    assert len(once.mesh.tets) % 8 == 0
+    assert once.report.verification.failures == ()
 
 
 def test_each_attempt_aims_higher_up_to_a_limit(coarse: MeshParameters) -> None:

@@ -5,11 +5,12 @@ import pytest
 
 from geometry.model import CadModel
 from meshing.attachment import attach
+from meshing.exactness import EXACT
 from meshing.generate import Generated
 from meshing.mesh import TetMesh
 from meshing.parameters import MeshParameters
 from meshing.snapping import snapped
-from meshing.verify import EXACT, verify
+from meshing.verify import verify
 
 
 def failures(mesh: TetMesh, body: CadModel, coarse: MeshParameters) -> str:
