@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from deform.compiled import compiled
 from deform.kernels import FloatArray
 from deform.polygon import polygon_sites, without_coincident
+from deform.sums import check_points
 from deform.threads import in_chunks
 
 FACES = {
@@ -56,6 +57,7 @@ class Hexahedron:
 
     def contains(self, points: FloatArray, tol: float = 0.0) -> NDArray[np.bool_]:
         """Return which of points (M, 3) lie behind all twelve face triangles, or at most `tol` metres out."""
+        check_points(points=points)
         x = np.ascontiguousarray(points, dtype=np.float64)
         inside = np.empty(len(x), dtype=np.bool_)
         low, high = self.corners.min(axis=0) - abs(tol), self.corners.max(axis=0) + abs(tol)

@@ -103,9 +103,9 @@ def fit(kernel: Kernel, centers: FloatArray, values: FloatArray, solve: Solve = 
     twice = np.flatnonzero(first_coincident(centers) != np.arange(len(centers)))
     if len(twice):
         raise ValueError(f"{len(twice)} centers coincide with another, such as row {twice[0]}: {centers[twice[0]]}")
-    box = UnitBox.around(centers)
-    scaled = box.scaled(centers)
     with single_threaded_blas():
+        box = UnitBox.around(centers)
+        scaled = box.scaled(centers)
         matrix = coefficient_matrix(box.polynomials(scaled), kernel.rescaled(box.length).kernel, scaled)
         q = len(matrix) - len(values)
         solution = solve(matrix, np.vstack([np.zeros((q, values.shape[1])), values]))

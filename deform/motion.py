@@ -41,7 +41,9 @@ class Axis:
 
     def displacement(self, points: FloatArray, degrees: float) -> FloatArray:
         """Return how far each of points (N, 3) moves in a rotation by `degrees`."""
-        return np.asarray((points - self.point) @ self._turn(degrees).T)
+        x, y, z = np.moveaxis(points - self.point, 1, 0)[..., None]
+        turn = self._turn(degrees).T
+        return np.asarray(x * turn[0] + y * turn[1] + z * turn[2])
 
     def rotated(self, points: FloatArray, degrees: float) -> FloatArray:
         """Return points (N, 3) rotated by `degrees`."""
@@ -50,7 +52,8 @@ class Axis:
     def radial(self, points: FloatArray) -> FloatArray:
         """Return the vectors (N, 3) from the axis to points (N, 3), perpendicular to it."""
         arm = points - self.point
-        return np.asarray(arm - np.outer(arm @ self.direction, self.direction))
+        along = np.sum(arm * self.direction, axis=1, keepdims=True)
+        return np.asarray(arm - along * self.direction)
 
     def _turn(self, degrees: float) -> FloatArray:
         """Return the rotation matrix less the identity, by Rodrigues' formula: small angles keep their digits."""

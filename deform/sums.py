@@ -45,6 +45,7 @@ def kernel_sum(
     -------
     (N, k) values.
     """
+    check_points(points=points, centers=centers)
     x = np.ascontiguousarray(points, dtype=np.float64)
     out = np.empty((len(x), beta.shape[1]))
     code, c, b = kernel.compiled(), _padded(centers.T), kernel.unit * beta.T
@@ -65,6 +66,7 @@ def kernel_sum(
 
 def kernel_matrix(kernel: Kernel, a: FloatArray, b: FloatArray) -> FloatArray:
     """Return phi(|a_i - b_j|) as (M, N) for a (M, 3) and b (N, 3)."""
+    check_points(a=a, b=b)
     out = np.empty((len(a), len(b)))
     x, y = np.ascontiguousarray(a), np.ascontiguousarray(b.T)
     code, unit = kernel.compiled(), kernel.unit
@@ -74,6 +76,13 @@ def kernel_matrix(kernel: Kernel, a: FloatArray, b: FloatArray) -> FloatArray:
 
     in_chunks(chunk, len(a), len(b))
     return out
+
+
+def check_points(**arrays: FloatArray) -> None:
+    """Raise a ValueError that names the first array that is not (N, 3): compiled loops do not look."""
+    for name, array in arrays.items():
+        if array.ndim != 2 or array.shape[1] != 3:
+            raise ValueError(f"{name} {array.shape} must be (N, 3)")
 
 
 def _padded(rows: FloatArray, count: int = 3) -> FloatArray:
@@ -95,19 +104,27 @@ def _sum_rows(
 ) -> None:  # pragma: no cover - machine code
     """Sum at x (N, 3) over centres c (3, C) with weights b (w, C), add polynomials a (k, 4): out (N, k).
 
-    The w sums are kept in a tuple, which LLVM keeps in registers.
+    Two points at a time keep the processor busy where centres are few. The w sums of a point are kept in a tuple,
+    which LLVM keeps in registers; the point's own loop over them is short enough to be unrolled.
     """
     prefer_wide_vectors()
-    for i in range(len(x)):
+    for i in range(0, len(x), 2):
+        n = min(i + 1, len(x) - 1)
         x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
-        s = zeros
+        y0, y1, y2 = x[n, 0], x[n, 1], x[n, 2]
+        s, t = zeros, zeros
         for j in range(c.shape[1]):
             d0, d1, d2 = x0 - c[0, j], x1 - c[1, j], x2 - c[2, j]
+            e0, e1, e2 = y0 - c[0, j], y1 - c[1, j], y2 - c[2, j]
             p = phi(code, d0 * d0 + d1 * d1 + d2 * d2)
+            q = phi(code, e0 * e0 + e1 * e1 + e2 * e2)
             for k in range(len(zeros)):
                 s = tuple_setitem(s, k, s[k] + b[k, j] * p)
+            for k in range(len(zeros)):
+                t = tuple_setitem(t, k, t[k] + b[k, j] * q)
         for k in range(len(a)):
             out[i, k] = s[k] + (a[k, 0] + a[k, 1] * x0 + a[k, 2] * x1 + a[k, 3] * x2)
+            out[n, k] = t[k] + (a[k, 0] + a[k, 1] * y0 + a[k, 2] * y1 + a[k, 3] * y2)
 
 
 @compiled

@@ -132,6 +132,22 @@ def test_affine_values_need_no_more_than_the_initial_centers():
     assert len(a.chosen) == 5
 
 
+@pytest.mark.parametrize("rule", [Worst(), Separated()], ids=repr)
+def test_same_bits_for_any_number_of_threads(monkeypatch, rule):
+    monkeypatch.setattr("deform.threads.SERIAL_PAIRS", 100)
+    sites = _sites()
+    initial = farthest(sites.points, 10)
+    results = []
+    for threads in (1, 2, 3):
+        monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", threads)
+        results.append(adapt(sites, KERNELS[0], initial, _options(), rule=rule))
+    for other in results[1:]:
+        assert np.array_equal(results[0].chosen, other.chosen)
+        assert np.array_equal(results[0].interpolant.beta, other.interpolant.beta)
+        assert np.array_equal(results[0].interpolant.alpha, other.interpolant.alpha)
+        assert results[0].max_error == other.max_error
+
+
 def test_sites_of_a_plane_are_fine():
     x = _sites().points.copy()
     x[:, 2] = 0.3 * x[:, 0] + 0.1

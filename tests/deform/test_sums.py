@@ -55,3 +55,11 @@ def test_reports_progress_up_to_the_end():
     kernel_sum(KERNELS[0], points, centers, beta, alpha, threads=2, progress=lambda _, done: seen.append(done))
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
+
+
+def test_arrays_that_are_not_points_are_named():
+    points, centers, beta, alpha = _problem(5, 20, 1)
+    with pytest.raises(ValueError, match=r"points \(5, 2\)"):
+        kernel_sum(KERNELS[0], points[:, :2], centers, beta, alpha)
+    with pytest.raises(ValueError, match=r"b \(20,\)"):
+        kernel_matrix(KERNELS[0], points, centers[:, 0])
