@@ -1,8 +1,7 @@
 """Greedy centre adaptation (paper section 4)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from enum import Enum
+from dataclasses import dataclass
 from itertools import zip_longest
 from time import perf_counter
 from typing import NamedTuple, Protocol, Self
@@ -11,6 +10,7 @@ import numpy as np
 
 from deform.duplicates import IndexArray
 from deform.factor import Grown
+from deform.history import History, Step, Stop
 from deform.interpolant import Interpolant
 from deform.kernels import FloatArray, Kernel
 from deform.problem import Coefficients, Problem
@@ -19,27 +19,10 @@ from deform.selection import GreedyOptions, Rule, Separated
 from deform.sites import DataSites
 from deform.threads import single_threaded_blas
 
+__all__ = ["Adaptation", "Basis", "Checked", "Step", "Stop", "Trial", "adapt"]
+
 WORTH_GUESSING = 400_000  # pairs of a sweep; a smaller one costs no more than a guess
 BAD = 0.5  # sites above this share of the residuals just mended are looked at when blocks are guessed
-
-
-class Stop(Enum):
-    """Why the adaptation ended."""
-
-    CONVERGED = "largest error below tol_stop"
-    MAX_CENTERS = "limit on the number of centres reached: raise max_centers or accept the error"
-    MAX_ITERATIONS = "limit on the number of iterations reached: raise max_iterations or n_add"
-    EXHAUSTED = "no remaining site is off by more than tol_add: lower tol_add to go on"
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One row of the convergence history."""
-
-    iteration: int
-    n_centers: int
-    max_residual: float  # m, over all sites and columns
-    seconds: float  # since the start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +97,8 @@ def adapt(
         chosen = found.basis.chosen
         interpolant = problem.interpolant(chosen, found.basis.refined())
         error = float(np.abs(interpolant(sites.points) - sites.values).max())
-    return Adaptation(interpolant, sites.components, chosen, tuple(history.steps), found.stop, error)
+    stop = Stop.ROUNDING if found.stop is Stop.CONVERGED and error >= options.tol_stop else found.stop
+    return Adaptation(interpolant, sites.components, chosen, tuple(history.steps), stop, error)
 
 
 class Trial(NamedTuple):
@@ -138,31 +122,6 @@ class Checked(NamedTuple):
     stop: Stop | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class History:
-    """Records one step for each interpolant that was evaluated at all sites."""
-
-    options: GreedyOptions
-    progress: Progress
-    start: float
-    steps: list[Step] = field(default_factory=list)
-
-    def record(self, n_centers: int, errors: FloatArray) -> Step:
-        """Append the step of an interpolant with errors (N, k)."""
-        largest = float(np.abs(errors).max())
-        self.steps.append(Step(len(self.steps), n_centers, largest, perf_counter() - self.start))
-        if self.progress is not silent:
-            self.progress(f"{n_centers} centres, error {largest:.2e} m", self._fraction())
-        return self.steps[-1]
-
-    def _fraction(self) -> float:
-        """Estimate how much is done from the fall of the residual and the use of centres."""
-        tol, last = self.options.tol_stop, self.steps[-1]
-        first = max(self.steps[0].max_residual, tol)
-        fallen = np.log(first / max(last.max_residual, tol)) / np.log(first / tol) if first > tol else 1.0
-        return float(max(fallen, last.n_centers / self.options.max_centers))
-
-
 def _checked(problem: Problem, trail: Sequence[Trial], rule: Rule, history: History) -> Checked:
     """Evaluate a trail of ever larger bases at all sites, and follow it as far as `rule` would have gone.
 
@@ -173,9 +132,9 @@ def _checked(problem: Problem, trail: Sequence[Trial], rule: Rule, history: Hist
     for trial, errors, guess in zip_longest(trail, all_errors, guesses):
         basis, residual = trial.basis, _combined(errors)
         block = rule.choose(problem.points, residual, basis.chosen, history.options)
-        stop = _stop(history.record(len(basis.chosen), errors), block, history.options)
-        found = Checked(basis, residual, block, stop)
-        if stop is not None or guess is None or not np.array_equal(block, guess[len(basis.chosen) :]):
+        history.record(len(basis.chosen), errors)
+        found = Checked(basis, residual, block, history.stop(block))
+        if found.stop is not None or guess is None or not np.array_equal(block, guess[len(basis.chosen) :]):
             break
     return found
 
@@ -211,14 +170,3 @@ def _check_initial(initial: IndexArray, sites: DataSites, options: GreedyOptions
         raise ValueError(f"initial centres {initial.min()} to {initial.max()} are not rows of {len(sites)} sites")
     if options.max_centers < len(initial):
         raise ValueError(f"max_centers = {options.max_centers} is below the {len(initial)} initial centres")
-
-
-def _stop(last: Step, block: IndexArray, options: GreedyOptions) -> Stop | None:
-    """Return why to stop (step 6), or None to go on with `block`."""
-    if last.max_residual < options.tol_stop:
-        return Stop.CONVERGED
-    if last.n_centers >= options.max_centers:
-        return Stop.MAX_CENTERS
-    if last.iteration >= options.max_iterations:
-        return Stop.MAX_ITERATIONS
-    return None if len(block) else Stop.EXHAUSTED

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from deform.factor import Grown
-from deform.greedy import Stop, adapt
+from deform.greedy import adapt
+from deform.history import Stop
 from deform.interpolant import SolveError, fit, krylov
 from deform.kernels import Multiquadric, ThinPlateSpline
 from deform.reduction import farthest
@@ -130,6 +131,14 @@ def test_affine_values_need_no_more_than_the_initial_centers():
     a = adapt(sites, KERNELS[0], farthest(x, 5), _options(tol_add=1e-10, tol_stop=1e-10))
     assert a.stop is Stop.CONVERGED
     assert len(a.chosen) == 5
+
+
+def test_success_is_what_the_interpolant_in_metres_achieves():
+    x = _sites().points + 1e9  # coordinates that resolve no more than a tenth of a micrometre
+    sites = DataSites(x, 0.01 * np.sin(20 * (x - 1e9)))
+    a = adapt(sites, KERNELS[0], farthest(x, 10), _options(tol_add=1e-10, tol_stop=1e-10))
+    assert a.history[-1].max_residual < 1e-10 <= a.max_error
+    assert a.stop is Stop.ROUNDING
 
 
 @pytest.mark.parametrize("rule", [Worst(), Separated()], ids=repr)
