@@ -46,7 +46,7 @@ def run(case: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, **
 
     resolved = resolve(case, **given)
 
-    from cases.console import summary
+    from cases.console import console, summary
     from cases.output import output_folder
     from cases.pipeline import run_case
     from cases.progress import Bars, Silent, Stopwatch
@@ -61,7 +61,7 @@ def run(case: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, **
     if as_json:
         print((folder / "metrics.json").read_text(encoding="utf-8"), end="")
     else:
-        Console().print(summary(result, folder))
+        console().print(summary(result, folder))
     return 0 if result.passed else FAILED
 
 
@@ -94,12 +94,12 @@ def geometry(out: Path, case: str, angle: float | None, assignments: tuple[str, 
 @click.argument("folder", type=FILE)
 def validate(folder: Path) -> int:
     """Repeat the validation of a finished run from its files."""
-    from cases.console import verdict
+    from cases.console import console, verdict
     from cases.finished import validate_folder
 
     with Console(stderr=True).status("building the deflected CAD"):
         checks = validate_folder(folder)
-    Console().print(verdict(checks, str(folder)))
+    console().print(verdict(checks, str(folder)))
     return 0 if all(check.passed for check in checks) else FAILED
 
 
@@ -120,6 +120,7 @@ def limit(case: str, scale: str, threshold: float, resolution: float, out: Path 
         if not 0.0 < value < high:
             raise InputError(f"--{name} {value:g} must be between 0 and {high:g}")
 
+    from cases.console import console
     from cases.limit import find_limits, write_limits
     from cases.output import output_folder
     from cases.pipeline import meshed
@@ -132,7 +133,7 @@ def limit(case: str, scale: str, threshold: float, resolution: float, out: Path 
         with watch.stage("bisection") as report:
             limits = find_limits(resolved, mesh, threshold, resolution, report)
         table = write_limits(limits, resolved, threshold, scratch)
-    Console().print(table)
+    console().print(table)
 
 
 @cli.command()
@@ -141,7 +142,7 @@ def quality(mesh: Path) -> None:
     """Print points, cells, patches, quality and inverted cells of a mesh file."""
     from cases.inspection import inspect
 
-    Console().print(inspect(mesh))
+    print(inspect(mesh))
 
 
 @cli.command()

@@ -8,7 +8,7 @@ import numpy as np
 
 from cases.case import Case, Strategy
 from cases.motion import BoolArray, IndexArray, SurfaceMotion
-from cases.zero_sites import BLOCK, block_stations, zero_sites
+from cases.zero_sites import BLOCK, ON_FACE, on_gap_faces, zero_sites
 from deform.hexahedron import Hexahedron
 from deform.sites import DataSites, multivariate, univariate
 from geometry import datum
@@ -16,8 +16,6 @@ from geometry.confinement import hexahedron_corners
 from meshing.mesh import TetMesh
 
 DIRECTIONS = ("x", "y", "z")
-ON_FACE = 1e-7
-"""A node within this distance (m) of a face of the hexahedron counts as on it."""
 
 Grouping = Callable[[Sequence[DataSites]], tuple[DataSites, ...]]
 GROUPINGS: dict[Strategy, Grouping] = {"squv": univariate, "mv": multivariate}
@@ -125,14 +123,12 @@ def check_inside(mesh: TetMesh, hexahedron: Hexahedron, motion: SurfaceMotion) -
 
 def check_clear(case: Case, mesh: TetMesh, hexahedron: Hexahedron, motion: SurfaceMotion) -> None:
     """Raise ConfinementError if a node of a patch that must not move lies inside, off the faces."""
-    stations = block_stations(case, motion.patches[0])
     for name in mesh.names[1:]:
         if name in motion.patches:
             continue
         others = np.setdiff1d(mesh.on(name), motion.nodes, assume_unique=True)
         if name == BLOCK:
-            on_gap_face = np.abs(mesh.points[others, 1, None] - stations).min(axis=1) <= ON_FACE
-            others = others[~on_gap_face]
+            others = others[~on_gap_faces(case, motion.patches[0], mesh.points[others])]
         crossing = np.count_nonzero(hexahedron.contains(mesh.points[others], -ON_FACE))
         if crossing:
             raise ConfinementError(

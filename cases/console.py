@@ -3,12 +3,21 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Group
+from rich.console import Console, Group
 from rich.table import Table
 
 from cases.metrics import metrics
 from cases.run import Run
 from cases.validation import Check
+
+WIDTH = 160
+"""Columns of a table that goes to a file or a pipe."""
+
+
+def console() -> Console:
+    """Return the standard output, wide enough for a table where it is no terminal."""
+    out = Console()
+    return out if out.is_terminal else Console(width=WIDTH)
 
 
 def verdict(checks: Sequence[Check], title: str) -> Table:

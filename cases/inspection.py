@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
-from rich.console import Group
-from rich.table import Table
 
 from cases.errors import InputError
 from meshing.quality import mean_ratio, signed_volumes
@@ -19,8 +17,8 @@ SOLIDS = {
 }
 
 
-def inspect(path: Path) -> Group:
-    """Return tables for a mesh file.
+def inspect(path: Path) -> str:
+    """Return what a mesh file holds, in a few lines.
 
     Raises
     ------
@@ -29,22 +27,17 @@ def inspect(path: Path) -> Group:
     """
     grid = _read(path)
     lines = [f"{path}: {grid.n_points} points, {grid.n_cells} cells"]
-    table = Table()
-    for heading in ("cells", "count", "measure", "min", "1 %", "mean", "below 0.2", "below 0.4", "inverted"):
-        table.add_column(heading, justify="left" if heading in ("cells", "measure") else "right")
-    found = False
     for kind, name in SOLIDS.items():
-        if not np.any(grid.celltypes == kind):
-            continue
-        found = True
-        measure, values, inverted = _quality(grid, kind)
-        table.add_row(
-            name, str(len(values)), measure, f"{values.min():.3f}", f"{np.percentile(values, 1):.3f}",
-            f"{values.mean():.3f}", f"{(values < 0.2).mean():.3%}", f"{(values < 0.4).mean():.3%}", str(inverted),
-        )  # fmt: skip
-    if not found:
+        if np.any(grid.celltypes == kind):
+            measure, values, inverted = _quality(grid, kind)
+            lines.append(
+                f"{len(values)} {name}, {inverted} inverted; {measure} min {values.min():.3f}, "
+                f"1 % {np.percentile(values, 1):.3f}, mean {values.mean():.3f}, "
+                f"{(values < 0.2).mean():.3%} below 0.2, {(values < 0.4).mean():.3%} below 0.4"
+            )
+    if len(lines) == 1:
         raise InputError(f"{path} holds no tetrahedra, hexahedra, prisms or pyramids")
-    return Group(*lines, table, *_patches(grid))
+    return "\n".join(lines + _patches(grid))
 
 
 def _read(path: Path) -> Any:

@@ -18,7 +18,7 @@ from cases.case import Case
 from cases.hole import hole
 from cases.motion import BoolArray, FloatArray, IndexArray
 from cases.validation import Check, worst
-from cases.zero_sites import BLOCK, block_stations
+from cases.zero_sites import BLOCK, on_gap_faces
 from meshing.mesh import TetMesh
 
 TOLERANCE = 1e-7
@@ -72,9 +72,9 @@ def overset_checks(case: Case, mesh: TetMesh, deflected: TetMesh, background: Te
     """Checks of a Chimera block: its faces in the gaps stay planar, and both blocks find their donors."""
     surface = case.deflections[0].surface
     nodes = mesh.on(BLOCK)
-    on_gap_face = np.isin(mesh.points[nodes, 1], block_stations(case, surface))
-    off = np.abs(deflected.points[nodes[on_gap_face], 1] - mesh.points[nodes[on_gap_face], 1])
-    yield Check("chimera_face_in_plane", float(off.max()), 0.0, "m", worst(off, mesh.points[nodes[on_gap_face]]))
+    face = nodes[on_gap_faces(case, surface, mesh.points[nodes])]
+    off = np.abs(deflected.points[face, 1] - mesh.points[face, 1])
+    yield Check("chimera_face_in_plane", float(off.max()), 0.0, "m", worst(off, mesh.points[face]))
     found = overlap(deflected, background, *hole(case))
     where = (
         f"{found.outer} nodes of the block's faces in the background, {found.fringe} of the background around its "

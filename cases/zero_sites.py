@@ -1,6 +1,7 @@
 """Data sites of zero displacement on a hexahedron's faces and on a Chimera face that it cuts (sections 3, 5.2)."""
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from cases.case import Case
@@ -13,6 +14,8 @@ from geometry.datum import gap_faces
 
 BLOCK = "chimera"
 """Patch of a Chimera block's outer faces."""
+ON_FACE = 1e-7
+"""A node within this distance (m) of a plane counts as in it: boundary nodes are on the CAD to that."""
 APART = 0.5
 """Zero sites keep this share of their spacing from the surface's nodes and from each other."""
 
@@ -48,6 +51,12 @@ def block_stations(case: Case, surface: str) -> FloatArray:
     if case.domain != "block":
         return np.empty(0)
     return gap_faces(case.fighter, case.block, surface)
+
+
+def on_gap_faces(case: Case, surface: str, points: FloatArray) -> NDArray[np.bool_]:
+    """True for points (N, 3) in the planes of the Chimera block's faces in the gaps."""
+    stations = block_stations(case, surface)
+    return np.asarray(np.abs(points[:, 1, None] - stations).min(axis=1, initial=np.inf) <= ON_FACE)
 
 
 def block_sections(case: Case, surface: str, hexahedron: Hexahedron) -> list[FloatArray]:

@@ -33,7 +33,7 @@ def test_all_surfaces_at_once_pass(turned):
 
 @pytest.mark.mesher
 def test_overlapping_pair_is_named(make_mesh):
-    case = replace(case_named("all"), confinement=Confinement(up=0.16, down=0.055, outboard=0.06))
+    case = replace(case_named("all"), confinement=Confinement(up=0.16, down=0.16))
     mesh, _ = make_mesh(case)
     pair = [d for d in case.deflections if d.surface in ("tail_left", "rudder")]
     regions = [deflect(mesh, case, d, lambda text, fraction: None).turn.region for d in pair]

@@ -41,6 +41,7 @@ def test_a_bulged_panel_is_noticed(tail_run):
     run, _ = tail_run
     points = run.deflected.points.copy()
     panel = np.setdiff1d(run.mesh.on("fuselage_panel_left"), run.mesh.on("fuselage", "fuselage_rear", "tail_left"))
+    panel = np.intersect1d(panel, run.deflections[0].turn.region.inside)
     points[panel, 1:] *= 1.0 + 1e-9
     assert failing(run, points) == {"cylindricity"}
 

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.mesher
 AIRCRAFT = {
     "longer wing": ("all", 9.0, Fighter(wing=Wing(half_span=0.34))),
     "tail with dihedral": ("tail", -10.0, Fighter(tail=Tail(half_span=0.19, le_sweep=32.0, anhedral=-4.0))),
-    "taller fin, short aileron": ("all", 8.0, Fighter(fin=Fin(z_tip=0.23), aileron=Aileron(y_outboard=0.24))),
+    "lower fin, short aileron": ("all", 8.0, Fighter(fin=Fin(z_tip=0.205), aileron=Aileron(y_outboard=0.24))),
 }
 BLOCKS = {
     "wide gap": (-25.0, Fighter(aileron=Aileron(gap=0.008))),

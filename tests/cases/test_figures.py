@@ -1,0 +1,145 @@
+"""Pictures: composed from plain arrays, drawn by another process whose failure is a message."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from cases.report import aircraft, gap, tail
+from cases.report.colours import QUALITY_RANGE, patch_colour, quality_rgb
+from cases.report.compose import Picture, figure_of
+from cases.report.histograms import histograms
+from cases.report.layers import cells_by_quality, shell
+from cases.report.offscreen import RenderError, rendered
+from cases.report.png import write_png
+from cases.report.scene import Layer, View, decoded, encoded, legible, plain
+from meshing.quality import signed_volumes
+
+TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+FACING = View((plain(TRIANGLE, np.array([[0, 1, 2]]), (255, 0, 0), ambient=1.0),), np.array([0.0, 0.3, 0.3]),
+              (1.0, 0.0, 0.0), 2.0, (80, 60))  # fmt: skip
+
+
+def two_tets():
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], dtype=float)
+    return points, np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
+
+
+def test_shell_is_closed_and_leaves_out_the_shared_face():
+    _, tets = two_tets()
+    triangles, cell = shell(tets)
+    assert len(triangles) == 6
+    assert np.bincount(cell).tolist() == [3, 3]
+    edges = np.sort(np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    assert set(np.unique(edges, axis=0, return_counts=True)[1]) == {2}
+    for triangle, row in zip(triangles, cell, strict=True):
+        assert set(triangle) <= set(tets[row])
+
+
+def test_shell_of_one_tetrahedron_points_outwards():
+    points, tets = two_tets()
+    triangles, _ = shell(tets[:1])
+    volume = sum(np.linalg.det(points[triangle]) for triangle in triangles) / 6.0
+    assert volume == pytest.approx(signed_volumes(points, tets[:1])[0])
+
+
+def test_views_survive_the_way_to_another_process():
+    layer = Layer(TRIANGLE, np.array([[0, 1]]), np.array([[1, 2, 3]]), 0.5, None, 2.5, 0.75)
+    (view,) = decoded(encoded((View((layer, *FACING.layers), np.ones(3), (1.0, 2.0, 3.0), 0.4),)))
+    np.testing.assert_array_equal(view.layers[0].points, TRIANGLE)
+    assert (view.layers[0].opacity, view.layers[0].edge, view.layers[0].width) == (0.5, None, 2.5)
+    assert view.layers[0].ambient == 0.75
+    assert (view.towards, view.height, view.pixels) == ((1.0, 2.0, 3.0), 0.4, (800, 600))
+
+
+def test_wrong_layers_are_named():
+    with pytest.raises(ValueError, match=r"cells \(1, 4\) must be"):
+        plain(TRIANGLE, np.array([[0, 1, 2, 0]]), (0, 0, 0))
+    with pytest.raises(ValueError, match=r"rgb \(2, 3\) must be \(1, 3\) or"):
+        Layer(TRIANGLE, np.array([[0, 1, 2]]), np.zeros((2, 3), dtype=int))
+
+
+def test_edges_that_would_blacken_the_picture_are_left_out():
+    meshed = plain(TRIANGLE, np.array([[0, 1, 2]]), (255, 0, 0), edge=(0, 0, 0))
+    near, far = (View((meshed,), np.zeros(3), (1.0, 0.0, 0.0), height) for height in (2.0, 2000.0))
+    assert legible(near).layers[0].edge == (0, 0, 0)
+    assert legible(far).layers[0].edge is None
+
+
+def test_better_cells_are_brighter():
+    shades = quality_rgb(np.linspace(QUALITY_RANGE.vmin, QUALITY_RANGE.vmax, 9)) @ [0.2126, 0.7152, 0.0722]
+    assert all(a < b for a, b in pairwise(shades))
+    np.testing.assert_array_equal(quality_rgb(np.array([0.0, 0.1])), quality_rgb(np.full(2, QUALITY_RANGE.vmin)))
+
+
+@pytest.mark.mesher
+def test_sides_have_one_colour_and_all_components_have_one(aileron_mesh):
+    assert patch_colour("tail_left") == patch_colour("tail_right") != patch_colour("wing_left")
+    assert patch_colour("fuselage_panel_left") == patch_colour("fuselage_rear") == patch_colour("fuselage")
+    for name in aircraft.walls(aileron_mesh[0]):
+        assert max(patch_colour(name)) <= 255
+
+
+def test_a_triangle_is_drawn_where_it_is():
+    (image,) = rendered((FACING,))
+    assert image.shape == (60, 80, 3)
+    np.testing.assert_array_equal(image[30, 40], [255, 0, 0])
+    np.testing.assert_array_equal(image[2, 2], [255, 255, 255])
+
+
+def test_missing_graphics_is_a_message():
+    with pytest.raises(RenderError, match=r"ended with code 1.*apt-get install .*libegl1"):
+        rendered((FACING,), module="cases.report.no_such_module")
+
+
+def test_png_is_written_small(tmp_path):
+    figure = figure_of(Picture((FACING, FACING), ("left", "right"), "two triangles", quality=True))
+    write_png(figure, tmp_path / "two.png")
+    assert 1000 < (tmp_path / "two.png").stat().st_size < 50_000
+    assert len(figure.axes) == 3
+
+
+@pytest.mark.mesher
+def test_histograms_hold_every_cell_before_and_after(tail_run):
+    run, _ = tail_run
+    figure, text = histograms([run], ["+12 deg"])
+    for patch in figure.axes[0].patches:
+        assert patch.get_data().values.sum() == len(run.mesh.tets)
+    assert "smallest" in text
+
+
+@pytest.mark.mesher
+def test_tail_is_drawn_before_and_after(tail_run, tmp_path):
+    run, _ = tail_run
+    border = tail.border(run.mesh, "tail_left")
+    panel = run.mesh.on("fuselage_panel_left")
+    np.testing.assert_array_equal(run.deflected.points[border], run.mesh.points[border])
+    assert np.isin(border, panel).all()
+    write_png(figure_of(tail.confinement(run)), tmp_path / "figure6.png")
+    write_png(figure_of(tail.around(run)), tmp_path / "figure8.png")
+    for name in ("figure6", "figure8"):
+        assert 20_000 < (tmp_path / f"{name}.png").stat().st_size < 300_000
+
+
+@pytest.mark.mesher
+def test_gap_shows_cells_at_the_block_face_alone_that_moved(chimera_run, tmp_path):
+    run, _ = chimera_run
+    chosen = gap.in_gap(run)
+    own, face, _ = gap.stations(run)
+    inboard = np.sign(face - own) * (run.mesh.points[run.mesh.tets[chosen]][..., 1] - own)
+    assert 50 < chosen.sum() < len(chosen) / 4
+    assert inboard.max() == pytest.approx(abs(face - own))
+    before, after = (cells_by_quality(mesh, chosen) for mesh in (run.mesh, run.deflected))
+    assert (before.rgb != after.rgb).any()
+    np.testing.assert_array_equal(before.cells, after.cells)
+    write_png(figure_of(gap.gaps([run])), tmp_path / "figure5.png")
+    assert 20_000 < (tmp_path / "figure5.png").stat().st_size < 300_000
+
+
+@pytest.mark.mesher
+def test_blocks_are_drawn_with_the_aircraft(aileron_run, chimera_run, tmp_path):
+    picture = aircraft.blocks(aileron_run[0], chimera_run[0])
+    assert "canopy" in picture.legend
+    assert len(picture.views) == 2
+    with pytest.raises(ValueError, match="has no Chimera block"):
+        aircraft.blocks(aileron_run[0], aileron_run[0])
