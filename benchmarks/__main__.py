@@ -6,7 +6,7 @@ from datetime import date
 from pathlib import Path
 from time import perf_counter
 
-from benchmarks import adaptation, evaluation
+from benchmarks import adaptation, evaluation, per_million
 from benchmarks.first_call import first_call
 from benchmarks.memory import seconds_and_peak
 from benchmarks.results import Result, machine, show, write
@@ -29,12 +29,14 @@ def main() -> None:
 
 def _quick() -> Iterator[Result]:
     yield from first_call()
+    yield from per_million.results(rounds=3)
     yield from evaluation.results(rounds=3)
     yield from adaptation.results(rounds=3, slow_rounds=1)
 
 
 def _full() -> Iterator[Result]:
     yield from first_call()
+    yield from per_million.results(rounds=5)
     yield from evaluation.results(rounds=7)
     yield from adaptation.results(rounds=5, slow_rounds=5)
     seconds, peak = seconds_and_peak(LARGE, evaluation.CENTERS)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from deform.compiled import compiled
 from deform.kernels import FloatArray
-from deform.polygon import polygon_sites, without_coincident
+from deform.polygon import border_sites, inner_sites, polygon_sites, without_coincident
 from deform.sums import check_points
 from deform.threads import in_chunks
 
@@ -85,8 +85,11 @@ class Hexahedron:
         """
         for name in skip:
             self.face(name)
-        faces = [self.sites_on(name, spacing) for name in FACES if name not in skip]
-        return without_coincident(np.vstack([np.empty((0, 3)), *faces]), SAME_SITE * spacing)
+        faces = [self.face(name) for name in FACES if name not in skip]
+        nothing = np.empty((0, 3))
+        borders = np.vstack([nothing, *(border_sites(face, spacing) for face in faces)])
+        inner = np.vstack([nothing, *(inner_sites(face, spacing) for face in faces)])
+        return np.vstack([without_coincident(borders, SAME_SITE * spacing), inner])
 
     def section(self, point: FloatArray, normal: FloatArray) -> FloatArray:
         """Return the polygon (k, 3) in which a plane cuts the hexahedron.

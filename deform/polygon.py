@@ -11,8 +11,8 @@ CLEARANCE = 0.5  # of the spacing: inner points nearer than this to an edge are 
 def polygon_sites(polygon: FloatArray, spacing: float) -> FloatArray:
     """Return points (P, 3) on a convex planar polygon, its border included, about `spacing` apart.
 
-    Edges are divided evenly; the inside is filled with rows parallel to the longest edge, evenly spaced
-    across the polygon and evenly divided between its borders.
+    Edges are divided evenly; the inside is filled with rows parallel to the longest edge, evenly spaced across
+    the polygon and evenly divided between its borders.
 
     Parameters
     ----------
@@ -21,15 +21,21 @@ def polygon_sites(polygon: FloatArray, spacing: float) -> FloatArray:
     spacing
         Wanted distance of neighbours in metres.
     """
-    if not 0.0 < spacing < np.inf:
-        raise ValueError(f"spacing = {spacing} m must be a positive length")
-    if polygon.ndim != 2 or polygon.shape[1] != 3 or len(polygon) < 3:
-        raise ValueError(f"polygon {polygon.shape} must be (n, 3) with at least 3 corners")
+    return np.vstack([border_sites(polygon, spacing), inner_sites(polygon, spacing)])
+
+
+def border_sites(polygon: FloatArray, spacing: float) -> FloatArray:
+    """Return points (P, 3) that divide each edge evenly, corners included."""
+    _check(polygon, spacing)
+    return np.vstack([divided(a, b, spacing) for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True)])
+
+
+def inner_sites(polygon: FloatArray, spacing: float) -> FloatArray:
+    """Return points (P, 3) that fill the inside in rows."""
+    _check(polygon, spacing)
     origin, axes = plane_axes(polygon)
-    flat = (polygon - origin) @ axes.T
-    inside = _inner_rows(flat, spacing)
-    border = [divided(a, b, spacing) for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True)]
-    return np.vstack([*border, origin + inside @ axes])
+    u, v = _inner_rows((polygon - origin) @ axes.T, spacing).T[:, :, None]
+    return np.asarray(origin + u * axes[0] + v * axes[1])
 
 
 def divided(a: FloatArray, b: FloatArray, spacing: float) -> FloatArray:
@@ -60,11 +66,11 @@ def _inner_rows(flat: FloatArray, spacing: float) -> FloatArray:
     count = max(1, round(height / spacing))
     rows = [_row(flat, height * i / count, spacing) for i in range(1, count)]
     points = np.vstack([np.empty((0, 2)), *rows])
-    along = np.roll(flat, -1, axis=0) - flat
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    from_corner = points[:, None] - flat
-    distance = along[:, 0] * from_corner[..., 1] - along[:, 1] * from_corner[..., 0]
-    return np.asarray(points[distance.min(axis=1, initial=np.inf) >= CLEARANCE * spacing])
+    clear = np.full(len(points), np.inf)
+    for corner, end in zip(flat, np.roll(flat, -1, axis=0), strict=True):
+        u, v = (end - corner) / np.linalg.norm(end - corner)
+        np.minimum(clear, u * (points[:, 1] - corner[1]) - v * (points[:, 0] - corner[0]), out=clear)
+    return np.asarray(points[clear >= CLEARANCE * spacing])
 
 
 def _row(flat: FloatArray, level: float, spacing: float) -> FloatArray:
@@ -76,3 +82,10 @@ def _row(flat: FloatArray, level: float, spacing: float) -> FloatArray:
     n = max(1, round(float(x.max() - x.min()) / spacing))
     inner = x.min() + np.arange(1, n) / n * (x.max() - x.min())
     return np.column_stack([inner, np.full(len(inner), level)])
+
+
+def _check(polygon: FloatArray, spacing: float) -> None:
+    if not 0.0 < spacing < np.inf:
+        raise ValueError(f"spacing = {spacing} m must be a positive length")
+    if polygon.ndim != 2 or polygon.shape[1] != 3 or len(polygon) < 3:
+        raise ValueError(f"polygon {polygon.shape} must be (n, 3) with at least 3 corners")
