@@ -6,7 +6,7 @@ import pytest
 from filelock import FileLock
 
 from cases.case import Case
-from cases.pipeline import background_mesh, meshed
+from cases.pipeline import meshed
 from cases.progress import Silent, Stopwatch
 from cases.registry import case_named
 from meshing.cache import FOLDER_VARIABLE
@@ -33,8 +33,6 @@ def make_mesh(shared_folder: Path, mesh_cache: Path):
 
     def make(case: Case):
         with FileLock(shared_folder / "meshing.lock"):
-            if case.domain == "block":
-                background_mesh(case, Stopwatch(Silent()))
             return meshed(case, Stopwatch(Silent()))
 
     return make

@@ -4,21 +4,25 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from cases.deflect import deflect
 from cases.output import output_folder
-from cases.pipeline import combined, run_case
+from cases.pipeline import background_mesh, combined, run_case
 from cases.progress import Silent, Stopwatch
 from cases.registry import case_named
 from cases.validate import validate
 
 
 @pytest.fixture(scope="session")
-def finish(tmp_path_factory, make_mesh):
+def finish(tmp_path_factory, shared_folder, make_mesh):
     """Run a case into a folder of its own; return the run and the folder."""
 
     def run(case):
         make_mesh(case)
+        if case.domain == "block":
+            with FileLock(shared_folder / "meshing.lock"):
+                background_mesh(case, Stopwatch(Silent()))
         folder = tmp_path_factory.mktemp(case.name)
         with output_folder(folder) as scratch:
             return run_case(case, Stopwatch(Silent()), Path(scratch)), folder
