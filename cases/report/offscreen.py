@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cases.report.scene import View, encoded
+from cases.report.scene import View, encoded, legible
 from meshing.child import call
 from meshing.errors import MeshingError
 
@@ -30,7 +30,7 @@ def rendered(views: tuple[View, ...], module: str = "cases.report.render") -> tu
         If the drawing process fails; says what that most likely needs.
     """
     try:
-        answer = call(module, encoded(views), SECONDS)
+        answer = call(module, encoded(tuple(map(legible, views))), SECONDS)
     except MeshingError as error:
         raise RenderError(f"{error}; {NEEDS}") from None
     return tuple(answer[str(i)].astype(np.uint8) for i in range(len(views)))

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,8 @@ Array = NDArray[np.generic]
 Colour = tuple[int, int, int]
 ARRAYS = ("points", "cells", "rgb")
 LOOKS = ("opacity", "edge", "width", "ambient")
+FINEST = 4.0
+"""Edges of triangles shorter than so many pixels are not drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +67,22 @@ class View:
     height: float
     pixels: tuple[int, int] = (800, 600)
     up: tuple[float, float, float] = field(default=(0.0, 0.0, 1.0))
+
+
+def legible(view: View) -> View:
+    """Return the view without the edges of triangles so small in it that they would blacken it."""
+    pixel = view.height / view.pixels[1]
+    layers = (
+        replace(one, edge=None) if one.edge and median_edge(one) < FINEST * pixel else one for one in view.layers
+    )
+    return replace(view, layers=tuple(layers))
+
+
+def median_edge(layer: Layer) -> float:
+    """Median length (m) of the triangles' edges; 0 without triangles."""
+    corners = layer.points[layer.cells]
+    lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    return float(np.median(lengths)) if lengths.size else 0.0
 
 
 def plain(points: FloatArray, cells: IndexArray, colour: Colour, **looks: Any) -> Layer:

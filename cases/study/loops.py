@@ -34,11 +34,18 @@ class Loop:
         return isinstance(self.rule, Worst)
 
 
-GROWN = Loop("grown", "the paper's rule, one factor that grows with the centres", Worst(), Grown.of)
-LAPACK = Loop("lapack", "the paper's rule, solved again in every iteration by LAPACK", Worst(look_ahead=1), Resolved.of)
+GROWN = Loop(
+    "grown", "the paper's rule, with one factor for all directions that grows with the centres", Worst(), Grown.of
+)
+LAPACK = Loop(
+    "lapack",
+    "the paper's rule, factorised again in every iteration by LAPACK, once for all directions",
+    Worst(look_ahead=1),
+    Resolved.of,
+)
 GMRES = Loop(
     "gmres",
-    "the paper's loop: its rule, solved again in every iteration and for every direction by GMRES",
+    "the paper's loop: its rule, solved again in every iteration by GMRES, for each direction anew",
     Worst(look_ahead=1),
     partial(Resolved.of, solve=krylov()),
 )

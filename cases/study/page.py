@@ -30,8 +30,10 @@ This page is made by `sdm study page --scale {scale} --out docs`; no sentence on
 measurement could contradict. Each verdict compares numbers: "holds" where the trend that the paper names is found in
 ours, "does not hold" where it is not. Every trend holds on the paper's own numbers by the same tests.
 
-Our times are wall times on {threads} threads; the paper's are CPU times on {machine}. They can be compared within a
-column, not across. Geometry and meshes are our own (scale `{scale}`), so numbers of iterations and centres differ."""
+Our times are wall times on {threads} threads; the paper's are CPU times on {machine}.
+They can be compared within a column, not across. Geometry and meshes are our own (scale `{scale}`), so numbers of
+iterations and centres differ. The deformed meshes of the figures were made with the paper's settings and its rule of
+adding centres."""
 
 
 def write_page(scale: str, folder: Path, display: Display, cache: bool = True) -> None:

@@ -40,10 +40,12 @@ class Sources:
         return meshed(self.case(name), Stopwatch(self.display), self.cache)[0]
 
     def run(self, name: str, angle: float, strategy: Strategy = "squv") -> Run:
-        """Return a finished run, validated like every run."""
+        """Return a finished run with the paper's rule of adding centres, validated like every run."""
         key = (name, angle, strategy)
         if key not in self._runs:
-            case = replace(self.case(name), angle=angle, strategy=strategy)
+            case = self.case(name)
+            adaptation = replace(case.adaptation, rule="worst")
+            case = replace(case, angle=angle, strategy=strategy, adaptation=adaptation)
             with TemporaryDirectory(dir=self.folder) as scratch:
                 self._runs[key] = run_case(case, Stopwatch(self.display), Path(scratch), self.cache)
         return self._runs[key]

@@ -1,11 +1,12 @@
 """A study as CSV and as a table in Markdown, ours beside the paper's."""
 
 import csv
+from math import isnan
 from pathlib import Path
 
 import numpy as np
 
-from cases.study.loops import DEFAULT, Loop
+from cases.study.loops import DEFAULT, GROWN, Loop
 from cases.study.measure import Sites
 from cases.study.paper import Row, Setting, Size, paper
 from cases.study.study import Result
@@ -60,8 +61,8 @@ def sizes(result: Result) -> str:
 def rows(result: Result) -> list[str]:
     """Return the lines of the Markdown table."""
     loops = [loop for loop in result.loops if loop != DEFAULT]
-    heads = ["", "initial", "M_add", "t_end paper", "here", "N_c,end paper", "here", "max error paper", "here"]
-    heads += ["s paper"] + [f"s `{loop.name}`" for loop in loops] + [f"`{DEFAULT.name}`: t_end, N_c,end, s"]
+    heads = ["", "initial", "M_add", "t_end paper", "here", "N_c,end paper", "here", "max error, m", "s paper"]
+    heads += [f"s `{loop.name}`" for loop in loops] + [f"`{DEFAULT.name}`: t_end, N_c,end, s"]
     lines = [_line(heads), _line(["---", "---", *["---:"] * (len(heads) - 2)])]
     ours = {(one.row.setting, one.loop): one.row for one in result.measured}
     for theirs in result.study.table.rows:
@@ -71,16 +72,28 @@ def rows(result: Result) -> list[str]:
         lines.append(_line([
             f"{title(setting.columns)} at {setting.angle:+g}°", "{} + {}".format(*setting.initial), str(setting.n_add),
             str(theirs.iterations), str(row.iterations), str(theirs.centers), str(row.centers),
-            "" if theirs.max_error != theirs.max_error else f"{theirs.max_error:.2e}", f"{row.max_error:.2e}",
-            _seconds(theirs), *times, f"{own.iterations}, {own.centers}, {_seconds(own)}",
+            _errors(theirs, row), _seconds(theirs), *times, f"{own.iterations}, {own.centers}, {_seconds(own)}",
         ]))  # fmt: skip
     return lines
 
 
 def convergence(result: Result) -> str:
-    """Say how many of the adaptations reached the tolerance."""
-    reached, tolerance = sum(one.converged for one in result.measured), result.study.table.tolerance
-    return f"{reached} of {len(result.measured)} adaptations here reached the tolerance of {tolerance:g} m."
+    """Say how many adaptations reached the tolerance, how the centres compare, and which had nothing to do."""
+    reached, table = sum(one.converged for one in result.measured), result.study.table
+    ratios = [ours.centers / theirs.centers for ours, theirs in zip(result.by(GROWN), table.rows, strict=True)]
+    sentences = [
+        f"{reached} of {len(result.measured)} adaptations here reached the tolerance of {table.tolerance:g} m.",
+        f"The paper's rule ends here with {min(ratios):.2f} to {max(ratios):.2f} times as many centres as there.",
+    ]
+    for angle, sites in result.sites.items():
+        for d in "xyz":
+            largest = float(np.abs(sites.groups[d].values).max())
+            if largest < table.tolerance:
+                sentences.append(
+                    f"At {angle:+g}° f_{d} is nowhere larger than {1e3 * largest:.3g} mm, less than the tolerance: any "
+                    "initial centres will do."
+                )
+    return " ".join(sentences)
 
 
 def verdicts(result: Result) -> list[str]:
@@ -115,6 +128,12 @@ def _setting(setting: Setting) -> list[object]:
 
 def _results(row: Row) -> list[object]:
     return [row.iterations, row.centers, f"{row.seconds:.6g}", f"{row.max_error:.6g}"]
+
+
+def _errors(theirs: Row, ours: Row) -> str:
+    """Return the largest error, with the paper's before it where there is one."""
+    text = f"{ours.max_error:.2e}"
+    return text if isnan(theirs.max_error) else f"paper {theirs.max_error:.2e}, here {text}"
 
 
 def _seconds(row: Row | None) -> str:

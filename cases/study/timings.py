@@ -13,7 +13,7 @@ from cases.study.trend import Finding
 from meshing.mesh import TetMesh
 
 ALIKE = 1.5
-"""Two ratios agree if they differ by no more than this factor."""
+"""Time may fall short of the number of points by this factor: measured times vary that much."""
 
 
 def timed(theirs: Evaluation, case: Case, mesh: TetMesh) -> Evaluation:
@@ -32,9 +32,9 @@ def timed(theirs: Evaluation, case: Case, mesh: TetMesh) -> Evaluation:
 
 
 def savings(one: Evaluation, points: int) -> Finding:
-    """Judge whether confinement saves evaluation time by the share of the mesh that lies inside."""
+    """Judge whether confined evaluation is faster at least by the ratio of the numbers of points."""
     time, share = one.whole_seconds / one.inside_seconds, points / one.inside
-    return Finding(max(time / share, share / time) <= ALIKE, f"{time:.3g} times faster, {share:.3g} times fewer points")
+    return Finding(time * ALIKE >= share, f"{time:.3g} times faster, {share:.3g} times fewer points")
 
 
 def filter_is_cheap(one: Evaluation) -> Finding:
