@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -67,12 +68,13 @@ def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
 
 
 def serve(work: Callable[[Arrays], Arrays]) -> None:
-    """Be the child: read the question, work, write the answer and this process's peak memory in bytes."""
+    """Be the child: read the question, work, write the answer, own peak memory (bytes) and processor seconds."""
     _die_with_parent()
     with np.load(sys.argv[1], allow_pickle=False) as stored:
         question = dict(stored)
     answer = work(question)
-    np.savez(sys.argv[2], **answer, peak_bytes=np.array(peak_bytes()))  # type: ignore[arg-type]
+    used = {"peak_bytes": np.array(peak_bytes()), "processor_seconds": np.array(time.process_time())}
+    np.savez(sys.argv[2], **answer, **used)  # type: ignore[arg-type]
 
 
 def peak_bytes() -> int:

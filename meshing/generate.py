@@ -45,6 +45,7 @@ class MeshReport:
     surface_seconds: float
     volume_seconds: float
     peak_bytes: int
+    processor_seconds: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +102,8 @@ def generate(
         if not verification.failures:
             seconds = time.perf_counter() - start
             timings = (seconds, surface_seconds, volume_seconds)
-            report = MeshReport(verification, attempt, tuple(rejected), *timings, filling.peak_bytes)
+            used = (filling.peak_bytes, filling.processor_seconds)
+            report = MeshReport(verification, attempt, tuple(rejected), *timings, *used)
             return Generated(mesh, report)
         rejected.append("; ".join(verification.failures))
     reasons = " | ".join(f"attempt {i}: {reason}" for i, reason in enumerate(rejected, 1))

@@ -47,7 +47,7 @@ class MeshParameters:
     fuselage: float = _edge(0.024, "fuselage")
     fuselage_panel: float = _edge(0.01, "fuselage panels beside the tails")
     fuselage_rear: float = _edge(0.015, "rear of the fuselage")
-    canopy: float = _edge(0.014, "canopy")
+    canopy: float = _edge(0.012, "canopy")
     inlet: float = _edge(0.016, "inlet")
     pedestal: float = _edge(0.012, "pedestal")
     strake: float = _edge(0.011, "strakes")
@@ -94,6 +94,9 @@ class MeshParameters:
         return replace(self, **lengths)
 
 
+# Refinement keeps shapes except where new nodes are put on curved faces.
+_REFINED = {"refinements": 1, "accept_min": 0.25, "accept_mean": 0.86, "accept_below": 5e-4}
+
 SCALES: Mapping[str, MeshParameters] = MappingProxyType(
-    {"small": MeshParameters(), "medium": MeshParameters().scaled(0.6)}
+    {"small": MeshParameters(), "medium": replace(MeshParameters(), **_REFINED)}
 )

@@ -25,11 +25,12 @@ PADDING = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filling:
-    """Tetrahedra (M, 4) on points (N, 3) that fill a box, and the mesher's peak memory in bytes."""
+    """Tetrahedra (M, 4) on points (N, 3) that fill a box; the mesher's peak memory (bytes) and processor time (s)."""
 
     points: FloatArray
     tets: IntArray
     peak_bytes: int
+    processor_seconds: float
 
 
 def fill(surface: Surface, field: SizeField, box: tuple[FloatArray, FloatArray], parameters: MeshParameters) -> Filling:
@@ -60,4 +61,4 @@ def fill(surface: Surface, field: SizeField, box: tuple[FloatArray, FloatArray],
     nodes, cells = answer["points"].astype(np.float64), answer["tets"].astype(np.intp)
     if signed_volumes(nodes, cells).min(initial=0.0) < 0.0:
         raise MeshingError("the volume mesher returned an inverted cell")
-    return Filling(nodes, cells, int(answer["peak_bytes"]))
+    return Filling(nodes, cells, int(answer["peak_bytes"]), float(answer["processor_seconds"]))

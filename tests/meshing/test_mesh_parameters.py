@@ -29,5 +29,6 @@ def test_scaling_changes_lengths_only() -> None:
 
 
 def test_finer_scales_have_shorter_edges() -> None:
-    assert SCALES["medium"].wing < SCALES["small"].wing
+    finest = {name: scale.wing / 2**scale.refinements for name, scale in SCALES.items()}
+    assert finest["medium"] < finest["small"]
     assert SCALES["small"].far_field == 10.0
