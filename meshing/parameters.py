@@ -95,8 +95,6 @@ class MeshParameters:
 
 
 # Refinement keeps shapes except where new nodes are put on curved faces.
-_REFINED = {"refinements": 1, "accept_min": 0.25, "accept_mean": 0.86, "accept_below": 5e-4}
+_MEDIUM = MeshParameters(refinements=1, accept_min=0.25, accept_mean=0.86, accept_below=5e-4)
 
-SCALES: Mapping[str, MeshParameters] = MappingProxyType(
-    {"small": MeshParameters(), "medium": replace(MeshParameters(), **_REFINED)}
-)
+SCALES: Mapping[str, MeshParameters] = MappingProxyType({"small": MeshParameters(), "medium": _MEDIUM})
