@@ -101,7 +101,7 @@ class Limits:
     """What a validation demands."""
 
     quality_min: float = quantity(0.25, "-", 0.0, 1.0, "smallest mean ratio of the deflected mesh")
-    surface_to_cad: float = quantity(1e-7, "m", 0.0, 1.0, "distance of moved nodes from the deflected CAD")
+    surface_to_cad: float = quantity(1e-8, "m", 0.0, 1.0, "distance of moved nodes from the deflected CAD")
     planarity: float = quantity(1e-9, "m", 0.0, 1.0, "distance of a planar face's nodes from their plane")
 
     def __post_init__(self) -> None:

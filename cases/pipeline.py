@@ -73,7 +73,8 @@ def _cached(
 ) -> tuple[TetMesh, MeshOrigin]:
     """Return the mesh of these parameters from the cache, or build and mesh the CAD and keep the result."""
     store, key = MeshCache(default_folder()), cache_key(parts)
-    found = store.load(key) if cache else None
+    with watch.stage("cache"):
+        found = store.load(key) if cache else None
     if found is not None:
         return found[0], MeshOrigin(**found[1])  # type: ignore[arg-type]
     with watch.stage("geometry"):
