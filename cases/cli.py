@@ -7,6 +7,8 @@ from typing import Any, NoReturn
 import click
 from rich.console import Console
 
+from cases.cli_study import study
+
 FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 FILE = click.Path(path_type=Path)
 
@@ -157,6 +159,9 @@ def cache(clear: bool) -> None:
     else:
         sizes = store.entries().values()
         print(f"{store.folder}: {len(sizes)} meshes, {sum(sizes) / 1e6:.1f} MB")
+
+
+cli.add_command(study)
 
 
 def main() -> NoReturn:

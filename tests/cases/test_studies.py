@@ -1,12 +1,14 @@
 """The paper's studies: the paper's numbers pass every test of its own trends, and ours are measured row by row."""
 
 import csv
+import sys
 from dataclasses import replace
 from math import isnan
 
 import numpy as np
 import pytest
 
+from cases.cli import main
 from cases.registry import case_named
 from cases.study.carried import write_study
 from cases.study.loops import DEFAULT, GMRES, GROWN, LAPACK
@@ -90,6 +92,26 @@ def test_paper_s_timings_agree_with_its_points():
         assert filter_is_cheap(one).holds
     slow = replace(paper().evaluations[1], inside_seconds=80.0)
     assert not savings(slow, 623_387).holds
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["table5"], "table5"),
+        (["table1", "--scale", "huge"], "unknown scale 'huge'"),
+        ([], "Choose from: table1, table2, table3, table4, page"),
+    ],
+)
+def test_mistake_is_one_line_and_code_2(words, message, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["sdm", "study", *words])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    err = capsys.readouterr().err
+    assert stop.value.code == 2
+    assert message in err
+    assert err.count("\n") == 1
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.fixture(scope="module")
