@@ -31,14 +31,14 @@ def _quick() -> Iterator[Result]:
     yield from first_call()
     yield from per_million.results(rounds=3)
     yield from evaluation.results(rounds=3)
-    yield from adaptation.results(rounds=3, slow_rounds=1)
+    yield from adaptation.results(adaptation.Extent(3, 1, largest_centers=2_400, largest_sites=51_792))
 
 
 def _full() -> Iterator[Result]:
     yield from first_call()
     yield from per_million.results(rounds=5)
     yield from evaluation.results(rounds=7)
-    yield from adaptation.results(rounds=5, slow_rounds=5)
+    yield from adaptation.results(adaptation.Extent(5, 5, largest_centers=4_800, largest_sites=103_584))
     seconds, peak = seconds_and_peak(LARGE, evaluation.CENTERS)
     pairs = LARGE * evaluation.CENTERS / seconds
     yield Result("large_evaluation", seconds, "s", 1, f"10 million points, 2,200 centres: {pairs:.3g} pairs/s")

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.measure import exponent, side_by_side
+from benchmarks.measure import exponent, side_by_side, warm
 from benchmarks.memory import peak_above_arrays
 from benchmarks.peers import Sum, available
 from benchmarks.results import Result
@@ -44,7 +44,9 @@ def _beside_peers(rounds: int) -> Iterator[Result]:
     sum_ = task(INSIDE, CENTERS)
     ours = interpolant(sum_)
     actions, missing = available(sum_)
-    times = side_by_side({OURS: lambda: ours(sum_.points), **actions}, rounds)
+    everyone = {OURS: lambda: ours(sum_.points), **actions}
+    warm(everyone)
+    times = side_by_side(everyone, rounds)
     names = {"C, one direction": "evaluation_vs_c", "SciPy RBFInterpolator": "evaluation_vs_scipy"}
     for peer in actions:
         slug = names.get(peer, "evaluation_vs_" + peer.split()[0].strip(",").lower().replace("-", "_"))
@@ -68,6 +70,7 @@ def _confined(rounds: int) -> Iterator[Result]:
         "confined": lambda: ours(near),
         "whole": lambda: ours(points),
     }
+    warm(actions)
     times = side_by_side(actions, rounds)
     saved = times.of("whole") - times.of("confined")
     note = f"{len(inside)} of {len(points)} points"

@@ -31,10 +31,14 @@ class Times:
         return float(np.median(self.of(other) / self.of(ours)))
 
 
-def side_by_side(actions: Mapping[str, Action], rounds: int) -> Times:
-    """Run all actions once to warm up, then all of them in turn, `rounds` times."""
+def warm(actions: Mapping[str, Action]) -> None:
+    """Run each action once: machine code is loaded or compiled, threads are started, memory is touched."""
     for action in actions.values():
         action()
+
+
+def side_by_side(actions: Mapping[str, Action], rounds: int) -> Times:
+    """Run all actions in turn, `rounds` times."""
     rows = [[_seconds(action) for action in actions.values()] for _ in range(rounds)]
     return Times(tuple(actions), np.array(rows))
 

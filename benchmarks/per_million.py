@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.measure import side_by_side
+from benchmarks.measure import side_by_side, warm
 from benchmarks.results import Result
 from benchmarks.workloads import points_around, tail
 from deform.duplicates import first_coincident
@@ -21,15 +21,14 @@ def results(rounds: int) -> Iterator[Result]:
     spacing = 0.00031
     sites = len(region.face_sites(spacing))
     tets = np.random.default_rng(0).integers(0, MILLION, (MILLION, 4))
-    times = side_by_side(
-        {
-            "filter": lambda: region.contains(points),
-            "sites": lambda: region.face_sites(spacing),
-            "duplicates": lambda: first_coincident(points, TOLERANCE),
-            "quality": lambda: mean_ratio(points, tets),
-        },
-        rounds,
-    )
+    actions = {
+        "filter": lambda: region.contains(points),
+        "sites": lambda: region.face_sites(spacing),
+        "duplicates": lambda: first_coincident(points, TOLERANCE),
+        "quality": lambda: mean_ratio(points, tets),
+    }
+    warm(actions)
+    times = side_by_side(actions, rounds)
     for name, count, note in (
         ("filter", MILLION, "points, confinement filter"),
         ("sites", sites, "sites on the hexahedron's faces, each once"),

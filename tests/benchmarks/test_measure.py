@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.measure import Times, exponent, side_by_side
+from benchmarks.measure import Times, exponent, side_by_side, warm
 from benchmarks.results import Result, machine, show, write
 
 
@@ -15,7 +15,9 @@ def test_ratios_are_taken_round_by_round():
 
 def test_actions_take_turns():
     order = []
-    times = side_by_side({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
+    actions = {"a": lambda: order.append("a"), "b": lambda: order.append("b")}
+    warm(actions)
+    times = side_by_side(actions, 2)
     assert "".join(order) == "ab" * 3
     assert times.seconds.shape == (2, 2)
     assert (times.seconds >= 0.0).all()
