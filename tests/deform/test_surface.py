@@ -83,22 +83,38 @@ def _root(n=31):
     return FUSELAGE.projected(np.column_stack([x, np.full(n, 1.0), np.full(n, 0.1)]))
 
 
-def test_the_root_is_stretched_within_its_plane_and_the_tip_stays():
-    root = _root()
+def _rotated_tail(degrees):
+    """A plate of two slightly inclined halves through one apex, rotated; its root rows come first."""
+    apex = np.array([0.87, 0.4, 0.05])
+    root = np.vstack([_root(), _root() + np.array([0.0, 0.0, 0.002])])
+    nodes = np.vstack([root + s * (apex - root) for s in np.linspace(0.0, 0.3, 11)])
     axis = Axis(np.array([0.87, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
-    nodes = np.vstack([root + s * np.array([0.0, 1.0, 0.1]) for s in np.linspace(0.0, 0.1, 11)])
-    rotated, rotated_root = axis.rotated(nodes, 12.0), axis.rotated(root, 12.0)
-    outward = axis.rotated(np.array([[0.87, 1.0, 0.1]]), 12.0)[0] - axis.point
-    root_by = FUSELAGE.projected_along(rotated_root, outward) - rotated_root
+    return axis.rotated(nodes, degrees), len(root), axis.rotated(apex[None], degrees)[0]
+
+
+def test_the_root_is_stretched_along_its_rays_and_the_tip_stays():
+    rotated, count, apex = _rotated_tail(12.0)
+    rays = (apex - rotated) / np.linalg.norm(apex - rotated, axis=1, keepdims=True)
+    onto = FUSELAGE.projected_along(rotated[:count], rays[:count])
+    lengths = np.sum((onto - rotated[:count]) * rays[:count], axis=1, keepdims=True)
     region = box(np.array([0.7, 0.0, -0.1]), np.array([1.0, 0.1, 0.2]))
-    still = region.sites_on("y+", 0.02)
-    by = elongate(rotated, region, rotated_root, root_by, still)
+    by = elongate(rotated, region, rotated[:count], lengths, region.sites_on("y+", 0.02)) * rays
     outside = ~region.contains(rotated)
     assert outside.any()
     assert not by[outside].any()
-    np.testing.assert_allclose(by[: len(root)], root_by, atol=1e-12)
-    # In a plane only up to how evenly the sites speak for it; the sites' own displacements lie in it.
-    assert _out_of_plane(rotated + by) < 1e-12 + 0.05 * np.abs(by).max()
+    np.testing.assert_allclose(FUSELAGE.distance((rotated + by)[:count]), 0.0, atol=1e-12)
+    # Along rays to the apex, so planes through the apex are kept whatever the lengths.
+    np.testing.assert_allclose(np.cross(rotated + by - apex, rotated - apex), 0.0, atol=1e-15)
+    assert np.abs(by).max() > 1e-4
+
+
+def test_displacements_may_be_stretched_too():
+    rotated, count, _ = _rotated_tail(12.0)
+    region = box(np.array([0.7, 0.0, -0.1]), np.array([1.0, 0.1, 0.2]))
+    by = FUSELAGE.projected(rotated[:count]) - rotated[:count]
+    moved = elongate(rotated, region, rotated[:count], by, region.sites_on("y+", 0.02))
+    assert moved.shape == rotated.shape
+    np.testing.assert_allclose(moved[:count], by, atol=1e-12)
 
 
 def test_the_panel_slides_on_the_cylinder():
