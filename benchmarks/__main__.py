@@ -31,7 +31,7 @@ def _quick() -> Iterator[Result]:
     yield from first_call()
     yield from per_million.results(rounds=3)
     yield from evaluation.results(rounds=3)
-    yield from adaptation.results(adaptation.Extent(3, 1, largest_centers=2_400, largest_sites=51_792))
+    yield from adaptation.results(adaptation.Extent(3, 1, largest_centers=3_840, largest_sites=51_792))
 
 
 def _full() -> Iterator[Result]:

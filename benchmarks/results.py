@@ -4,7 +4,7 @@ import json
 import os
 import platform
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -31,8 +31,8 @@ def show(title: str, results: Iterable[Result]) -> None:
 
 
 def write(path: Path, results: Iterable[Result]) -> None:
-    """Write {name: {value, unit, median_of}} beside the place and rename it there."""
-    content = {r.name: {"value": r.value, "unit": r.unit, "median_of": r.median_of} for r in results}
+    """Write {name: {value, unit, median_of, note}} beside the place and rename it there."""
+    content = {r.name: {k: v for k, v in asdict(r).items() if k != "name"} for r in results}
     draft = path.with_name(path.name + ".part")
     draft.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     draft.replace(path)

@@ -33,7 +33,7 @@ def test_figures_are_written_whole(tmp_path, capsys):
     figures = [Result("evaluation_vs_c", 2.0, "their time / ours", 5, "note")]
     write(tmp_path / "out.json", figures)
     show("title", figures)
-    expected = {"evaluation_vs_c": {"value": 2.0, "unit": "their time / ours", "median_of": 5}}
+    expected = {"evaluation_vs_c": {"value": 2.0, "unit": "their time / ours", "median_of": 5, "note": "note"}}
     assert json.loads((tmp_path / "out.json").read_text()) == expected
     assert [f.name for f in tmp_path.iterdir()] == ["out.json"]
     assert "evaluation_vs_c" in capsys.readouterr().out
