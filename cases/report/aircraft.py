@@ -1,11 +1,9 @@
 """Figure 1: the aircraft's surfaces by component, and the two overlapping Chimera blocks."""
 
-import numpy as np
-
 from cases.report.colours import COMPONENTS, MAGENTA, components_of
 from cases.report.compose import Picture
 from cases.report.layers import box, patches
-from cases.report.scene import View, plain
+from cases.report.scene import View, framed, plain
 from cases.run import Run
 from cases.zero_sites import BLOCK
 from geometry.datum import block_corners
@@ -44,7 +42,7 @@ def walls(mesh: TetMesh) -> list[str]:
 def whole(mesh: TetMesh) -> View:
     """Look at the aircraft from ahead, port and above."""
     layers = patches(mesh, walls(mesh), edge=(70, 70, 70), width=0.6)
-    return View(layers, np.array([0.47, 0.0, 0.04]), (-1.0, -1.1, 0.9), 0.74, PIXELS)
+    return framed(layers, mesh.points[mesh.on(*walls(mesh))], (-1.0, -1.1, 0.9), PIXELS)
 
 
 def overlapping(run: Run, background: TetMesh) -> View:
@@ -53,4 +51,4 @@ def overlapping(run: Run, background: TetMesh) -> View:
     around = patches(background, walls(background), edge=(120, 120, 120), width=0.4)
     own = patches(run.mesh, walls(run.mesh), edge=(60, 60, 60), width=0.6)
     outside = plain(run.mesh.points, run.mesh.triangles_of(BLOCK), MAGENTA, opacity=0.12)
-    return View((*around, *own, outside, box(corners)), corners.mean(axis=0), (0.9, -1.0, 0.9), 0.34, PIXELS)
+    return framed((*around, *own, outside, box(corners)), corners, (0.9, -1.0, 0.9), PIXELS)

@@ -75,6 +75,6 @@ def _scale(axes: Axes, view: View) -> None:
     metres = view.height / height
     longest = 0.25 * width * metres
     length = max(round_length for round_length in ROUND_LENGTHS if round_length <= longest)
-    left, low = 0.03 * width, 0.95 * height
-    axes.plot([left, left + length / metres], [low, low], color="black", lw=2.5)
-    axes.annotate(f"{1e3 * length:g} mm", (left, low - 0.015 * height), fontsize="small", va="bottom")
+    right, low = 0.97 * width, 0.95 * height
+    axes.plot([right - length / metres, right], [low, low], color="black", lw=2.5)
+    axes.annotate(f"{1e3 * length:g} mm", (right, low - 0.015 * height), fontsize="small", va="bottom", ha="right")

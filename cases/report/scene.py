@@ -14,6 +14,8 @@ Array = NDArray[np.generic]
 Colour = tuple[int, int, int]
 ARRAYS = ("points", "cells", "rgb")
 LOOKS = ("opacity", "edge", "width", "ambient")
+MARGIN = 1.08
+"""Size of a picture over what it frames."""
 FINEST = 4.0
 """Edges of triangles shorter than so many pixels are not drawn."""
 
@@ -67,6 +69,20 @@ class View:
     height: float
     pixels: tuple[int, int] = (800, 600)
     up: tuple[float, float, float] = field(default=(0.0, 0.0, 1.0))
+
+
+def framed(
+    layers: tuple[Layer, ...], points: FloatArray, towards: tuple[float, float, float], pixels: tuple[int, int]
+) -> View:
+    """Return the view from a direction, with z up, that just holds all of points (N, 3)."""
+    eye = np.array(towards) / np.linalg.norm(towards)
+    right = np.cross([0.0, 0.0, 1.0], eye)
+    right /= np.linalg.norm(right)
+    frame = np.array([right, np.cross(eye, right), eye])
+    seen = points @ frame.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    width, height, _ = MARGIN * (high - low)
+    return View(layers, 0.5 * (low + high) @ frame, towards, max(height, width * pixels[1] / pixels[0]), pixels)
 
 
 def legible(view: View) -> View:

@@ -7,7 +7,7 @@ from cases.report.aircraft import walls
 from cases.report.colours import BLUE, GREY, ORANGE
 from cases.report.compose import Picture
 from cases.report.layers import box, cells_by_quality, centroids, patches, sites
-from cases.report.scene import View, plain
+from cases.report.scene import View, framed, plain
 from cases.run import Run
 from cases.tail import panel_of
 from geometry.datum import ends
@@ -27,7 +27,7 @@ def confinement(run: Run) -> Picture:
                    opacity=0.25)  # fmt: skip
     dots = tuple(sites(part.points, BLUE, 10.0) for part in region.zero)
     corners = region.hexahedron.corners
-    view = View((*rest, *shown, *dots, box(corners)), corners.mean(axis=0), (0.7, -1.0, 0.6), 0.34, PIXELS)
+    view = framed((*rest, *shown, *dots, box(corners)), corners, (0.7, -1.0, 0.6), PIXELS)
     return Picture(
         (view,), (f"{len(region.zero[0])} sites at zero, {len(run.deflections[0].turn.motion.nodes)} on the surface",),
         "Surface mesh of the left tail and of the fuselage panel on which it turns; the hexahedron in magenta and the "

@@ -1,8 +1,9 @@
 """One adaptation with given settings on the data sites of a case, timed."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import median
+from typing import Self
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from deform.selection import GreedyOptions
 from deform.sites import DataSites
 from meshing.mesh import TetMesh
 
-REPETITIONS = 5
+REPETITIONS = 7
 """At most so many runs of one adaptation, of which the median time counts..."""
 ENOUGH_SECONDS = 1.0
 """...and no further run once they have taken this long."""
@@ -75,47 +76,57 @@ def sites_of(case: Case, mesh: TetMesh) -> Sites:
     return Sites(len(moving), groups, turn.region)
 
 
-def measure(
-    sites: Sites, setting: Setting, demand: Table | Evaluation, loop: Loop, report: Progress = silent
-) -> Measured:
-    """Run one adaptation as often as is cheap, and keep the median of its times; `demand` says when to stop."""
-    group = sites.groups[setting.columns]
-    options = GreedyOptions(
-        n_add=setting.n_add, tol_add=demand.tolerance, tol_stop=demand.tolerance, max_centers=demand.max_centers
-    )
-    first = initial_centers(group, sites.surface, setting.initial)
-    _adapt(group, first, replace(options, max_iterations=1), loop, silent)  # loads compiled code: not timed
-    fits = list(_repeated(group, first, options, loop, report))
-    seconds = median(fit.history[-1].seconds for fit in fits)
-    last, history = fits[-1], fits[-1].history
-    row = Row(setting, history[-1].iteration, len(last.chosen), seconds, last.max_error)
-    return Measured(row, loop, len(group), history, last.interpolant, last.stop is Stop.CONVERGED, len(fits))
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """One adaptation to be timed: what `adapt` is given."""
+
+    setting: Setting
+    loop: Loop
+    group: DataSites
+    first: IndexArray
+    options: GreedyOptions
+
+    @classmethod
+    def of(cls, sites: Sites, setting: Setting, demand: Table | Evaluation, loop: Loop) -> Self:
+        """Prepare a row; `demand` says when to stop."""
+        group = sites.groups[setting.columns]
+        tolerance, most = demand.tolerance, demand.max_centers
+        options = GreedyOptions(n_add=setting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=most)
+        return cls(setting, loop, group, initial_centers(group, sites.surface, setting.initial), options)
+
+    def run(self) -> Adaptation:
+        """Adapt the centres once."""
+        kernel, loop = ThinPlateSpline(), self.loop
+        return adapt(self.group, kernel, self.first, self.options, rule=loop.rule, basis=loop.basis)
+
+    def measured(self, fit: Adaptation, seconds: list[float]) -> Measured:
+        """Return the row of a fit that took these times."""
+        iterations, converged = fit.history[-1].iteration, fit.stop is Stop.CONVERGED
+        row = Row(self.setting, iterations, len(fit.chosen), median(seconds), fit.max_error)
+        return Measured(row, self.loop, len(self.group), fit.history, fit.interpolant, converged, len(seconds))
+
+
+def measure(jobs: Sequence[Job], report: Progress = silent) -> tuple[Measured, ...]:
+    """Run all jobs in turn, several times where that is cheap: a busy moment of the machine then hits all alike."""
+    for loop in dict.fromkeys(job.loop for job in jobs):
+        warm = next(job for job in jobs if job.loop == loop)
+        replace(warm, options=replace(warm.options, max_iterations=1)).run()  # loads compiled code: not timed
+    fits: dict[int, Adaptation] = {}
+    seconds: dict[int, list[float]] = {i: [] for i in range(len(jobs))}
+    for turn in range(REPETITIONS):
+        for i, job in enumerate(jobs):
+            if sum(seconds[i]) < ENOUGH_SECONDS:
+                told = f"f_{job.setting.columns} at {job.setting.angle:+g} deg, {job.loop.name}, run {turn + 1}"
+                report(told, (turn * len(jobs) + i) / (REPETITIONS * len(jobs)))
+                fits[i] = job.run()
+                seconds[i].append(fits[i].history[-1].seconds)
+    return tuple(job.measured(fits[i], seconds[i]) for i, job in enumerate(jobs))
 
 
 def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> IndexArray:
     """Return the rows of the initial centres: so many of the control surface's sites and of the hexahedron's."""
     own, zero = group.points[:surface], group.points[surface:]
     return np.concatenate([farthest(own, count[0]), surface + farthest(zero, count[1])])
-
-
-def _repeated(
-    group: DataSites, first: IndexArray, options: GreedyOptions, loop: Loop, report: Progress
-) -> Iterator[Adaptation]:
-    spent = 0.0
-    for _ in range(REPETITIONS):
-        fit = _adapt(group, first, options, loop, report)
-        yield fit
-        spent += fit.history[-1].seconds
-        if spent > ENOUGH_SECONDS:
-            return
-
-
-def _adapt(
-    group: DataSites, first: IndexArray, options: GreedyOptions, loop: Loop, report: Progress
-) -> Adaptation:
-    return adapt(
-        group, ThinPlateSpline(), first, options, rule=loop.rule, basis=loop.basis, progress=report
-    )
 
 
 def _name(group: DataSites) -> str:

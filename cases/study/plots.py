@@ -82,7 +82,7 @@ def table4(result: Result, figure: Figure) -> str:
         if one.loop == GROWN:
             curve(axes, one, [step.n_centers for step in one.history])
     for row in result.study.table.rows:
-        label = f"paper, {title(row.setting.columns)}"
+        label = f"paper, ${title(row.setting.columns)}$"
         axes.plot(row.centers, row.max_error, "s", color=COLOURS[row.setting.columns], mec="black", label=label)
     finish(axes, result, "centres")
     axes.set_ylabel("largest residual, m")

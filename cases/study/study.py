@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from cases.case import Case
 from cases.progress import Report
 from cases.study.loops import DEFAULT, GMRES, GROWN, LAPACK, Loop
-from cases.study.measure import Measured, Sites, measure, sites_of
+from cases.study.measure import Job, Measured, Sites, measure, sites_of
 from cases.study.paper import Row, Setting, Table, paper
 from cases.study.table1 import TRENDS as TRENDS1
 from cases.study.table2 import TRENDS as TRENDS2
@@ -96,12 +96,9 @@ STUDIES = {
 
 def carry_out(study: Study, case: Case, mesh: TetMesh, report: Report) -> Result:
     """Measure every row of a table on the mesh of its case."""
-    table, done = study.table, list[Measured]()
+    table = study.table
     angles = dict.fromkeys(row.setting.angle for row in table.rows)
     sites = {angle: sites_of(replace(case, angle=angle), mesh) for angle in angles}
-    jobs = [(row.setting, loop) for row in table.rows for loop in study.loops(table, row.setting)]
-    for i, (setting, loop) in enumerate(jobs):
-        report(f"{setting.columns} {setting.angle:+g} deg, {sum(setting.initial)} initial, "
-               f"n_add {setting.n_add}, {loop.name}", i / len(jobs))  # fmt: skip
-        done.append(measure(sites[setting.angle], setting, table, loop))
-    return Result(study, case, len(mesh.points), len(mesh.tets), sites, tuple(done))
+    settings = [row.setting for row in table.rows]
+    jobs = [Job.of(sites[one.angle], one, table, loop) for one in settings for loop in study.loops(table, one)]
+    return Result(study, case, len(mesh.points), len(mesh.tets), sites, measure(jobs, report))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cases.study.loops import DEFAULT, GROWN, Loop
-from cases.study.measure import Sites
+from cases.study.measure import REPETITIONS, Sites
 from cases.study.paper import Row, Setting, Size, paper
 from cases.study.study import Result
 from cases.study.trend import listed, title
@@ -40,7 +40,7 @@ def markdown(result: Result) -> str:
         f"## Table {result.study.name[-1]}: {table.title}",
         sizes(result),
         "\n".join(rows(result)),
-        "Seconds by loop (wall time, median of up to five runs):\n\n" + "\n".join(loops),
+        f"Seconds by loop (wall time, median of up to {REPETITIONS} runs):\n\n" + "\n".join(loops),
         convergence(result),
         "\n".join(verdicts(result)),
     ]

@@ -7,7 +7,7 @@ from time import perf_counter
 
 from cases.case import Case
 from cases.study.loops import GROWN
-from cases.study.measure import ENOUGH_SECONDS, REPETITIONS, measure, sites_of
+from cases.study.measure import ENOUGH_SECONDS, REPETITIONS, Job, measure, sites_of
 from cases.study.paper import Evaluation
 from cases.study.trend import Finding
 from meshing.mesh import TetMesh
@@ -19,7 +19,7 @@ ALIKE = 1.5
 def timed(theirs: Evaluation, case: Case, mesh: TetMesh) -> Evaluation:
     """Find the interpolant as the paper did and time filter and evaluation, medians of several runs."""
     sites = sites_of(replace(case, angle=theirs.setting.angle), mesh)
-    region, fit = sites.region, measure(sites, theirs.setting, theirs, GROWN)
+    region, fit = sites.region, measure([Job.of(sites, theirs.setting, theirs, GROWN)])[0]
     inside = mesh.points[region.inside]
     return replace(
         theirs,

@@ -12,7 +12,7 @@ from cases.report.histograms import histograms
 from cases.report.layers import cells_by_quality, shell
 from cases.report.offscreen import RenderError, rendered
 from cases.report.png import write_png
-from cases.report.scene import Layer, View, decoded, encoded, legible, plain
+from cases.report.scene import MARGIN, Layer, View, decoded, encoded, framed, legible, plain
 from meshing.quality import signed_volumes
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -59,6 +59,18 @@ def test_wrong_layers_are_named():
         Layer(TRIANGLE, np.array([[0, 1, 2]]), np.zeros((2, 3), dtype=int))
 
 
+def test_framed_views_hold_their_points_and_no_more():
+    corners = np.random.default_rng(5).normal(size=(20, 3)) * [3.0, 1.0, 0.5]
+    view = framed((), corners, (0.3, -1.0, 0.7), (400, 300))
+    eye = np.array(view.towards) / np.linalg.norm(view.towards)
+    right = np.cross([0.0, 0.0, 1.0], eye)
+    up = np.cross(eye, right / np.linalg.norm(right))
+    across = [np.ptp(corners @ axis) for axis in (right / np.linalg.norm(right), up)]
+    assert view.height == pytest.approx(MARGIN * max(across[1], across[0] * 0.75))
+    off = (corners - view.focus) @ up
+    assert off.max() == pytest.approx(-off.min())
+
+
 def test_edges_that_would_blacken_the_picture_are_left_out():
     meshed = plain(TRIANGLE, np.array([[0, 1, 2]]), (255, 0, 0), edge=(0, 0, 0))
     near, far = (View((meshed,), np.zeros(3), (1.0, 0.0, 0.0), height) for height in (2.0, 2000.0))
@@ -103,8 +115,9 @@ def test_png_is_written_small(tmp_path):
 def test_histograms_hold_every_cell_before_and_after(tail_run):
     run, _ = tail_run
     figure, text = histograms([run], ["+12 deg"])
-    for patch in figure.axes[0].patches:
-        assert patch.get_data().values.sum() == len(run.mesh.tets)
+    near = np.isin(run.mesh.tets, run.deflections[0].turn.region.inside).any(axis=1)
+    counts = [patch.get_data().values.sum() for patch in figure.axes[0].patches]
+    assert counts == [len(near), len(near), near.sum(), near.sum()]
     assert "smallest" in text
 
 
