@@ -15,7 +15,7 @@ from cases.report.colours import QUALITY_MAP, QUALITY_RANGE
 from cases.report.offscreen import rendered
 from cases.report.scene import View
 
-INCHES = 4.6
+INCHES = 5.2
 """Width of one image."""
 ROUND_LENGTHS = tuple(first * 10.0**power for power in range(-6, 3) for first in (1, 2, 5))
 

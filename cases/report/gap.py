@@ -14,7 +14,7 @@ from cases.run import Run
 from geometry.datum import ends, gap_faces, ribs
 
 PIXELS = (900, 700)
-OUTBOARD, ALONG = 5.0, 6.0
+OUTBOARD, ALONG = 4.0, 4.5
 """Extent of the portion outboard of the aileron's end, and above and below it, by the distance to the block's face."""
 
 
@@ -39,7 +39,7 @@ def gap(run: Run) -> View:
     grey = patches(mesh, walls(mesh), DARK)
     cells = cells_by_quality(mesh, in_gap(run), width=1.2)
     focus = np.array([end[1, 0], own - np.sign(face - own) * width, width])
-    return View((*grey, cells, box(turn.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 18.0 * width, PIXELS)
+    return View((*grey, cells, box(turn.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 13.0 * width, PIXELS)
 
 
 def stations(run: Run) -> tuple[float, float, FloatArray]:

@@ -1,6 +1,7 @@
 """A study as CSV and as a table in Markdown, ours beside the paper's."""
 
 import csv
+from collections.abc import Iterator
 from math import isnan
 from pathlib import Path
 
@@ -85,15 +86,20 @@ def convergence(result: Result) -> str:
         f"{reached} of {len(result.measured)} adaptations here reached the tolerance of {table.tolerance:g} m.",
         f"The paper's rule ends here with {min(ratios):.2f} to {max(ratios):.2f} times as many centres as there.",
     ]
+    return " ".join([*sentences, *small_motions(result)])
+
+
+def small_motions(result: Result) -> Iterator[str]:
+    """Say which directions move by less than the tolerance, and what they then cost."""
     for angle, sites in result.sites.items():
         for d in "xyz":
             largest = float(np.abs(sites.groups[d].values).max())
-            if largest < table.tolerance:
-                sentences.append(
-                    f"At {angle:+g}° f_{d} is nowhere larger than {1e3 * largest:.3g} mm, less than the tolerance: any "
-                    "initial centres will do."
+            rows = [row for row in result.by(GROWN) if row.setting.columns == d and row.setting.angle == angle]
+            if rows and largest < result.study.table.tolerance:
+                yield (
+                    f"At {angle:+g}° f_{d} is nowhere larger than {1e3 * largest:.3g} mm, less than the tolerance; it "
+                    f"takes {max(row.iterations for row in rows)} iterations."
                 )
-    return " ".join(sentences)
 
 
 def verdicts(result: Result) -> list[str]:
