@@ -19,6 +19,12 @@ def test_peers_compute_the_same_sum():
         np.testing.assert_allclose(got, expected[:, : got.shape[1]], rtol=1e-9, atol=1e-9)
 
 
+def test_the_c_peer_leaves_the_floating_point_mode_alone():
+    available(task(40, 10))
+    assert float(np.float64(5e-324)) > 0.0
+    assert np.multiply(np.float64(2.3e-308), 0.5) > 0.0
+
+
 def test_peers_that_fit_interpolate_the_same_values():
     sum_ = task(400, 90)
     actions, _ = available(sum_)

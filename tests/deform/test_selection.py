@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from deform.selection import GreedyOptions, Separated, Worst
+from deform.selection import TIE, GreedyOptions, Separated, Worst
 
 
 def _options(**changes):
@@ -32,7 +32,7 @@ def test_separated_sites_keep_their_distance(seed, spacing):
     block = Separated(share=0.3, spacing=spacing, growth=100.0).choose(points, residual, chosen, _options(tol_add=0.1))
     assert not set(block.tolist()) & set(chosen.tolist())
     assert (residual[block] > 0.3 * residual.max()).all()
-    assert (np.diff(residual[block]) <= 0.0).all()
+    assert (np.diff(residual[block]) <= TIE * _options().tol_stop).all()  # nearly equal ones go by row
     gap = cdist(points, points[chosen]).min(axis=1)
     apart = cdist(points[block], points[block]) + 9.0 * np.eye(len(block))
     assert (apart >= spacing * np.maximum(gap[block][:, None], gap[block]) - 1e-12).all()
