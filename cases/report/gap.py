@@ -38,8 +38,8 @@ def gap(run: Run) -> View:
     width = abs(face - own)
     grey = patches(mesh, walls(mesh), DARK)
     cells = cells_by_quality(mesh, in_gap(run), width=1.2)
-    focus = np.array([end[1, 0], own - np.sign(face - own) * width, width])
-    return View((*grey, cells, box(turn.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 13.0 * width, PIXELS)
+    focus = np.array([end[1, 0], own - np.sign(face - own) * width, 2.0 * width])
+    return View((*grey, cells, box(turn.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 14.0 * width, PIXELS)
 
 
 def stations(run: Run) -> tuple[float, float, FloatArray]:
