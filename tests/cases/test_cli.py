@@ -68,6 +68,24 @@ def test_list_names_cases_and_angles(sdm):
     assert "-12.0 deg" in out
 
 
+@pytest.mark.parametrize("suffix", [".step", ".brep", ".stl"])
+def test_geometry_writes_the_cad(sdm, tmp_path, suffix):
+    code, out, _ = sdm("geometry", "--angle", "-12", "--out", f"sdm{suffix}")
+    assert code == 0
+    assert "faces" in out
+    assert (tmp_path / f"sdm{suffix}").stat().st_size > 50_000
+    assert [path.name for path in tmp_path.iterdir()] == [f"sdm{suffix}"]
+
+
+def test_cache_tells_and_clears(sdm, tmp_path, monkeypatch):
+    monkeypatch.setenv("SDM_DEFLECT_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "cache").mkdir()
+    (tmp_path / "cache" / "0123.npz").write_bytes(bytes(1_000_000))
+    assert "1 meshes, 1.0 MB" in sdm("cache")[1]
+    assert "freed 1.0 MB" in sdm("cache", "--clear")[1]
+    assert "0 meshes" in sdm("cache")[1]
+
+
 @pytest.mark.mesher
 def test_run_prints_verdict_and_json(sdm, aileron_mesh, tmp_path):
     code, out, _ = sdm("run", "aileron", "--quiet", "--angle", "5")

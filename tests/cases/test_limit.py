@@ -1,0 +1,27 @@
+"""The bisection brackets the angle at which the quality falls below the threshold."""
+
+import csv
+
+import pytest
+
+from cases.limit import attempt, find_limits, write_limits
+from cases.registry import case_named
+
+pytestmark = pytest.mark.mesher
+
+
+def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
+    mesh, _ = aileron_mesh
+    case, threshold, resolution = case_named("aileron"), 0.3, 6.0
+    limits = find_limits(case, mesh, threshold, resolution, lambda text, fraction: None)
+    for sign, limit in zip((-1.0, 1.0), limits, strict=True):
+        assert sign * limit.angle > 0.0
+        good = [t for t in limit.trials if t.quality_min >= threshold]
+        bad = [t for t in limit.trials if t.quality_min < threshold]
+        assert max(abs(t.angle) for t in good) == abs(limit.angle)
+        assert not bad or min(abs(t.angle) for t in bad) - abs(limit.angle) <= resolution
+        assert attempt(case, mesh, limit.angle).quality_min >= threshold
+    write_limits(limits, case, threshold, tmp_path)
+    rows = list(csv.DictReader((tmp_path / "limit.csv").open()))
+    assert len(rows) == sum(len(limit.trials) for limit in limits)
+    assert (tmp_path / "limit.png").stat().st_size > 5_000
