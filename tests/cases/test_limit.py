@@ -22,6 +22,6 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
         assert not bad or min(abs(t.angle) for t in bad) - abs(limit.angle) <= resolution
         assert attempt(case, mesh, limit.angle).quality_min >= threshold
     write_limits(limits, case, threshold, tmp_path)
-    rows = list(csv.DictReader((tmp_path / "limit.csv").open()))
+    rows = list(csv.DictReader((tmp_path / "limit.csv").read_text().splitlines()))
     assert len(rows) == sum(len(limit.trials) for limit in limits)
     assert (tmp_path / "limit.png").stat().st_size > 5_000
