@@ -60,6 +60,7 @@ class MeshParameters:
     chimera: float = _edge(0.012, "outer faces of a Chimera block")
     corner: float = quantity(0.004, "m", 1e-4, 1.0, "target edge length at sharp corners of faces")
     turn: float = quantity(30.0, "deg", 2.0, 90.0, "largest angle by which a curved face turns along an edge")
+    edge_cells: float = quantity(1.0, "", 0.2, 20.0, "cells along a short CAD edge")
     gap_cells: float = quantity(2.0, "", 0.5, 20.0, "cells across a gap between two faces")
     growth: float = quantity(0.35, "", 0.05, 1.0, "growth of the edge length per metre away from the surface")
     far_field: float = quantity(10.0, "body lengths", 0.5, 100.0, "distance of the far field from the body")
@@ -96,5 +97,17 @@ class MeshParameters:
 
 # Refinement keeps shapes except where new nodes are put on curved faces.
 _MEDIUM = MeshParameters(refinements=1, accept_min=0.25, accept_mean=0.86, accept_below=5e-4)
+# Before refinement: the paper's full model has a coarse aileron and fine tails.
+_PAPER = replace(
+    _MEDIUM,
+    tail=0.0024,
+    fuselage_panel=0.0039,
+    fuselage_rear=0.012,
+    aileron=0.016,
+    corner=0.0055,
+    edge_cells=0.6,
+    growth=0.24,
+    envelope=6e-5,
+)
 
-SCALES: Mapping[str, MeshParameters] = MappingProxyType({"small": MeshParameters(), "medium": _MEDIUM})
+SCALES: Mapping[str, MeshParameters] = MappingProxyType({"small": MeshParameters(), "medium": _MEDIUM, "paper": _PAPER})

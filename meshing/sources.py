@@ -44,10 +44,11 @@ def sources(model: CadModel, parameters: MeshParameters) -> tuple[FloatArray, Fl
     floor = ENVELOPES * parameters.envelope
     gaps = np.maximum(_gap_widths(together, parameters.gap_cells) / parameters.gap_cells, floor)
     corners = model.vertices[_sharp_corners(model)]
-    middles, lengths = _middles(model)
+    at_corners = np.full(len(corners), parameters.corner)
+    middles, along = _middles(model)
     return (
         np.concatenate([together.points, corners, middles]),
-        np.concatenate([np.minimum(together.lengths, gaps), np.full(len(corners), parameters.corner), lengths]),
+        np.concatenate([np.minimum(together.lengths, gaps), at_corners, along / parameters.edge_cells]),
     )
 
 
