@@ -94,14 +94,16 @@ def follow(
 
 def fit_group(sites: DataSites, surface: int, settings: AdaptationSettings, report: Report) -> Adaptation:
     """Adapt the centres of one group; its first `surface` sites are on the control surface, the rest pinned."""
-    zero = sites.points[surface:]
-    initial = np.concatenate([
-        farthest(sites.points[:surface], settings.initial_surface),
-        surface + farthest(zero, settings.initial_hexahedron),
-    ])  # fmt: skip
+    initial = initial_centers(sites, surface, (settings.initial_surface, settings.initial_hexahedron))
     names = "".join(DIRECTIONS[c] for c in sites.components)
 
     def tell(text: str, fraction: float) -> None:
         report(f"{names}: {text}", fraction)
 
     return adapt(sites, ThinPlateSpline(), initial, settings.options, rule=RULES[settings.rule], progress=tell)
+
+
+def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> IndexArray:
+    """Return the rows of the initial centres: so many of the control surface's sites and of the hexahedron's."""
+    own, zero = group.points[:surface], group.points[surface:]
+    return np.concatenate([farthest(own, count[0]), surface + farthest(zero, count[1])])

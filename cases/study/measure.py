@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 from statistics import median
 from typing import Self
 
-import numpy as np
-
 from cases.case import Case
 from cases.confine import DIRECTIONS, GROUPINGS, Region
+from cases.deflect import initial_centers
 from cases.study.loops import Loop
 from cases.study.paper import Evaluation, Row, Setting, Table
 from cases.turn import turn_of
@@ -17,7 +16,6 @@ from deform.greedy import Adaptation, Step, Stop, adapt
 from deform.interpolant import Interpolant
 from deform.kernels import ThinPlateSpline
 from deform.progress import Progress, silent
-from deform.reduction import farthest
 from deform.selection import GreedyOptions
 from deform.sites import DataSites
 from meshing.mesh import TetMesh
@@ -121,12 +119,6 @@ def measure(jobs: Sequence[Job], report: Progress = silent) -> tuple[Measured, .
                 fits[i] = job.run()
                 seconds[i].append(fits[i].history[-1].seconds)
     return tuple(job.measured(fits[i], seconds[i]) for i, job in enumerate(jobs))
-
-
-def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> IndexArray:
-    """Return the rows of the initial centres: so many of the control surface's sites and of the hexahedron's."""
-    own, zero = group.points[:surface], group.points[surface:]
-    return np.concatenate([farthest(own, count[0]), surface + farthest(zero, count[1])])
 
 
 def _name(group: DataSites) -> str:
