@@ -39,6 +39,7 @@ def _full() -> Iterator[Result]:
     yield from per_million.results(rounds=5)
     yield from evaluation.results(rounds=7)
     yield from adaptation.results(adaptation.Extent(5, 5, largest_centers=4_800, largest_sites=103_584))
+    yield from adaptation.gmres()
     seconds, peak = seconds_and_peak(LARGE, evaluation.CENTERS)
     pairs = LARGE * evaluation.CENTERS / seconds
     yield Result("large_evaluation", seconds, "s", 1, f"10 million points, 2,200 centres: {pairs:.3g} pairs/s")

@@ -85,7 +85,7 @@ def _growth(rounds: int) -> Iterator[Result]:
     clouds = [points_around(tail().region, n) for n in points]
     times = side_by_side({str(n): partial(s, c) for n, s, c in zip(points, sums, clouds, strict=True)}, rounds)
     yield Result("evaluation_exponent_points", exponent(points, [times.median(str(n)) for n in points]), "", rounds)
-    centers = [CENTERS * 2**k // 8 for k in range(5)]
+    centers = [CENTERS * 2**k // 4 for k in range(5)]
     sums = [interpolant(task(8, c)) for c in centers]
     times = side_by_side({str(c): partial(s, clouds[2]) for c, s in zip(centers, sums, strict=True)}, rounds)
     yield Result("evaluation_exponent_centers", exponent(centers, [times.median(str(c)) for c in centers]), "", rounds)
