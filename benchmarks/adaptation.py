@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.lapack import best_solve
-from benchmarks.measure import Times, exponent, side_by_side
+from benchmarks.measure import Times, exponent, side_by_side, warm
 from benchmarks.results import Result
 from benchmarks.workloads import Workload, aileron, chimera, tail
 from deform.greedy import Adaptation, adapt
@@ -96,6 +96,7 @@ def gmres() -> Iterator[Result]:
         "worst": runs.grown("worst", options, Worst()),
         "resolve": runs.resolved("resolve", options, krylov(1e-8)),
     }
+    warm({"worst": actions["worst"]})
     yield runs.compared("small_adaptation_vs_gmres", side_by_side(actions, 1), "worst")
 
 
