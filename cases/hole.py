@@ -10,7 +10,7 @@ ROOM = 0.6
 """Half height of the hole by the longest chord: an aileron turned by up to 36 deg stays inside."""
 BEYOND = 0.15
 """How far the hole reaches beyond trailing edge and tip, by the longest chord."""
-CELLS_TO_BLOCK_FACE = 2.0
+CELLS_TO_BLOCK_FACE = 2.5
 """Cells of the background between the hole and the block's face in a gap: the hole's fringe lies there."""
 
 
