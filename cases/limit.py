@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from cases.case import LARGEST_ANGLE, Case
+from cases.confine import ConfinementError
 from cases.deflect import deflect
 from cases.progress import Report
 from meshing.mesh import TetMesh
@@ -16,11 +17,15 @@ from meshing.quality import mean_ratio
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One angle tried: the smallest mean ratio (0 where a cell is inverted) and the steps it took."""
+    """One angle tried: the smallest mean ratio (0 where a cell is inverted or there is no mesh) and the steps.
+
+    `reason` says why there is no mesh: the surface leaves its hexahedron, or a tail's root misses the fuselage.
+    """
 
     angle: float
     quality_min: float
     steps: int
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +73,10 @@ def attempt(case: Case, mesh: TetMesh, angle: float) -> Trial:
     turned = replace(case, angle=angle)
     worst, steps = 1.0, 1
     for one in case.deflections:
-        result = deflect(mesh, turned, one, lambda text, fraction: None)
+        try:
+            result = deflect(mesh, turned, one, lambda text, fraction: None)
+        except ConfinementError as error:
+            return Trial(angle, 0.0, 0, str(error))
         worst = min(worst, float(mean_ratio(result.points, mesh.tets).min()))
         steps = max(steps, len(result.steps))
     return Trial(angle, worst, steps)
@@ -79,8 +87,8 @@ def write_limits(limits: tuple[Limit, Limit], case: Case, threshold: float, fold
     trials = sorted((trial for limit in limits for trial in limit.trials), key=lambda trial: trial.angle)
     with (folder / "limit.csv").open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
-        rows.writerow(["angle_deg", "quality_min", "steps"])
-        rows.writerows([f"{t.angle:g}", f"{t.quality_min:.4f}", t.steps] for t in trials)
+        rows.writerow(["angle_deg", "quality_min", "steps", "reason"])
+        rows.writerows([f"{t.angle:g}", f"{t.quality_min:.4f}", t.steps, t.reason] for t in trials)
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     axes = figure.add_subplot()
     axes.plot([t.angle for t in trials], [t.quality_min for t in trials], "o-", color="#0072b2")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cases.case import AdaptationSettings, Blending, Case, Confinement, Deflection
-from cases.confine import hexahedron_of
+from cases.confine import ConfinementError, hexahedron_of
 from cases.motion import BoolArray, FloatArray, IndexArray, SurfaceMotion, axis_of
 from deform.hexahedron import Hexahedron, box
 from deform.kernels import Multiquadric
@@ -78,7 +78,10 @@ def root_extension(
     multiquadric of that distance, which is zero at the tip-facing end of the root region.
     """
     rays = (apex - rotated) / np.linalg.norm(apex - rotated, axis=1, keepdims=True)
-    onto = cylinder.projected_along(rotated[root], rays[root]) - rotated[root]
+    try:
+        onto = cylinder.projected_along(rotated[root], rays[root]) - rotated[root]
+    except ValueError as error:
+        raise ConfinementError(f"the tail turns so far that its root misses the fuselage: {error}") from None
     distances = np.einsum("ij,ij->i", onto, rays[root])[:, None]
     region, tip = root_region(rotated[root], blending.root)
     still = region.sites_on(tip, 0.25 * blending.root)

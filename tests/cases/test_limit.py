@@ -25,3 +25,10 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
     rows = list(csv.DictReader((tmp_path / "limit.csv").read_text().splitlines()))
     assert len(rows) == sum(len(limit.trials) for limit in limits)
     assert (tmp_path / "limit.png").stat().st_size > 5_000
+
+
+def test_an_angle_that_leaves_the_hexahedron_is_no_limit_but_has_a_reason(aileron_mesh):
+    mesh, _ = aileron_mesh
+    trial = attempt(case_named("tail"), mesh, 60.0)
+    assert trial.quality_min == 0.0
+    assert "hexahedron" in trial.reason or "fuselage" in trial.reason
