@@ -9,6 +9,7 @@ from time import perf_counter
 from benchmarks import adaptation, evaluation, per_million
 from benchmarks.first_call import first_call
 from benchmarks.memory import seconds_and_peak
+from benchmarks.peers import MAIN_PEERS, PEERS
 from benchmarks.results import Result, machine, show, write
 
 LARGE = 10_000_000
@@ -30,14 +31,14 @@ def main() -> None:
 def _quick() -> Iterator[Result]:
     yield from first_call()
     yield from per_million.results(rounds=3)
-    yield from evaluation.results(rounds=3)
+    yield from evaluation.results(3, MAIN_PEERS)
     yield from adaptation.results(adaptation.Extent(3, 1, largest_centers=3_840, largest_sites=51_792))
 
 
 def _full() -> Iterator[Result]:
     yield from first_call()
     yield from per_million.results(rounds=5)
-    yield from evaluation.results(rounds=7)
+    yield from evaluation.results(7, PEERS)
     yield from adaptation.results(adaptation.Extent(5, 5, largest_centers=4_800, largest_sites=103_584))
     yield from adaptation.gmres()
     seconds, peak = seconds_and_peak(LARGE, evaluation.CENTERS)

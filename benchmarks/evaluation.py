@@ -1,6 +1,6 @@
 """Evaluation: our kernel sum beside the others', on the tail's points (section 5.3)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import partial
 
 import numpy as np
@@ -17,9 +17,9 @@ CENTERS, INSIDE, WHOLE = 2_200, 80_261, 623_387
 OURS = "this package"
 
 
-def results(rounds: int) -> Iterator[Result]:
+def results(rounds: int, peers: Iterable[str]) -> Iterator[Result]:
     """Yield all figures about evaluation."""
-    yield from _beside_peers(rounds)
+    yield from _beside_peers(rounds, peers)
     yield from _confined(rounds)
     yield from _growth(rounds)
     points, centers = np.empty((INSIDE, 3)), CENTERS
@@ -40,10 +40,10 @@ def interpolant(sum_: Sum) -> Interpolant:
     return Interpolant(ThinPlateSpline(), sum_.centers, sum_.beta, np.zeros((4, sum_.beta.shape[1])))
 
 
-def _beside_peers(rounds: int) -> Iterator[Result]:
+def _beside_peers(rounds: int, peers: Iterable[str]) -> Iterator[Result]:
     sum_ = task(INSIDE, CENTERS)
     ours = interpolant(sum_)
-    actions, missing = available(sum_)
+    actions, missing = available(sum_, peers)
     everyone = {OURS: lambda: ours(sum_.points), **actions}
     warm(everyone)
     times = side_by_side(everyone, rounds)

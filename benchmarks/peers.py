@@ -4,7 +4,7 @@ import ctypes
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -128,6 +128,7 @@ def keops(task: Sum) -> Action:
     return run
 
 
+MAIN_PEERS = ("C, one direction", "SciPy RBFInterpolator")
 PEERS: dict[str, Callable[[Sum], Action]] = {
     "C, one direction": c_one_direction,
     "NumPy in blocks": numpy_blocks,
@@ -137,10 +138,11 @@ PEERS: dict[str, Callable[[Sum], Action]] = {
 }
 
 
-def available(task: Sum) -> tuple[dict[str, Action], dict[str, str]]:
-    """Return the peers that run here, and why the others do not."""
+def available(task: Sum, names: Iterable[str]) -> tuple[dict[str, Action], dict[str, str]]:
+    """Return the named peers that run here, and why the others do not."""
     actions, missing = {}, {}
-    for name, build in PEERS.items():
+    for name in names:
+        build = PEERS[name]
         try:
             actions[name] = build(task)
         except UnavailableError as reason:
