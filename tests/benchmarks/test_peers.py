@@ -21,7 +21,7 @@ def test_peers_compute_the_same_sum():
 
 
 def test_the_c_peer_leaves_the_floating_point_mode_alone():
-    available(task(40, 10))
+    available(task(40, 10), PEERS)
     assert float(np.float64(5e-324)) > 0.0
     assert np.multiply(np.float64(2.3e-308), 0.5) > 0.0
 
