@@ -108,7 +108,11 @@ def test_interrupt_leaves_previous_results(tmp_path):
     (folder / "metrics.json").write_text("previous")
     environment = {**os.environ, "SDM_DEFLECT_CACHE": str(tmp_path / "empty")}
     words = [sys.executable, "-m", "cases", "run", "aileron", "--out", str(folder)]
-    with subprocess.Popen(words, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+    # A test run in the background of a shell ignores interrupts, and its children would, too.
+    with subprocess.Popen(
+        words, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:  # fmt: skip
         wait_until_meshing(process.pid)
         asked = time.monotonic()
         process.send_signal(signal.SIGINT)

@@ -4,6 +4,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from meshing.errors import MeshingError
 
 WORKER = """
 import os, sys, time
+from collections.abc import Iterator
 from pathlib import Path
 import numpy as np
 from meshing.child import serve
@@ -75,6 +77,15 @@ def test_a_time_limit_holds(worker: str, tmp_path: Path) -> None:
     assert not note.exists() or not alive(int(note.read_text()))
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Let SIGINT raise KeyboardInterrupt, also where the shell that runs the tests ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interruption_takes_effect_at_once_and_leaves_no_child(worker: str, tmp_path: Path) -> None:
     note = tmp_path / "pid"
     when: list[float] = []
