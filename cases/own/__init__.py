@@ -1,0 +1,1 @@
+"""Deflect any marked surface of a mesh of one's own."""

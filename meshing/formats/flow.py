@@ -1,0 +1,194 @@
+"""A mesh of any cells with named boundary patches, as CFD files hold it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshing.mesh import FloatArray, IntArray
+
+CORNERS = {
+    "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,
+}  # fmt: skip
+"""Number of nodes of each shape; names and node order are VTK's linear cells (and meshio's)."""
+VOLUMES = ("tetra", "pyramid", "wedge", "hexahedron")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Cells, or boundary faces, of one shape.
+
+    Parameters
+    ----------
+    shape
+        A key of `CORNERS`.
+    nodes
+        (M, k) node indices in VTK's order, k = CORNERS[shape].
+    """
+
+    shape: str
+    nodes: IntArray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        if self.shape not in CORNERS:
+            raise ValueError(f"shape {self.shape!r} is not one of {', '.join(CORNERS)}")
+        if self.nodes.ndim != 2 or self.nodes.shape[1] != CORNERS[self.shape]:
+            raise ValueError(f"{self.shape} nodes {self.nodes.shape} must be (M, {CORNERS[self.shape]})")
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polygons:
+    """Faces of any number of corners, one after another.
+
+    Parameters
+    ----------
+    nodes
+        (K,) node indices of all faces.
+    offsets
+        (F + 1,) where each face begins in `nodes`, and where the last one ends.
+    """
+
+    nodes: IntArray = field(repr=False)
+    offsets: IntArray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        o = self.offsets
+        if o.ndim != 1 or not len(o) or o[0] != 0 or o[-1] != len(self.nodes) or np.any(np.diff(o) < 3):
+            raise ValueError(f"offsets must rise from 0 to {len(self.nodes)} in steps of 3 or more")
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    def rows(self, start: int, stop: int) -> Polygons:
+        """Return faces start to stop - 1."""
+        own = self.offsets[start : stop + 1]
+        return Polygons(self.nodes[own[0] : own[-1]], own - own[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polyhedra:
+    """Cells of any shape, given by their faces as OpenFOAM does.
+
+    Parameters
+    ----------
+    faces
+        F faces; the normal of each (right-hand rule) points out of its owner.
+    owner
+        (F,) cell on the back of each face.
+    neighbour
+        (I,) cell in front of the first I faces; the others are on the boundary.
+    """
+
+    faces: Polygons
+    owner: IntArray = field(repr=False)
+    neighbour: IntArray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        if len(self.owner) != len(self.faces) or len(self.neighbour) > len(self.faces):
+            raise ValueError(
+                f"{len(self.faces)} faces need as many owners, got {len(self.owner)}, and no more neighbours, "
+                f"got {len(self.neighbour)}"
+            )
+
+    def __len__(self) -> int:
+        return int(max(self.owner.max(initial=-1), self.neighbour.max(initial=-1))) + 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """A named part of the boundary."""
+
+    name: str
+    faces: tuple[Cells | Polygons, ...]
+
+    @property
+    def nodes(self) -> IntArray:
+        """Sorted, distinct indices (K,) of its nodes."""
+        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(f.nodes.ravel() for f in self.faces)]))
+
+    def __len__(self) -> int:
+        return sum(len(f) for f in self.faces)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Zone:
+    """A part of a file with points of its own, such as one grid of an overset pair: points start to stop - 1."""
+
+    name: str
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlowMesh:
+    """Points, cells of every type and named boundary patches.
+
+    Parameters
+    ----------
+    points
+        (N, 3) node coordinates, in the file's unit of length.
+    cells
+        Volume cells, in the file's order: blocks of one shape, or polyhedra.
+    patches
+        Named parts of the boundary; names are distinct.
+    zones
+        Parts with points of their own, which cover all points in order. One unless the file says otherwise.
+
+    Raises
+    ------
+    ValueError
+        For coordinates that are not finite, indices out of range, names given twice.
+    """
+
+    points: FloatArray = field(repr=False)
+    cells: tuple[Cells | Polyhedra, ...]
+    patches: tuple[Patch, ...]
+    zones: tuple[Zone, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.points.ndim != 2 or self.points.shape[1] != 3:
+            raise ValueError(f"points {self.points.shape} must be (N, 3)")
+        bad = ~np.isfinite(self.points).all(axis=1)
+        if bad.any():
+            raise ValueError(f"{int(bad.sum())} points are not finite, the first is point {int(np.argmax(bad))}")
+        names = [patch.name for patch in self.patches]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"patch names must be distinct; given twice: {', '.join(twice)}")
+        for nodes, what in self._indices():
+            if len(nodes) and (nodes.min() < 0 or nodes.max() >= len(self.points)):
+                raise ValueError(
+                    f"{what} name nodes {nodes.min()} to {nodes.max()}, but there are {len(self.points)} points"
+                )
+        if not self.zones:
+            object.__setattr__(self, "zones", (Zone("", 0, len(self.points)),))
+
+    def _indices(self) -> list[tuple[NDArray[np.intp], str]]:
+        found = []
+        for block in self.cells:
+            nodes = block.faces.nodes if isinstance(block, Polyhedra) else block.nodes
+            found.append((nodes, "polyhedra" if isinstance(block, Polyhedra) else block.shape))
+        found += [(faces.nodes, f"patch {patch.name}") for patch in self.patches for faces in patch.faces]
+        return found
+
+    def patch(self, name: str) -> Patch:
+        """Return the patch of that name; KeyError if there is none."""
+        for patch in self.patches:
+            if patch.name == name:
+                return patch
+        raise KeyError(name)
+
+    def on(self, *names: str) -> IntArray:
+        """Sorted, distinct indices (K,) of the nodes on the union of the named patches."""
+        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(self.patch(name).nodes for name in names)]))
+
+    def with_points(self, points: FloatArray) -> FlowMesh:
+        """Return the same cells and patches on moved points (N, 3)."""
+        if points.shape != self.points.shape:
+            raise ValueError(f"points {points.shape} must be {self.points.shape}")
+        return replace(self, points=points)
