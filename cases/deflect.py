@@ -5,15 +5,14 @@ from time import perf_counter
 
 import numpy as np
 
-from cases.case import RULES, AdaptationSettings, Case, Deflection
-from cases.confine import DIRECTIONS, GROUPINGS, Region
+from cases.case import Case, Deflection
+from cases.confine import GROUPINGS, Region
+from cases.fitting import fit_group
 from cases.motion import FloatArray, IndexArray
 from cases.motions import mover
 from cases.progress import Report
 from cases.turn import Turn, turn_of
-from deform.greedy import Adaptation, adapt
-from deform.kernels import ThinPlateSpline
-from deform.reduction import farthest
+from deform.greedy import Adaptation
 from deform.sites import DataSites
 from deform.volume import fused
 from meshing.mesh import TetMesh
@@ -90,20 +89,3 @@ def follow(
         points[region.held] = np.where(region.held_components, held, points[region.held])
         steps.append(Step(fits, float(correction), seconds))
     return points, tuple(steps)
-
-
-def fit_group(sites: DataSites, surface: int, settings: AdaptationSettings, report: Report) -> Adaptation:
-    """Adapt the centres of one group; its first `surface` sites are on the control surface, the rest pinned."""
-    initial = initial_centers(sites, surface, (settings.initial_surface, settings.initial_hexahedron))
-    names = "".join(DIRECTIONS[c] for c in sites.components)
-
-    def tell(text: str, fraction: float) -> None:
-        report(f"{names}: {text}", fraction)
-
-    return adapt(sites, ThinPlateSpline(), initial, settings.options, rule=RULES[settings.rule], progress=tell)
-
-
-def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> IndexArray:
-    """Return the rows of the initial centres: so many of the control surface's sites and of the hexahedron's."""
-    own, zero = group.points[:surface], group.points[surface:]
-    return np.concatenate([farthest(own, count[0]), surface + farthest(zero, count[1])])

@@ -7,7 +7,7 @@ from typing import Self
 
 from cases.case import Case
 from cases.confine import DIRECTIONS, GROUPINGS, Region
-from cases.deflect import initial_centers
+from cases.fitting import initial_centers
 from cases.study.loops import Loop
 from cases.study.paper import Evaluation, Row, Setting, Table
 from cases.turn import turn_of
