@@ -1,0 +1,83 @@
+"""What the page says about a frame."""
+
+from typing import Any
+
+import numpy as np
+
+from cases.view.live import Frame, Live
+from cases.view.span import Spans
+
+
+def verdict(frame: Frame) -> tuple[str, str]:
+    """Return whether the mesh at this angle is verified, as a kind of message and a sentence."""
+    residual, tolerance = f"{1e6 * frame.residual:.1f}", f"{1e6 * frame.tolerance:g}"
+    count = len(frame.inverted)
+    if count:
+        cells = "1 inverted cell" if count == 1 else f"{count} inverted cells"
+        return "error", f"Not verified: {cells} (red)."
+    if frame.residual >= frame.tolerance:
+        return "warning", f"Not verified: residual {residual} µm, above the tolerance of {tolerance} µm."
+    return "success", f"Verified: residual {residual} µm, below {tolerance} µm; no inverted cell."
+
+
+def facts(frame: Frame, live: Live) -> list[dict[str, str]]:
+    """Return the numbers of a frame as rows of a table; each has an id, a name and a value."""
+    rows = [
+        ("residual", "residual at all data sites", f"{1e6 * frame.residual:.2f} µm"),
+        ("tolerance", "its tolerance", f"{1e6 * frame.tolerance:g} µm"),
+        ("smallest", "smallest mean ratio", f"{frame.quality.min():.3f}"),
+        ("inverted", "inverted cells", str(len(frame.inverted))),
+    ]
+    return [{"id": key, "name": name, "value": value} for key, name, value in rows] + [
+        probe for part in live.parts for probe in _probe(frame, part.surface, part.trailing, live)
+    ]
+
+
+def _probe(frame: Frame, surface: str, node: int, live: Live) -> list[dict[str, str]]:
+    """Return where the middle of a trailing edge is and how far it has moved."""
+    point = frame.points[node]
+    moved = 1e3 * float(np.linalg.norm(point - live.mesh.points[node]))
+    name = surface.replace("_", " ")
+    where = ", ".join(f"{1e3 * c:.3f}" for c in point)
+    return [
+        {"id": f"trailing-{surface}", "name": f"{name}: trailing edge x, y, z", "value": f"{where} mm"},
+        {"id": f"moved-{surface}", "name": f"{name}: moved by", "value": f"{moved:.3f} mm"},
+    ]
+
+
+def parsed(text: str, spans: Spans) -> float:
+    """Return the angle (deg) that a user typed.
+
+    Raises
+    ------
+    ValueError
+        One sentence: what is wrong with it and what would be right.
+    """
+    span = spans.possible
+    try:
+        angle = float(text.strip().replace("\N{MINUS SIGN}", "-").removesuffix("°").replace(",", "."))
+    except ValueError:
+        raise ValueError(f"{text.strip()!r} is not a number of degrees") from None
+    if angle not in span:
+        reason = span.below if angle < span.low else span.above if angle > span.high else ""
+        end = f": {reason}" if reason else ""
+        raise ValueError(f"{angle:g}° is outside {span.low:g}° to {span.high:g}°{end}")
+    return angle
+
+
+def about(live: Live) -> dict[str, Any]:
+    """Return what the page says once about the run."""
+    case, parts = live.case, live.parts
+    centres = sum(len(group.chosen) for part in parts for stage in part.stages for group in stage.groups)
+    steps = sum(len(part.stages) for part in parts)
+    surfaces = [
+        part.surface.replace("_", " ") + ("" if part.factor == 1.0 else f" × {part.factor:g}") for part in parts
+    ]
+    return {
+        "run_title": case.title,
+        "run_facts": f"{len(live.mesh.points):,} points, {len(live.mesh.tets):,} tetrahedra, of which "
+        f"{len(live.cells):,} touch a hexahedron. {centres:,} centres of the run at {case.angle:+g}°"
+        + (f", {steps} steps" if steps > len(parts) else "")
+        + ". "
+        + ("Surfaces: " + ", ".join(surfaces) + "." if len(parts) > 1 else ""),
+    }
