@@ -3,8 +3,11 @@
 from pathlib import Path
 
 from meshing.formats.format import Format, MeshFileError
+from meshing.formats.su2 import Su2
 
-FORMATS: dict[str, Format] = {}
+FORMATS: dict[str, Format] = {
+    "su2": Su2(),
+}
 """Every format by its name; a format is added here and nowhere else."""
 
 

@@ -1,0 +1,32 @@
+"""Selection and reversal of faces of any number of corners."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from meshing.formats.flow import Polygons
+from meshing.mesh import BoolArray, IntArray
+
+
+def polygons(nodes: IntArray, sizes: IntArray) -> Polygons:
+    """Return the faces with `sizes` (F,) corners each, whose nodes follow one another in `nodes` (K,)."""
+    return Polygons(nodes, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp))
+
+
+def taken(faces: Polygons, rows: IntArray) -> Polygons:
+    """Return the faces `rows` (R,), in that order."""
+    return _gathered(faces, rows, np.zeros(len(rows), dtype=np.bool_))
+
+
+def turned(faces: Polygons, backward: BoolArray) -> Polygons:
+    """Return all faces, those marked in `backward` (F,) with their nodes in reverse order."""
+    return _gathered(faces, np.arange(len(faces)), backward)
+
+
+def _gathered(faces: Polygons, rows: IntArray, backward: BoolArray) -> Polygons:
+    sizes = np.diff(faces.offsets)[rows]
+    offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
+    within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], sizes)
+    flipped = np.repeat(backward, sizes)
+    within[flipped] = (np.repeat(sizes, sizes) - 1 - within)[flipped]
+    return Polygons(faces.nodes[np.repeat(faces.offsets[rows], sizes) + within], offsets)

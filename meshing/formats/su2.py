@@ -1,0 +1,46 @@
+"""SU2 meshes (.su2) in three dimensions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from meshing.formats.flow import FlowMesh
+from meshing.formats.format import Progress, silent
+from meshing.formats.guard import about, fresh
+from meshing.formats.su2_read import read_zones
+from meshing.formats.su2_source import Su2File
+from meshing.formats.su2_write import copy_moved, write_mesh
+from meshing.mesh import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Su2:
+    """Text with one line for each point, cell and boundary face; markers by name, several zones in one file.
+
+    Points of other processes (markers SEND_RECEIVE), free-form boxes, periodic data and comments are no part of the
+    mesh; a rewritten file keeps them. Cells are one block of each shape, in the file's order within the shape.
+    """
+
+    name: str = "su2"
+    suffixes: tuple[str, ...] = (".su2",)
+
+    def read(self, path: Path, progress: Progress = silent) -> FlowMesh:
+        """See `Format.read`."""
+        with about(path), path.open("rb") as file:
+            return read_zones(Su2File.opened(file, partial(progress, f"reading {path.name}")))
+
+    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        """See `Format.rewrite`; each coordinate that changed is written with as many digits as it needs."""
+        with fresh(out, source) as beside, about(source), source.open("rb") as file, beside.open("wb") as copy:
+            copy_moved(Su2File.opened(file, partial(progress, f"writing {out.name}")), points, copy)
+
+    def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+        """See `Format.write`; polyhedra and faces of more than four corners are a MeshFileError."""
+        with fresh(out) as beside, about(out), beside.open("wb") as file:
+            renamed = write_mesh(mesh, file, partial(progress, f"writing {out.name}"))
+        lost = [f"patch {old} is marker {new}" for old, new in renamed.items()]
+        if len(mesh.zones) > 1:
+            lost.append("SU2 numbers its zones; the names " + ", ".join(z.name for z in mesh.zones) + " are lost")
+        return tuple(lost)

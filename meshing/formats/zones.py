@@ -1,0 +1,105 @@
+"""Zones apart, each with points counted from 0, and together in one mesh."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra, Zone
+from meshing.formats.polygons import taken
+from meshing.mesh import BoolArray, IntArray
+
+Faces = TypeVar("Faces", bound=Cells | Polygons)
+
+
+def joined(names: Sequence[str], parts: Sequence[FlowMesh]) -> FlowMesh:
+    """Put zones one after another into one mesh.
+
+    A patch keeps its name where no other zone has a patch of that name, and is called ``"zone/patch"`` otherwise.
+    """
+    starts = np.cumsum([0, *(len(part.points) for part in parts)]).tolist()
+    zones = tuple(Zone(name, start, stop) for name, start, stop in zip(names, starts, starts[1:], strict=False))
+    if len(parts) == 1:
+        return replace(parts[0], zones=zones)
+    count = Counter(patch.name for part in parts for patch in part.patches)
+    patches = [
+        Patch(
+            patch.name if count[patch.name] == 1 else f"{zone.name}/{patch.name}",
+            tuple(_shifted(faces, zone.start) for faces in patch.faces),
+        )
+        for zone, part in zip(zones, parts, strict=True)
+        for patch in part.patches
+    ]
+    cells = [_shifted_cells(block, zone.start) for zone, part in zip(zones, parts, strict=True) for block in part.cells]
+    return FlowMesh(np.concatenate([part.points for part in parts]), tuple(cells), tuple(patches), zones)
+
+
+def part(mesh: FlowMesh, zone: Zone) -> FlowMesh:
+    """Return one zone's points, cells and patches (``"zone/patch"`` is ``"patch"`` again), nodes counted from 0.
+
+    Raises
+    ------
+    ValueError
+        If a cell or a boundary face joins two zones.
+    """
+    if (zone.start, zone.stop) == (0, len(mesh.points)):
+        return replace(mesh, patches=tuple(_unprefixed(patch, zone) for patch in mesh.patches))
+    cells = [block for block in (_cells_inside(block, zone) for block in mesh.cells) if len(block)]
+    patches = []
+    for patch in mesh.patches:
+        faces = [_inside(f, zone, f"faces of patch {patch.name}") for f in patch.faces]
+        if any(len(f) for f in faces):
+            patches.append(_unprefixed(Patch(patch.name, tuple(f for f in faces if len(f))), zone))
+    return FlowMesh(mesh.points[zone.start : zone.stop], tuple(cells), tuple(patches))
+
+
+def _unprefixed(patch: Patch, zone: Zone) -> Patch:
+    return replace(patch, name=patch.name.removeprefix(f"{zone.name}/"))
+
+
+def _shifted(block: Faces, by: int) -> Faces:
+    return replace(block, nodes=block.nodes + by) if by else block
+
+
+def _shifted_cells(block: Cells | Polyhedra, by: int) -> Cells | Polyhedra:
+    return replace(block, faces=_shifted(block.faces, by)) if isinstance(block, Polyhedra) else _shifted(block, by)
+
+
+def _cells_inside(block: Cells | Polyhedra, zone: Zone) -> Cells | Polyhedra:
+    if isinstance(block, Cells):
+        return _inside(block, zone, f"{block.shape} cells")
+    own = _within(block.faces, zone)
+    if own.any() and not own.all():
+        raise ValueError(f"polyhedra of zone {zone.name} and of other zones must be blocks of their own")
+    if own.all():
+        return _shifted_cells(block, -zone.start)
+    empty = np.empty(0, dtype=np.intp)
+    return Polyhedra(taken(block.faces, empty), empty, empty)
+
+
+def _inside(block: Faces, zone: Zone, what: str) -> Faces:
+    own = _within(block, zone)
+    if isinstance(block, Polygons):
+        starts = block.offsets[:-1]
+        some, whole = (np.asarray(of.reduceat(own, starts)) for of in (np.logical_or, np.logical_and))
+    else:
+        some, whole = (np.asarray(of.reduce(own, axis=1)) for of in (np.logical_or, np.logical_and))
+    torn = int(np.count_nonzero(some & ~whole))
+    if torn:
+        raise ValueError(f"{torn} {what} join zone {zone.name} to another zone")
+    return _shifted(block if whole.all() else _chosen(block, np.flatnonzero(whole)), -zone.start)
+
+
+def _chosen(block: Faces, rows: IntArray) -> Faces:
+    if isinstance(block, Polygons):
+        faces = taken(block, rows)
+        return replace(block, nodes=faces.nodes, offsets=faces.offsets)
+    return replace(block, nodes=block.nodes[rows])
+
+
+def _within(faces: Cells | Polygons, zone: Zone) -> BoolArray:
+    return (faces.nodes >= zone.start) & (faces.nodes < zone.stop)
