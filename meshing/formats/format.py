@@ -20,16 +20,17 @@ class MeshFileError(RuntimeError):
 
 
 class Format(Protocol):
-    """Reads, rewrites and writes the files of one format.
+    """Reads, rewrites and writes the files of one format."""
 
-    Attributes
-    ----------
-    name : what users call it, such as ``"su2"``.
-    suffixes : of its files, such as ``(".su2",)``; an OpenFOAM case is a folder.
-    """
+    @property
+    def name(self) -> str:
+        """What users call it, such as ``"su2"``."""
+        ...
 
-    name: str
-    suffixes: tuple[str, ...]
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """The suffixes of its files, such as ``(".su2",)``; an OpenFOAM case is a folder."""
+        ...
 
     def read(self, path: Path, progress: Progress = silent) -> FlowMesh:
         """Return the mesh in a file.
