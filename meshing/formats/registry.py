@@ -3,22 +3,26 @@
 from pathlib import Path
 
 from meshing.formats.format import Format, MeshFileError
+from meshing.formats.openfoam import OpenFoam
 from meshing.formats.su2 import Su2
 
 FORMATS: dict[str, Format] = {
     "su2": Su2(),
+    "openfoam": OpenFoam(),
 }
 """Every format by its name; a format is added here and nowhere else."""
 
 
 def format_of(path: Path) -> Format:
-    """Return the format of a file by its suffix (an OpenFOAM case: by its folder constant/polyMesh).
+    """Return the format of a file by its suffix; a folder, or a name without suffix, is an OpenFOAM case.
 
     Raises
     ------
     MeshFileError
         If no format has that suffix.
     """
+    if path.is_dir() or not (path.suffix or path.is_file()):
+        return FORMATS["openfoam"]
     for known in FORMATS.values():
         if path.suffix.lower() in known.suffixes:
             return known

@@ -1,0 +1,138 @@
+"""OpenFOAM cases: the mesh in the folder ``constant/polyMesh``."""
+
+from __future__ import annotations
+
+import gzip
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from meshing.formats.flow import FlowMesh, Patch, Polyhedra
+from meshing.formats.folder import copied, fresh_folder
+from meshing.formats.format import MeshFileError, Progress, silent
+from meshing.formats.guard import about, check_points
+from meshing.formats.moved import with_bytes, with_numbers
+from meshing.formats.openfoam_boundary import parse
+from meshing.formats.openfoam_file import faces, labels, open_foam, vectors
+from meshing.formats.openfoam_system import write_system
+from meshing.formats.openfoam_write import write_mesh
+from meshing.mesh import FloatArray
+
+MESH = Path("constant", "polyMesh")
+STALE = ("processor*",)
+"""Parts of a decomposed case: their meshes would be the old ones, so they are not copied."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenFoam:
+    """A case folder, its folder ``polyMesh``, or a file such as ``case.foam`` in the case folder.
+
+    Cells are polyhedra, patches are polygons. Files may be text or binary (labels of 32 or 64 bits) and packed
+    (.gz). Types of patches, zones and sets are no part of the mesh; a rewritten case keeps them, as it keeps every
+    file but `points`; only the parts of a decomposed case (``processor0`` and so on) are not copied. Meshes of time
+    folders are not looked at. Output is a folder that must not exist, or be empty.
+    """
+
+    name: str = "openfoam"
+    suffixes: tuple[str, ...] = (".foam",)
+
+    def read(self, path: Path, progress: Progress = silent) -> FlowMesh:
+        """See `Format.read`."""
+        folder = mesh_folder(path)
+        with about(folder / "points"):
+            points = vectors(open_foam(folder, "points")).values
+        progress("reading faces", 0.3)
+        with about(folder / "faces"):
+            polygons = faces(open_foam(folder, "faces"))
+        with about(folder / "owner"):
+            owner = labels(open_foam(folder, "owner"))
+        with about(folder / "neighbour"):
+            neighbour = labels(open_foam(folder, "neighbour"))[: len(owner)]
+        progress("reading patches", 0.8)
+        with about(folder / "boundary"):
+            file = open_foam(folder, "boundary")
+            patches = parse(file.text())
+        with about(folder):
+            cells = Polyhedra(polygons, owner, neighbour[neighbour >= 0])
+            _check_cells(cells)
+            for patch in patches:
+                _check_range(patch.name, patch.start, patch.count, len(polygons))
+            named = [Patch(p.name, (polygons.rows(p.start, p.start + p.count),)) for p in patches]
+            return FlowMesh(points, (cells,), tuple(named))
+
+    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        """See `Format.rewrite`; `out` is a copy of the case (of the folder ``polyMesh`` if `source` is one)."""
+        mesh = mesh_folder(source)
+        case = mesh if mesh.resolve() == source.resolve() else mesh.parent.parent
+        with fresh_folder(case_folder(out), case) as beside:
+            copied(case, beside, STALE)
+            progress(f"writing {out.name}", 0.5)
+            _move(mesh, points, beside / mesh.relative_to(case))
+
+    def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+        """See `Format.write`; types of patches follow from their names, the case can be read by checkMesh.
+
+        A name that begins with ``sym`` is a plane of symmetry; one with ``far``, ``inlet``, ``outlet``,
+        ``chimera`` or ``overset`` in it a ``patch``; all others are walls.
+        """
+        with fresh_folder(case_folder(out)) as beside, about(out):
+            progress(f"writing {out.name}", 0.0)
+            lost = write_mesh(mesh, beside / MESH)
+            write_system(beside)
+            (beside / "case.foam").touch()
+        return lost
+
+
+def case_folder(out: Path) -> Path:
+    """Return the folder to write: `out`, or the folder that a file ``case.foam`` would lie in."""
+    return out.parent if out.suffix == ".foam" else out
+
+
+def mesh_folder(path: Path) -> Path:
+    """Return the folder with the points of a case.
+
+    Raises
+    ------
+    MeshFileError
+        If there is none.
+    """
+    case = path.parent if path.suffix == ".foam" else path
+    for folder in (case / MESH, case):
+        if any((folder / name).is_file() for name in ("points", "points.gz")):
+            return folder
+    if not path.exists():
+        raise MeshFileError(f"{path}: No such file or directory")
+    raise MeshFileError(f"{path}: is not an OpenFOAM case; it has no file {MESH / 'points'}")
+
+
+def _move(mesh: Path, points: FloatArray, out: Path) -> None:
+    """Write the file `points` of the folder `out`, as it is in the folder `mesh` but for coordinates that changed."""
+    with about(mesh / "points"):
+        file = open_foam(mesh, "points")
+        old = vectors(file)
+        check_points(points, len(old.values))
+        changed = old.values != points
+        if file.binary:
+            data = with_bytes(file.data, old.begin[changed], points[changed], file.kind("scalar"))
+        else:
+            data = with_numbers(file.data, old.begin[changed], old.end[changed], points[changed])
+    if (mesh / "points").is_file():
+        (out / "points").write_bytes(data)
+    else:
+        (out / "points.gz").write_bytes(gzip.compress(data, mtime=0))
+
+
+def _check_cells(cells: Polyhedra) -> None:
+    """Refuse cells with fewer than four faces, which damaged labels leave behind."""
+    sides = np.concatenate([cells.owner, cells.neighbour])
+    if not len(sides) or sides.min() < 0 or sides.max() >= len(sides):
+        raise MeshFileError(f"owner and neighbour name cells that {len(cells.faces)} faces cannot bound")
+    few = int(np.count_nonzero(np.bincount(sides) < 4))
+    if few:
+        raise MeshFileError(f"{few} of {len(cells)} cells have fewer than four faces; owner or neighbour is damaged")
+
+
+def _check_range(name: str, start: int, count: int, faces: int) -> None:
+    if start < 0 or count < 0 or start + count > faces:
+        raise MeshFileError(f"patch {name} has the faces {start} to {start + count - 1}, but there are {faces}")

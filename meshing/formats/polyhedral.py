@@ -1,0 +1,127 @@
+"""Faces of all cells with the two cells they lie between, as OpenFOAM orders them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from meshing.formats.faces import FACES, Keys, face_keys, node_keys
+from meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra
+from meshing.formats.format import MeshFileError
+from meshing.formats.polygons import polygons, taken, turned
+from meshing.mesh import IntArray
+
+LOOSE = "unnamed"
+"""Patch of the boundary faces that are on no patch."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bounded:
+    """Polyhedra whose boundary faces are sorted by patch.
+
+    Parameters
+    ----------
+    cells
+        First the faces between two cells, by lower cell, then by higher; then the boundary, patch by patch.
+    patches
+        Name, first face and number of faces of each patch.
+    lost
+        A sentence for each thing that could not be kept.
+    """
+
+    cells: Polyhedra = field(repr=False)
+    patches: tuple[tuple[str, int, int], ...]
+    lost: tuple[str, ...]
+
+
+def bounded(mesh: FlowMesh) -> Bounded:
+    """Return the cells of a mesh as polyhedra, in the same order.
+
+    Raises
+    ------
+    MeshFileError
+        If a face is of three cells or more, if a patch's faces are of no cell, or for standard cells beside polyhedra.
+    """
+    keys = node_keys(len(mesh.points))
+    faces, owner, neighbour = _paired(mesh, keys)
+    inner = np.flatnonzero(neighbour >= 0)
+    inner = inner[np.lexsort((neighbour[inner], owner[inner]))]
+    outer = np.flatnonzero(neighbour < 0)
+    patch, lost = _patch_of(mesh, face_keys(taken(faces, outer), keys), keys)
+    order = np.lexsort((owner[outer], patch))
+    names = [p.name for p in mesh.patches]
+    counts = np.bincount(patch, minlength=len(names) + 1)
+    if counts[-1]:
+        lost.append(f"{counts[-1]} boundary faces are on no patch; they are in the patch {LOOSE}")
+        names.append(LOOSE)
+    starts = len(inner) + np.concatenate([[0], np.cumsum(counts)])
+    rows = np.concatenate([inner, outer[order]])
+    cells = Polyhedra(taken(faces, rows), owner[rows], neighbour[inner])
+    ranges = tuple((name, int(starts[i]), int(counts[i])) for i, name in enumerate(names))
+    return Bounded(cells, ranges, tuple(lost))
+
+
+def _paired(mesh: FlowMesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
+    """Every face once, its owner (the lower cell, whose outward normal it has) and its neighbour or -1."""
+    if len(mesh.cells) == 1 and isinstance(mesh.cells[0], Polyhedra):
+        return _lower_first(mesh.cells[0])
+    faces, cell = _faces_of_cells(mesh)
+    key = face_keys(faces, keys)
+    order = np.lexsort((cell, key))
+    same = key[order][1:] == key[order][:-1]
+    thrice = int(np.count_nonzero(same[1:] & same[:-1]))
+    if thrice:
+        raise MeshFileError(f"{thrice} faces are of three cells or more")
+    neighbour = np.full(len(cell), -1, dtype=np.intp)
+    neighbour[order[:-1][same]] = cell[order[1:][same]]
+    second = np.zeros(len(cell), dtype=np.bool_)
+    second[order[1:][same]] = True
+    kept = np.flatnonzero(~second)
+    return taken(faces, kept), cell[kept], neighbour[kept]
+
+
+def _lower_first(cells: Polyhedra) -> tuple[Polygons, IntArray, IntArray]:
+    neighbour = np.full(len(cells.faces), -1, dtype=np.intp)
+    neighbour[: len(cells.neighbour)] = cells.neighbour
+    swap = (neighbour >= 0) & (neighbour < cells.owner)
+    owner, other = np.where(swap, neighbour, cells.owner), np.where(swap, cells.owner, neighbour)
+    return turned(cells.faces, swap), owner, other
+
+
+def _faces_of_cells(mesh: FlowMesh) -> tuple[Polygons, IntArray]:
+    nodes, sizes, cell, first = [], [], [], 0
+    for block in mesh.cells:
+        if isinstance(block, Polyhedra):
+            raise MeshFileError(f"{len(block)} polyhedra are mixed with other cells")
+        for face in FACES[block.shape]:
+            nodes.append(block.nodes[:, list(face)].ravel())
+            sizes.append(np.full(len(block), len(face), dtype=np.intp))
+            cell.append(np.arange(first, first + len(block)))
+        first += len(block)
+    if not first:
+        raise MeshFileError("there are no volume cells")
+    return polygons(np.concatenate(nodes), np.concatenate(sizes)), np.concatenate(cell)
+
+
+def _patch_of(mesh: FlowMesh, key: Keys, keys: Keys) -> tuple[IntArray, list[str]]:
+    """Index (B,) of the patch of each boundary face; one past the last for faces on no patch."""
+    found = np.full(len(key), len(mesh.patches), dtype=np.intp)
+    order = np.argsort(key)
+    lost = []
+    for i, patch in enumerate(mesh.patches):
+        own = _keys(patch, keys)
+        place = order[np.minimum(np.searchsorted(key, own, sorter=order), len(key) - 1)]
+        there = key[place] == own
+        taken_before = there & (found[place] < len(mesh.patches))
+        found[place[there & ~taken_before]] = i
+        if not there.all():
+            lost.append(f"{np.count_nonzero(~there)} faces of patch {patch.name} are not on the boundary; left out")
+        if taken_before.any():
+            lost.append(f"{np.count_nonzero(taken_before)} faces of patch {patch.name} are on another patch; left out")
+    return found, lost
+
+
+def _keys(patch: Patch, keys: Keys) -> Keys:
+    blocks: list[Cells | Polygons] = [faces for faces in patch.faces if len(faces)]
+    return np.concatenate([np.empty(0, np.uint64), *(face_keys(faces, keys) for faces in blocks)])
