@@ -14,7 +14,7 @@ from deform.kernels import FloatArray, Kernel, phi
 from deform.progress import Progress, silent
 from deform.threads import in_chunks
 
-WIDTHS = (1, 4, 8)  # columns of one pass: one machine code for each, the narrowest that fits is taken
+WIDTHS = (1, 3, 8)  # columns of one pass: one machine code for each, the narrowest that fits is taken
 PADDING = 32  # centres are filled up to a multiple of this with weight zero: whole vectors, no remainder loop
 
 
@@ -104,27 +104,20 @@ def _sum_rows(
 ) -> None:  # pragma: no cover - machine code
     """Sum at x (N, 3) over centres c (3, C) with weights b (w, C), add polynomials a (k, 4): out (N, k).
 
-    Two points at a time keep the processor busy where centres are few. The w sums of a point are kept in a tuple,
-    which LLVM keeps in registers; the point's own loop over them is short enough to be unrolled.
+    The w sums of a point are kept in a tuple, which LLVM keeps in registers; it interleaves the loop over the centres
+    by itself.
     """
     prefer_wide_vectors()
-    for i in range(0, len(x), 2):
-        n = min(i + 1, len(x) - 1)
+    for i in range(len(x)):
         x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
-        y0, y1, y2 = x[n, 0], x[n, 1], x[n, 2]
-        s, t = zeros, zeros
+        s = zeros
         for j in range(c.shape[1]):
             d0, d1, d2 = x0 - c[0, j], x1 - c[1, j], x2 - c[2, j]
-            e0, e1, e2 = y0 - c[0, j], y1 - c[1, j], y2 - c[2, j]
             p = phi(code, d0 * d0 + d1 * d1 + d2 * d2)
-            q = phi(code, e0 * e0 + e1 * e1 + e2 * e2)
             for k in range(len(zeros)):
                 s = tuple_setitem(s, k, s[k] + b[k, j] * p)
-            for k in range(len(zeros)):
-                t = tuple_setitem(t, k, t[k] + b[k, j] * q)
         for k in range(len(a)):
             out[i, k] = s[k] + (a[k, 0] + a[k, 1] * x0 + a[k, 2] * x1 + a[k, 3] * x2)
-            out[n, k] = t[k] + (a[k, 0] + a[k, 1] * y0 + a[k, 2] * y1 + a[k, 3] * y2)
 
 
 @compiled
