@@ -8,6 +8,7 @@ import click
 from rich.console import Console
 
 from cases.cli_study import study
+from cases.cli_view import view
 
 FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 FILE = click.Path(path_type=Path)
@@ -162,6 +163,7 @@ def cache(clear: bool) -> None:
 
 
 cli.add_command(study)
+cli.add_command(view)
 
 
 def main() -> NoReturn:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from cases.view.histogram import histogram
+from cases.view.layout import BOX, NOTES
 from cases.view.live import Frame, Live
 from cases.view.pieces import Piece, Pieces, bounds, boxes, outline
 from cases.view.scene import Scene
@@ -24,7 +25,7 @@ class Wish:
     axis: str
     position: float  # m
     sectioned: bool = True
-    cut: bool = True
+    cut: bool = False
 
     @property
     def plane(self) -> Plane | None:
@@ -94,7 +95,7 @@ class Control:
         kind, sentence = verdict(self.frame)
         return {
             "status": sentence,
-            "status_kind": kind,
+            "status_style": BOX + NOTES[kind],
             "facts": facts(self.frame, self.live),
             "histogram": histogram(self.frame.quality, self.undeflected.quality),
         }

@@ -8,9 +8,9 @@ from cases.motion import FloatArray, IndexArray
 from cases.report.colours import quality_rgb
 
 BINS = np.linspace(0.0, 1.0, 41)
-WIDTH, HEIGHT, LEFT, BASE = 340.0, 150.0, 34.0, 118.0
+WIDTH, HEIGHT, LEFT, BASE = 340.0, 126.0, 38.0, 96.0
 """Size of the drawing, and where its axes cross."""
-TOP = 8.0
+TOP, RIGHT = 6.0, 12.0
 COUNTS = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
 
 
@@ -27,7 +27,7 @@ def histogram(quality: FloatArray, before: FloatArray) -> str:
 
 
 def _x(value: float) -> float:
-    return LEFT + (WIDTH - LEFT - 6.0) * value
+    return LEFT + (WIDTH - LEFT - RIGHT) * value
 
 
 def _y(count: float, top: float) -> float:
@@ -39,7 +39,7 @@ def _y(count: float, top: float) -> float:
 def _axes(top: float) -> Iterator[str]:
     for count in (0, *(c for c in COUNTS if c <= top)):
         y = _y(count, top)
-        yield f'<line x1="{LEFT}" x2="{WIDTH - 6}" y1="{y:.1f}" y2="{y:.1f}" stroke="#ddd"/>'
+        yield f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}" stroke="#ddd"/>'
         yield f'<text x="{LEFT - 4}" y="{y + 3:.1f}" text-anchor="end">{count:,}</text>'
     for tick in np.linspace(0.0, 1.0, 6):
         yield f'<text x="{_x(tick):.1f}" y="{BASE + 13}" text-anchor="middle">{tick:.1f}</text>'

@@ -122,10 +122,7 @@ class Pieces:
 
     def side(self, plane: Plane | None) -> float:
         """Return on which side of a plane the walls are cut away: outboard, aft or above."""
-        if plane is None or plane.axis != 1:
-            return 1.0
-        low, high = bounds(self.live)
-        return 1.0 if low[1] + high[1] > 0.0 else -1.0
+        return outboard(self.live) if plane is not None and plane.axis == 1 else 1.0
 
 
 def polygons(section: Section, rgb: Colours) -> Piece:
@@ -153,10 +150,17 @@ def outline(live: Live) -> Piece:
     low, high = np.full(len(distinct), np.iinfo(np.intp).max), np.full(len(distinct), -1)
     np.minimum.at(low, where.ravel(), label)
     np.maximum.at(high, where.ravel(), label)
-    return Piece(mesh.points, (distinct[(count == 1) | (low != high)],))
+    nodes, lines = np.unique(distinct[(count == 1) | (low != high)], return_inverse=True)
+    return Piece(mesh.points[nodes], (lines.reshape(-1, 2),))
 
 
 def bounds(live: Live) -> tuple[FloatArray, FloatArray]:
     """Return the lowest and highest coordinates (3,) of all hexahedra."""
     corners = np.vstack([part.region.hexahedron.corners for part in live.parts])
     return corners.min(axis=0), corners.max(axis=0)
+
+
+def outboard(live: Live) -> float:
+    """Return the sign of y outboard: -1 for a surface on the port side or across the middle, else 1."""
+    low, high = bounds(live)
+    return 1.0 if low[1] + high[1] > 1e-6 else -1.0

@@ -5,10 +5,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from trame_vtk.modules.vtk.serializers.registry import register_instance_serializer
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import VTK_ID_TYPE, VTK_UNSIGNED_CHAR, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkRenderer
+from vtkmodules.vtkRenderingExternal import vtkExternalOpenGLCamera
 from vtkmodules.vtkRenderingOpenGL2 import vtkGenericOpenGLRenderWindow
 
 from cases.motion import FloatArray
@@ -28,8 +30,8 @@ class Look:
 
 DARK, GREY = (0.2, 0.2, 0.2), (0.62, 0.63, 0.65)
 LOOKS = {
-    "body": Look(edge=GREY),
-    "surface": Look(edge=(0.12, 0.33, 0.47)),
+    "body": Look(edge=(0.7, 0.71, 0.73), ambient=0.45),
+    "surface": Look(edge=(0.12, 0.33, 0.47), ambient=0.45),
     "around": Look(edge=GREY, ambient=1.0),
     "section": Look(edge=DARK, ambient=1.0),
     "inverted": Look((0.84, 0.0, 0.0), (0.0, 0.0, 0.0), 2.0, 1.0),
@@ -48,6 +50,9 @@ class Scene:
     actors: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        # Scenes are sent without a camera of this kind: the browser keeps its own when the mesh moves.
+        register_instance_serializer("vtkExternalOpenGLCamera", lambda *_: None)
+        self.renderer.SetActiveCamera(vtkExternalOpenGLCamera())
         self.renderer.SetBackground(1.0, 1.0, 1.0)
         self.window.AddRenderer(self.renderer)
         for name, look in LOOKS.items():
@@ -80,6 +85,9 @@ def _actor(look: Look) -> Any:
     """Return an actor without content."""
     actor, mapper, data = vtkActor(), vtkPolyDataMapper(), vtkPolyData()
     mapper.SetInputDataObject(data)
+    mapper.SetScalarModeToUseCellFieldData()
+    mapper.SelectColorArray("rgb")
+    mapper.SetColorModeToDirectScalars()
     actor.SetMapper(mapper)
     actor.SetVisibility(False)
     shown = actor.GetProperty()

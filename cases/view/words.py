@@ -14,17 +14,16 @@ def verdict(frame: Frame) -> tuple[str, str]:
     count = len(frame.inverted)
     if count:
         cells = "1 inverted cell" if count == 1 else f"{count} inverted cells"
-        return "error", f"Not verified: {cells} (red)."
+        return "error", f"\N{MULTIPLICATION X} Not verified: {cells}, drawn red; residual {residual} µm."
     if frame.residual >= frame.tolerance:
-        return "warning", f"Not verified: residual {residual} µm, above the tolerance of {tolerance} µm."
-    return "success", f"Verified: residual {residual} µm, below {tolerance} µm; no inverted cell."
+        return "warning", f"! Not verified: residual {residual} µm, above the run's tolerance of {tolerance} µm."
+    return "success", f"\N{CHECK MARK} Verified: residual {residual} µm, below {tolerance} µm; no inverted cell."
 
 
 def facts(frame: Frame, live: Live) -> list[dict[str, str]]:
     """Return the numbers of a frame as rows of a table; each has an id, a name and a value."""
     rows = [
         ("residual", "residual at all data sites", f"{1e6 * frame.residual:.2f} µm"),
-        ("tolerance", "its tolerance", f"{1e6 * frame.tolerance:g} µm"),
         ("smallest", "smallest mean ratio", f"{frame.quality.min():.3f}"),
         ("inverted", "inverted cells", str(len(frame.inverted))),
     ]
@@ -37,11 +36,11 @@ def _probe(frame: Frame, surface: str, node: int, live: Live) -> list[dict[str, 
     """Return where the middle of a trailing edge is and how far it has moved."""
     point = frame.points[node]
     moved = 1e3 * float(np.linalg.norm(point - live.mesh.points[node]))
-    name = surface.replace("_", " ")
-    where = ", ".join(f"{1e3 * c:.3f}" for c in point)
+    name = "" if len(live.parts) == 1 else surface.replace("_", " ") + ": "
+    where = ", ".join(f"{1e3 * c:.2f}" for c in point)
     return [
-        {"id": f"trailing-{surface}", "name": f"{name}: trailing edge x, y, z", "value": f"{where} mm"},
-        {"id": f"moved-{surface}", "name": f"{name}: moved by", "value": f"{moved:.3f} mm"},
+        {"id": f"trailing-{surface}", "name": f"{name}trailing edge", "value": f"({where}) mm"},
+        {"id": f"moved-{surface}", "name": f"{name}moved by", "value": f"{moved:.3f} mm"},
     ]
 
 

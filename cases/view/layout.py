@@ -1,0 +1,125 @@
+"""The page: what stands where. Texts of a run reach it as values of the state, never as part of a template."""
+
+from typing import Any
+
+from trame.ui.vuetify3 import VAppLayout
+from trame.widgets import html, vtk, vuetify3
+
+from cases.report.colours import QUALITY_RANGE, quality_rgb
+
+PANEL = "width:384px;min-width:384px;height:100vh;overflow-y:auto;border-right:1px solid #ddd;background:#fafafa"
+HEADING = "font:600 11px sans-serif;letter-spacing:.04em;color:#555;margin:9px 0 2px"
+SMALL = "font:12px/1.45 sans-serif;color:#444"
+NUMBER = "text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums"
+BOX = "font:13px/1.4 sans-serif;color:#111;margin-top:6px;padding:5px 10px;border-radius:3px;border-left:5px solid "
+NOTES = {
+    "success": "#2e7d32;background:#e6f2e6",
+    "warning": "#e69f00;background:#fdf3dc",
+    "error": "#b00020;background:#fbe4e7",
+}
+"""Border and background of a message; its text is always dark and says the same in words."""
+KEY = "position:absolute;right:12px;bottom:10px;background:#ffffffd9;padding:6px 10px;border-radius:4px;" + SMALL
+
+
+def lay_out(server: Any, window: Any, actions: Any) -> Any:
+    """Lay the page out and return the view; `actions` has `accept`, `fit` and `face`."""
+    with VAppLayout(server), html.Div(style="display:flex;height:100vh;width:100vw;overflow:hidden"):
+        with html.Div(style=PANEL), html.Div(style="padding:10px 18px"):
+            html.Div("{{ run_title }}", style="font:600 17px/1.3 sans-serif", id="title")
+            html.Div("{{ run_facts }}", style=SMALL + ";margin-top:4px")
+            _angle(actions.accept)
+            _numbers()
+            _section(actions.face)
+            _shown()
+        with html.Div(style="flex:1;position:relative;min-width:0;height:100vh"):
+            view = vtk.VtkLocalView(window, ref="view", id="view", after_scene_loaded=actions.loaded)
+            _key()
+            vuetify3.VBtn(
+                "first view", click=actions.fit, size="small", variant="outlined", id="fit",
+                style="position:absolute;left:12px;top:10px;background:#fff;text-transform:none",
+            )  # fmt: skip
+    return view
+
+
+def _angle(accept: Any) -> None:
+    """The slider, the band of verified angles below it, the text field and the verdict."""
+    html.Div("DEFLECTION", style=HEADING)
+    with html.Div(style="display:flex;gap:12px;align-items:center"):
+        with html.Div(style="flex:1;min-width:0"):
+            vuetify3.VSlider(
+                v_model=("angle",), min=("angle_low",), max=("angle_high",), step=0.1, hide_details=True,
+                color="blue-darken-3", density="compact", id="angle", aria_label="deflection angle in degrees",
+            )  # fmt: skip
+            html.Div(style=("band",), title=("band_text",))
+        vuetify3.VTextField(
+            v_model=("angle_text",), suffix="°", density="compact", variant="outlined", hide_details=True,
+            style="max-width:104px", id="angle-text", aria_label="deflection angle in degrees, typed",
+            error=("!!refusal",), blur=accept, keydown_enter=accept, __events=[("keydown_enter", "keydown.enter")],
+        )  # fmt: skip
+    html.Div("{{ band_text }}", style=SMALL + ";margin-top:2px")
+    refused = BOX + NOTES["error"]
+    html.Div("\N{MULTIPLICATION X} {{ refusal }}", v_if=("refusal",), id="refusal", style=refused, role="alert")
+    html.Div("{{ status }}", id="status", style=("status_style",), aria_live="polite")
+
+
+def _numbers() -> None:
+    """The table of numbers and the histogram."""
+    with html.Table(style=SMALL + ";width:100%;border-collapse:collapse;margin-top:6px"):
+        with html.Tr(v_for="row in facts", key="row.id", style="border-bottom:1px solid #e4e4e4"):
+            html.Td("{{ row.name }}", style="padding:1px 0")
+            html.Td("{{ row.value }}", id=("row.id",), style=NUMBER)
+        with html.Tr():
+            html.Td("last update took", style="padding:1px 0")
+            html.Td("{{ elapsed }} ms", id="elapsed", style=NUMBER)
+    html.Div("CELLS AT THE HEXAHEDRON BY QUALITY (line: undeflected)", style=HEADING)
+    html.Div(v_html=("histogram",), id="histogram")
+
+
+def _section(face: Any) -> None:
+    """Where the section is."""
+    html.Div("SECTION", style=HEADING)
+    with html.Div(style="display:flex;gap:10px;align-items:center"):
+        with vuetify3.VBtnToggle(
+            v_model=("axis",), mandatory=True, density="compact", variant="outlined", divided=True, id="axis"
+        ):
+            for axis in ("x", "y", "z"):
+                vuetify3.VBtn(axis, value=axis, size="small", style="text-transform:none", id=f"axis-{axis}")
+        with html.Div(style="flex:1;min-width:0"):
+            vuetify3.VSlider(
+                v_model=("position",), min=("position_low",), max=("position_high",), step=0.0005, hide_details=True,
+                color="grey-darken-2", density="compact", id="position", aria_label="position of the section in metres",
+            )  # fmt: skip
+    with html.Div(style="display:flex;justify-content:space-between;align-items:center;" + SMALL):
+        html.Div("{{ axis }} = {{ (1000 * position).toFixed(1) }} mm")
+        vuetify3.VBtn("look at it", click=face, size="small", variant="text", id="face", style="text-transform:none")
+
+
+def _shown() -> None:
+    """What else is shown."""
+    html.Div("SHOW", style=HEADING)
+    with html.Div(style="display:grid;grid-template-columns:1fr 1fr"):
+        for name, label in (
+            ("sectioned", "section"), ("cut", "cut the walls open"), ("box", "hexahedron"),
+            ("centres", "centres"), ("outline", "undeflected outline"),
+        ):  # fmt: skip
+            vuetify3.VCheckbox(
+                v_model=(f"show_{name}",), label=label, density="compact", hide_details=True, id=f"show-{name}",
+                style="margin:-6px 0;--v-input-control-height:28px", classes="text-body-2",
+            )  # fmt: skip
+
+
+def _key() -> None:
+    """The key to the colours."""
+    low, high = QUALITY_RANGE.vmin, QUALITY_RANGE.vmax
+    stops = [low + (high - low) * i / 8 for i in range(9)]
+    colours = ",".join(f"rgb({r},{g},{b})" for r, g, b in quality_rgb(stops))
+    with html.Div(style=KEY, id="key"):
+        html.Div("mean ratio of the cells cut")
+        html.Div(style=f"width:220px;height:12px;background:linear-gradient(90deg,{colours})")
+        with html.Div(style="display:flex;justify-content:space-between"):
+            html.Span(f"≤ {low:g}")
+            html.Span(f"{0.5 * (low + high):g}")
+            html.Span(f"{high:g}")
+        with html.Div():
+            html.Span(style="display:inline-block;width:10px;height:10px;background:#d50000;border:1px solid #000")
+            html.Span(" inverted cells")

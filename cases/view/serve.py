@@ -1,0 +1,53 @@
+"""The server of the page: on the loopback interface only."""
+
+import socket
+import webbrowser
+from typing import Any
+
+from cases.errors import InputError
+from cases.view.page import Page
+
+HOST = "127.0.0.1"
+
+
+def serve(page: Page, port: int, show: bool) -> None:
+    """Serve the page until interrupted; print its address, and open it in the user's browser if that is wanted.
+
+    Raises
+    ------
+    InputError
+        If the port is taken.
+    """
+    port = port or free_port()
+    check_free(port)
+
+    def ready(**_: Any) -> None:
+        address = f"http://{HOST}:{page.server.port}/"
+        print(f"{address}  (Ctrl-C ends it)", flush=True)  # noqa: T201 - the command's answer
+        if show:
+            webbrowser.open(address)
+
+    page.server.controller.on_server_ready.add(ready)
+    page.server.start(
+        port=port, host=HOST, open_browser=False, show_connection_info=False, disable_logging=True, backend="aiohttp",
+        timeout=0, exec_mode="main",
+    )  # fmt: skip
+
+
+def check_free(port: int) -> None:
+    """Raise InputError if something listens on the port."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError as error:
+            raise InputError(
+                f"--port {port} cannot be used: {error.strerror}; give another, or none to have a free one chosen"
+            ) from None
+
+
+def free_port() -> int:
+    """Return a port that is free now."""
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])
