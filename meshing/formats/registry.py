@@ -2,12 +2,16 @@
 
 from pathlib import Path
 
+from meshing.formats.cgns import Cgns
 from meshing.formats.format import Format, MeshFileError
+from meshing.formats.gmsh import Gmsh
 from meshing.formats.openfoam import OpenFoam
 from meshing.formats.su2 import Su2
 
 FORMATS: dict[str, Format] = {
     "su2": Su2(),
+    "cgns": Cgns(),
+    "gmsh": Gmsh(),
     "openfoam": OpenFoam(),
 }
 """Every format by its name; a format is added here and nowhere else."""

@@ -1,0 +1,118 @@
+"""Gmsh meshes (.msh), versions 2.2 and 4.1, text and binary."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from meshing.formats.flow import Cells, FlowMesh, Patch
+from meshing.formats.format import MeshFileError, Progress, silent
+from meshing.formats.gmsh_elements import Elements, elements
+from meshing.formats.gmsh_file import GmshFile, opened
+from meshing.formats.gmsh_nodes import nodes
+from meshing.formats.gmsh_write import write_mesh
+from meshing.formats.guard import about, check_faces, check_points, fresh
+from meshing.formats.moved import with_bytes, with_numbers
+from meshing.formats.orientation import mirrored, oriented
+from meshing.mesh import FloatArray, IntArray
+
+SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
+FACES = {2: "triangle", 3: "quad"}
+PHYSICAL = re.compile(rb'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True)
+class Gmsh:
+    """Patches are the physical groups of dimension 2, by name; groups without a name are called ``surface_<tag>``.
+
+    Faces in no group are called ``entity_<tag>`` by their surface of the geometry. Points, lines, groups of volumes,
+    data and the geometry are no part of the mesh; a rewritten file keeps them, as it keeps the boxes around entities.
+    Cells are one block of each shape, in the file's order within the shape. Elements with nodes on their edges are
+    refused. A new file is of version 2.2 in text.
+    """
+
+    name: str = "gmsh"
+    suffixes: tuple[str, ...] = (".msh",)
+
+    def read(self, path: Path, progress: Progress = silent) -> FlowMesh:
+        """See `Format.read`."""
+        with about(path):
+            file = opened(path.read_bytes())
+            progress(f"reading {path.name}", 0.2)
+            return _mesh(file)
+
+    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        """See `Format.rewrite`; in text, each coordinate that changed has as many digits as it needs."""
+        with about(source):
+            file = opened(source.read_bytes())
+            old = nodes(file)
+            check_points(points, len(old.points))
+        progress(f"writing {out.name}", 0.5)
+        changed = old.points != points
+        rising = np.argsort(old.begin[changed])
+        begin, end, values = (a[changed][rising] for a in (old.begin, old.end, points))
+        if file.order:
+            data = with_bytes(file.data, begin, values, np.dtype(f"{file.order}f8"))
+        else:
+            data = with_numbers(file.data, begin, end, values)
+        with fresh(out, source) as beside:
+            beside.write_bytes(data)
+
+    def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+        """See `Format.write`; polyhedra and faces of more than four corners are a MeshFileError."""
+        progress(f"writing {out.name}", 0.0)
+        with fresh(out) as beside, about(out):
+            return write_mesh(mesh, beside)
+
+
+def _mesh(file: GmshFile) -> FlowMesh:
+    if "PartitionedEntities" in file.sections:
+        raise MeshFileError("is partitioned; save it in one part: gmsh -save -part 0")
+    own = nodes(file)
+    blocks: dict[int, list[Elements]] = {}
+    for block in elements(file):
+        if block.kind in SOLIDS | FACES:
+            blocks.setdefault(block.kind, []).append(block)
+    rows = {kind: _indices(np.concatenate([b.nodes for b in parts]), own.tags) for kind, parts in blocks.items()}
+    solids = [Cells(SOLIDS[kind], mirrored("wedge", r) if kind == 6 else r) for kind, r in rows.items() if kind > 3]
+    patches = _patches({kind: (rows[kind], blocks[kind]) for kind in rows if kind in FACES}, _names(file))
+    mesh = FlowMesh(own.points, tuple(oriented(own.points, block) for block in solids), patches)
+    check_faces(mesh)
+    return mesh
+
+
+def _indices(tags: IntArray, known: IntArray) -> IntArray:
+    """Index of each node, from its number; `known` (N,) are the numbers in the file's order."""
+    order = np.argsort(known, kind="stable")
+    place = order[np.minimum(np.searchsorted(known, tags, sorter=order), len(known) - 1)] if len(known) else tags
+    missing = int(np.count_nonzero((known[place] != tags).any(axis=1))) if len(known) else len(tags)
+    if missing:
+        raise MeshFileError(f"{missing} elements name nodes that are not among the {len(known)}")
+    return place.astype(np.intp)
+
+
+def _names(file: GmshFile) -> dict[int, str]:
+    """Names of the physical groups of dimension 2."""
+    text = file.content("PhysicalNames") if "PhysicalNames" in file.sections else b""
+    found = PHYSICAL.findall(text)
+    return {int(tag): name.decode("utf-8", "replace") for dimension, tag, name in found if dimension == b"2"}
+
+
+def _patches(faces: dict[int, tuple[IntArray, Iterable[Elements]]], names: dict[int, str]) -> tuple[Patch, ...]:
+    """Patches in the order of their tags; groups of one name are one patch."""
+    found: dict[tuple[bool, int, int], list[Cells]] = {}
+    for kind, (rows, blocks) in faces.items():
+        group, entity = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("group", "entity"))
+        pairs = np.column_stack([group == 0, group, np.where(group == 0, entity, 0)])
+        labels, index = np.unique(pairs, axis=0, return_inverse=True)
+        for i, (free, physical, part) in enumerate(labels.tolist()):
+            found.setdefault((free, physical, part), []).append(Cells(FACES[kind], rows[index.ravel() == i]))
+    named: dict[str, list[Cells]] = {}
+    for (free, physical, part), cells in sorted(found.items(), key=lambda item: item[0]):
+        name = f"entity_{part}" if free else names.get(physical, f"surface_{physical}")
+        named.setdefault(name, []).extend(cells)
+    return tuple(Patch(name, tuple(cells)) for name, cells in named.items())

@@ -1,0 +1,135 @@
+"""Elements of Gmsh's files, versions 2.2 and 4.1."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from meshing.formats.format import MeshFileError
+from meshing.formats.gmsh_file import ByteCursor, Cursor, GmshFile, TextCursor
+from meshing.formats.su2_text import Lines
+from meshing.mesh import IntArray
+
+CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
+"""Number of nodes of each type of element: point, line, triangle, quad, tetrahedron, hexahedron, prism, pyramid."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Elements:
+    """Elements of one type.
+
+    Parameters
+    ----------
+    kind
+        Gmsh's number of the type, a key of `CORNERS`.
+    nodes
+        (M, k) numbers of their nodes.
+    group
+        (M,) physical group, 0 for none.
+    entity
+        (M,) part of the geometry.
+    """
+
+    kind: int
+    nodes: IntArray = field(repr=False)
+    group: IntArray = field(repr=False)
+    entity: IntArray = field(repr=False)
+
+
+def elements(file: GmshFile) -> Iterator[Elements]:
+    """Yield the elements in the file's order; those of an entity in several groups once for each group.
+
+    Raises
+    ------
+    MeshFileError
+        For a type that is not linear, and truncated sections.
+    """
+    cursor = file.cursor("Elements")
+    if file.version == 41:
+        groups = _groups(file.cursor("Entities")) if "Entities" in file.sections else {}
+        yield from _elements41(cursor, groups)
+    elif isinstance(cursor, TextCursor):
+        yield from _lines22(cursor.words)
+    else:
+        yield from _records22(cursor)
+
+
+def _corners(kind: int, count: int) -> int:
+    if kind not in CORNERS:
+        raise MeshFileError(
+            f"{count} elements of type {kind} are not linear or not known; write a linear mesh: gmsh -order 1"
+        )
+    return CORNERS[kind]
+
+
+def _elements41(cursor: Cursor, groups: dict[tuple[int, int], list[int]]) -> Iterator[Elements]:
+    for _ in range(int(cursor.sizes(4)[0])):
+        dimension, entity, kind = cursor.ints(3).tolist()
+        count = int(cursor.sizes(1)[0])
+        width = 1 + _corners(kind, count)
+        own = cursor.sizes(count * width).reshape(count, width)[:, 1:]
+        several = groups.get((dimension, entity)) or [0]
+        for group in several if dimension == 2 else several[:1]:
+            yield Elements(kind, own, np.full(count, abs(group)), np.full(count, entity))
+
+
+def _groups(cursor: Cursor) -> dict[tuple[int, int], list[int]]:
+    """Physical groups of each entity, by its dimension and number."""
+    found = {}
+    for dimension, count in enumerate(cursor.sizes(4).tolist()):
+        for _ in range(count):
+            tag = int(cursor.ints(1)[0])
+            cursor.reals(6 if dimension else 3)
+            found[dimension, tag] = cursor.ints(int(cursor.sizes(1)[0])).tolist()
+            if dimension:
+                cursor.ints(int(cursor.sizes(1)[0]))
+    return found
+
+
+def _lines22(words: Lines) -> Iterator[Elements]:
+    """Lines of number, type, number of tags, tags and nodes."""
+    values = np.asarray(words.values, dtype=np.float64)
+    count, first = int(values[0]) if len(values) else -1, words.first[1:]
+    if len(first) - 1 != count:
+        raise MeshFileError(f"$Elements announces {count} elements, but {len(first) - 1} follow")
+    sizes, first = np.diff(first), first[:-1]
+    if np.any(sizes < 4):
+        raise MeshFileError(f"{np.count_nonzero(sizes < 4)} lines of $Elements are too short")
+    kinds, tags = (values[first + column].astype(np.intp) for column in (1, 2))
+    order = np.unique(kinds, return_index=True)
+    for kind in order[0][np.argsort(order[1])].tolist():
+        rows = np.flatnonzero(kinds == kind)
+        corners = _corners(kind, len(rows))
+        wrong = int(np.count_nonzero(sizes[rows] != 3 + tags[rows] + corners))
+        if wrong:
+            raise MeshFileError(f"{wrong} elements of type {kind} have other than {corners} nodes")
+        at = first[rows]
+        own = values[(at + 3 + tags[rows])[:, None] + np.arange(corners)].astype(np.intp)
+        group, entity = (np.where(tags[rows] > i, values[at + 3 + i], 0.0).astype(np.intp) for i in (0, 1))
+        yield Elements(kind, own, np.abs(group), entity)
+
+
+def _records22(cursor: ByteCursor) -> Iterator[Elements]:
+    """Blocks of a header (type, count, number of tags) and records of number, tags and nodes."""
+    left = cursor.line()
+    while left > 0:
+        kind, count, tags = cursor.ints(3).tolist()
+        width = 1 + tags + _corners(kind, count)
+        table = _alike(cursor, width) if count == 1 else cursor.ints(count * width).reshape(count, width)
+        group, entity = (table[:, 1 + i] if tags > i else np.zeros(len(table), dtype=np.intp) for i in (0, 1))
+        yield Elements(kind, table[:, 1 + tags :], np.abs(group), entity)
+        left -= len(table)
+
+
+def _alike(cursor: ByteCursor, width: int) -> IntArray:
+    """Records (M, width) that follow one another, each with the header that was just read: Gmsh writes many such."""
+    cursor.at -= 12
+    row = 3 + width
+    table = cursor.peek((len(cursor.content) - cursor.at) // (4 * row) * row).reshape(-1, row)
+    if not len(table):
+        return cursor.ints(row)[None, 3:]  # says that the section has ended
+    other = (table[:, :3] != table[0, :3]).any(axis=1)
+    count = int(np.argmax(other)) if other.any() else len(table)
+    return cursor.ints(count * row).reshape(count, row)[:, 3:]

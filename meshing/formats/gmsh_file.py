@@ -1,0 +1,175 @@
+"""Gmsh's own files: their sections, and the numbers in them in text or binary."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from meshing.formats.format import MeshFileError
+from meshing.formats.su2_text import Lines, numbers
+from meshing.mesh import FloatArray, IntArray
+
+NAME = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
+VERSIONS = {"2": 22, "2.0": 22, "2.1": 22, "2.2": 22, "4.1": 41}
+REAL = np.dtype("f8")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GmshFile:
+    """The bytes of a file and where its sections are.
+
+    Parameters
+    ----------
+    data
+        All bytes.
+    version
+        22 or 41.
+    order
+        ``"<"`` or ``">"`` for binary files, empty for text.
+    sections
+        First and last byte (exclusive) of the content of each section, by name.
+    """
+
+    data: bytes = field(repr=False)
+    version: int
+    order: str
+    sections: dict[str, tuple[int, int]]
+
+    def content(self, name: str) -> bytes:
+        """Return the bytes of a section; MeshFileError if it is not there."""
+        if name not in self.sections:
+            raise MeshFileError(f"there is no section ${name}; the file is truncated or holds no mesh")
+        begin, end = self.sections[name]
+        return self.data[begin:end]
+
+    def cursor(self, name: str) -> TextCursor | ByteCursor:
+        """Read the numbers of a section one after another."""
+        content, (begin, _) = self.content(name), self.sections[name]
+        return ByteCursor(content, begin, name, self.order) if self.order else TextCursor(content, begin, name)
+
+
+def opened(data: bytes) -> GmshFile:
+    """Find the sections of a file.
+
+    Raises
+    ------
+    MeshFileError
+        If it is not of Gmsh, of a version that is not read, or truncated.
+    """
+    if not NAME.match(data):
+        hint = "; it looks like Fluent's: convert it with fluentMeshToFoam" if data.lstrip()[:2] == b"(0" else ""
+        raise MeshFileError(f"is not a mesh of Gmsh: it does not begin with $MeshFormat{hint}")
+    sections = _sections(data)
+    if "MeshFormat" not in sections:
+        raise MeshFileError("has no section $MeshFormat; Gmsh's versions before 2 are not read")
+    begin, end = sections["MeshFormat"]
+    head, _, one = data[begin:end].partition(b"\n")
+    words = head.decode("ascii", "replace").split()
+    if len(words) < 3 or words[0] not in VERSIONS:
+        raise MeshFileError(
+            f"is of version {' '.join(words[:1])}; 2.2 and 4.1 are read: convert it with gmsh -save -format msh41"
+        )
+    if words[2] != "8":
+        raise MeshFileError(f"numbers of {words[2]} bytes are not read, only those of 8")
+    order = "" if words[1] == "0" else "<" if one[:4] == b"\1\0\0\0" else ">"
+    return GmshFile(data, VERSIONS[words[0]], order, sections)
+
+
+def _sections(data: bytes) -> dict[str, tuple[int, int]]:
+    found: dict[str, tuple[int, int]] = {}
+    at = 0
+    while header := NAME.match(data, at):
+        name = header[1].decode("ascii", "replace")
+        end = data.find(b"$End" + header[1], header.end())
+        if end < 0:
+            raise MeshFileError(f"section ${name} does not end; the file is truncated")
+        found.setdefault(name, (header.end(), end))
+        at = end + len(name) + 4
+    if data[at:].strip():
+        raise MeshFileError(f"{data[at : at + 20].strip()!r} stands between sections; the file is damaged")
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reals:
+    """Numbers (K,) and the bytes begin to end - 1 of the file that each takes."""
+
+    values: FloatArray = field(repr=False)
+    begin: IntArray = field(repr=False)
+    end: IntArray = field(repr=False)
+
+
+class TextCursor:
+    """Numbers of a section in text, one after another."""
+
+    def __init__(self, content: bytes, offset: int, name: str) -> None:
+        self.words: Lines = numbers(content, np.float64)
+        self.offset, self.name, self.at = offset, name, 0
+
+    def reals(self, count: int) -> Reals:
+        """The next `count` numbers."""
+        own = slice(self.at, self.at + count)
+        self.at += count
+        if self.at > len(self.words.values):
+            raise _ended(self.name)
+        words = self.words
+        values = np.asarray(words.values[own], dtype=np.float64)
+        return Reals(values, self.offset + words.begin[own], self.offset + words.end[own])
+
+    def ints(self, count: int) -> IntArray:
+        """The next `count` integers."""
+        with np.errstate(invalid="ignore"):
+            return self.reals(count).values.astype(np.intp)
+
+    sizes = ints
+
+
+class ByteCursor:
+    """Numbers of a section in binary, one after another."""
+
+    def __init__(self, content: bytes, offset: int, name: str, order: str) -> None:
+        self.content, self.offset, self.name, self.order, self.at = content, offset, name, order, 0
+
+    def line(self) -> int:
+        """The integer on a line of text, as version 2.2 has them between binary data."""
+        end = self.content.find(b"\n", self.at) + 1
+        text, self.at = self.content[self.at : end], end or len(self.content)
+        return int(text)
+
+    def raw(self, count: int, kind: str) -> np.ndarray[tuple[int, ...], np.dtype[np.void]]:
+        """The next `count` values of a NumPy type such as ``"i4,(3)f8"``, in the file's byte order."""
+        own = np.dtype(kind).newbyteorder(self.order)  # type: ignore[arg-type]
+        end = self.at + count * own.itemsize
+        if count < 0 or end > len(self.content):
+            raise _ended(self.name)
+        values = np.frombuffer(self.content[self.at : end], own)
+        self.at = end
+        return values
+
+    def reals(self, count: int) -> Reals:
+        """The next `count` numbers."""
+        begin = self.offset + self.at + REAL.itemsize * np.arange(count)
+        return Reals(self.raw(count, "f8").astype(np.float64), begin, begin + REAL.itemsize)
+
+    def ints(self, count: int) -> IntArray:
+        """The next `count` integers of 4 bytes."""
+        return self.raw(count, "i4").astype(np.intp)
+
+    def peek(self, count: int) -> IntArray:
+        """The same, to be read again."""
+        at, values = self.at, self.ints(count)
+        self.at = at
+        return values
+
+    def sizes(self, count: int) -> IntArray:
+        """The next `count` integers of 8 bytes."""
+        return self.raw(count, "i8").astype(np.intp)
+
+
+Cursor = TextCursor | ByteCursor
+
+
+def _ended(name: str) -> MeshFileError:
+    return MeshFileError(f"section ${name} holds fewer numbers than it announces; the file is truncated or damaged")
