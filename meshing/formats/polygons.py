@@ -1,10 +1,13 @@
-"""Selection and reversal of faces of any number of corners."""
+"""Faces of any number of corners: selected, reversed, and by shape."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from meshing.formats.flow import Polygons
+from meshing.formats.flow import Cells, Patch, Polygons
+from meshing.formats.format import MeshFileError
 from meshing.mesh import BoolArray, IntArray
 
 
@@ -21,6 +24,28 @@ def taken(faces: Polygons, rows: IntArray) -> Polygons:
 def turned(faces: Polygons, backward: BoolArray) -> Polygons:
     """Return all faces, those marked in `backward` (F,) with their nodes in reverse order."""
     return _gathered(faces, np.arange(len(faces)), backward)
+
+
+def simple_faces(patch: Patch) -> Iterator[Cells]:
+    """Yield the triangles and the quads of a patch.
+
+    Raises
+    ------
+    MeshFileError
+        If a face has more than four corners.
+    """
+    for faces in patch.faces:
+        if isinstance(faces, Cells):
+            yield faces
+            continue
+        sizes = np.diff(faces.offsets)
+        more = int(np.count_nonzero(sizes > 4))
+        if more:
+            raise MeshFileError(f"patch {patch.name}: {more} faces have more than four corners, which the format lacks")
+        for shape, corners in (("triangle", 3), ("quad", 4)):
+            first = faces.offsets[:-1][sizes == corners]
+            if len(first):
+                yield Cells(shape, faces.nodes[first[:, None] + np.arange(corners)])
 
 
 def _gathered(faces: Polygons, rows: IntArray, backward: BoolArray) -> Polygons:

@@ -117,9 +117,7 @@ def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines:
     line = np.searchsorted(np.flatnonzero(letters == ord("\n")), begin)
     first = np.append(np.flatnonzero(np.diff(line, prepend=-1)), len(begin))
     try:
-        values: Any = np.fromstring(text, dtype=kind, sep=" ")[
-            : len(begin)
-        ]  # blank text reads as one 0
+        values: Any = np.fromstring(text, dtype=kind, sep=" ")[: len(begin)]  # blank text reads as one 0
     except ValueError:
         raise MeshFileError(f"{_not_number(text, kind)!r} is not a number") from None
     if len(values) != len(begin):

@@ -8,9 +8,10 @@ from typing import BinaryIO
 
 import numpy as np
 
-from meshing.formats.flow import Cells, FlowMesh, Patch, Polyhedra
+from meshing.formats.flow import FlowMesh, Polyhedra
 from meshing.formats.format import MeshFileError
 from meshing.formats.guard import check_points
+from meshing.formats.polygons import simple_faces
 from meshing.formats.su2_read import FACES, PARALLEL, SOLIDS
 from meshing.formats.su2_source import Su2File, coordinates
 from meshing.formats.su2_text import CHUNK, Lines
@@ -112,27 +113,9 @@ def _zone(mesh: FlowMesh, names: dict[str, str]) -> Iterator[tuple[str, float]]:
     yield f"NMARK= {len(mesh.patches)}\n", 0.9
     for patch in mesh.patches:
         yield f"MARKER_TAG= {names[patch.name]}\nMARKER_ELEMS= {len(patch)}\n", 0.9
-        for block in _blocks(patch):
+        for block in simple_faces(patch):
             yield from ((text, 0.9) for text in _table(f"{NUMBERS[block.shape]}", block.nodes, None))
     yield "", 1.0
-
-
-def _blocks(patch: Patch) -> Iterator[Cells]:
-    """Triangles and quads of a patch."""
-    for faces in patch.faces:
-        if isinstance(faces, Cells):
-            yield faces
-            continue
-        sizes = np.diff(faces.offsets)
-        more = int(np.count_nonzero(sizes > 4))
-        if more:
-            raise MeshFileError(
-                f"patch {patch.name}: SU2 holds no faces of more than four corners, and there are {more}"
-            )
-        for shape, corners in (("triangle", 3), ("quad", 4)):
-            first = faces.offsets[:-1][sizes == corners]
-            if len(first):
-                yield Cells(shape, faces.nodes[first[:, None] + np.arange(corners)])
 
 
 def _table(prefix: str, rows: FloatArray | IntArray, number: int | None) -> Iterator[str]:

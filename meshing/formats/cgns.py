@@ -1,0 +1,86 @@
+"""CGNS meshes (.cgns) in HDF5, of unstructured zones in three dimensions."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from meshing.formats.cgns_read import coordinate_data, read_base, zones
+from meshing.formats.cgns_write import write_base
+from meshing.formats.flow import FlowMesh
+from meshing.formats.format import MeshFileError, Progress, silent
+from meshing.formats.guard import about, check_points, fresh
+from meshing.mesh import FloatArray
+
+ADF = b"ADF Database"
+
+
+@dataclass(frozen=True, slots=True)
+class Cgns:
+    """Zones with cells of every linear shape, or polyhedra; patches are the boundary conditions.
+
+    Everything else in a file (solutions, connections of zones, families, units) is no part of the mesh; a rewritten
+    file keeps it. Coordinates in single precision stay in single precision.
+    """
+
+    name: str = "cgns"
+    suffixes: tuple[str, ...] = (".cgns",)
+
+    def read(self, path: Path, progress: Progress = silent) -> FlowMesh:
+        """See `Format.read`."""
+        with about(path), _opened(path, "r") as file:
+            return read_base(file, partial(progress, f"reading {path.name}"))
+
+    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        """See `Format.rewrite`; only numbers in CoordinateX, CoordinateY and CoordinateZ change."""
+        with about(source), _opened(source, "r") as file:
+            _, found = zones(file)
+            check_points(points, sum(len(coordinate_data(zone)[0]) for _, zone in found))
+        with fresh(out, source) as beside, about(source):
+            progress(f"writing {out.name}", 0.0)
+            shutil.copyfile(source, beside)
+            with _opened(beside, "r+") as file:
+                start = 0
+                for _, zone in zones(file)[1]:
+                    start += _overwrite(coordinate_data(zone), points[start:])
+            progress(f"writing {out.name}", 1.0)
+
+    def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+        """See `Format.write`; each patch is a family and a boundary condition that its family specifies."""
+        with fresh(out) as beside, about(out), h5py.File(beside, "w", track_order=True) as file:
+            return write_base(file, mesh, partial(progress, f"writing {out.name}"))
+
+
+@contextmanager
+def _opened(path: Path, mode: str) -> Iterator[Any]:
+    with path.open("rb") as file:
+        head = file.read(64)
+    if not h5py.is_hdf5(path):
+        if ADF in head:
+            raise MeshFileError("this is a CGNS file in ADF; convert it to HDF5 with `cgnsconvert -h IN.cgns OUT.cgns`")
+        raise MeshFileError("this is no CGNS file in HDF5")
+    try:
+        with h5py.File(path, mode) as opened:
+            yield opened
+    except (OSError, KeyError) as error:
+        raise MeshFileError(f"the file is truncated or damaged ({error})") from error
+
+
+def _overwrite(stored: list[Any], points: FloatArray) -> int:
+    """Replace the coordinates of one zone that changed, and return its number of points."""
+    for axis, values in enumerate(stored):
+        old = values[()]
+        new = points[: len(old), axis]
+        changed = old.astype(np.float64) != new
+        if changed.any():
+            old[changed] = new[changed]
+            values[...] = old
+    return len(stored[0])

@@ -1,0 +1,136 @@
+"""Boundary conditions of a CGNS zone as named patches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from meshing.formats.cgns_nodes import children, integers, text
+from meshing.formats.flow import Cells, Patch, Polygons
+from meshing.formats.format import MeshFileError
+from meshing.formats.polygons import taken
+from meshing.mesh import BoolArray, IntArray
+
+ON_FACES = ("FaceCenter", "CellCenter")
+"""Gmsh and older writers say CellCenter where they mean the boundary's faces."""
+PLACES = ("PointRange", "PointList", "ElementRange", "ElementList")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Condition:
+    """A boundary condition: the numbers (K,) of its faces, or of its points where it is given by points."""
+
+    patch: str
+    by_points: bool
+    numbers: IntArray = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NumberedFaces:
+    """Faces and their numbers (M,) in the file; the section where they are by themselves; whether they are outside."""
+
+    section: str | None
+    faces: Cells | Polygons
+    numbers: IntArray = field(repr=False)
+    outer: bool = True
+
+
+def conditions(base: Any, zone: Any) -> list[Condition]:
+    """Return the boundary conditions of a zone that are on faces or points.
+
+    A condition that is specified by its family (FamilySpecified) belongs to the patch of the family's name (of the
+    physical group's name in files of Gmsh); any other is a patch of its own name.
+    """
+    found = []
+    for _, group in children(zone, "ZoneBC_t"):
+        for name, node in children(group, "BC_t"):
+            place = next((place for place in PLACES if place in node), None)
+            if place is None:
+                raise MeshFileError(f"boundary condition {name} says not where it is; the file is damaged")
+            where = text(node["GridLocation"]) if "GridLocation" in node else "Vertex"
+            if where == "EdgeCenter":
+                continue
+            numbers = integers(node[place])
+            if not len(numbers):
+                continue
+            if place.endswith("Range"):
+                numbers = np.arange(numbers[0], numbers[-1] + 1)
+            by_points = where not in ON_FACES and place.startswith("Point")
+            found.append(Condition(_patch_name(base, name, node), by_points, np.unique(numbers)))
+    return found
+
+
+def patches(found: Sequence[Condition], faces: Sequence[NumberedFaces], last: int) -> list[Patch]:
+    """Return the patches of a zone whose elements are numbered up to `last`.
+
+    A condition given by points has the boundary faces with all corners among them that no other condition has.
+    Faces of a section that no condition has are a patch of the section's name.
+
+    Raises
+    ------
+    MeshFileError
+        If a condition names elements that are not there, or that are only in part faces.
+    """
+    free = [np.ones(len(part.numbers), dtype=np.bool_) for part in faces]
+    named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in found}
+    for condition in sorted(found, key=lambda condition: condition.by_points):
+        rows = _on_points(condition, faces, free) if condition.by_points else _by_number(condition, faces, last)
+        for part, own, left in zip(faces, rows, free, strict=True):
+            left &= ~own
+            if own.any():
+                named[condition.patch].append(_selected(part.faces, own))
+    for part, left in zip(faces, free, strict=True):
+        if part.section is not None and left.any():
+            named.setdefault(part.section, []).append(_selected(part.faces, left))
+    return [Patch(name, tuple(own)) for name, own in named.items() if own]
+
+
+def _patch_name(base: Any, name: str, node: Any) -> str:
+    if "FamilyName" not in node or text(node) != "FamilySpecified":
+        return name
+    family = text(node["FamilyName"])
+    nested = [own for _, own in children(base[family], "FamilyName_t")] if family in base else []
+    return text(nested[0]) if nested else family
+
+
+def _by_number(condition: Condition, faces: Sequence[NumberedFaces], last: int) -> list[BoolArray]:
+    rows = [np.isin(part.numbers, condition.numbers) for part in faces]
+    missing = len(condition.numbers) - sum(int(own.sum()) for own in rows)
+    of_cells_or_edges = missing == len(condition.numbers) and condition.numbers[-1] <= last
+    if missing and not of_cells_or_edges:
+        raise MeshFileError(
+            f"patch {condition.patch}: {missing} of its {len(condition.numbers)} elements are no faces of the file; it "
+            "is damaged"
+        )
+    return rows
+
+
+def _on_points(condition: Condition, faces: Sequence[NumberedFaces], free: Sequence[BoolArray]) -> list[BoolArray]:
+    marked = np.zeros(1 + max([int(condition.numbers[-1]), *(_top(part.faces) + 1 for part in faces)]), dtype=np.bool_)
+    marked[condition.numbers] = True
+    rows = []
+    for part, left in zip(faces, free, strict=True):
+        on = marked[part.faces.nodes + 1]
+        whole = (
+            on.all(axis=1) if isinstance(part.faces, Cells) else np.logical_and.reduceat(on, part.faces.offsets[:-1])
+        )
+        rows.append(whole & left & part.outer)
+    if not any(own.any() for own in rows):
+        raise MeshFileError(
+            f"boundary condition {condition.patch} is given by points, and no face of the file has all its corners "
+            "among them; write the boundary's faces as elements"
+        )
+    return rows
+
+
+def _top(faces: Cells | Polygons) -> int:
+    return int(faces.nodes.max(initial=0))
+
+
+def _selected(faces: Cells | Polygons, rows: BoolArray) -> Cells | Polygons:
+    if isinstance(faces, Polygons):
+        return taken(faces, np.flatnonzero(rows))
+    return faces if rows.all() else Cells(faces.shape, faces.nodes[rows])

@@ -1,0 +1,135 @@
+"""Nodes of a CGNS file in HDF5: groups with a label, and data in a dataset named ``" data"``."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Iterator
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from meshing.formats.format import MeshFileError
+from meshing.mesh import IntArray
+
+DATA = " data"
+KINDS = {"int8": "C1", "int32": "I4", "int64": "I8", "float32": "R4", "float64": "R8"}
+"""CGNS names of NumPy's types."""
+NAME_LENGTH = 32
+Array = NDArray[Any]
+Integer = type[np.int32] | type[np.int64]
+
+
+def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:
+    """Yield name and group of each child with that label, in the order in which they were made."""
+    for name in _names(node):
+        child = node.get(name)
+        if isinstance(child, h5py.Group) and _attribute(child, "label") == label:
+            yield name, child
+
+
+def child(node: Any, name: str) -> Any:
+    """Return the child of that name.
+
+    Raises
+    ------
+    MeshFileError
+        If there is none.
+    """
+    found = node.get(name)
+    if not isinstance(found, h5py.Group):
+        raise MeshFileError(f"{node.name.strip('/') or 'the file'} has no {name}; the file is damaged")
+    return found
+
+
+def data(node: Any) -> Any:
+    """Return the dataset of a node.
+
+    Raises
+    ------
+    MeshFileError
+        If the node has none, or is a link.
+    """
+    if _attribute(node, "type") == "LK":
+        raise MeshFileError(
+            f"{node.name.strip('/')} is a link; `cgnsconvert -f -l IN.cgns OUT.cgns` puts all in one file"
+        )
+    found = node.get(DATA)
+    if not isinstance(found, h5py.Dataset):
+        raise MeshFileError(f"{node.name.strip('/')} holds no data; the file is damaged")
+    return found
+
+
+def integers(node: Any) -> IntArray:
+    """Return the data (K,) of a node of integers, flat, in the order of the file."""
+    stored = data(node)
+    if stored.dtype.kind not in "iu":
+        raise MeshFileError(f"{node.name.strip('/')} holds {stored.dtype}, expected integers; the file is damaged")
+    values = np.empty(stored.shape, dtype=np.intp)
+    if values.size:
+        stored.read_direct(values)
+    return values.reshape(-1)
+
+
+def text(node: Any) -> str:
+    """Return the data of a node of characters, without blanks at its end."""
+    letters: bytes = data(node)[()].astype(np.uint8).tobytes()
+    return letters.decode("utf-8", "replace").rstrip(" \0")
+
+
+def create(parent: Any, name: str, label: str, values: Array | str | None = None) -> Any:
+    """Add a node with data (a string is stored as characters) and return it."""
+    stored = np.frombuffer(values.encode(), dtype=np.int8) if isinstance(values, str) else values
+    node = _empty(parent, name, label, "MT" if stored is None else KINDS[stored.dtype.name])
+    if stored is not None:
+        node.create_dataset(DATA, data=stored)
+    return node
+
+
+def create_sized(parent: Any, name: str, size: int, kind: type[np.generic]) -> Any:
+    """Add a node DataArray_t of `size` numbers that are written later, and return its dataset."""
+    return _empty(parent, name, "DataArray_t", KINDS[np.dtype(kind).name]).create_dataset(DATA, (size,), dtype=kind)
+
+
+def node_names(names: Iterable[str], taken: Container[str]) -> list[str]:
+    """Names that nodes can have (32 bytes, no slash), distinct from one another and from those that are taken."""
+    found: list[str] = []
+    for name in names:
+        stem = name.replace("/", "_").strip(" .").encode()[:NAME_LENGTH].decode("utf-8", "ignore") or "unnamed"
+        fitting, i = stem, 2
+        while fitting in found or fitting in taken:
+            fitting = f"{stem.encode()[: NAME_LENGTH - 1 - len(str(i))].decode('utf-8', 'ignore')} {i}"
+            i += 1
+        found.append(fitting)
+    return found
+
+
+def _empty(parent: Any, name: str, label: str, kind: str) -> Any:
+    node = parent.create_group(name, track_order=True)
+    describe(node, name, label, kind)
+    node.attrs.create("flags", np.array([1], dtype=np.int32))
+    return node
+
+
+def describe(node: Any, name: str, label: str, kind: str) -> None:
+    """Set the three attributes of fixed length that every node has."""
+    for key, value, length in (("name", name, NAME_LENGTH), ("label", label, NAME_LENGTH), ("type", kind, 2)):
+        letters = h5py.h5t.C_S1.copy()
+        letters.set_size(length + 1)
+        place = h5py.h5a.create(node.id, key.encode(), letters, h5py.h5s.create(h5py.h5s.SCALAR))
+        place.write(np.array(value.encode(), dtype=f"S{length + 1}"))
+
+
+def _attribute(node: Any, key: str) -> str:
+    value = node.attrs.get(key, b"")
+    return value.decode("ascii", "replace").strip(" \0") if isinstance(value, bytes) else str(value)
+
+
+def _names(node: Any) -> list[str]:
+    tracked = node.id.get_create_plist().get_link_creation_order() & h5py.h5p.CRT_ORDER_TRACKED
+    names: list[str] = []
+    node.id.links.iterate(
+        lambda name: names.append(name.decode("utf-8", "surrogateescape")),
+        idx_type=h5py.h5.INDEX_CRT_ORDER if tracked else h5py.h5.INDEX_NAME,
+    )
+    return names
