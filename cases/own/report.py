@@ -1,0 +1,157 @@
+"""What a deflection did: figures, checks that can fail, and notes."""
+
+from dataclasses import asdict, dataclass, field
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from cases.confine import DIRECTIONS
+from cases.own.course import Course
+from cases.own.layers import Layers, first_layer
+from cases.own.plan import Plan
+from cases.own.quality import Quality
+from cases.validation import Check
+from deform.kernels import FloatArray
+
+Json = dict[str, Any]
+LAYER_CHANGE = 0.01  # of the first layer's height
+ON_WALL = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Report:
+    """Figures of one angle.
+
+    Attributes
+    ----------
+    angle, unit : the first surface's amount.
+    steps : number of steps taken.
+    centers : number of centres and largest error at the data sites, for each group of directions.
+    stops : why each adaptation ended.
+    before, after : quality of the touched cells by type.
+    layers : change of the first prism layer's height, where there is one.
+    checks : what must hold.
+    seconds : time for this angle.
+    """
+
+    angle: float
+    unit: str
+    steps: int
+    centers: dict[str, tuple[int, float]]
+    stops: dict[str, str]
+    before: tuple[Quality, ...]
+    after: tuple[Quality, ...]
+    layers: Layers | None
+    checks: tuple[Check, ...] = field(repr=False)
+    seconds: float
+
+    @property
+    def passed(self) -> bool:
+        """True if every check holds."""
+        return all(check.passed for check in self.checks)
+
+    def as_dict(self) -> Json:
+        """Return the figures as JSON has them."""
+        checks = [
+            {"name": c.name, "value": c.value if isfinite(c.value) else None, "limit": c.limit, "unit": c.unit,
+             "passed": c.passed, "where": c.where} for c in self.checks
+        ]  # fmt: skip
+        return {
+            "angle": self.angle, "unit": self.unit, "steps": self.steps, "seconds": self.seconds,
+            "adaptation": {
+                name: {"centers": count, "max_error": error, "stop": self.stops[name]}
+                for name, (count, error) in self.centers.items()
+            },
+            "quality": {"before": [asdict(q) for q in self.before], "after": [asdict(q) for q in self.after]},
+            "first_layer": asdict(self.layers) if self.layers else None,
+            "validation": {"checks": checks, "passed": self.passed},
+        }  # fmt: skip
+
+
+def reported(plan: Plan, course: Course, before: tuple[Quality, ...], seconds: float) -> Report:
+    """Judge the mesh at one angle."""
+    fits = course.solutions[-1].fits.adaptations
+    names = ["".join(DIRECTIONS[c] for c in fit.components) for fit in fits]
+    layers = first_layer(plan.touched, plan.walls, course.points)
+    return Report(
+        course.angle,
+        plan.job.surfaces[0].motion.unit,
+        len(course.solutions),
+        {name: (len(fit.chosen), fit.max_error) for name, fit in zip(names, fits, strict=True)},
+        {name: fit.stop.value for name, fit in zip(names, fits, strict=True)},
+        before,
+        plan.touched.quality(course.points),
+        layers,
+        tuple(checks_of(plan, course, layers)),
+        seconds,
+    )
+
+
+def checks_of(plan: Plan, course: Course, layers: Layers | None) -> list[Check]:
+    """Return what must hold of the mesh at one angle."""
+    subject, points, sites = plan.subject, course.points, plan.sites
+    moved = _moved(subject.points, points)
+    outside = np.ones(len(points), dtype=bool)
+    outside[plan.region.inside] = outside[plan.boundary.nodes] = False
+    error = max(fits.error for one in course.solutions for fits in (one.first, one.fits) if fits)
+    tolerance = sites.tolerance
+    found = [
+        Check("outside_moved", _largest(moved[outside]), 0.0, "", f"{int(outside.sum())} nodes outside the box"),
+        Check("fixed_surfaces_moved", _largest(moved[sites.still]), 0.0, "", f"{len(sites.still)} nodes inside"),
+        Check("site_error", error, tolerance, "", f"all data sites, {len(course.solutions)} step(s)"),
+    ]
+    if subject.cells:
+        limit = sum(plan.touched.inverted)
+        where = f"{plan.touched.count} cells with a node in the box" + (", as before" if limit else "")
+        found.append(Check("inverted_cells", course.inverted, limit, "cells", where))
+    for i, nodes in sites.sliding:
+        sheet = plan.boundary.sheets[i]
+        drift = np.abs(sheet.wall.distance(points[nodes]) - sheet.wall.distance(subject.points[nodes]))
+        allowed, where = ON_WALL * plan.boundary.size, f"{len(nodes)} sliding nodes"
+        found.append(Check(f"on_{sheet.patch}", _largest(drift), allowed, "", where))
+    if layers:
+        where = f"{layers.edges} edges off the walls, from {layers.lowest:.3g}; 99 % within {layers.p99:.2e}"
+        found.append(Check("first_layer", layers.largest, LAYER_CHANGE, "", where))
+    return found
+
+
+def plan_figures(plan: Plan) -> Json:
+    """Return what was decided before the fit, as JSON has it."""
+    sites, region = plan.sites, plan.region
+    return {
+        "mesh": {
+            "name": plan.subject.name, "points": len(plan.subject.points),
+            "cells": sum(len(block) for block in plan.subject.cells),
+            "patches": {name: len(nodes) for name, nodes in plan.subject.nodes.items()},
+            "zones": list(region.zones),
+        },
+        "box": {"corners": region.hexahedron.corners.tolist(), "why": region.why, "inside": len(region.inside)},
+        "sites": {
+            "moving": len(sites.distinct), "fixed": len(sites.sampled), "sliding": len(sites.carried),
+            "zero": len(sites.zero), "spacing": sites.spacing, "median_edge": sites.edge,
+            "tolerance": sites.tolerance, "coincident": sites.coincident,
+        },
+        "cells_touched": plan.touched.count,
+    }  # fmt: skip
+
+
+def notes_of(plan: Plan) -> tuple[str, ...]:
+    """Return sentences on what a user may not expect."""
+    notes = []
+    if plan.sites.coincident:
+        notes.append(f"{plan.sites.coincident} moving nodes coincide with others; they move as one")
+    if min(plan.touched.hand, default=1.0) < 0.0:
+        notes.append("the file counts the nodes of cells left-handed; judged accordingly")
+    inverted = sum(plan.touched.inverted)
+    if inverted:
+        notes.append(f"{inverted} cells were inverted in the file already")
+    return tuple(notes)
+
+
+def _moved(before: FloatArray, after: FloatArray) -> FloatArray:
+    return np.asarray(np.abs(after - before).max(axis=1))
+
+
+def _largest(values: FloatArray) -> float:
+    return float(values.max(initial=0.0))

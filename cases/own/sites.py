@@ -1,0 +1,184 @@
+"""Where displacements are known at the start of a step: nodes of the boundary, and zero sites on the box."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from cases.errors import InputError
+from cases.own.boundary import SAME, Boundary
+from cases.own.edges import edges_of, median_edge, polygons_of
+from cases.own.region import Region
+from cases.own.walls import Plane
+from cases.zero_sites import APART, apart_from
+from deform.duplicates import IndexArray, first_coincident
+from deform.kernels import FloatArray
+
+MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
+NEIGHBOURS = 7
+REACH_EDGES, REACH_MARGIN = 3.0, 0.3  # of the median edge, and of the least distance from the surface to the box
+MOST_STILL = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sites:
+    """Rows of nodes whose displacement is known, and points on the box.
+
+    Attributes
+    ----------
+    nodes : (K,) moving nodes.
+    distinct : rows of `nodes` at places of their own: coincident nodes move as one.
+    still : (F,) fixed nodes inside.
+    sampled : rows of `still` that are data sites, at most `MOST_STILL`, none where a moving node is.
+    sliding : sheets' nodes inside that neither move nor stay, with the sheet's place in the boundary.
+    carried : rows of `slid` that are data sites, at most `MOST_STILL`.
+    zero : (Z, 3) points of zero displacement on the box.
+    spacing, edge, tolerance, reach : lengths: between zero sites, of the surface's median edge, of a site's error, and
+        from a surface to where the mesh no longer follows it rigidly.
+    """
+
+    nodes: IndexArray = field(repr=False)
+    distinct: IndexArray = field(repr=False)
+    still: IndexArray = field(repr=False)
+    sampled: IndexArray = field(repr=False)
+    sliding: tuple[tuple[int, IndexArray], ...] = field(repr=False)
+    carried: IndexArray = field(repr=False)
+    zero: FloatArray = field(repr=False)
+    spacing: float
+    edge: float
+    tolerance: float
+    reach: float
+
+    @property
+    def slid(self) -> IndexArray:
+        """Sorted, distinct indices of all sliding nodes inside."""
+        return _union(self.sliding)
+
+    @property
+    def known(self) -> IndexArray:
+        """Indices of all nodes of known displacement inside: moving, fixed, sliding; each once."""
+        return np.concatenate([self.nodes, self.still, self.slid])
+
+    def parts(self, boundary: Boundary) -> list[IndexArray]:
+        """Return rows of `known` that may move differently: each moving surface, and the rest."""
+        owner = np.full(len(self.known), len(boundary.surfaces))
+        for i, surface in reversed(list(enumerate(boundary.surfaces))):
+            owner[np.searchsorted(self.nodes, surface.nodes)] = i
+        return [np.flatnonzero(owner == i) for i in range(len(boundary.surfaces) + 1)]
+
+    def edges(self, boundary: Boundary) -> IndexArray:
+        """Return the edges (E, 2) between nodes of `known`, as rows; of near neighbours where there are no faces."""
+        subject, known = boundary.subject, self.known
+        faces = subject.faces_of(boundary.declared)
+        if not faces:
+            near = cKDTree(subject.points[known]).query(subject.points[known], min(NEIGHBOURS, len(known)))[1]
+            return np.column_stack([np.repeat(near[:, 0], near.shape[1] - 1), near[:, 1:].ravel()])
+        row = np.full(len(subject.points), -1, dtype=np.int32)
+        row[known] = np.arange(len(known))
+        edges = row[edges_of(polygons_of(faces))[0]]
+        edges = edges[(edges >= 0).all(axis=1) & (edges[:, 0] < edges[:, 1])]
+        return np.unique(edges, axis=0).astype(np.intp)
+
+    @property
+    def coincident(self) -> int:
+        """Number of moving nodes that are at the place of another."""
+        return len(self.nodes) - len(self.distinct)
+
+    @classmethod
+    def of(cls, boundary: Boundary, region: Region, share: float) -> "Sites":
+        """Place the sites; `share` is the tolerance in median edges unless the job gives a length."""
+        subject, fitting = boundary.subject, boundary.job.fitting
+        still = np.intersect1d(boundary.still, region.inside, assume_unique=True)
+        sliding = tuple(_sliding(boundary, region, still))
+        distinct, sampled, carried = _distinct(boundary, still, _union(sliding))
+        edge = _edge(boundary, distinct)
+        spacing = _spacing(region, fitting.spacing_edges * edge)
+        known = np.concatenate([boundary.nodes, still, *(nodes for _, nodes in sliding)])
+        zero = _in_front(boundary, region.hexahedron.face_sites(spacing))
+        zero = apart_from(zero, subject.points[known], APART * spacing)
+        tolerance = fitting.tolerance or share * edge
+        reach = _reach(boundary, region, edge)
+        return cls(
+            boundary.nodes, distinct, still, sampled, sliding, carried, zero, spacing, edge, tolerance, reach
+        )  # fmt: skip
+
+
+def _union(sliding: Sequence[tuple[int, IndexArray]]) -> IndexArray:
+    return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(nodes for _, nodes in sliding)]))
+
+
+def _distinct(boundary: Boundary, still: IndexArray, slid: IndexArray) -> tuple[IndexArray, IndexArray, IndexArray]:
+    """Return rows of moving, fixed and sliding nodes at places of their own.
+
+    Raises
+    ------
+    InputError
+        If coincident nodes are to move differently.
+    """
+    subject, tol = boundary.subject, SAME * boundary.size
+    nodes = np.concatenate([boundary.nodes, still, slid])
+    first = first_coincident(subject.points[nodes], tol)
+    move = np.vstack([boundary.displacement(boundary.job.angle), np.zeros((len(still), 3))])
+    torn = np.flatnonzero(np.abs(move - move[first[: len(move)]]).max(axis=1) > 10.0 * tol)
+    if len(torn):
+        raise InputError(
+            f"{subject.name}: {len(torn)} nodes of the moving surface lie exactly on nodes that move otherwise, such "
+            f"as nodes {nodes[first[torn[0]]]} and {nodes[torn[0]]}"
+        )
+    own = first == np.arange(len(nodes))
+    moving, fixed, carried = np.split(own, [len(boundary.nodes), len(move)])
+    return np.flatnonzero(moving), _sampled(fixed), _sampled(carried)
+
+
+def _sampled(own: NDArray[np.bool_]) -> IndexArray:
+    """Return the rows of a mask, every n-th of them if they are more than `MOST_STILL`."""
+    rows = np.flatnonzero(own)
+    return rows[:: max(1, -(-len(rows) // MOST_STILL))]
+
+
+def _sliding(boundary: Boundary, region: Region, still: IndexArray) -> list[tuple[int, IndexArray]]:
+    known = np.union1d(boundary.nodes, still)
+    return [
+        (i, np.setdiff1d(np.intersect1d(sheet.nodes, region.inside, assume_unique=True), known, assume_unique=True))
+        for i, sheet in enumerate(boundary.sheets)
+    ]
+
+
+def _edge(boundary: Boundary, distinct: IndexArray) -> float:
+    """Return the median edge of the moving surfaces; without faces, the median distance of nearest nodes."""
+    subject = boundary.subject
+    faces = [faces for surface in boundary.surfaces for faces in subject.faces_of(surface.patches)]
+    if faces:
+        return median_edge(subject.points, faces)
+    if len(distinct) < 2:
+        raise InputError(f"{subject.name}: the moving surface has {len(distinct)} distinct nodes")
+    points = subject.points[boundary.nodes[distinct]]
+    return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
+
+
+def _reach(boundary: Boundary, region: Region, edge: float) -> float:
+    """Return the distance over which the mesh follows a surface: some edges, or a share of the room in the box."""
+    planes = region.hexahedron.planes
+    heights = planes[:, 3] - boundary.subject.points[boundary.nodes] @ planes[:, :3].T
+    room = np.maximum(heights.min(axis=0), 0.0)
+    return max(REACH_EDGES * edge, REACH_MARGIN * float(np.median(room)))
+
+
+def _spacing(region: Region, wanted: float) -> float:
+    """Return the distance of sites on the box: as wanted, unless that takes too many."""
+    faces = [region.hexahedron.face(name) for name in ("x-", "x+", "y-", "y+", "z-", "z+")]
+    area = sum(float(np.linalg.norm(np.cross(f[2] - f[0], f[3] - f[1]))) / 2.0 for f in faces)
+    return max(wanted, float(np.sqrt(area / MOST_ZERO)))
+
+
+def _in_front(boundary: Boundary, sites: FloatArray) -> FloatArray:
+    """Drop sites behind a sliding plane that bounds the mesh: nothing is there to be held."""
+    for sheet in boundary.sheets:
+        if isinstance(sheet.wall, Plane):
+            side = sheet.wall.distance(boundary.subject.points[boundary.nodes])
+            tol = SAME * boundary.size
+            if (side >= -tol).all() or (side <= tol).all():
+                sites = sites[sheet.wall.distance(sites) * np.copysign(1.0, side.sum()) >= -tol]
+    return np.ascontiguousarray(sites)
