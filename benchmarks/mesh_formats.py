@@ -15,7 +15,7 @@ from meshing.formats.flow import Cells, FlowMesh, Patch
 from meshing.formats.registry import FORMATS
 from meshing.mesh import IntArray
 
-FORMAT_NAMES = ("su2",)
+FORMAT_NAMES = ("su2", "cgns")
 
 
 def box_of_tets(cells: int) -> FlowMesh:

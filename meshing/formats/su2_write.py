@@ -122,8 +122,12 @@ def _table(prefix: str, rows: FloatArray | IntArray, number: int | None) -> Iter
     """Lines of a prefix, the rows' values (floats so that they read back exactly), and the row's number if wanted."""
     words = [prefix] * bool(prefix) + ["%r"] * rows.shape[1] + ["%d"] * (number is not None)
     line = " ".join(words) + "\n"
+    width = line.count("%")
     for start in range(0, len(rows), ROWS):
-        values = rows[start : start + ROWS].tolist()
+        own = rows[start : start + ROWS]
+        values: list[float] = [0] * (width * len(own))
+        for i, column in enumerate(own.T):
+            values[i::width] = column.tolist()
         if number is not None:
-            values = [[*row, i] for i, row in enumerate(values, number + start)]
-        yield (line * len(values)) % tuple(value for row in values for value in row)
+            values[width - 1 :: width] = range(number + start, number + start + len(own))
+        yield (line * len(own)) % tuple(values)
