@@ -57,9 +57,9 @@ def write_vtu(
     for name, values in (point_data or {}).items():
         if len(values) != len(mesh.points):
             raise ValueError(f"{name} has {len(values)} rows, expected {len(mesh.points)} nodes")
-        _attach(grid.GetPointData(), name, values)
+        attach(grid.GetPointData(), name, values)
     for name, values in (cell_data or {}).items():
-        _attach(grid.GetCellData(), name, _on_all_cells(name, values, mesh))
+        attach(grid.GetCellData(), name, _on_all_cells(name, values, mesh))
     with replacing(path) as beside:
         writer = vtkXMLUnstructuredGridWriter()
         writer.SetFileName(str(beside))
@@ -76,7 +76,7 @@ def read_vtu(path: Path) -> TetMesh:
     FormatError
         If the file does not exist, is damaged, or lacks our arrays.
     """
-    grid = _read(path)
+    grid = read_grid(path)
     types = vtk_to_numpy(grid.GetCellTypes()) if grid.GetNumberOfCells() else np.empty(0, dtype=np.uint8)
     if not np.isin(types, (VTK_TETRA, VTK_TRIANGLE)).all():
         raise FormatError(f"{path} holds cells other than tetrahedra and triangles")
@@ -104,7 +104,7 @@ def read_vtu_arrays(path: Path) -> dict[str, Array]:
     FormatError
         If the file does not exist or is damaged.
     """
-    grid = _read(path)
+    grid = read_grid(path)
     return {
         data.GetArrayName(i): vtk_to_numpy(data.GetArray(i)).copy()
         for data in (grid.GetPointData(), grid.GetCellData())
@@ -124,13 +124,14 @@ def _grid(mesh: TetMesh) -> vtkUnstructuredGrid:
     grid = vtkUnstructuredGrid()
     grid.SetPoints(points)
     grid.SetCells(numpy_to_vtk(types, True), cells)
-    _attach(grid.GetCellData(), "patch", np.concatenate([np.zeros(tets, dtype=np.int32), mesh.patch]))
-    _attach(grid.GetCellData(), "cad_face", np.concatenate([np.full(tets, -1), mesh.face]))
-    grid.GetFieldData().AddArray(_string_array("patch_names", mesh.names))
+    attach(grid.GetCellData(), "patch", np.concatenate([np.zeros(tets, dtype=np.int32), mesh.patch]))
+    attach(grid.GetCellData(), "cad_face", np.concatenate([np.full(tets, -1), mesh.face]))
+    grid.GetFieldData().AddArray(string_array("patch_names", mesh.names))
     return grid
 
 
-def _string_array(name: str, values: tuple[str, ...]) -> vtkStringArray:
+def string_array(name: str, values: tuple[str, ...]) -> vtkStringArray:
+    """Return strings as VTK holds them."""
     strings = vtkStringArray()
     strings.SetName(name)
     for value in values:
@@ -138,7 +139,8 @@ def _string_array(name: str, values: tuple[str, ...]) -> vtkStringArray:
     return strings
 
 
-def _attach(data: object, name: str, values: Array) -> None:
+def attach(data: object, name: str, values: Array) -> None:
+    """Add an array to point or cell data; integers are stored with 32 bits."""
     if np.issubdtype(values.dtype, np.integer):
         values = values.astype(np.int32)
     array = numpy_to_vtk(np.ascontiguousarray(values), True)
@@ -155,7 +157,14 @@ def _on_all_cells(name: str, values: Array, mesh: TetMesh) -> Array:
     return np.concatenate([values, np.zeros((triangles, *values.shape[1:]), dtype=values.dtype)])
 
 
-def _read(path: Path) -> vtkUnstructuredGrid:
+def read_grid(path: Path) -> vtkUnstructuredGrid:
+    """Read any unstructured grid.
+
+    Raises
+    ------
+    FormatError
+        If the file does not exist, is damaged, or is of another kind.
+    """
     if not path.is_file():
         raise FormatError(f"{path} does not exist")
     reader = vtkXMLUnstructuredGridReader()

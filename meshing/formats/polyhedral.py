@@ -67,7 +67,11 @@ def _paired(mesh: FlowMesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
     if len(mesh.cells) == 1 and isinstance(mesh.cells[0], Polyhedra):
         return _lower_first(mesh.cells[0])
     faces, cell = _faces_of_cells(mesh)
-    key = face_keys(faces, keys)
+    return _met(faces, cell, face_keys(faces, keys))
+
+
+def _met(faces: Polygons, cell: IntArray, key: Keys) -> tuple[Polygons, IntArray, IntArray]:
+    """The same from all faces of all cells, each with its cell (K,): equal keys are one face."""
     order = np.lexsort((cell, key))
     same = key[order][1:] == key[order][:-1]
     thrice = int(np.count_nonzero(same[1:] & same[:-1]))
@@ -79,6 +83,20 @@ def _paired(mesh: FlowMesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
     second[order[1:][same]] = True
     kept = np.flatnonzero(~second)
     return taken(faces, kept), cell[kept], neighbour[kept]
+
+
+def polyhedra(faces: Polygons, cell: IntArray, points: int) -> Polyhedra:
+    """Return cells from all their faces, normals outwards, and the cell (K,) of each.
+
+    Raises
+    ------
+    MeshFileError
+        If a face is of three cells or more.
+    """
+    once, owner, neighbour = _met(faces, cell, face_keys(faces, node_keys(points)))
+    order = np.argsort(neighbour < 0, kind="stable")
+    inner = int(np.count_nonzero(neighbour >= 0))
+    return Polyhedra(taken(once, order), owner[order], neighbour[order][:inner])
 
 
 def _lower_first(cells: Polyhedra) -> tuple[Polygons, IntArray, IntArray]:

@@ -7,11 +7,13 @@ from meshing.formats.format import Format, MeshFileError
 from meshing.formats.gmsh import Gmsh
 from meshing.formats.openfoam import OpenFoam
 from meshing.formats.su2 import Su2
+from meshing.formats.vtk import Vtu
 
 FORMATS: dict[str, Format] = {
     "su2": Su2(),
     "cgns": Cgns(),
     "gmsh": Gmsh(),
+    "vtu": Vtu(),
     "openfoam": OpenFoam(),
 }
 """Every format by its name; a format is added here and nowhere else."""
