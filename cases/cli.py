@@ -7,6 +7,7 @@ from typing import Any, NoReturn
 import click
 from rich.console import Console
 
+from cases.cli_report import report
 from cases.cli_study import study
 from cases.cli_view import view
 
@@ -162,6 +163,7 @@ def cache(clear: bool) -> None:
         print(f"{store.folder}: {len(sizes)} meshes, {sum(sizes) / 1e6:.1f} MB")
 
 
+cli.add_command(report)
 cli.add_command(study)
 cli.add_command(view)
 

@@ -64,7 +64,9 @@ def surface_to_cad(shape: Shape, cad: CadModel, nodes: IndexArray, limit: float)
     """Distance of the moved nodes from the trimmed faces of the deflected CAD."""
     points = shape.deflected.points[nodes]
     distance = distance_to_patch(points, cad, shape.turn.surface)
-    return Check("surface_to_cad", float(distance.max()), limit, "m", worst(distance, points))
+    return Check(
+        "surface_to_cad", float(distance.max()), limit, "m", worst(distance, points), nodes=nodes, distances=distance
+    )
 
 
 def planarity(shape: Shape) -> Check:
@@ -127,7 +129,8 @@ def root_on_cylinder(shape: Shape, rigid: CadModel, root: IndexArray) -> Check:
             place = np.searchsorted(root, nodes)
             away = distance_to_plane(shape.deflected.points[nodes], rigid, shape.turn.surface, rotation @ normal)
             off[place] = np.maximum(off[place], away)
-    return Check("root_on_cylinder", float(off.max()), shape.case.limits.planarity, "m", worst(off, points))
+    limit = shape.case.limits.planarity
+    return Check("root_on_cylinder", float(off.max()), limit, "m", worst(off, points), nodes=root, distances=off)
 
 
 def distance_to_patch(points: FloatArray, cad: CadModel, patch: str) -> FloatArray:

@@ -1,11 +1,11 @@
 """Does the deflected mesh have the shape it should have? Checks that can fail."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
-from cases.motion import FloatArray
+from cases.motion import FloatArray, IndexArray
 
 Judgement = Literal["at most", "at least"]
 
@@ -19,6 +19,7 @@ class Check:
     name : fixed name (see the contract), with the surface appended when a case deflects several.
     value, limit : in `unit`; the check passes if value <= limit ("at most") or value >= limit ("at least").
     where : what was measured, over how many nodes, and where the worst one lies.
+    nodes, distances : (K,) the nodes and what was measured at each, where a map of it is worth drawing.
     """
 
     name: str
@@ -27,6 +28,8 @@ class Check:
     unit: str
     where: str
     judgement: Judgement = "at most"
+    nodes: IndexArray | None = field(default=None, compare=False, repr=False)
+    distances: FloatArray | None = field(default=None, compare=False, repr=False)
 
     @property
     def passed(self) -> bool:

@@ -1,6 +1,7 @@
 """Colours that colour-blind readers can tell apart."""
 
 from collections.abc import Iterable
+from zlib import crc32
 
 import matplotlib as mpl
 import numpy as np
@@ -29,6 +30,9 @@ COMPONENTS = {
 }
 """After Paul Tol's muted scheme."""
 
+OTHERS = ("#4477aa", "#ee8866", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bbcc33", "#99ddff")
+"""For patches that are no component of our aircraft: taken in turn by the letters of the name."""
+
 DARK: Colour = (90, 90, 90)
 GREY: Colour = (190, 190, 190)
 MAGENTA: Colour = (204, 0, 204)
@@ -44,8 +48,16 @@ def component(patch: str) -> str:
 
 def patch_colour(patch: str) -> Colour:
     """Return the colour of a patch's component."""
-    r, g, b = (round(255 * share) for share in to_rgb(COMPONENTS[component(patch)]))
+    name = component(patch)
+    colour = COMPONENTS.get(name) or OTHERS[crc32(name.encode()) % len(OTHERS)]
+    r, g, b = (round(255 * share) for share in to_rgb(colour))
     return r, g, b
+
+
+def hexadecimal(colour: Colour) -> str:
+    """Return a colour as a web page wants it."""
+    r, g, b = colour
+    return f"#{r:02x}{g:02x}{b:02x}"
 
 
 def components_of(patches: Iterable[str]) -> list[str]:

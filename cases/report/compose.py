@@ -1,5 +1,6 @@
 """Rendered images side by side in one figure, with titles, a colour bar and a legend drawn by matplotlib."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import matplotlib as mpl
@@ -12,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from cases.report.colours import QUALITY_MAP, QUALITY_RANGE
-from cases.report.offscreen import rendered
+from cases.report.offscreen import Image, rendered
 from cases.report.scene import View
 
 INCHES = 5.2
@@ -49,7 +50,11 @@ def figure_of(picture: Picture) -> Figure:
     RenderError
         If the views cannot be rendered.
     """
-    images = rendered(picture.views)
+    return assembled(picture, rendered(picture.views))
+
+
+def assembled(picture: Picture, images: Sequence[Image]) -> Figure:
+    """Put the images (H, W, 3) of a picture's views together."""
     rows = -(-len(images) // picture.columns)
     width, height = picture.views[0].pixels
     size = (INCHES * picture.columns + 1.0 * picture.quality, rows * (INCHES * height / width + 0.35))

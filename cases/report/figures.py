@@ -1,66 +1,84 @@
-"""Plots of one run: convergence, quality histograms, distance from the CAD."""
-
-from pathlib import Path
+"""Plots of one run: convergence and quality histograms, one panel for each control surface."""
 
 import matplotlib as mpl
 
 mpl.use("Agg")
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cases.confine import DIRECTIONS
-from cases.run import Run
+from cases.report.story import Course, Story
+from cases.turn import Turn
 from meshing.quality import mean_ratio
 
-STYLES = ({"color": "#0072b2", "ls": "-"}, {"color": "#d55e00", "ls": "--"}, {"color": "#009e73", "ls": ":"})
+STYLES = (
+    {"color": "#0072b2", "ls": "-", "marker": "o"},
+    {"color": "#d55e00", "ls": "--", "marker": "s"},
+    {"color": "#333333", "ls": ":", "marker": "^"},
+)
+"""Of the directions x, y, z: told apart by dashes and markers, too."""
 BINS = np.linspace(0.0, 1.0, 51)
+COLUMNS = 2
+SMALLEST = 1e-16
+"""Residuals (m) below are drawn here: an axis of logarithms has no zero."""
 
 
-def draw_all(run: Run, folder: Path) -> dict[str, str]:
-    """Draw every plot into `folder`; return file name -> text alternative."""
-    folder.mkdir(parents=True, exist_ok=True)
-    drawn = {}
-    for name, draw in (("convergence", convergence), ("quality", quality)):
-        figure = Figure(figsize=(7.0, 4.2), layout="constrained")
-        drawn[f"{name}.png"] = draw(run, figure)
-        figure.savefig(folder / f"{name}.png", dpi=110, metadata={"Software": None})
-    return drawn
+def panels(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+    """Return a figure of so many axes, two in a row; a single one is wider."""
+    columns = min(count, COLUMNS)
+    rows = -(-count // columns)
+    size = (columns * width if columns > 1 else 1.5 * width, rows * height)
+    figure = Figure(figsize=size, layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    for spare in axes[count:]:
+        spare.set_axis_off()
+    return figure, axes[:count]
 
 
-def convergence(run: Run, figure: Figure) -> str:
-    """Largest residual against the number of centres, per direction (the paper's figure 2)."""
-    axes = figure.add_subplot()
-    first = run.deflections[0]
-    for fit in first.steps[0].fits:
-        label = "".join(DIRECTIONS[c] for c in fit.components)
-        rows = fit.history
-        axes.semilogy(
-            [r.n_centers for r in rows], [max(r.max_residual, 1e-16) for r in rows],
-            label=f"$f_{{{label}}}$", lw=2, marker="o", ms=3 if len(rows) > 1 else 7, **STYLES[fit.components[0]],
-        )  # fmt: skip
-    tolerance = run.case.adaptation.tolerance
-    axes.axhline(tolerance, color="0.4", lw=1)
-    axes.annotate(f"tolerance {tolerance:g} m", (axes.get_xlim()[0], tolerance), va="bottom", color="0.3")
-    axes.set(xlabel="centres", ylabel="largest residual at the data sites, m", title=first.turn.surface)
-    axes.legend()
-    axes.grid(alpha=0.3)
-    return "Largest residual against the number of centres for each displacement direction, falling to the tolerance."
+def convergence(story: Story) -> tuple[Figure, str]:
+    """Largest residual against the number of centres, per direction (the paper's figure 2), and what is seen."""
+    figure, axes = panels(len(story.turns), 4.6, 3.5)
+    tolerance, texts = story.case.adaptation.tolerance, []
+    for one, turn in zip(axes, story.turns, strict=True):
+        courses = [course for course in story.courses if course.surface == turn.surface and course.step == 1]
+        for course in courses:
+            _course(one, course)
+        one.axhline(tolerance, color="0.4", lw=1, label=f"tolerance {tolerance:g} m")
+        one.set(xlabel="centres", ylabel="largest residual at the data sites, m", title=turn.surface)
+        one.legend(loc="best", fontsize="small")
+        one.grid(alpha=0.3)
+        ends = ", ".join(f"{c.errors[-1]:.1e} m with {c.centres[-1]} centres in {c.directions}" for c in courses)
+        texts.append(f"{turn.surface}: {ends}.")
+    return figure, f"Largest residual against the number of centres; tolerance {tolerance:g} m. " + " ".join(texts)
 
 
-def quality(run: Run, figure: Figure) -> str:
-    """Mean ratio of the cells that touch a hexahedron, before and after, on common bins."""
-    inside = np.concatenate([one.turn.region.inside for one in run.deflections])
-    cells = run.mesh.tets[np.isin(run.mesh.tets, inside).any(axis=1)]
-    before, after = (mean_ratio(mesh.points, cells) for mesh in (run.mesh, run.deflected))
-    axes = figure.add_subplot()
-    axes.stairs(np.histogram(before, BINS)[0], BINS, label="undeflected", color="black", lw=1.5)
-    axes.stairs(np.histogram(after, BINS)[0], BINS, label="deflected", color="#d55e00", alpha=0.45, fill=True)
-    axes.set(xlabel="mean ratio of a cell", ylabel="cells that touch a hexahedron", yscale="symlog")
-    axes.set_title(f"smallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")
-    axes.legend(loc="upper left")
+def _course(axes: Axes, course: Course) -> None:
+    style = STYLES["xyz".index(course.directions[0])]
+    errors = np.maximum(course.errors, SMALLEST)
+    axes.semilogy(course.centres, errors, label=f"$f_{{{course.directions}}}$", lw=1.8, ms=4.5, **style)
+
+
+def quality(story: Story) -> tuple[Figure, str]:
+    """Mean ratio of the cells that touch each hexahedron, before and after on common bins, and what is seen."""
+    figure, axes = panels(len(story.turns), 4.6, 3.5)
+    texts = [histogram(story, turn, one) for one, turn in zip(axes, story.turns, strict=True)]
+    return figure, "Histograms of the mean ratio before and after the deflection. " + " ".join(texts)
+
+
+def histogram(story: Story, turn: Turn, axes: Axes) -> str:
+    """Draw the histograms of one control surface's hexahedron and say what is seen."""
+    cells = story.mesh.tets[story.touching(turn)]
+    before, after = (mean_ratio(mesh.points, cells) for mesh in (story.mesh, story.deflected))
+    axes.stairs(np.histogram(after, BINS)[0], BINS, label="deflected", color="#e0a36a", fill=True)
+    axes.stairs(np.histogram(before, BINS)[0], BINS, label="undeflected", color="black", lw=1.4)
+    limit = story.case.limits.quality_min
+    axes.axvline(limit, color="0.35", lw=1, ls="--", label=f"limit {limit:g}")
+    axes.set(xlabel="mean ratio of a cell", ylabel="cells (log above 1)", yscale="symlog", xlim=(0.0, 1.0))
+    axes.set_title(f"{turn.surface}: smallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")
+    axes.legend(loc="upper left", fontsize="small")
     axes.grid(alpha=0.3)
     return (
-        f"Histogram of the mean ratio of {len(cells)} cells before and after the deflection; smallest "
-        f"{before.min():.3f} before and {after.min():.3f} after."
+        f"{turn.surface}: {len(cells)} cells that touch the hexahedron; smallest {before.min():.3f} before and "
+        f"{after.min():.3f} after, mean {before.mean():.3f} before and {after.mean():.3f} after."
     )

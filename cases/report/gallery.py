@@ -1,0 +1,83 @@
+"""Every picture of a run, with what it shows in words."""
+
+import re
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from cases.report import cad_map, figures, slices
+from cases.report.before_after import before_after
+from cases.report.compose import Picture, assembled
+from cases.report.offscreen import Image, RenderError, rendered
+from cases.report.png import write_sharp_png
+from cases.report.story import Story
+
+Drawn = tuple[str, str, Figure, str]
+"""Part of the page, name, figure, and what it shows in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exhibit:
+    """A picture in a file: the part of the page it belongs to, and what it shows in words."""
+
+    part: str
+    path: Path
+    alternative: str
+
+
+@dataclass(frozen=True, slots=True)
+class Gallery:
+    """All pictures, and why some could not be drawn (empty if all were)."""
+
+    exhibits: tuple[Exhibit, ...]
+    missing: str
+
+    def of(self, part: str) -> list[Exhibit]:
+        """Return the pictures of one part of the page."""
+        return [one for one in self.exhibits if one.part == part]
+
+
+def hung(story: Story, folder: Path) -> Gallery:
+    """Draw every picture into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures = [before_after(story, turn) for turn in story.turns]
+    missing = ""
+    with ThreadPoolExecutor(1) as elsewhere:  # the other process draws while this one does
+        images = elsewhere.submit(rendered, tuple(view for picture in pictures for view in picture.views))
+        exhibits = [_saved(folder, *drawn) for drawn in plots(story)]
+        try:
+            exhibits += [_saved(folder, *drawn) for drawn in renderings(story, pictures, images.result())]
+        except RenderError as error:
+            missing = str(error)
+    return Gallery(tuple(exhibits), missing)
+
+
+def plots(story: Story) -> Iterator[Drawn]:
+    """Yield each plot that needs no graphics library."""
+    yield "convergence", "convergence", *figures.convergence(story)
+    yield "quality", "quality", *figures.quality(story)
+    for turn in story.turns:
+        yield "slices", f"slices_{turn.surface}", *slices.slices(story, turn)
+        yield "cad_map", f"cad_map_{turn.surface}", *cad_map.cad_map(story, turn)
+
+
+def renderings(story: Story, pictures: Sequence[Picture], images: Sequence[Image]) -> Iterator[Drawn]:
+    """Yield the pictures of each control surface, put together from the images of their views."""
+    rest = iter(images)
+    for turn, picture in zip(story.turns, pictures, strict=True):
+        figure = assembled(picture, [next(rest) for _ in picture.views])
+        yield "before_after", f"before_after_{turn.surface}", figure, picture.alternative
+
+
+def _saved(folder: Path, part: str, name: str, figure: Figure, alternative: str) -> Exhibit:
+    path = folder / f"{file_name(name)}.png"
+    write_sharp_png(figure, path)
+    return Exhibit(part, path, alternative)
+
+
+def file_name(name: str) -> str:
+    """Return a name without characters that mean something in a path."""
+    return re.sub(r"[^\w.+-]", "_", name)

@@ -1,0 +1,127 @@
+"""What a report tells of: a run as it ends, or as its folder keeps it."""
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from cases.case import Case
+from cases.confine import DIRECTIONS
+from cases.errors import InputError
+from cases.finished import read_run
+from cases.metrics import Json, metrics
+from cases.motion import BoolArray, FloatArray
+from cases.run import Run
+from cases.turn import Turn, turn_of
+from cases.validate import validate
+from cases.validation import Check
+from meshing.mesh import TetMesh
+from meshing.vtu import read_vtu
+
+Centres = dict[str, dict[str, FloatArray]]
+"""Centres (C, 3) of the first step by control surface and direction."""
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """The adaptation of one group of directions in one step: centres and the largest residual (m) with them."""
+
+    surface: str
+    step: int
+    directions: str
+    centres: tuple[int, ...]
+    errors: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Story:
+    """Everything that the page of a run shows.
+
+    Attributes
+    ----------
+    mesh, deflected : before and after; same cells, same order.
+    turns : what each control surface was to do.
+    figures : the content of metrics.json.
+    """
+
+    case: Case
+    mesh: TetMesh
+    deflected: TetMesh
+    turns: tuple[Turn, ...]
+    checks: tuple[Check, ...]
+    figures: Json
+    courses: tuple[Course, ...]
+    centres: Centres
+
+    @property
+    def passed(self) -> bool:
+        """True if every check passed."""
+        return all(check.passed for check in self.checks)
+
+    def touching(self, turn: Turn) -> BoolArray:
+        """True for cells (M,) with a node inside the hexahedron of a control surface."""
+        return np.asarray(np.isin(self.mesh.tets, turn.region.inside).any(axis=1))
+
+
+def of_run(run: Run) -> Story:
+    """Return the story of a run that has just ended."""
+    courses = [
+        Course(
+            one.turn.surface, k, "".join(DIRECTIONS[c] for c in fit.components),
+            tuple(row.n_centers for row in fit.history), tuple(row.max_residual for row in fit.history),
+        )
+        for one in run.deflections for k, step in enumerate(one.steps, 1) for fit in step.fits
+    ]  # fmt: skip
+    centres = {
+        one.turn.surface: {
+            DIRECTIONS[c]: fit.interpolant.centers for fit in one.steps[0].fits for c in fit.components
+        }
+        for one in run.deflections
+    }
+    turns = tuple(one.turn for one in run.deflections)
+    return Story(run.case, run.mesh, run.deflected, turns, run.checks, metrics(run), tuple(courses), centres)
+
+
+def of_folder(folder: Path) -> Story:
+    """Return the story of a finished run from its folder; the validation is made again.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or damaged.
+    """
+    case, mesh, deflected = read_run(folder)
+    background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
+    turns = tuple(turn_of(case, mesh, deflection) for deflection in case.deflections)
+    try:
+        figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+        courses = read_courses(folder / "convergence.csv")
+        centres = read_centres(folder / "interpolant.npz", [turn.surface for turn in turns])
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(f"{folder} is not the whole output folder of a run: {error}") from None
+    checks = validate(case, mesh, deflected, turns, background)
+    return Story(case, mesh, deflected, turns, checks, figures, courses, centres)
+
+
+def read_courses(path: Path) -> tuple[Course, ...]:
+    """Read convergence.csv."""
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    found = []
+    for key, group in groupby(rows, key=lambda row: (row["surface"], int(row["step"]), row["direction"])):
+        pairs = [(int(row["centres"]), float(row["max_error"])) for row in group]
+        found.append(Course(*key, tuple(count for count, _ in pairs), tuple(error for _, error in pairs)))
+    return tuple(found)
+
+
+def read_centres(path: Path, surfaces: Sequence[str]) -> Centres:
+    """Read the centres of each surface's first step from interpolant.npz."""
+    with np.load(path, allow_pickle=False) as stored:
+        return {
+            surface: {d: stored[f"centers_{d}_{surface}" if i else f"centers_{d}"] for d in DIRECTIONS}
+            for i, surface in enumerate(surfaces)
+        }

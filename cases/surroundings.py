@@ -1,0 +1,47 @@
+"""What the program runs on: libraries and their versions, interpreter, machine."""
+
+import os
+from importlib.metadata import PackageNotFoundError, version
+from platform import machine, platform, python_version
+
+from threadpoolctl import threadpool_info  # type: ignore[import-untyped, unused-ignore]
+
+LIBRARIES = (
+    "numpy", "scipy", "numba", "cadquery", "cadquery-ocp", "gmsh", "pytetwild", "pymeshlab", "trimesh", "rtree", "vtk",
+    "pyvista", "meshio", "h5py", "matplotlib", "pillow", "plotly", "jinja2", "trame", "click", "rich",
+)  # fmt: skip
+
+
+def versions() -> dict[str, str]:
+    """Return the version of each library that the package uses, empty where it is missing."""
+    return {name: _version(name) for name in LIBRARIES}
+
+
+def surroundings() -> dict[str, str]:
+    """Return program, interpreter, system and threads in words."""
+    return {
+        "sdm-deflect": _version("sdm-deflect"),
+        "Python": python_version(),
+        "system": platform(),
+        "processor": f"{machine()}, {usable_cores()} cores for this process",
+        "linear algebra": blas(),
+    }
+
+
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def blas() -> str:
+    """Return the linear algebra libraries that are loaded and their threads."""
+    pools = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
+    found = {f"{pool['internal_api']} {pool.get('version') or ''}, {pool['num_threads']} threads" for pool in pools}
+    return "; ".join(sorted(found)) or "none loaded"
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
