@@ -7,7 +7,9 @@ from typing import Any, NoReturn
 import click
 from rich.console import Console
 
+from cases.cli_deflect import deflect
 from cases.cli_report import report
+from cases.cli_export import export
 from cases.cli_study import study
 from cases.cli_view import view
 
@@ -163,7 +165,9 @@ def cache(clear: bool) -> None:
         print(f"{store.folder}: {len(sizes)} meshes, {sum(sizes) / 1e6:.1f} MB")
 
 
+cli.add_command(deflect)
 cli.add_command(report)
+cli.add_command(export)
 cli.add_command(study)
 cli.add_command(view)
 

@@ -12,9 +12,17 @@ def is_reported(error: Exception) -> bool:
     from deform.interpolant import SolveError
     from geometry.model import CadError
     from meshing.errors import MeshingError
+    from meshing.formats.format import MeshFileError
     from meshing.vtu import FormatError
 
     return isinstance(
         error,
-        InputError | ConfinementError | OutputError | SolveError | CadError | MeshingError | FormatError
+        InputError
+        | ConfinementError
+        | OutputError
+        | SolveError
+        | CadError
+        | MeshingError
+        | FormatError
+        | MeshFileError,
     )

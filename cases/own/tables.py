@@ -1,0 +1,95 @@
+"""What `sdm deflect` prints: the plan, and how each angle came out."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Group
+from rich.table import Table
+
+from cases.console import verdict
+from cases.own.plan import Plan
+from cases.own.report import Report, notes_of
+
+
+def plan_table(plan: Plan) -> Group:
+    """Return patches with their part, the box, and what will be computed."""
+    table = Table(title=f"{plan.subject.name}: what would be done", title_justify="left")
+    for heading in ("patch", "part", "nodes", "in the box"):
+        table.add_column(heading, justify="right" if heading in ("nodes", "in the box") else "left")
+    inside = set(plan.region.inside.tolist())
+    for name, nodes in plan.subject.nodes.items():
+        count = sum(node in inside for node in nodes.tolist())
+        table.add_row(name, _part(plan, name), str(len(nodes)), str(count))
+    return Group(table, *_lines(plan))
+
+
+def result_table(plan: Plan, reports: Sequence[Report], files: Sequence[Path], lost: Sequence[str]) -> Group:
+    """Return the checks of a single angle, or a row for each of many, and what was written."""
+    ordered = sorted(reports, key=lambda report: report.angle)
+    title = f"{', '.join(plan.boundary.surfaces[0].patches)} of {plan.subject.name}"
+    if len(ordered) == 1:
+        only = ordered[0]
+        body = [verdict(only.checks, f"{title}, {only.angle:+g} {only.unit}"), quality_table(only)]
+    else:
+        failed = [report for report in ordered if not report.passed]
+        body = [sweep_table(ordered, title), *(verdict(r.checks, f"{r.angle:+g} {r.unit}") for r in failed)]
+    extra = [report.seconds for report in reports[1:]]
+    speed = f"first angle {reports[0].seconds:.2f} s"
+    if extra:
+        speed += f", {sum(extra) / len(extra):.2f} s for each further one"
+    passed = all(report.passed for report in reports)
+    wrote = [f"wrote {', '.join(str(path) for path in files)}"] if files else []
+    last = "all validations passed" if passed else "A VALIDATION FAILED"
+    return Group(*body, *_lines(plan), *(f"not held by this format: {text}" for text in lost), speed, *wrote, last)
+
+
+def quality_table(report: Report) -> Table:
+    """Return the quality of the touched cells before and after, by type."""
+    table = Table(title="cells with a node in the box: scaled Jacobian before, after", title_justify="left")
+    for heading in ("type", "cells", "min", "1 %", "mean", "inverted"):
+        table.add_column(heading, justify="left" if heading == "type" else "right", no_wrap=True)
+    for old, new in zip(report.before, report.after, strict=True):
+        pairs = [f"{a:.3f}, {b:.3f}" for a, b in ((old.min, new.min), (old.p01, new.p01), (old.mean, new.mean))]
+        table.add_row(old.shape, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
+    return table
+
+
+def sweep_table(reports: Sequence[Report], title: str) -> Table:
+    """Return one row for each angle."""
+    table = Table(title=title, title_justify="left")
+    for heading in ("angle", "steps", "centres", "site error", "smallest Jacobian", "seconds", ""):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for one in reports:
+        centers = ", ".join(f"{name}: {count}" for name, (count, _) in one.centers.items())
+        error = max(value for _, value in one.centers.values())
+        least = min((quality.min for quality in one.after), default=float("nan"))
+        table.add_row(
+            f"{one.angle:+g}", str(one.steps), centers, f"{error:.1e}", f"{least:.3f}", f"{one.seconds:.2f}",
+            "passed" if one.passed else "[bold]FAILED[/bold]",
+        )  # fmt: skip
+    return table
+
+
+def _lines(plan: Plan) -> list[str]:
+    sites, box = plan.sites, plan.region
+    corners = box.hexahedron.corners
+    return [
+        f"box {box.why}; from {_point(corners[0])} to {_point(corners[7])}",
+        f"{len(box.inside)} of {len(plan.subject.points)} nodes inside, {plan.touched.count} cells touched",
+        f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.carried)} sliding, "
+        f"{len(sites.zero)} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
+        *(f"note: {note}" for note in notes_of(plan)),
+    ]
+
+
+def _point(corner: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{x:.4g}" for x in corner) + ")"
+
+
+def _part(plan: Plan, name: str) -> str:
+    for moving, surface in zip(plan.job.surfaces, plan.boundary.surfaces, strict=True):
+        if name in surface.patches:
+            return f"moves by {moving.amount:+g} {moving.motion.unit}"
+    if name in plan.boundary.fixed:
+        return "fixed"
+    return "slides" if name in plan.boundary.declared else "outside"
