@@ -82,11 +82,9 @@ def _points(source: Su2File, section: Section) -> FloatArray:
 def _patches(source: Su2File, own: Sequence[Section], points: int) -> tuple[Patch, ...]:
     patches = []
     tags = [i for i, section in enumerate(own) if section.keyword == "MARKER_TAG"]
-    announced = [section.count for section in own if section.keyword == "NMARK"]
-    if announced and announced[0] != len(tags):
-        raise MeshFileError(
-            f"NMARK= {announced[0]}, but there are {len(tags)} markers; the file is truncated or damaged"
-        )
+    announced = _only(own, "NMARK").count
+    if announced != len(tags):
+        raise MeshFileError(f"NMARK= {announced}, but there are {len(tags)} markers; the file is truncated or damaged")
     for i in tags:
         name = own[i].value
         if name == PARALLEL:

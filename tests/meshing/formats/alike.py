@@ -1,0 +1,38 @@
+"""What two meshes have in common."""
+
+import h5py
+import numpy as np
+
+from meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
+
+
+def rows(block: Cells | Polygons) -> list[tuple[int, ...]]:
+    """Nodes of each cell or face."""
+    if isinstance(block, Cells):
+        return [tuple(row) for row in block.nodes.tolist()]
+    return [tuple(part.tolist()) for part in np.split(block.nodes, block.offsets[1:-1])]
+
+
+def content(mesh: FlowMesh) -> dict[str, object]:
+    """Cells by shape and faces by patch, in order, as plain lists."""
+    cells: dict[str, list] = {}
+    for block in mesh.cells:
+        assert not isinstance(block, Polyhedra)
+        cells.setdefault(block.shape, []).extend(rows(block))
+    patches = {patch.name: [row for faces in patch.faces for row in rows(faces)] for patch in mesh.patches}
+    return {"cells": cells, "patches": patches, "zones": [(zone.name, zone.start, zone.stop) for zone in mesh.zones]}
+
+
+def tree(path) -> dict[str, tuple]:
+    """Everything in an HDF5 file by path: attributes, and type, shape and bytes of each dataset."""
+    found: dict[str, tuple] = {}
+
+    def visit(name, node):
+        values = (node.dtype.str, node.shape, node[()].tobytes()) if isinstance(node, h5py.Dataset) else ()
+        attributes = {key: np.asarray(value).tobytes() for key, value in node.attrs.items()}
+        found[name] = (attributes, values)
+
+    with h5py.File(path) as file:
+        visit("", file)
+        file.visititems(visit)
+    return found

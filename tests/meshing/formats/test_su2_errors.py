@@ -1,0 +1,142 @@
+"""What is wrong with an SU2 file is said in one sentence that names the file."""
+
+import numpy as np
+import pytest
+from examples import hybrid
+
+from meshing.formats.flow import FlowMesh
+from meshing.formats.format import MeshFileError
+from meshing.formats.su2 import Su2
+
+
+@pytest.fixture
+def text(tmp_path):
+    Su2().write(hybrid(), tmp_path / "good.su2")
+    return (tmp_path / "good.su2").read_text()
+
+
+def complaint(path) -> str:
+    before = path.read_bytes()
+    with pytest.raises(MeshFileError) as caught:
+        Su2().read(path)
+    assert path.read_bytes() == before
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("NDIME= 3", "NDIME= 2", "two-dimensional"),
+        ("NDIME= 3", "", "no NDIME="),
+        ("NPOIN= 14", "NPOIN= 15", "NPOIN= 15, but 14 lines of numbers follow; the file is truncated or damaged"),
+        ("NPOIN= 14", "NPOIN= 13", "NPOIN= 13, but 14 lines"),
+        ("NPOIN= 14", "NPOIN= 999999999999999", "NPOIN= 999999999999999, but 14 lines"),
+        ("NPOIN= 14", "NPOIN= many", "NPOIN= many is not a count"),
+        ("NPOIN= 14", "NPOINT= 14", "0 lines NPOIN="),
+        ("NELEM= 7", "NELEM= 8", "NELEM= 8, but 7 lines"),
+        ("NMARK= 6", "NMARK= 7", "NMARK= 7, but there are 6 markers"),
+        ("MARKER_ELEMS= 5", "", "marker roof has no MARKER_ELEMS="),
+        ("MARKER_ELEMS= 5", "MARKER_ELEMS= 6", "marker roof: MARKER_ELEMS= 6, but 5 lines"),
+        ("MARKER_TAG= roof", "MARKER_TAG= floor", "given twice: floor"),
+        ("9 4 5 13 12", "9 4 5 13 14", "marker roof: 1 quad elements name points that are not among the 14"),
+        ("9 4 5 13 12", "9 4 5 13 -1", "marker roof: 1 quad elements name points"),
+        ("9 4 5 13 12", "9 4 5 13 11", "1 of 5 faces of patch roof are of no cell"),
+        ("9 4 5 13 12", "3 4 5", "marker roof: 1 elements of type 3 where there can be 5 (triangle), 9 (quad)"),
+        ("9 4 5 13 12", "9 4 5 13", "marker roof: 1 lines of quad elements have other than 4 nodes"),
+        ("14 1 2 6 5 8 1", "15 1 2 6 5 8 1", "1 elements of type 15 where there can be 10 (tetra)"),
+        ("14 1 2 6 5 8 1", "14 1 2 6 5.0 8 1", "'5.0' is not a number"),
+        ("-0.031157651599626007", "nan", "1 points are not finite, the first is point 12"),
+        ("-0.031157651599626007", "1e999", "1 points are not finite"),
+        ("-0.031157651599626007", "0.03x", "'0.03x' is not a number"),
+        ("NMARK= 6", "", "0 lines NMARK="),
+        (" 0.028566421160436638 0", "", "1 lines of points have other than 3 coordinates"),
+    ],
+)
+def test_damage_is_named(old, new, message, text, tmp_path):
+    assert old in text
+    path = tmp_path / "bad.su2"
+    path.write_text(text.replace(old, new, 1))
+    assert message in complaint(path)
+
+
+def test_a_file_cut_anywhere_is_not_read_in_part(text, tmp_path):
+    path = tmp_path / "cut.su2"
+    whole = Su2().read(tmp_path / "good.su2")
+    for size in range(0, len(text) - 1, 7):
+        path.write_text(text[:size])
+        complaint(path)
+    path.write_text(text.rstrip())  # a last line without its end is whole
+    np.testing.assert_array_equal(Su2().read(path).on("roof"), whole.on("roof"))
+
+
+def test_missing_zones_are_a_truncated_file(tmp_path):
+    Su2().write(hybrid(2), tmp_path / "mesh.su2")
+    text = (tmp_path / "mesh.su2").read_text()
+    (tmp_path / "mesh.su2").write_text(text[: text.index("IZONE= 2")])
+    assert "NZONE= 2, but there are 1 zones" in complaint(tmp_path / "mesh.su2")
+
+
+def test_other_content_is_no_su2_mesh(tmp_path):
+    path = tmp_path / "other.su2"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n\0\0" + bytes(range(256)))
+    assert "binary" in complaint(path)
+    path.write_text("a = 1\n")
+    assert "not an SU2 mesh" in complaint(path)
+    path.write_text("")
+    complaint(path)
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path):
+    for path in (tmp_path / "none.su2", tmp_path):
+        with pytest.raises(MeshFileError, match=str(path)):
+            Su2().read(path)
+
+
+def test_the_source_is_never_written(text, tmp_path):
+    source = tmp_path / "good.su2"
+    points = Su2().read(source).points
+    (tmp_path / "link.su2").symlink_to(source)
+    for out in (source, tmp_path / "link.su2", tmp_path / ".." / tmp_path.name / "good.su2"):
+        with pytest.raises(MeshFileError, match="write to another file"):
+            Su2().rewrite(source, points + 1.0, out)
+    assert source.read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [(lambda p: p[:-1], "the file has 14 points"), (lambda p: p / np.zeros(3), "14 of the 14 points to write are not")],
+)
+def test_points_that_do_not_fit_leave_nothing_behind(change, message, text, tmp_path):
+    source, out = tmp_path / "good.su2", tmp_path / "new" / "out.su2"
+    with np.errstate(all="ignore"):
+        points = change(Su2().read(source).points)
+    with pytest.raises(MeshFileError, match=message):
+        Su2().rewrite(source, points, out)
+    assert not out.exists()
+    assert sorted(path.name for path in tmp_path.rglob("*.su2")) == ["good.su2"]
+
+
+def test_a_folder_that_cannot_be_written_is_named(text, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(MeshFileError, match="cannot be written"):
+        Su2().write(hybrid(), tmp_path / "file" / "mesh.su2")
+
+
+def test_a_mesh_without_cells_is_refused(tmp_path):
+    Su2().write(FlowMesh(hybrid().points, (), ()), tmp_path / "mesh.su2")
+    assert "no volume cells" in complaint(tmp_path / "mesh.su2")
+
+
+def test_progress_rises_to_the_end(text, tmp_path):
+    told = []
+    Su2().read(tmp_path / "good.su2", lambda what, fraction: told.append((what, fraction)))
+    assert {what for what, _ in told} == {"reading good.su2"}
+    assert all(0.0 <= fraction <= 1.0 for _, fraction in told)
+    told.clear()
+    Su2().write(hybrid(), tmp_path / "out.su2", lambda what, fraction: told.append((what, fraction)))
+    fractions = [fraction for _, fraction in told]
+    assert fractions == sorted(fractions)
+    assert told[-1] == ("writing out.su2", 1.0)
