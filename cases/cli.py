@@ -8,8 +8,9 @@ import click
 from rich.console import Console
 
 from cases.cli_deflect import deflect
-from cases.cli_report import report
+from cases.cli_doctor import doctor
 from cases.cli_export import export
+from cases.cli_report import report
 from cases.cli_study import study
 from cases.cli_view import view
 
@@ -46,7 +47,8 @@ def list_cases() -> None:
 @click.option("--cache/--no-cache", default=True, help="Whether to use the mesh cache.")
 @click.option("--json", "as_json", is_flag=True, help="Print metrics.json instead of the table.")
 @click.option("--quiet", is_flag=True, help="No progress bars.")
-def run(case: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, **given: Any) -> int:
+@click.option("--verbose", is_flag=True, help="Progress as lines instead of bars: all that is reported.")
+def run(case: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any) -> int:
     """Run a case: geometry, mesh, deformation, validation, report."""
     from cases.resolve import resolve
 
@@ -55,15 +57,12 @@ def run(case: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, **
     from cases.console import console, summary
     from cases.output import output_folder
     from cases.pipeline import run_case
-    from cases.progress import Bars, Silent, Stopwatch
+    from cases.progress import Stopwatch, shown
 
     folder = out or Path("runs") / resolved.name
     with output_folder(folder) as scratch:
-        if quiet or as_json:
-            result = run_case(resolved, Stopwatch(Silent()), scratch, cache)
-        else:
-            with Bars(Console(stderr=True)) as bars:
-                result = run_case(resolved, Stopwatch(bars), scratch, cache)
+        with shown(Console(stderr=True), quiet=quiet or (as_json and not verbose), verbose=verbose) as display:
+            result = run_case(resolved, Stopwatch(display), scratch, cache)
     if as_json:
         print((folder / "metrics.json").read_text(encoding="utf-8"), end="")
     else:
@@ -166,6 +165,7 @@ def cache(clear: bool) -> None:
 
 
 cli.add_command(deflect)
+cli.add_command(doctor)
 cli.add_command(report)
 cli.add_command(export)
 cli.add_command(study)
