@@ -10,7 +10,7 @@ from benchmarks import adaptation, evaluation, per_million
 from benchmarks.first_call import first_call
 from benchmarks.memory import seconds_and_peak
 from benchmarks.peers import MAIN_PEERS, PEERS
-from benchmarks.results import Result, machine, show, write
+from benchmarks.results import Result, machine, markdown, show, write
 
 LARGE = 10_000_000
 
@@ -19,13 +19,17 @@ def main() -> None:
     """Measure, print one table and write the figures."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer repetitions: within two minutes")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write {name: {value, unit, median_of}} here")
+    parser.add_argument(
+        "--json", type=Path, metavar="FILE", help="write {name: {value, unit, median_of}} here, a .md table beside"
+    )
     arguments = parser.parse_args()
     start = perf_counter()
     results = list(_quick() if arguments.quick else _full())
-    show(f"{date.today().isoformat()}, {machine()}, {perf_counter() - start:.0f} s", results)
+    title = f"{date.today().isoformat()}, {machine()}, {perf_counter() - start:.0f} s"
+    show(title, results)
     if arguments.json is not None:
         write(arguments.json, results)
+        arguments.json.with_suffix(".md").write_text(markdown(title, results), encoding="utf-8")
 
 
 def _quick() -> Iterator[Result]:

@@ -7,11 +7,13 @@ import numpy as np
 
 from benchmarks.measure import exponent, side_by_side, warm
 from benchmarks.memory import peak_above_arrays
-from benchmarks.peers import Sum, available
+from benchmarks.peers import Sum, UnavailableError, available
 from benchmarks.results import Result
+from benchmarks.roofline import PER_PAIR, multiply_adds
 from benchmarks.workloads import points_around, tail
 from deform.interpolant import Interpolant
 from deform.kernels import ThinPlateSpline
+from deform.threads import available_threads
 
 CENTERS, INSIDE, WHOLE = 2_200, 80_261, 623_387
 OURS = "this package"
@@ -20,6 +22,7 @@ OURS = "this package"
 def results(rounds: int, peers: Iterable[str]) -> Iterator[Result]:
     """Yield all figures about evaluation."""
     yield from _beside_peers(rounds, peers)
+    yield from _beside_roofline(rounds)
     yield from _confined(rounds)
     yield from _growth(rounds)
     points, centers = np.empty((INSIDE, 3)), CENTERS
@@ -57,6 +60,23 @@ def _beside_peers(rounds: int, peers: Iterable[str]) -> Iterator[Result]:
     seconds = times.median(OURS)
     note = f"three directions: {seconds:.3f} s"
     yield Result("pairs_per_second", INSIDE * CENTERS / seconds, "1/s", rounds, note)
+
+
+def _beside_roofline(rounds: int) -> Iterator[Result]:
+    """Multiplications of a sum for three directions, against the processor's most; its divisions are not counted."""
+    sum_ = task(INSIDE, CENTERS)
+    ours = interpolant(sum_)
+    actions = {OURS: lambda: ours(sum_.points), "roofline": multiply_adds}
+    try:
+        warm(actions)
+    except UnavailableError as reason:
+        yield Result("roofline_share", float("nan"), "% of the processor's FMA rate", 0, str(reason))
+        return
+    times = side_by_side(actions, rounds)
+    most = multiply_adds() * available_threads()
+    share = PER_PAIR * INSIDE * CENTERS / most * times.ratio("roofline", OURS)
+    note = f"most: {most / times.median('roofline'):.3g} FMA/s; beside {PER_PAIR} FMA a pair has one division"
+    yield Result("roofline_share", 100.0 * share, "% of the processor's FMA rate", rounds, note)
 
 
 def _confined(rounds: int) -> Iterator[Result]:

@@ -53,14 +53,14 @@ class UnavailableError(RuntimeError):
 
 
 @cache
-def _compiled() -> ctypes.CDLL:
-    """Compile the C loop with the system's vector logarithm."""
+def compiled(code: str) -> ctypes.CDLL:
+    """Compile C, with OpenMP and the system's vector functions."""
     gcc = shutil.which("gcc")
     if gcc is None:
         raise UnavailableError("no gcc")
     with tempfile.TemporaryDirectory() as folder:
         source, compiled, library = (str(Path(folder, f"kernel_sum{suffix}")) for suffix in (".c", ".o", ".so"))
-        Path(source).write_text(C_SOURCE)
+        Path(source).write_text(code)
         for command in ([gcc, *C_FLAGS, source, "-o", compiled], [gcc, compiled, *LINK_FLAGS, "-o", library]):
             if subprocess.run(command, check=False, capture_output=True).returncode:
                 raise UnavailableError("gcc failed")
@@ -69,7 +69,7 @@ def _compiled() -> ctypes.CDLL:
 
 def c_one_direction(task: Sum) -> Action:
     """C with OpenMP and the vector logarithm, for the first direction alone."""
-    function = _compiled().kernel_sum
+    function = compiled(C_SOURCE).kernel_sum
     x, c = np.ascontiguousarray(task.points.T), np.ascontiguousarray(task.centers.T)
     w, out = np.ascontiguousarray(task.beta[:, 0]), np.empty(len(task.points))
 

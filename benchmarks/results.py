@@ -38,6 +38,12 @@ def write(path: Path, results: Iterable[Result]) -> None:
     draft.replace(path)
 
 
+def markdown(title: str, results: Iterable[Result]) -> str:
+    """Return a section with a table, as in `README.md`."""
+    rows = [f"| `{r.name}` | {r.value:.4g} | {r.unit} | {r.median_of} | {r.note} |" for r in results]
+    return "\n".join([f"## {title}", "", "| figure | value | unit | median of | |", "| --- " * 5 + "|", *rows, ""])
+
+
 def machine() -> str:
     """Describe the processor in one line."""
     model = platform.processor() or platform.machine()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.measure import Times, exponent, side_by_side, warm
-from benchmarks.results import Result, machine, show, write
+from benchmarks.results import Result, machine, markdown, show, write
 
 
 def test_ratios_are_taken_round_by_round():
@@ -37,4 +37,5 @@ def test_figures_are_written_whole(tmp_path, capsys):
     assert json.loads((tmp_path / "out.json").read_text()) == expected
     assert [f.name for f in tmp_path.iterdir()] == ["out.json"]
     assert "evaluation_vs_c" in capsys.readouterr().out
+    assert "| `evaluation_vs_c` | 2 | their time / ours | 5 | note |" in markdown("title", figures).splitlines()
     assert "cores" in machine()

@@ -1,9 +1,11 @@
 import numpy as np
+import pytest
 
 from benchmarks.evaluation import OURS, interpolant, task
 from benchmarks.lapack import best_solve
 from benchmarks.memory import main
-from benchmarks.peers import MAIN_PEERS, PEERS, available
+from benchmarks.peers import MAIN_PEERS, PEERS, UnavailableError, available
+from benchmarks.roofline import multiply_adds
 from deform.interpolant import fit
 from deform.kernels import ThinPlateSpline
 
@@ -43,3 +45,10 @@ def test_memory_is_measured_with_the_time():
     found = main(60_000, 50)
     assert 0.0 < found["seconds"] < 60.0
     assert found["above"] < found["peak"]
+
+
+def test_multiplications_are_counted_or_the_compiler_is_missing():
+    try:
+        assert multiply_adds() > 1e9
+    except UnavailableError as reason:
+        pytest.skip(str(reason))
