@@ -34,8 +34,9 @@ def child(node: Any, name: str) -> Any:
     Raises
     ------
     MeshFileError
-        If there is none.
+        If there is none, or the node is a link.
     """
+    _check_no_link(node)
     found = node.get(name)
     if not isinstance(found, h5py.Group):
         raise MeshFileError(f"{node.name.strip('/') or 'the file'} has no {name}; the file is damaged")
@@ -50,10 +51,7 @@ def data(node: Any) -> Any:
     MeshFileError
         If the node has none, or is a link.
     """
-    if _attribute(node, "type") == "LK":
-        raise MeshFileError(
-            f"{node.name.strip('/')} is a link; `cgnsconvert -f -l IN.cgns OUT.cgns` puts all in one file"
-        )
+    _check_no_link(node)
     found = node.get(DATA)
     if not isinstance(found, h5py.Dataset):
         raise MeshFileError(f"{node.name.strip('/')} holds no data; the file is damaged")
@@ -118,6 +116,13 @@ def describe(node: Any, name: str, label: str, kind: str) -> None:
         letters.set_size(length + 1)
         place = h5py.h5a.create(node.id, key.encode(), letters, h5py.h5s.create(h5py.h5s.SCALAR))
         place.write(np.array(value.encode(), dtype=f"S{length + 1}"))
+
+
+def _check_no_link(node: Any) -> None:
+    if _attribute(node, "type") == "LK":
+        raise MeshFileError(
+            f"{node.name.strip('/')} is a link; `cgnsconvert -f -l IN.cgns OUT.cgns` puts all in one file"
+        )
 
 
 def _attribute(node: Any, key: str) -> str:

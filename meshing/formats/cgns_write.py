@@ -19,6 +19,8 @@ from meshing.mesh import IntArray
 
 VERSION = 3.4
 """The oldest CGNS with offsets of mixed elements and of faces, which every later library reads."""
+FITS = np.iinfo(np.int32).max
+"""Numbers up to this one take four bytes."""
 KINDS = (
     (r"far.?field|freestream", "BCFarfield"),
     (r"symm", "BCSymmetryPlane"),
@@ -102,4 +104,4 @@ def _integer(mesh: FlowMesh) -> Integer:
     """Four bytes where every count and index fits."""
     sizes = [len(mesh.points), *(block.faces.nodes.size * 2 for block in mesh.cells if isinstance(block, Polyhedra))]
     elements = sum(len(block) for block in (*mesh.cells, *mesh.patches))
-    return np.int32 if max(*sizes, elements) < 1 << 31 else np.int64
+    return np.int32 if max(*sizes, elements) <= FITS else np.int64

@@ -178,7 +178,7 @@ def test_gmsh_writes_what_we_read_and_what_we_write(tmp_path):
         np.testing.assert_array_equal(a.get_cell_data("su2:tag", shape), b.get_cell_data("su2:tag", shape))
 
 
-def with_gmsh(path):
+def with_gmsh(*paths):
     """A box of tetrahedra under a box of prisms."""
     gmsh.initialize(interruptible=False)
     try:
@@ -194,7 +194,8 @@ def with_gmsh(path):
         gmsh.model.addPhysicalGroup(2, outer[:2], name="wing")
         gmsh.model.addPhysicalGroup(2, outer[2:], name="far_field")
         gmsh.model.mesh.generate(3)
-        gmsh.write(str(path))
+        for path in paths:
+            gmsh.write(str(path))
     finally:
         gmsh.finalize()
 

@@ -1,0 +1,188 @@
+"""What is wrong with a CGNS file is said in one sentence that names the file."""
+
+import shutil
+import subprocess
+
+import h5py
+import numpy as np
+import pytest
+from examples import hybrid
+from test_cgns import polyhedral, replace_data, zone_of
+
+from meshing.formats.cgns import Cgns
+from meshing.formats.cgns_nodes import create, describe
+from meshing.formats.format import MeshFileError
+
+
+@pytest.fixture
+def path(tmp_path):
+    Cgns().write(hybrid(), tmp_path / "mesh.cgns")
+    return tmp_path / "mesh.cgns"
+
+
+def complaint(path) -> str:
+    before = path.read_bytes()
+    with pytest.raises(MeshFileError) as caught:
+        Cgns().read(path)
+    assert path.read_bytes() == before
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return message
+
+
+def set_first(node, value):
+    stored = node[" data"]
+    stored[(0,) * stored.ndim] = value
+
+
+def letters(text):
+    return np.frombuffer(text.encode(), dtype=np.int8)
+
+
+DAMAGE = {
+    "no base": (lambda zone: zone.file.__delitem__("Base"), "no CGNSBase_t"),
+    "two dimensions": (lambda zone: set_first(zone.parent, 2), "0 of 1 bases have cells and points in three"),
+    "no zone": (lambda zone: zone.parent.__delitem__("Zone"), "no zones"),
+    "structured": (lambda zone: replace_data(zone["ZoneType"], letters("Structured")), "1 zones are structured (Zone)"),
+    "no grid": (lambda zone: zone.__delitem__("GridCoordinates"), "zone Zone: Base/Zone has no GridCoordinates"),
+    "no y": (lambda zone: zone["GridCoordinates"].__delitem__("CoordinateY"), "has no CoordinateY"),
+    "short y": (lambda zone: replace_data(zone["GridCoordinates/CoordinateY"], np.zeros(3)), "CoordinateY holds (3,)"),
+    "no data": (lambda zone: zone["GridCoordinates/CoordinateY"].__delitem__(" data"), "CoordinateY holds no data"),
+    "nan": (lambda zone: set_first(zone["GridCoordinates/CoordinateY"], np.nan), "1 points are not finite"),
+    "no elements": (lambda zone: [zone.__delitem__(n) for n in list(zone) if "label" in zone[n].attrs
+                                  and zone[n].attrs["label"] == b"Elements_t"], "it has no elements"),
+    "no cells": (lambda zone: [zone.__delitem__(n) for n in list(zone) if n.startswith("cells")], "no volume cells"),
+    "quadratic": (lambda zone: set_first(zone["cells tetra"], 11), "cells tetra holds elements of SIDS type 11"),
+    "range": (lambda zone: set_first(zone["cells tetra/ElementRange"], 99), "section cells tetra has the range"),
+    "connectivity": (
+        lambda zone: replace_data(zone["cells tetra/ElementConnectivity"], np.arange(1, 10)),
+        "section cells tetra has 4 elements of 4 nodes, but 9 nodes",
+    ),
+    "no connectivity": (
+        lambda zone: zone["cells tetra"].__delitem__("ElementConnectivity"),
+        "has no ElementConnectivity",
+    ),
+    "reals": (
+        lambda zone: replace_data(zone["cells tetra/ElementConnectivity"], np.arange(16.0)),
+        "holds float64, expected integers",
+    ),
+    "node 15": (
+        lambda zone: set_first(zone["cells tetra/ElementConnectivity"], 15),
+        "section cells tetra: 1 tetra elements name points that are not among the 14",
+    ),
+    "face of no cell": (
+        lambda zone: set_first(zone["outlet/ElementConnectivity"], 1),
+        "1 of 2 faces of patch outlet are of no cell",
+    ),
+    "condition": (
+        lambda zone: zone["ZoneBC/outlet/PointRange/ data"].write_direct(np.array([[12], [99]], dtype=np.int32)),
+        "patch outlet: 74 of its 88 elements are no faces",
+    ),
+    "condition nowhere": (lambda zone: zone["ZoneBC/outlet"].__delitem__("PointRange"), "outlet says not where it is"),
+    "condition on points": (
+        lambda zone: replace_data(zone["ZoneBC/outlet/GridLocation"], letters("Vertex")),
+        "outlet is given by points",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_damage_is_named(damage, path):
+    change, message = DAMAGE[damage]
+    with h5py.File(path, "r+") as file:
+        change(zone_of(file))
+    assert message in complaint(path)
+
+
+POLYHEDRAL = {
+    "no faces": (lambda zone: zone.__delitem__("faces"), "but no faces (NGON_n)"),
+    "no cells": (lambda zone: zone.__delitem__("cells"), "no ParentElements"),
+    "other": (lambda zone: set_first(zone["cells"], 10), "NGON_n) and other elements (cells) in one zone"),
+    "node": (lambda zone: set_first(zone["faces/ElementConnectivity"], 15), "points that are not there"),
+    "face": (lambda zone: set_first(zone["cells/ElementConnectivity"], 999), "1 faces of cells are not in the file"),
+    "twice": (
+        lambda zone: zone["cells/ElementConnectivity/ data"].__setitem__(slice(0, 4), 1),
+        "1 faces are of more than two cells",
+    ),
+    "offsets": (
+        lambda zone: replace_data(zone["faces/ElementStartOffset"], np.arange(5)),
+        "section faces: its elements do not fit its connectivity",
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", POLYHEDRAL)
+def test_damaged_polyhedra_are_named(damage, tmp_path):
+    path = tmp_path / "mesh.cgns"
+    Cgns().write(polyhedral(hybrid()), path)
+    change, message = POLYHEDRAL[damage]
+    with h5py.File(path, "r+") as file:
+        change(zone_of(file))
+    assert message in complaint(path)
+
+
+def test_a_file_cut_anywhere_is_not_read_in_part(path):
+    whole = path.read_bytes()
+    for size in range(0, len(whole) - 1, len(whole) // 29):
+        path.write_bytes(whole[:size])
+        complaint(path)
+    path.write_bytes(whole[: len(whole) // 2])
+    assert "truncated" in complaint(path)
+
+
+def test_other_content_is_no_cgns_file(tmp_path):
+    path = tmp_path / "other.cgns"
+    path.write_text("NDIME= 3\n")
+    assert "no CGNS file in HDF5" in complaint(path)
+    with h5py.File(path, "w") as file:
+        file["x"] = np.arange(3)
+    assert "no CGNSBase_t" in complaint(path)
+
+
+@pytest.mark.skipif(shutil.which("cgnsconvert") is None, reason="Debian's package cgns-convert is not here")
+def test_an_adf_file_names_the_program_that_converts_it(path, tmp_path):
+    old = tmp_path / "old.cgns"
+    subprocess.run(["cgnsconvert", "-a", path, old], capture_output=True, check=True)
+    assert "cgnsconvert -h IN.cgns OUT.cgns" in complaint(old)
+    subprocess.run(["cgnsconvert", "-h", old, tmp_path / "new.cgns"], capture_output=True, check=True)
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "new.cgns").points, hybrid().points)
+
+
+@pytest.mark.parametrize("name", ["GridCoordinates", "GridCoordinates/CoordinateX"])
+def test_a_link_names_the_program_that_resolves_it(name, path):
+    with h5py.File(path, "r+") as file:
+        del zone_of(file)[name]
+        describe(zone_of(file).create_group(name), name.split("/")[-1], "DataArray_t", "LK")
+    assert "cgnsconvert -f -l" in complaint(path)
+
+
+def test_two_volume_bases_are_one_too_many(path):
+    with h5py.File(path, "r+") as file:
+        create(file, "Second", "CGNSBase_t", np.array([3, 3], dtype=np.int32))
+    assert "2 of 2 bases" in complaint(path)
+
+
+def test_the_source_is_never_written(path):
+    before = path.read_bytes()
+    with pytest.raises(MeshFileError, match="write to another file"):
+        Cgns().rewrite(path, hybrid().points * 2.0, path)
+    assert path.read_bytes() == before
+
+
+def test_points_that_do_not_fit_leave_nothing_behind(path, tmp_path):
+    for points in (hybrid().points[:-1], np.full((14, 3), np.nan)):
+        with pytest.raises(MeshFileError, match="14"):
+            Cgns().rewrite(path, points, tmp_path / "out.cgns")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_progress_rises_to_the_end(path, tmp_path):
+    told = []
+    Cgns().read(path, lambda what, fraction: told.append((what, fraction)))
+    Cgns().rewrite(path, hybrid().points * 2.0, tmp_path / "a.cgns", lambda *said: told.append(said))
+    Cgns().write(hybrid(), tmp_path / "b.cgns", lambda *said: told.append(said))
+    for what in ("reading mesh.cgns", "writing a.cgns", "writing b.cgns"):
+        fractions = [fraction for said, fraction in told if said == what]
+        assert fractions == sorted(fractions)
+        assert fractions[-1] == 1.0
