@@ -60,9 +60,9 @@ def run(case: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, ve
     from cases.progress import Stopwatch, shown
 
     folder = out or Path("runs") / resolved.name
-    with output_folder(folder) as scratch:
-        with shown(Console(stderr=True), quiet=quiet or (as_json and not verbose), verbose=verbose) as display:
-            result = run_case(resolved, Stopwatch(display), scratch, cache)
+    bars = shown(Console(stderr=True), quiet=quiet or (as_json and not verbose), verbose=verbose)
+    with output_folder(folder) as scratch, bars as display:
+        result = run_case(resolved, Stopwatch(display), scratch, cache)
     if as_json:
         print((folder / "metrics.json").read_text(encoding="utf-8"), end="")
     else:

@@ -36,11 +36,14 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> 
         deflected = combined(mesh, results)
         whole = whole_mesh_seconds(mesh, results[0])
         pinned = pinned_quality(case, mesh, tell) if case.domain == "block" else None
-    with watch.stage("validation"):
+        tell(adapted(results), 1.0)
+    with watch.stage("validation") as tell:
         checks = validate(case, mesh, deflected, [result.turn for result in results], background)
+        tell(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
     run = Run(case, mesh, origin, deflected, results, whole, checks, watch.seconds, background, pinned)
-    with watch.stage("report"):
+    with watch.stage("report") as tell:
         write_report(run, folder)
+        tell(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
     write_run(run, folder)
     return run
 
@@ -73,19 +76,29 @@ def _cached(
 ) -> tuple[TetMesh, MeshOrigin]:
     """Return the mesh of these parameters from the cache, or build and mesh the CAD and keep the result."""
     store, key = MeshCache(default_folder()), cache_key(parts)
-    with watch.stage("cache"):
+    with watch.stage("cache") as tell:
         found = store.load(key) if cache else None
+        tell(f"{len(found[0].tets)} cells" if found else "no mesh of these parameters", 1.0)
     if found is not None:
         return found[0], MeshOrigin(**found[1])  # type: ignore[arg-type]
-    with watch.stage("geometry"):
+    with watch.stage("geometry") as tell:
         model = build()
+        tell(f"{len(model.faces)} CAD faces", 1.0)
     with watch.stage("mesh") as tell:
         generated = mesher(model, progress=tell)
+        tell(f"{len(generated.mesh.tets)} cells in attempt {generated.report.attempts}", 1.0)
     report = generated.report
     origin = MeshOrigin(report.verification.boundary_to_cad_max, report.attempts, report.seconds)
     if cache:
         store.store(key, generated.mesh, asdict(origin))
     return generated.mesh, origin
+
+
+def adapted(results: tuple[Deflected, ...]) -> str:
+    """Say how many centres all adaptations took and the largest residual that is left."""
+    fits = [fit for one in results for step in one.steps for fit in step.fits]
+    centres, residual = sum(len(fit.chosen) for fit in fits), max(fit.max_error for fit in fits)
+    return f"{centres} centres, residual {residual:.1e} m"
 
 
 def pinned_quality(case: Case, mesh: TetMesh, tell: Report) -> QualitySummary:

@@ -10,6 +10,7 @@ from typing import Protocol, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 Report = Callable[[str, float], None]
 """Called by a library with what it is doing and the fraction done (nan when that is unknown)."""
@@ -39,8 +40,28 @@ class Silent:
 
 
 @dataclass(slots=True)
+class Lines:
+    """One line for everything that a stage reports, with the seconds since it began."""
+
+    console: Console
+
+    def begin(self, stage: str) -> Report:
+        """Announce a stage."""
+        self._line(stage, 0.0, "begins")
+        start = perf_counter()
+        return lambda text, fraction: self._line(stage, perf_counter() - start, text)
+
+    def end(self, stage: str, seconds: float) -> None:
+        """Announce that a stage is over."""
+        self._line(stage, seconds, "ends")
+
+    def _line(self, stage: str, seconds: float, text: str) -> None:
+        self.console.print(Text(f"{stage:<12} {seconds:8.2f} s  {text}"), soft_wrap=True)
+
+
+@dataclass(slots=True)
 class Bars:
-    """One rich progress bar per stage with elapsed time, on the given console."""
+    """One rich progress bar per stage with elapsed time and counts, on the given console."""
 
     console: Console
     _bars: Progress = field(init=False)
@@ -49,10 +70,10 @@ class Bars:
     def __post_init__(self) -> None:
         self._bars = Progress(
             SpinnerColumn(),
-            TextColumn("{task.fields[stage]:<12}"),
+            TextColumn("{task.fields[stage]:<12}", markup=False),
             BarColumn(bar_width=24),
             TimeElapsedColumn(),
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             console=self.console,
         )
 
@@ -79,8 +100,20 @@ class Bars:
         return report
 
     def end(self, stage: str, seconds: float) -> None:
-        """Fill the bar of the stage."""
-        self._bars.update(self._tasks[stage], total=1.0, completed=1.0, description="")
+        """Fill the bar of the stage; what it told last stays."""
+        self._bars.update(self._tasks[stage], total=1.0, completed=1.0)
+
+
+@contextmanager
+def shown(console: Console, *, quiet: bool, verbose: bool) -> Iterator[Display]:
+    """Show stages as bars on a console, or as the switches of the command line ask."""
+    if quiet:
+        yield Silent()
+    elif verbose:
+        yield Lines(console)
+    else:
+        with Bars(console) as bars:
+            yield bars
 
 
 @dataclass(slots=True)

@@ -1,5 +1,6 @@
 """Pictures drawn in another process, so that a missing graphics library is a message and not the end."""
 
+import re
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -14,6 +15,8 @@ Array = NDArray[np.generic]
 Call = Callable[[str, Mapping[str, Array], float], Mapping[str, Array]]
 
 SECONDS = 300.0
+LOG_PREFIX = re.compile(r"\x1b\[[0-9;]*m|\d{4}-\d\d-\d\d [^|]*\| ")
+"""Colours and the place in VTK's source that its last words begin with."""
 NEEDS = "rendering needs OpenGL libraries (on Debian: apt-get install libgl1 libegl1 libopengl0)"
 
 
@@ -32,5 +35,5 @@ def rendered(views: tuple[View, ...], module: str = "cases.report.render") -> tu
     try:
         answer = call(module, encoded(tuple(map(legible, views))), SECONDS)
     except MeshingError as error:
-        raise RenderError(f"{error}; {NEEDS}") from None
+        raise RenderError(f"{LOG_PREFIX.sub('', str(error))}; {NEEDS}") from None
     return tuple(answer[str(i)].astype(np.uint8) for i in range(len(views)))
