@@ -1,4 +1,4 @@
-"""Settings in the folder ``system`` with which checkMesh, potentialFoam and simpleFoam run."""
+"""Settings in the folder ``system`` with which checkMesh, potentialFoam and simpleFoam run: robust, of first order."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ gradSchemes
 divSchemes
 {
     default         none;
-    div(phi,U)      bounded Gauss linearUpwind grad(U);
+    div(phi,U)      Gauss upwind;
     div(div(phi,U)) Gauss linear;
     div((nuEff*dev2(T(grad(U))))) Gauss linear;
 }
@@ -59,6 +59,7 @@ SOLUTION = """solvers
     {
         $Phi;
         tolerance       1e-7;
+        relTol          0.05;
     }
     U
     {
@@ -75,7 +76,6 @@ potentialFlow
 SIMPLE
 {
     nNonOrthogonalCorrectors 1;
-    consistent      yes;
     pRefCell        0;
     pRefValue       0;
 }
@@ -87,7 +87,7 @@ relaxationFactors
     }
     fields
     {
-        p               0.5;
+        p               0.3;
     }
 }
 """
