@@ -1,0 +1,80 @@
+"""`sdm quality` says the same of a mesh in every format."""
+
+import numpy as np
+import pytest
+import pyvista as pv
+from examples import hybrid
+from test_cgns import polyhedral
+from test_examples import grid
+
+from cases.errors import InputError
+from cases.inspection import inspect
+from meshing.formats.cgns import Cgns
+from meshing.formats.flow import Cells, FlowMesh
+from meshing.formats.format import MeshFileError
+from meshing.formats.registry import FORMATS
+from meshing.quality import mean_ratio
+
+SHAPES = (("tetrahedra", 4), ("hexahedra", 1), ("prisms", 1), ("pyramids", 1))
+
+
+@pytest.mark.parametrize("name", [name for name in FORMATS if name != "openfoam"])
+def test_every_format_gives_counts_patches_and_quality(name, tmp_path):
+    mesh, path = hybrid(), tmp_path / f"mesh{FORMATS[name].suffixes[0]}"
+    FORMATS[name].write(mesh, path)
+    text = inspect(path)
+    assert text.startswith(f"{path}: 14 points, 7 cells\n")
+    for shape, count in SHAPES:
+        assert f"{count} {shape}, 0 inverted" in text
+    assert f"mean ratio min {mean_ratio(mesh.points, mesh.cells[2].nodes).min():.3f}" in text
+    jacobian = grid(mesh).cell_quality("scaled_jacobian")["scaled_jacobian"]
+    for cell in (0, 1, 6):
+        assert f"scaled Jacobian min {jacobian[cell]:.3f}" in text
+    assert "floor 3, inlet 2, outlet 2, left" in text
+
+
+def test_zones_are_listed(tmp_path):
+    Cgns().write(hybrid(2), tmp_path / "mesh.cgns")
+    text = inspect(tmp_path / "mesh.cgns")
+    assert "zones (points): block 1 14, block 2 14" in text
+    assert "8 tetrahedra, 0 inverted" in text
+
+
+def test_inverted_cells_of_every_shape_are_counted(tmp_path):
+    mesh = hybrid(5)
+    points = mesh.points.copy()
+    points[:14, 2] = -points[:14, 2]
+    flat = FlowMesh(points, tuple(gathered(mesh)), ())
+    FORMATS["su2"].write(flat, tmp_path / "mesh.su2")
+    text = inspect(tmp_path / "mesh.su2")
+    for shape, count in SHAPES:
+        assert f"{5 * count} {shape}, {count} inverted" in text
+
+
+def gathered(mesh):
+    """One block of each shape."""
+    for shape in ("tetra", "hexahedron", "wedge", "pyramid"):
+        yield Cells(shape, np.concatenate([block.nodes for block in mesh.cells if block.shape == shape]))
+
+
+def test_polyhedra_are_judged_by_their_pyramids(tmp_path):
+    Cgns().write(polyhedral(hybrid()), tmp_path / "mesh.cgns")
+    assert "7 polyhedra, 0 inverted; smallest pyramid over volume" in inspect(tmp_path / "mesh.cgns")
+
+
+def test_other_files_of_vtk_are_read_without_patches(tmp_path):
+    grid(hybrid()).save(tmp_path / "mesh.vtk")
+    text = inspect(tmp_path / "mesh.vtk")
+    assert "4 tetrahedra, 0 inverted" in text
+    assert "patches" not in text
+
+
+def test_files_without_cells_are_refused(tmp_path):
+    pv.Sphere().save(tmp_path / "surface.stl")
+    (tmp_path / "text.vtk").write_text("no mesh")
+    for name, message in (("surface.stl", "holds no tetra"), ("text.vtk", "cannot be read"), ("none", "not a file")):
+        with pytest.raises(InputError, match=message):
+            inspect(tmp_path / name)
+    (tmp_path / "cut.su2").write_text("NDIME= 3\n")
+    with pytest.raises(MeshFileError, match=r"cut\.su2"):
+        inspect(tmp_path / "cut.su2")
