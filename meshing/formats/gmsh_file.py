@@ -139,7 +139,7 @@ class ByteCursor:
         return int(text)
 
     def raw(self, count: int, kind: str) -> np.ndarray[tuple[int, ...], np.dtype[np.void]]:
-        """The next `count` values of a NumPy type such as ``"i4,(3)f8"``, in the file's byte order."""
+        """The next `count` values of a NumPy type such as ``"i4,3f8"``, in the file's byte order."""
         own = np.dtype(kind).newbyteorder(self.order)  # type: ignore[arg-type]
         end = self.at + count * own.itemsize
         if count < 0 or end > len(self.content):

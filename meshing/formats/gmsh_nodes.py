@@ -45,7 +45,7 @@ def _nodes22(cursor: Cursor) -> Nodes:
         return Nodes(table.values[::4].astype(np.intp), own.values, own.begin, own.end)
     count = cursor.line()
     first = cursor.offset + cursor.at + 4
-    records = cursor.raw(count, "i4,(3)f8")
+    records = cursor.raw(count, "i4,3f8")
     begin = first + 28 * np.arange(count)[:, None] + 8 * np.arange(3)
     return Nodes(records["f0"].astype(np.intp), records["f1"].astype(np.float64), begin, begin + 8)
 
