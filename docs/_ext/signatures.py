@@ -1,0 +1,30 @@
+"""Array types in signatures under the short names that the source gives them."""
+
+import re
+from typing import Any
+
+from sphinx.application import Sphinx
+
+ARRAYS = {"float64": "FloatArray", "int64": "IndexArray", "intp": "IndexArray", "bool": "BoolArray"}
+SHAPE, PREFIX = r"~?(?:tuple\[[^\]]*\]|(?:typing\.)?Any)", r"~?(?:numpy\.)?"
+NDARRAY = re.compile(rf"{PREFIX}ndarray\[{SHAPE}, {PREFIX}dtype\[{PREFIX}(\w+)\]\]")
+OBJECT = re.compile(r"<(?:function|class) '?([\w.]+)'?[^>]*>")
+
+
+def shorten(text: str | None) -> str | None:
+    """Replace NumPy's long array types by the aliases of the source, and addresses of functions by their names."""
+    if text is None:
+        return None
+    named = NDARRAY.sub(lambda found: ARRAYS.get(found[1].rstrip("_"), "ndarray"), text)
+    return OBJECT.sub(r"\1", named)
+
+
+def process(app: Sphinx, what: str, name: str, thing: Any, options: Any, signature: str, returned: str) -> Any:
+    """Shorten a signature and what it returns."""
+    return shorten(signature), shorten(returned)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Connect to autodoc."""
+    app.connect("autodoc-process-signature", process)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,41 @@
+"""A case of one's own: both tails as an elevator, by replacing values of a registered case.
+
+python docs/examples/own_case.py runs/elevator
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from cases.case import Case, Deflection
+from cases.output import output_folder
+from cases.pipeline import run_case
+from cases.progress import Silent, Stopwatch
+from cases.registry import case_named
+from cases.run import Run
+
+
+def elevator() -> Case:
+    """Return the tail case with both tails, their trailing edges 8 degrees up."""
+    tail = case_named("tail", "small")
+    return replace(
+        tail,
+        name="elevator",
+        title="both tails together",
+        deflections=(Deflection("tail_left"), Deflection("tail_right")),
+        angle=-8.0,
+        adaptation=replace(tail.adaptation, tolerance=5e-5),
+    )
+
+
+def main(folder: Path) -> Run:
+    """Run the case; files, validation and report are those of `sdm run`."""
+    with output_folder(folder) as scratch:
+        run = run_case(elevator(), Stopwatch(Silent()), scratch)
+    for check in run.checks:
+        print(f"{check.name}: {check.value:.3g} {check.unit}, {'passed' if check.passed else 'FAILED'}")
+    return run
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
