@@ -73,12 +73,12 @@ class Control:
         return answer
 
     def first(self) -> Wish:
-        """Return what is shown at first: the run's angle, a section through the middle of the first surface."""
+        """Return what is shown at first: the run's angle, a section through the middle of a single surface."""
         part = self.live.parts[0]
         axis = 2 if part.surface == "rudder" else 1
         points = self.live.mesh.points[self.live.mesh.on(part.surface)]
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))[axis]
-        return Wish(self.live.case.angle, AXES[axis], round(float(middle), 4))
+        return Wish(self.live.case.angle, AXES[axis], round(float(middle), 4), sectioned=len(self.live.parts) == 1)
 
     def reach(self, axis: str) -> tuple[float, float]:
         """Return the positions (m) of the section between which it meets a hexahedron."""

@@ -2,8 +2,9 @@
 
 from typing import Any
 
+import numpy as np
 from trame.ui.vuetify3 import VAppLayout
-from trame.widgets import html, vtk, vuetify3
+from trame.widgets import client, html, vtk, vuetify3
 
 from cases.report.colours import QUALITY_RANGE, quality_rgb
 
@@ -18,25 +19,30 @@ NOTES = {
     "error": "#b00020;background:#fbe4e7",
 }
 """Border and background of a message; its text is always dark and says the same in words."""
+TYPED = "[$event.target.value]"
+PLAIN = "text-transform:none;letter-spacing:normal"
 KEY = "position:absolute;right:12px;bottom:10px;background:#ffffffd9;padding:6px 10px;border-radius:4px;" + SMALL
 
 
 def lay_out(server: Any, window: Any, actions: Any) -> Any:
-    """Lay the page out and return the view; `actions` has `accept`, `fit` and `face`."""
+    """Lay the page out and return the view; `actions` are what its buttons call."""
     with VAppLayout(server), html.Div(style="display:flex;height:100vh;width:100vw;overflow:hidden"):
+        client.Style(
+            "html{overflow:hidden!important}.v-selection-control .v-label{font-size:13px;color:#222;opacity:1}"
+        )
         with html.Div(style=PANEL), html.Div(style="padding:10px 18px"):
             html.Div("{{ run_title }}", style="font:600 17px/1.3 sans-serif", id="title")
             html.Div("{{ run_facts }}", style=SMALL + ";margin-top:4px")
             _angle(actions.accept)
             _numbers()
-            _section(actions.face)
+            _section(actions.face, actions.worst)
             _shown()
         with html.Div(style="flex:1;position:relative;min-width:0;height:100vh"):
             view = vtk.VtkLocalView(window, ref="view", id="view", after_scene_loaded=actions.loaded)
             _key()
             vuetify3.VBtn(
                 "first view", click=actions.fit, size="small", variant="outlined", id="fit",
-                style="position:absolute;left:12px;top:10px;background:#fff;text-transform:none",
+                style="position:absolute;left:12px;top:10px;background:#fff;" + PLAIN,
             )  # fmt: skip
     return view
 
@@ -54,7 +60,8 @@ def _angle(accept: Any) -> None:
         vuetify3.VTextField(
             v_model=("angle_text",), suffix="°", density="compact", variant="outlined", hide_details=True,
             style="max-width:104px", id="angle-text", aria_label="deflection angle in degrees, typed",
-            error=("!!refusal",), blur=accept, keydown_enter=accept, __events=[("keydown_enter", "keydown.enter")],
+            error=("!!refusal",), blur=(accept, TYPED), keydown_enter=(accept, TYPED),
+            __events=[("keydown_enter", "keydown.enter")],
         )  # fmt: skip
     html.Div("{{ band_text }}", style=SMALL + ";margin-top:2px")
     refused = BOX + NOTES["error"]
@@ -66,7 +73,7 @@ def _numbers() -> None:
     """The table of numbers and the histogram."""
     with html.Table(style=SMALL + ";width:100%;border-collapse:collapse;margin-top:6px"):
         with html.Tr(v_for="row in facts", key="row.id", style="border-bottom:1px solid #e4e4e4"):
-            html.Td("{{ row.name }}", style="padding:1px 0")
+            html.Td("{{ row.name }}", style="padding:1px 0;white-space:pre")
             html.Td("{{ row.value }}", id=("row.id",), style=NUMBER)
         with html.Tr():
             html.Td("last update took", style="padding:1px 0")
@@ -75,7 +82,7 @@ def _numbers() -> None:
     html.Div(v_html=("histogram",), id="histogram")
 
 
-def _section(face: Any) -> None:
+def _section(face: Any, worst: Any) -> None:
     """Where the section is."""
     html.Div("SECTION", style=HEADING)
     with html.Div(style="display:flex;gap:10px;align-items:center"):
@@ -89,9 +96,10 @@ def _section(face: Any) -> None:
                 v_model=("position",), min=("position_low",), max=("position_high",), step=0.0005, hide_details=True,
                 color="grey-darken-2", density="compact", id="position", aria_label="position of the section in metres",
             )  # fmt: skip
-    with html.Div(style="display:flex;justify-content:space-between;align-items:center;" + SMALL):
-        html.Div("{{ axis }} = {{ (1000 * position).toFixed(1) }} mm")
-        vuetify3.VBtn("look at it", click=face, size="small", variant="text", id="face", style="text-transform:none")
+    with html.Div(style="display:flex;gap:6px;align-items:center;" + SMALL):
+        html.Div("{{ axis }} = {{ (1000 * position).toFixed(1) }} mm", style="flex:1;white-space:nowrap")
+        for label, click, key in (("to the worst cell", worst, "worst-cell"), ("face it", face, "face")):
+            vuetify3.VBtn(label, click=click, size="small", variant="outlined", id=key, style=PLAIN)
 
 
 def _shown() -> None:
@@ -104,21 +112,20 @@ def _shown() -> None:
         ):  # fmt: skip
             vuetify3.VCheckbox(
                 v_model=(f"show_{name}",), label=label, density="compact", hide_details=True, id=f"show-{name}",
-                style="margin:-6px 0;--v-input-control-height:28px", classes="text-body-2",
+                style="--v-input-control-height:28px",
             )  # fmt: skip
 
 
 def _key() -> None:
     """The key to the colours."""
-    low, high = QUALITY_RANGE.vmin, QUALITY_RANGE.vmax
-    stops = [low + (high - low) * i / 8 for i in range(9)]
-    colours = ",".join(f"rgb({r},{g},{b})" for r, g, b in quality_rgb(stops))
+    low, middle, high = (float(QUALITY_RANGE.inverse(share)) for share in (0.0, 0.5, 1.0))
+    colours = ",".join(f"rgb({r},{g},{b})" for r, g, b in quality_rgb(np.linspace(low, high, 9)))
     with html.Div(style=KEY, id="key"):
         html.Div("mean ratio of the cells cut")
         html.Div(style=f"width:220px;height:12px;background:linear-gradient(90deg,{colours})")
         with html.Div(style="display:flex;justify-content:space-between"):
             html.Span(f"≤ {low:g}")
-            html.Span(f"{0.5 * (low + high):g}")
+            html.Span(f"{middle:g}")
             html.Span(f"{high:g}")
         with html.Div():
             html.Span(style="display:inline-block;width:10px;height:10px;background:#d50000;border:1px solid #000")

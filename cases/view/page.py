@@ -12,14 +12,14 @@ from trame.app import asynchronous, get_server
 from cases.view.control import AXES, Control, Wish
 from cases.view.layout import lay_out
 from cases.view.pieces import outboard
-from cases.view.words import about, parsed
+from cases.view.words import about, parsed, worst_place
 
 INPUTS = ("angle", "axis", "position", "show_sectioned", "show_cut")
 SWITCHES = {"show_box": "box", "show_outline": "outline", "show_centres": "centres"}
 OBLIQUE = {0: (1.0, 0.5, 0.4), 1: (0.75, 1.0, 0.55), 2: (0.6, 0.9, 0.9)}
 """Where the eye is, for each axis of the section: outboard, aft and above."""
 
-CLOSE = 0.85
+CLOSE = 1.0
 """Height of the first picture over the size of the control surfaces."""
 
 
@@ -34,6 +34,7 @@ class Page:
     server: Any = field(default_factory=lambda: get_server(f"view-{perf_counter()}", client_type="vue3"))
     view: Any = None
     _new: bool = True
+    _typed: float | None = None
     _due: bool = False
     _task: "asyncio.Task[None] | None" = None
 
@@ -42,7 +43,9 @@ class Page:
         state.trame__title = "sdm view"
         state.update({**about(self.control.live), **self._ranges(wish), **self.control.show(wish)})
         state.update({"angle": wish.angle, "angle_text": f"{wish.angle:g}", "axis": wish.axis, "refusal": ""})
-        state.update({"position": wish.position, "elapsed": "–", "show_sectioned": True, "show_cut": False})
+        state.update(
+            {"position": wish.position, "elapsed": "–", "show_sectioned": wish.sectioned, "show_cut": wish.cut}
+        )
         state.update({"show_box": True, "show_outline": True, "show_centres": False})
         self._aim(OBLIQUE[AXES.index(wish.axis)])
         self._switch()
@@ -56,15 +59,16 @@ class Page:
             self._new = False
             self.view.push_camera()
 
-    def accept(self) -> None:
+    def accept(self, text: str) -> None:
         """Take the angle that was typed, or say why not."""
         state = self.server.state
         try:
-            angle = parsed(str(state.angle_text), self.control.spans)
+            angle = parsed(text, self.control.spans)
         except ValueError as error:
             state.refusal = str(error)
             return
-        state.refusal, state.angle, state.angle_text = "", angle, f"{angle:g}"
+        self._typed = angle
+        state.update({"refusal": "", "angle": angle, "angle_text": f"{angle:g}"})
 
     def fit(self) -> None:
         """Look at the hexahedra at a slant."""
@@ -76,6 +80,12 @@ class Page:
         axis = AXES.index(self.server.state.axis)
         self._aim(tuple(float(i == axis) for i in range(3)))
         self.view.push_camera()
+
+    def worst(self) -> None:
+        """Put the section through the cell of lowest quality."""
+        state, control = self.server.state, self.control
+        place = worst_place(control.frame, control.live)
+        state.update({"position": round(float(place[AXES.index(state.axis)]), 5), "show_sectioned": True})
 
     def _aim(self, towards: tuple[float, ...]) -> None:
         """Put the eye in a direction from the hexahedra, on the side that is cut away."""
@@ -109,8 +119,9 @@ class Page:
             wish = replace(wish, position=round(0.5 * (low + high), 4))
             state.update({**self._ranges(wish), "position": wish.position})
         if wish != self.control.shown:
-            if self.control.shown is None or wish.angle != self.control.shown.angle:
+            if wish.angle not in (self.control.frame.angle, self._typed):  # it came from the slider
                 state.update({"angle_text": f"{wish.angle:g}", "refusal": ""})
+                self._typed = None
             state.update(self.control.show(wish))
         self._switch()
         self.view.update()

@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cases.motion import FloatArray, IndexArray
+from cases.motion import BoolArray, FloatArray, IndexArray
 from cases.report.colours import quality_rgb
 from cases.view.live import Frame, Live
 from cases.view.section import Plane, Section
@@ -92,10 +92,7 @@ class Pieces:
         still = [name for name in mesh.names[1:] if name not in moving | {"far_field", BLOCK}]
         colours = {name: SURFACE for part in live.parts for name in part.patches[:1]}
         colours |= {name: PANEL for part in live.parts for name in part.patches[1:]}
-        low, high = bounds(live)
-        reach = AROUND * (high - low).max()
-        middle = mesh.points[live.outer].mean(axis=1)
-        around = live.outer[((middle > low - reach) & (middle < high + reach)).all(axis=1)]
+        around = live.outer[near(live, mesh.points[live.outer].mean(axis=1))]
         rgb = quality_rgb(mean_ratio(mesh.points, around)).astype(np.uint8)
         return cls(live, Skin.of(mesh, dict.fromkeys(still, BODY)), Skin.of(mesh, colours), around, rgb)
 
@@ -152,6 +149,17 @@ def outline(live: Live) -> Piece:
     np.maximum.at(high, where.ravel(), label)
     nodes, lines = np.unique(distinct[(count == 1) | (low != high)], return_inverse=True)
     return Piece(mesh.points[nodes], (lines.reshape(-1, 2),))
+
+
+def near(live: Live, points: FloatArray) -> BoolArray:
+    """True for points (n, 3) close enough to a hexahedron to be of interest."""
+    close = np.zeros(len(points), dtype=bool)
+    for part in live.parts:
+        corners = part.region.hexahedron.corners
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        reach = AROUND * (high - low).max()
+        close |= ((points > low - reach) & (points < high + reach)).all(axis=1)
+    return close
 
 
 def bounds(live: Live) -> tuple[FloatArray, FloatArray]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from trame_vtk.modules.vtk.serializers.registry import register_instance_serializer
+from trame_vtk.modules.vtk.serializers import registry  # type: ignore[import-untyped, unused-ignore]
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import VTK_ID_TYPE, VTK_UNSIGNED_CHAR, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
@@ -51,7 +51,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         # Scenes are sent without a camera of this kind: the browser keeps its own when the mesh moves.
-        register_instance_serializer("vtkExternalOpenGLCamera", lambda *_: None)
+        registry.register_instance_serializer("vtkExternalOpenGLCamera", lambda *_: None)
         self.renderer.SetActiveCamera(vtkExternalOpenGLCamera())
         self.renderer.SetBackground(1.0, 1.0, 1.0)
         self.window.AddRenderer(self.renderer)

@@ -5,6 +5,7 @@ import webbrowser
 from typing import Any
 
 from cases.errors import InputError
+from cases.view.guard import guard
 from cases.view.page import Page
 
 HOST = "127.0.0.1"
@@ -28,6 +29,7 @@ def serve(page: Page, port: int, show: bool) -> None:
             webbrowser.open(address)
 
     page.server.controller.on_server_ready.add(ready)
+    page.server.controller.on_server_bind.add(guard)
     page.server.start(
         port=port, host=HOST, open_browser=False, show_connection_info=False, disable_logging=True, backend="aiohttp",
         timeout=0, exec_mode="main",

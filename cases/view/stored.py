@@ -79,7 +79,7 @@ class Stored:
 
 def _arrays(path: Path) -> dict[str, Any]:
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files if name.startswith("centers_")}
     except FileNotFoundError:
         raise InputError(f"{path} does not exist; run the case again") from None

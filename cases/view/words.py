@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.motion import FloatArray
 from cases.view.live import Frame, Live
 from cases.view.span import Spans
 
@@ -21,27 +22,34 @@ def verdict(frame: Frame) -> tuple[str, str]:
 
 
 def facts(frame: Frame, live: Live) -> list[dict[str, str]]:
-    """Return the numbers of a frame as rows of a table; each has an id, a name and a value."""
+    """Return the numbers of a frame as rows of a table; each has an id, a name and a value.
+
+    The middle of the trailing edge tells how far a surface has turned.
+    """
     rows = [
+        ("shown", "shown at", f"{frame.angle:+g}°"),
         ("residual", "residual at all data sites", f"{1e6 * frame.residual:.2f} µm"),
         ("smallest", "smallest mean ratio", f"{frame.quality.min():.3f}"),
+        ("worst", "  in the cell at", _millimetres(worst_place(frame, live))),
         ("inverted", "inverted cells", str(len(frame.inverted))),
     ]
-    return [{"id": key, "name": name, "value": value} for key, name, value in rows] + [
-        probe for part in live.parts for probe in _probe(frame, part.surface, part.trailing, live)
-    ]
+    for part in live.parts:
+        point, alone = frame.points[part.trailing], len(live.parts) == 1
+        moved = 1e3 * float(np.linalg.norm(point - live.mesh.points[part.trailing]))
+        if alone:
+            rows.append((f"trailing-{part.surface}", "trailing edge", _millimetres(point)))
+        name = "  moved by" if alone else f"{part.surface.replace('_', ' ')} moved by"
+        rows.append((f"moved-{part.surface}", name, f"{moved:.3f} mm"))
+    return [{"id": key, "name": name, "value": value} for key, name, value in rows]
 
 
-def _probe(frame: Frame, surface: str, node: int, live: Live) -> list[dict[str, str]]:
-    """Return where the middle of a trailing edge is and how far it has moved."""
-    point = frame.points[node]
-    moved = 1e3 * float(np.linalg.norm(point - live.mesh.points[node]))
-    name = "" if len(live.parts) == 1 else surface.replace("_", " ") + ": "
-    where = ", ".join(f"{1e3 * c:.2f}" for c in point)
-    return [
-        {"id": f"trailing-{surface}", "name": f"{name}trailing edge", "value": f"({where}) mm"},
-        {"id": f"moved-{surface}", "name": f"{name}moved by", "value": f"{moved:.3f} mm"},
-    ]
+def worst_place(frame: Frame, live: Live) -> FloatArray:
+    """Return the middle (3,) of the cell of lowest quality."""
+    return np.asarray(frame.points[live.cells[np.argmin(frame.quality)]].mean(axis=0))
+
+
+def _millimetres(point: FloatArray) -> str:
+    return "(" + ", ".join(f"{1e3 * c:.2f}" for c in point) + ") mm"
 
 
 def parsed(text: str, spans: Spans) -> float:

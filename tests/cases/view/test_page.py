@@ -1,0 +1,249 @@
+"""`sdm view` in a real browser: Chromium, without a graphics card, without a network."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from cases.registry import case_named
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser: pip install playwright")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = [
+    pytest.mark.mesher,
+    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium to show the page: apt-get install chromium"),
+]
+FLAGS = [
+    "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking",
+    "--disable-dev-shm-usage",
+]  # fmt: skip
+GENEROUS = 60_000.0  # ms; a loaded machine without a graphics card
+MARKUP = "<b id='injected'>left</b> {{ 6 * 7 }} aileron"
+
+
+@pytest.fixture(scope="module")
+def folder(bare_run):
+    return bare_run(replace(case_named("aileron"), title=MARKUP))
+
+
+@pytest.fixture(scope="module")
+def without_opengl(tmp_path_factory):
+    """An environment in which no OpenGL library can be loaded."""
+    fakes = tmp_path_factory.mktemp("no-opengl")
+    for name in ("libGL.so.1", "libEGL.so.1", "libOpenGL.so.0", "libGLX.so.0", "libOSMesa.so.8"):
+        (fakes / name).touch()
+    return os.environ | {"LD_LIBRARY_PATH": str(fakes)}
+
+
+@pytest.fixture(scope="module")
+def server(folder, without_opengl):
+    """A page served by a process that has no OpenGL library; return the process and the address."""
+    command = [sys.executable, "-m", "cases", "view", str(folder), "--no-open"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_opengl,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    ) as process:  # fmt: skip
+        line = process.stdout.readline()
+        address = re.match(r"http://127\.0\.0\.1:\d+/", line)
+        assert address, line + process.stderr.read()
+        yield process, address[0]
+        process.kill()
+
+
+@pytest.fixture(scope="module")
+def page(server):
+    """The page in a browser; it has the addresses it asked for and the errors it met."""
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        shown = browser.new_page(viewport={"width": 1280, "height": 800})
+        shown.set_default_timeout(GENEROUS)
+        shown.asked, shown.errors = [], []
+        shown.on("request", lambda request: shown.asked.append(request.url))
+        shown.on("websocket", lambda socket: shown.asked.append(socket.url))
+        shown.on("pageerror", lambda error: shown.errors.append(str(error)))
+        shown.goto(server[1])
+        shown.wait_for_selector("#status")
+        wait_until(lambda: colours(picture(shown)) > 50, "the picture stays blank")
+        yield shown
+        browser.close()
+
+
+def wait_until(condition, complaint):
+    end = time.monotonic() + GENEROUS / 1e3
+    while not condition():
+        assert time.monotonic() < end, complaint
+        time.sleep(0.1)
+
+
+def picture(page):
+    """The middle of the drawing (H, W, 3)."""
+    box = page.locator("canvas").first.bounding_box()
+    clip = {"x": box["x"] + 150, "y": box["y"] + 60, "width": box["width"] - 450, "height": box["height"] - 200}
+    return np.asarray(Image.open(BytesIO(page.screenshot(clip=clip))).convert("RGB")).astype(int)
+
+
+def colours(image):
+    return len(np.unique(image.reshape(-1, 3), axis=0))
+
+
+def differing(image, other):
+    return np.count_nonzero(np.abs(image - other).max(axis=2) > 20) / image[..., 0].size
+
+
+def settled(page):
+    """The picture once two in a row are the same."""
+    last = picture(page)
+    for _ in range(50):
+        time.sleep(0.3)
+        now = picture(page)
+        if differing(now, last) == 0.0:
+            break
+        last = now
+    return now
+
+
+def trailing_edge(page):
+    """Reported coordinates (3,) of the middle of the trailing edge, millimetres."""
+    return np.array([float(c) for c in re.findall(r"-?\d+\.\d+", page.locator("#trailing-aileron_left").inner_text())])
+
+
+def typed(page, text):
+    page.locator("#angle-text").fill(text)
+    page.keyboard.press("Enter")
+
+
+def to(page, angle, expected):
+    """Type an angle and wait until the page shows it."""
+    typed(page, angle)
+    shown = f"{float(angle):+g}°"
+    wait_until(lambda: page.locator("#shown").inner_text() == shown, f"{angle} deg is not shown")
+    assert expected in page.locator("#status").inner_text()
+
+
+def test_the_runs_angle_is_shown_first_and_verified(page):
+    assert page.locator("#angle-text").input_value() == "-12"
+    assert "Verified: residual" in page.locator("#status").inner_text()
+    assert page.locator("#inverted").inner_text() == "0"
+    assert page.locator("#histogram svg rect").count() > 20
+
+
+def test_the_slider_moves_the_trailing_edge(page):
+    before, place = settled(page), trailing_edge(page)
+    thumb, track = page.locator(".v-slider-thumb").first, page.locator(".v-slider").first
+    middle, box = thumb.bounding_box(), track.bounding_box()
+    page.mouse.move(middle["x"] + middle["width"] / 2, middle["y"] + middle["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.6 * box["width"], middle["y"] + middle["height"] / 2, steps=12)
+    page.mouse.up()
+    wait_until(lambda: float(page.locator("#angle-text").input_value()) > 0.0, "the angle stays")
+    wait_until(lambda: trailing_edge(page)[2] < place[2] - 2.0, "the trailing edge stays")
+    wait_until(lambda: differing(picture(page), before) > 0.002, "the picture stays")
+
+
+def test_the_reported_coordinates_are_those_of_the_rotation(page, aileron):
+    for angle in (-12.0, 8.0):
+        to(page, f"{angle:g}", "Verified")
+        expected = 1e3 * aileron.at(angle).points[aileron.parts[0].trailing]
+        assert np.abs(trailing_edge(page) - expected).max() < 0.006
+
+
+def test_many_inputs_in_a_row_end_at_the_last(page, aileron):
+    to(page, "0", "Verified")
+    thumb = page.locator(".v-slider-thumb").first
+    thumb.focus()
+    for _ in range(40):
+        page.keyboard.press("ArrowRight")
+    wait_until(lambda: page.locator("#shown").inner_text() == "+4°", "an earlier angle is shown")
+    assert page.locator("#angle-text").input_value() == "4"
+    expected = 1e3 * aileron.at(4.0).points[aileron.parts[0].trailing]
+    assert np.abs(trailing_edge(page) - expected).max() < 0.006
+
+
+def test_an_angle_out_of_range_is_refused_with_a_message(page):
+    to(page, "5", "Verified")
+    place = trailing_edge(page)
+    typed(page, "75")
+    refusal = page.locator("#refusal")
+    refusal.wait_for()
+    assert "75° is outside -60° to 60°" in refusal.inner_text()
+    assert np.array_equal(trailing_edge(page), place)
+    typed(page, "steep")
+    wait_until(lambda: "not a number" in refusal.inner_text(), "text is taken for an angle")
+    to(page, "6", "Verified")
+    refusal.wait_for(state="hidden")
+
+
+def test_an_angle_beyond_the_verified_ones_is_shown_and_says_so(page):
+    to(page, "-45", "Not verified: residual")
+    assert "above the run's tolerance" in page.locator("#status").inner_text()
+    to(page, "-12", "Verified")
+
+
+def test_the_browsers_camera_stays_when_the_mesh_moves(page):
+    to(page, "2", "Verified")
+    first = settled(page)
+    box = page.locator("canvas").first.bounding_box()
+    page.mouse.move(box["x"] + 400, box["y"] + 400)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 560, box["y"] + 430, steps=5)
+    page.mouse.up()
+    wait_until(lambda: differing(picture(page), first) > 0.1, "the mouse does not turn the picture")
+    turned = settled(page)
+    to(page, "2.1", "Verified")
+    assert differing(settled(page), turned) < 0.05
+    page.locator("#fit").click()
+    wait_until(lambda: differing(picture(page), first) < 0.05, "the first view does not come back")
+
+
+def test_the_section_moves_along_each_axis(page):
+    for axis in ("x", "z", "y"):
+        before = settled(page)
+        page.locator(f"#axis-{axis}").click()
+        wait_until(lambda old=before: differing(picture(page), old) > 0.05, f"no section across {axis}")
+    before = settled(page)
+    page.locator("#worst-cell").click()
+    wait_until(lambda: differing(picture(page), before) > 0.01, "the section stays")
+
+
+def test_an_update_takes_less_than_the_promised_time_on_a_quiet_machine(page, capsys):
+    times = []
+    for angle in np.linspace(-11.0, 11.0, 12):
+        to(page, f"{angle:.1f}", "Verified")
+        times.append(float(page.locator("#elapsed").inner_text().removesuffix(" ms")))
+    with capsys.disabled():
+        print(f" [update: median {np.median(times):.0f} ms, largest {max(times):.0f} ms]", end="")  # noqa: T201
+    assert np.median(times) < 2000.0
+
+
+def test_markup_in_a_title_is_text(page):
+    assert page.locator("#title").inner_text() == MARKUP
+    assert page.locator("#injected").count() == 0
+
+
+def test_nothing_is_asked_of_another_machine(page, server):
+    own = server[1].removeprefix("http://")
+    assert page.asked
+    assert [url for url in page.asked if own not in url and not url.startswith(("data:", "blob:"))] == []
+    assert page.errors == []
+
+
+def test_other_sites_are_kept_out(page, server):
+    for headers in ({"Origin": "http://example.org"}, {"Host": "example.org"}):
+        answer = page.request.get(server[1] + "index.html", headers=headers)
+        assert answer.status == 403
+
+
+def test_an_interrupt_ends_it_cleanly(page, server):  # last: it takes the page's server away
+    process, _ = server
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (0, "", "")

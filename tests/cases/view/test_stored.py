@@ -1,0 +1,87 @@
+"""Folders that cannot be shown: one line, exit code 2."""
+
+import shutil
+import socket
+import sys
+
+import numpy as np
+import pytest
+
+from cases.cli import main
+from cases.errors import InputError
+from cases.view.live import Live
+from cases.view.serve import check_free
+
+pytestmark = pytest.mark.mesher
+
+
+@pytest.fixture
+def view(capsys, monkeypatch):
+    def call(*words: str):
+        monkeypatch.setattr(sys, "argv", ["sdm", "view", "--no-open", *words])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        captured = capsys.readouterr()
+        return stop.value.code, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def copy(aileron_folder, tmp_path):
+    return shutil.copytree(aileron_folder, tmp_path / "run")
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:3000])
+
+
+def not_finite(path):
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    arrays["centers_x"] = arrays["centers_x"] + np.nan
+    np.savez(path, **arrays)
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil", "message"),
+    [
+        ("case.toml", lambda path: path.unlink(), "is not the output folder of a run"),
+        ("case.toml", lambda path: path.write_text("name = ["), "case.toml"),
+        ("undeflected.vtu", lambda path: path.unlink(), "does not exist"),
+        ("undeflected.vtu", cut, "undeflected.vtu"),
+        ("deflected.vtu", cut, "deflected.vtu"),
+        ("interpolant.npz", lambda path: path.unlink(), "does not exist"),
+        ("interpolant.npz", cut, "is damaged"),
+        ("interpolant.npz", not_finite, "does not belong"),
+    ],
+)
+def test_a_folder_that_is_no_whole_run_is_one_line_and_code_2(view, copy, name, spoil, message):
+    spoil(copy / name)
+    code, out, err = view(str(copy))
+    assert (code, out) == (2, "")
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_files_of_different_runs_are_refused(copy, stepped_folder):
+    shutil.copy(copy / "undeflected.vtu", copy / "deflected.vtu")
+    with pytest.raises(InputError, match=r"deflected\.vtu does not belong"):
+        Live.of(copy)
+    with np.load(copy / "interpolant.npz") as stored:
+        arrays = {name: stored[name] + (0.001 if name.startswith("centers") else 0.0)
+                  for name in stored.files if name != "kernel"}  # fmt: skip
+    np.savez(copy / "interpolant.npz", **arrays)
+    with pytest.raises(InputError, match=r"interpolant\.npz does not belong"):
+        Live.of(copy)
+
+
+def test_a_port_in_use_is_one_line_and_code_2(view, aileron_folder):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        code, _, err = view(str(aileron_folder), "--port", str(port))
+        assert code == 2
+        assert f"--port {port} cannot be used" in err
+    check_free(port)

@@ -1,0 +1,85 @@
+"""What the page says and draws, without a browser."""
+
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from cases.view.control import Control, Wish
+from cases.view.histogram import BINS, histogram
+from cases.view.pieces import RED, Pieces
+from cases.view.section import Plane
+from cases.view.span import Span, Spans
+from cases.view.words import facts, parsed, verdict
+
+pytestmark = pytest.mark.mesher
+SPANS = Spans(Span(-26.5, 36.5, "it leaves its hexahedron", "its root misses the fuselage"), Span(-3.5, 12.0))
+
+
+@pytest.mark.parametrize(("text", "angle"), [("12", 12.0), (" -3,5° ", -3.5), ("\u22122.25", -2.25), ("36.5", 36.5)])
+def test_angles_are_read(text, angle):
+    assert parsed(text, SPANS) == angle
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("75", "75° is outside -26.5° to 36.5°: its root misses the fuselage"),
+        ("-30", "-30° is outside -26.5° to 36.5°: it leaves its hexahedron"),
+        ("nan", "nan° is outside"),
+        ("steep", "'steep' is not a number of degrees"),
+        ("", "'' is not a number"),
+    ],
+)
+def test_other_angles_are_refused_with_a_sentence(text, message):
+    with pytest.raises(ValueError, match="^" + message.replace("(", r"\(")):
+        parsed(text, SPANS)
+
+
+def test_the_verdict_follows_the_frame(aileron):
+    good, far = aileron.at(-12.0), aileron.at(50.0)
+    assert verdict(good)[0] == "success"
+    assert verdict(far)[0] == "warning"
+    assert "above the run's tolerance of 80 µm" in verdict(far)[1]
+    broken = replace(good, quality=np.where(np.arange(len(good.quality)) < 2, 0.0, good.quality))
+    assert verdict(broken) == ("error", verdict(broken)[1])
+    assert "2 inverted cells" in verdict(broken)[1]
+    assert {row["id"]: row["value"] for row in facts(broken, aileron)}["inverted"] == "2"
+
+
+def test_the_histogram_has_a_bar_for_each_bin_and_is_well_formed(aileron):
+    drawn = ElementTree.fromstring(histogram(aileron.at(-12.0).quality, aileron.at(0.0).quality))
+    assert len(drawn.findall("rect")) == len(BINS) - 1
+    assert "smallest" in drawn.attrib["aria-label"]
+
+
+def test_inverted_cells_are_red_in_the_section_and_shown_whole(aileron):
+    pieces, frame = Pieces.of(aileron), aileron.at(-12.0)
+    middle = frame.points[aileron.cells[5]].mean(axis=0)
+    broken = replace(frame, quality=np.where(np.arange(len(frame.quality)) == 5, 0.0, frame.quality))
+    shown = pieces.moving(broken, Plane(1, middle[1]), None)
+    assert np.count_nonzero((shown["section"].rgb == RED).all(axis=1)) == 1
+    assert len(shown["inverted"].points) == 12
+    assert pieces.moving(frame, None, None)["inverted"].empty
+
+
+def test_walls_beyond_the_section_are_cut_away(aileron):
+    pieces, plane = Pieces.of(aileron), Plane(1, -0.2)
+    piece = pieces.standing(plane, plane)["body"]
+    middles = piece.points[piece.cells[0]].mean(axis=1)
+    assert 0 < len(middles) < len(pieces.body.triangles)
+    assert np.all(middles[:, 1] >= -0.2)
+
+
+def test_only_what_an_input_concerns_is_made_again(aileron, monkeypatch):
+    control = Control.of(aileron)
+    wish = control.first()
+    assert {"status", "facts", "histogram"} <= control.show(wish).keys()
+    monkeypatch.setattr(Pieces, "standing", lambda *_: pytest.fail("the body does not depend on the angle"))
+    assert control.show(replace(wish, angle=3.0))
+    assert control.frame.angle == 3.0
+    monkeypatch.undo()
+    before = control.frame
+    assert control.show(Wish(3.0, wish.axis, wish.position + 0.01)) == {}
+    assert control.frame is before
