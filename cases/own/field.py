@@ -103,9 +103,10 @@ def solve(start: Start, move: FloatArray, report: Report, earlier: Solution | No
     values = start.boundary_values(move, slid)
     interpolant, points, known = fits.interpolant, start.points.copy(), start.sites.known
     off = np.linalg.norm(values - interpolant(points[known]), axis=1)
-    free = start.nearest.followed(interpolant(points[start.free]), values, start.rings.rotations(values))
-    points[start.free] += free
-    points[known] += values
+    if values.any():
+        turns = start.rings.rotations(values)
+        points[start.free] += start.nearest.followed(interpolant(points[start.free]), values, turns)
+        points[known] += values
     return Solution(first, fits, slid, float(off.max()), points)
 
 

@@ -20,7 +20,7 @@ BASES = {
 }  # fmt: skip
 """Faces that may lie on a wall, and the nodes opposite to them."""
 BLOCK = 1 << 16
-FLAT = 0.5  # height over the longest edge on the wall, below which a cell counts as one of a layer
+FLAT = 0.2  # height over the longest edge on the wall, below which a cell counts as one of a layer
 
 
 @dataclass(frozen=True, slots=True)

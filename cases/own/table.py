@@ -50,7 +50,9 @@ class Table:
                 with np.load(path, allow_pickle=False) as arrays:
                     return cls(arrays["points"].astype(float), arrays["vectors"].astype(float), hinge)
             rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-            return cls(rows[:, :3], rows[:, 3:6], hinge)
+            if rows.shape[1] != 6:
+                raise ValueError(f"rows of {rows.shape[1]} numbers instead of x, y, z, dx, dy, dz")
+            return cls(rows[:, :3], rows[:, 3:], hinge)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
         except (OSError, KeyError, ValueError, IndexError) as error:

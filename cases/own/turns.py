@@ -44,8 +44,9 @@ class Rings:
 
     def rotations(self, displacement: FloatArray) -> FloatArray:
         """Return the rotation less the identity (K, 3, 3) at each node, given displacements (K, 3)."""
-        rotation, _ = self._polar(displacement)
-        return np.asarray(rotation - np.eye(3))
+        turn = self._polar(displacement)[0] - np.eye(3)
+        turn[~self._sums(displacement).any(axis=(1, 2))] = 0.0  # no rounding where nothing turns
+        return np.asarray(turn)
 
     def rotation_rates(self, displacement: FloatArray, rate: FloatArray) -> FloatArray:
         """Return the derivative (K, 3, 3) of the rotations, given that (K, 3) of the displacement.
@@ -72,7 +73,7 @@ class Rings:
         s[:, 2] *= sign
         rotation, stretch = u @ vt, np.einsum("kji,kj,kjl->kil", vt, s, vt)
         flat = s[:, 1] <= DEGENERATE * np.maximum(s[:, 0], np.finfo(float).tiny)
-        rotation[flat] = stretch[flat] = np.eye(3)
+        rotation[flat], stretch[flat] = np.eye(3), np.eye(3)
         return rotation, stretch
 
     def _sums(self, values: FloatArray, unit: float = 0.0) -> FloatArray:

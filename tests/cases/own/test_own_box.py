@@ -1,0 +1,75 @@
+"""The automatic box."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cases.errors import InputError
+from cases.own.box import Automatic, Given, Scene, frame
+from deform.motion import Axis
+
+rng = np.random.default_rng(2)
+FLAP = rng.uniform([0, 0, -0.05], [1, 3, 0.05], (200, 3))
+NONE = np.empty((0, 3))
+
+
+def turned(points, seed):
+    q = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    return points @ (q * np.linalg.det(q)).T
+
+
+def scene(seed=0, obstacles=NONE, angle=20.0):
+    axis = Axis.through(turned(np.zeros((1, 3)), seed)[0], turned(np.array([[0.0, 3.0, 0.0]]), seed)[0])
+    points = turned(FLAP, seed)
+    moves = axis.displacement(points, angle)
+    largest = float(np.linalg.norm(moves, axis=1).max())
+    return Scene(points, points + moves, largest, axis, turned(obstacles, seed))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000), st.floats(-60.0, 60.0))
+def test_the_box_holds_the_motion_with_its_margin_and_turns_with_the_mesh(seed, angle):
+    made = scene(seed, angle=angle)
+    chosen = Automatic(0.4).choose(made).hexahedron
+    assert chosen.contains(np.vstack([made.moving, made.track]), -0.4 + 1e-9).all()
+    straight = Automatic(0.4).choose(scene(0, angle=angle)).hexahedron
+    sizes = [np.linalg.norm(box.corners[[1, 2, 4]] - box.corners[0], axis=1) for box in (chosen, straight)]
+    np.testing.assert_allclose(*sizes, rtol=1e-6)
+
+
+def test_axes_are_hinge_and_away_from_it():
+    origin, axes = frame(scene(0))
+    np.testing.assert_allclose(origin, 0.0)
+    np.testing.assert_allclose(axes[0], turned(np.array([[0.0, 1.0, 0.0]]), 0)[0], atol=1e-12)
+    assert ((scene(0).moving - origin) @ axes[1]).mean() > 0.3
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000))
+def test_faces_give_way_to_obstacles(seed):
+    places = np.random.default_rng(seed).uniform([-1.5, -1.5, -1.5], [3, 5, 1.5], (60, 3))
+    core = ((places > [-0.3, -0.3, -0.6]) & (places < [1.3, 3.3, 0.6])).all(axis=1)
+    made = scene(seed, places[~core])
+    chosen = Automatic(1.0).choose(made)
+    assert chosen.hexahedron.contains(np.vstack([made.moving, made.track]), 1e-9).all()
+    assert not chosen.hexahedron.contains(made.obstacles).any()
+
+
+def test_the_margin_is_at_least_three_times_the_motion():
+    for angle, margin in ((80.0, 3.0 * scene(0, angle=80.0).largest), (5.0, np.hypot(*FLAP[:, ::2].T).max())):
+        assert f"margin {margin:.4g}" in Automatic().choose(scene(0, angle=angle)).why
+
+
+def test_given_boxes(tmp_path):
+    two = Given.at(np.array([[1, 1, 1], [0, 0, 0.0]]))
+    assert two.hexahedron.corners.min() == 0.0
+    (tmp_path / "box.toml").write_text("corners = [[0, 0, 0], [1, 1, 1]]")
+    assert np.array_equal(Given.read(tmp_path / "box.toml").hexahedron.corners, two.hexahedron.corners)
+    for text, words in (
+        ("x = 1", "no `corners`"), ("corners = [[0, 0, 0], [1, 1]]", "box.toml"), ("corners = [[0,0,0]]", "8 points"),
+    ):  # fmt: skip
+        (tmp_path / "box.toml").write_text(text)
+        with pytest.raises(InputError, match=words):
+            Given.read(tmp_path / "box.toml")

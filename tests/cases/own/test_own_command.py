@@ -1,0 +1,182 @@
+"""`sdm deflect` from the command line, on files."""
+
+import json
+import shutil
+import sys
+
+import numpy as np
+import pytest
+
+from cases import cli
+from meshing.formats.registry import FORMATS, format_of
+
+FLAP = ["--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended"]
+HINGE = ["--hinge", "0.7,0.3,0", "0.7,0.7,0"]
+TURN = [*FLAP, *HINGE, "--angle", "8"]
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, hybrid_wing):
+    """The wing in every format."""
+    folder = tmp_path_factory.mktemp("meshes")
+    made = {}
+    for name, known in FORMATS.items():
+        path = folder / ("case" if name == "openfoam" else f"wing{known.suffixes[0]}")
+        known.write(hybrid_wing.mesh, path)
+        made[name] = path
+    return made
+
+
+@pytest.fixture
+def sdm(monkeypatch, capsys):
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["sdm", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capsys.readouterr()
+
+    return call
+
+
+def content(path):
+    if path.is_dir():
+        return {p.relative_to(path): p.read_bytes() for p in sorted(path.rglob("*")) if p.is_file()}
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("name", ["su2", "cgns", "gmsh", "openfoam"])
+def test_each_format_is_deflected_in_itself_and_the_input_stays(name, files, sdm, tmp_path):
+    source, out = files[name], tmp_path / ("turned" if name == "openfoam" else files[name].name)
+    before = content(source)
+    code, table, _ = sdm("deflect", source, *TURN, "--out", out, "--quiet")
+    assert code == 0, table
+    assert "all validations passed" in table
+    assert content(source) == before
+    old, new = format_of(source).read(source), format_of(out).read(out)
+    assert {p.name: len(p) for p in new.patches} == {p.name: len(p) for p in old.patches}
+    moved = np.abs(new.points - old.points).max(axis=1)
+    assert moved[old.on("flap_base")].max() > 0.02
+    assert not moved[old.on("wing_upper", "far_field")].any()
+
+
+def test_another_format_by_its_suffix(files, sdm, tmp_path):
+    code, table, _ = sdm("deflect", files["su2"], *TURN, "--out", tmp_path / "wing.cgns", "--quiet")
+    assert code == 0, table
+    assert len(FORMATS["cgns"].read(tmp_path / "wing.cgns").points) == len(FORMATS["su2"].read(files["su2"]).points)
+
+
+def test_a_dry_run_says_what_would_be_done_and_writes_nothing(files, sdm, tmp_path):
+    source = shutil.copy(files["su2"], tmp_path / "wing.su2")
+    code, table, _ = sdm("deflect", source, *TURN, "--dry-run")
+    assert code == 0
+    for text in ("moves by +8 deg", "fixed", "slides", "outside", "data sites", "would write", "wing-deflected.su2"):
+        assert text in " ".join(table.split())
+    assert [path.name for path in tmp_path.iterdir()] == ["wing.su2"]
+
+
+def test_a_sweep_writes_a_file_for_each_angle_with_report_and_sensitivities(files, sdm, tmp_path):
+    out = tmp_path / "flap.su2"
+    code, table, _ = sdm(
+        "deflect", files["su2"], *FLAP, *HINGE, "--angles", "-4:8:4", "--out", out, "--json", "--sensitivity", "--quiet"
+    )
+    assert code == 0, table
+    names = {path.name for path in tmp_path.iterdir()}
+    angles = ("-4", "+0", "+4", "+8")
+    assert {f"flap_{a}.su2" for a in angles} | {"flap.json"} <= names
+    assert {f"flap_{a}-sensitivity.{s}" for a in angles for s in ("npz", "vtu")} <= names
+    report = json.loads((tmp_path / "flap.json").read_text())
+    assert report["passed"]
+    assert [one["angle"] for one in report["angles"]] == [8.0, -4.0, 0.0, 4.0]
+    with np.load(tmp_path / "flap_+4-sensitivity.npz") as arrays:
+        points, rates = arrays["points"], arrays["d_points_d_angle"]
+    read = {a: FORMATS["su2"].read(tmp_path / f"flap_{a}.su2").points for a in angles}
+    np.testing.assert_allclose(points, read["+4"], atol=1e-12)
+    edge = FORMATS["su2"].read(files["su2"]).on("flap_base")
+    np.testing.assert_allclose(rates[edge], (read["+8"] - read["+0"])[edge] / 8.0, atol=1e-5)
+    import pyvista
+
+    assert "d_points_d_angle" in pyvista.read(tmp_path / "flap_+4-sensitivity.vtu").point_data
+
+
+def test_a_configuration_says_the_same_as_options(files, sdm, tmp_path):
+    (tmp_path / "job.toml").write_text(
+        'fixed = ["wing_*"]\nslide = { symmetry = "plane" }\n[[surface]]\npatches = ["flap_*"]\n'
+        'hinge = [[0.7, 0.3, 0], [0.7, 0.7, 0]]\nangle = 8\nmotion = "blended"\n'
+    )
+    one, other, third = (tmp_path / f"{name}.su2" for name in ("one", "other", "third"))
+    assert sdm("deflect", files["su2"], "--config", tmp_path / "job.toml", "--out", one, "--quiet")[0] == 0
+    assert sdm("deflect", files["su2"], *TURN, "--out", other, "--quiet")[0] == 0
+    assert one.read_bytes() == other.read_bytes()
+    code, *_ = sdm("deflect", files["su2"], "--config", tmp_path / "job.toml", "--angle", 4, "--out", third, "--quiet")
+    assert code == 0
+    assert third.read_bytes() != one.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--surface", "flapp_upper", *HINGE, "--angle", "3"], ["wing.su2", "did you mean flap_upper"]),
+        ([*FLAP, "--angle", "3"], ["the hinge is missing"]),
+        ([*FLAP, "--hinge", "0,0,0", "0,0,0", "--angle", "3"], ["the hinge has no length"]),
+        ([*FLAP, "--hinge", "0,0", "0,0,1", "--angle", "3"], ["must be 2 points x,y,z"]),
+        ([*FLAP, *HINGE], ["the angle of flap_* is missing"]),
+        ([*FLAP, *HINGE, "--angle", "200"], ["angle = 200 deg", "out of range"]),
+        ([*FLAP, *HINGE, "--angles", "1:2"], ["--angles 1:2"]),
+        ([*FLAP, *HINGE, "--angles", "0:200:50"], ["200 deg is out of range"]),
+        ([*HINGE, "--angle", "3"], ["name one with --surface"]),
+        ([*TURN, "--box", "none.toml"], ["none.toml"]),
+        ([*TURN, "--slide", "far_field"], ["NAME:plane or NAME:cylinder"]),
+        ([*TURN, "--fixed", "wing_tip", "--slide", "wing_tip:plane"], ["wing_tip cannot be fixed and sliding"]),
+        ([*TURN, "--steps", "0"], ["--steps 0"]),
+        ([*TURN, "--margin", "-1"], ["margin = -1"]),
+        ([*TURN, "--out", "wing.xyz"], ["no mesh format has the suffix '.xyz'"]),
+    ],
+)
+def test_mistakes_are_one_line_and_exit_code_2(arguments, words, files, sdm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(files["su2"], "wing.su2")
+    code, _, complaint = sdm("deflect", "wing.su2", *arguments, "--quiet")
+    assert code == 2
+    assert len(complaint.strip().splitlines()) == 1
+    assert all(word in complaint for word in words), complaint
+    assert [path.name for path in tmp_path.iterdir()] == ["wing.su2"]
+
+
+def test_the_input_is_never_the_output(files, sdm, tmp_path):
+    source = shutil.copy(files["su2"], tmp_path / "wing.su2")
+    code, _, complaint = sdm("deflect", source, *TURN, "--out", source, "--quiet")
+    assert code == 2
+    assert "this is the mesh that is read" in complaint
+
+
+@pytest.mark.parametrize("name", ["su2", "cgns", "gmsh"])
+def test_a_truncated_file(name, files, sdm, tmp_path):
+    data = files[name].read_bytes()
+    path = tmp_path / files[name].name
+    path.write_bytes(data[: len(data) // 2])
+    code, _, complaint = sdm("deflect", path, *TURN, "--quiet")
+    assert code == 2
+    assert path.name in complaint
+    assert [left.name for left in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_file_with_nan(files, sdm, tmp_path):
+    text = files["su2"].read_text().splitlines(keepends=True)
+    row = next(i for i, line in enumerate(text) if line.startswith("NPOIN")) + 5
+    text[row] = "nan " + text[row].split(maxsplit=1)[1]
+    (tmp_path / "wing.su2").write_text("".join(text))
+    code, _, complaint = sdm("deflect", tmp_path / "wing.su2", *TURN, "--quiet")
+    assert code == 2
+    assert "wing.su2" in complaint
+    assert len(complaint.strip().splitlines()) == 1
+
+
+def test_a_failed_check_is_exit_code_1_and_the_table_says_which(files, sdm, tmp_path):
+    """Far too large an angle for the room between the ribs, in a single step."""
+    code, table, _ = sdm(
+        "deflect", files["su2"], *FLAP, *HINGE, "--angle", "75", "--margin", "0.5", "--steps", "1",
+        "--out", tmp_path / "w.su2", "--quiet",
+    )  # fmt: skip
+    assert code == 1
+    assert "A VALIDATION FAILED" in table
+    assert "FAILED" in table
