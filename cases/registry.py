@@ -9,12 +9,9 @@ from cases.all import ALL
 from cases.case import Case
 from cases.rudder import RUDDER
 from cases.tail import TAIL
-from meshing.parameters import SCALES
+from meshing.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
 
 CASES: dict[str, Case] = {case.name: case for case in (AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
-
-EDGE_FACTORS = {"aileron-chimera": {"aileron": 0.55, "wing": 0.55, "chimera": 0.8, "gap_cells": 1.5}}
-"""Edge lengths of a case's mesh by those of its scale."""
 
 
 def case_named(name: str, scale: str = "small") -> Case:
@@ -25,6 +22,6 @@ def case_named(name: str, scale: str = "small") -> Case:
         raise ValueError(f"unknown case {name!r}; {hint}")
     if scale not in SCALES:
         raise ValueError(f"unknown scale {scale!r}; there are {', '.join(SCALES)}")
-    sizes, factors = SCALES[scale], EDGE_FACTORS.get(name, {})
-    finer = replace(sizes, **{patch: factor * getattr(sizes, patch) for patch, factor in factors.items()})
-    return replace(CASES[name], scale=scale, mesh=finer, background=sizes)
+    case = CASES[name]
+    sizes = BLOCK_SCALES if case.domain == "block" else SCALES
+    return replace(case, scale=scale, mesh=sizes[scale], background=BACKGROUND_SCALES[scale])

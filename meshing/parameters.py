@@ -95,19 +95,62 @@ class MeshParameters:
         return replace(self, **lengths)
 
 
-# Refinement keeps shapes except where new nodes are put on curved faces.
-_MEDIUM = MeshParameters(refinements=1, accept_min=0.25, accept_mean=0.86, accept_below=5e-4)
-# Before refinement: the paper's full model has a coarse aileron and fine tails.
+def _once_refined(base: MeshParameters) -> MeshParameters:
+    """Refinement keeps shapes except where new nodes are put on curved faces: a little less is accepted there."""
+    return replace(base, refinements=1, accept_min=0.25, accept_mean=0.86, accept_below=5e-4)
+
+
+_SMALL = MeshParameters()
+_MEDIUM = _once_refined(_SMALL)
+# Edge lengths before refinement. The paper's full model has a coarse aileron and fine tails; growth decides how many
+# points their hexahedra hold, and the rest of the aircraft is as fine as its total asks.
 _PAPER = replace(
     _MEDIUM,
-    tail=0.0024,
-    fuselage_panel=0.0039,
-    fuselage_rear=0.012,
-    aileron=0.016,
-    corner=0.0055,
+    fuselage=0.0047,
+    fuselage_panel=0.0037,
+    fuselage_rear=0.0048,
+    canopy=0.0038,
+    inlet=0.0042,
+    pedestal=0.0042,
+    strake=0.0034,
+    wing=0.0105,
+    aileron=0.015,
+    tail=0.0023,
+    ventral=0.004,
+    fin=0.004,
+    rudder=0.004,
+    corner=0.006,
     edge_cells=0.6,
-    growth=0.24,
+    growth=0.4,
+    envelope=6e-5,
+)
+_BLOCK = replace(
+    _SMALL,
+    aileron=0.55 * _SMALL.aileron,
+    wing=0.55 * _SMALL.wing,
+    chimera=0.8 * _SMALL.chimera,
+    gap_cells=1.5 * _SMALL.gap_cells,
+)
+_PAPER_BLOCK = replace(
+    _MEDIUM,
+    aileron=0.00115,
+    wing=0.0018,
+    chimera=0.0036,
+    corner=0.003,
+    gap_cells=4.0,
+    growth=0.22,
     envelope=6e-5,
 )
 
-SCALES: Mapping[str, MeshParameters] = MappingProxyType({"small": MeshParameters(), "medium": _MEDIUM, "paper": _PAPER})
+SCALES: Mapping[str, MeshParameters] = MappingProxyType({"small": _SMALL, "medium": _MEDIUM, "paper": _PAPER})
+"""Sizes of the aircraft's mesh."""
+
+BLOCK_SCALES: Mapping[str, MeshParameters] = MappingProxyType(
+    {"small": _BLOCK, "medium": _once_refined(_BLOCK), "paper": _PAPER_BLOCK}
+)
+"""Sizes of a Chimera block's mesh."""
+
+BACKGROUND_SCALES: Mapping[str, MeshParameters] = MappingProxyType(
+    {"small": _SMALL, "medium": _MEDIUM, "paper": _MEDIUM}
+)
+"""Sizes of the mesh around a Chimera block: it only has to give donors, and the paper does not count it."""

@@ -2,7 +2,7 @@ from dataclasses import asdict, fields
 
 import pytest
 
-from meshing.parameters import COMPONENTS, SCALES, MeshParameters
+from meshing.parameters import BACKGROUND_SCALES, BLOCK_SCALES, COMPONENTS, SCALES, MeshParameters
 
 
 def test_every_component_is_a_field_and_left_and_right_are_alike() -> None:
@@ -32,3 +32,24 @@ def test_finer_scales_have_shorter_edges() -> None:
     finest = {name: scale.wing / 2**scale.refinements for name, scale in SCALES.items()}
     assert finest["medium"] < finest["small"]
     assert SCALES["small"].far_field == 10.0
+
+
+def test_every_scale_has_sizes_for_aircraft_block_and_background() -> None:
+    assert list(SCALES) == list(BLOCK_SCALES) == list(BACKGROUND_SCALES)
+
+
+def test_a_block_is_finer_around_its_aileron_than_the_aircraft() -> None:
+    for name, block in BLOCK_SCALES.items():
+        assert block.aileron < SCALES[name].aileron
+        assert block.gap_cells > SCALES[name].gap_cells
+
+
+def test_the_papers_aileron_is_coarse_and_its_tail_fine() -> None:
+    paper, medium = SCALES["paper"], SCALES["medium"]
+    assert paper.tail < medium.tail
+    assert medium.aileron < paper.aileron
+
+
+def test_a_refined_mesh_may_be_a_little_worse() -> None:
+    for name, sizes in SCALES.items():
+        assert (sizes.accept_min < SCALES["small"].accept_min) == (sizes.refinements > 0), name
