@@ -80,15 +80,20 @@ def _polygons(cells: vtkCellArray, points: int) -> tuple[IntArray, IntArray]:
 def _solids(
     grid: vtkUnstructuredGrid, cells: tuple[IntArray, IntArray], types: NDArray[np.uint8], points: FloatArray
 ) -> tuple[Cells | Polyhedra, ...]:
-    kinds, first = np.unique(types, return_index=True)
     found: list[Cells | Polyhedra] = []
-    for kind in kinds[np.argsort(first)].tolist():
+    for kind in _kinds(types):
         if kind == VTK_POLYHEDRON:
             found.append(_polyhedra(grid, types))
         elif kind in SOLIDS or kind == VTK_VOXEL:
             block = _block(cells, kind, np.flatnonzero(types == kind))
             found.append(oriented(points, block))
     return tuple(found)
+
+
+def _kinds(types: NDArray[np.uint8]) -> list[int]:
+    """Types in the order in which they first appear."""
+    kinds, first = np.unique(types, return_index=True)
+    return [int(kind) for kind in kinds[np.argsort(first)]]
 
 
 def _block(cells: tuple[IntArray, IntArray], kind: int, rows: IntArray) -> Cells:
@@ -121,7 +126,7 @@ def _patches(
     for label in np.unique(own).tolist():
         name = names.get(label, f"{names[-1]}_{label}")
         rows = flat[own == label]
-        for kind in np.unique(types[rows]).tolist():
+        for kind in _kinds(types[rows]):
             some = rows[types[rows] == kind]
             faces = taken(Polygons(*cells), some) if kind == VTK_POLYGON else _block(cells, kind, some)
             found.setdefault(name, []).append(faces)
