@@ -41,7 +41,8 @@ OF_JOB = ("fixed", "box", "margin", "zones", "strategy", "tolerance")
 @click.option("--json", is_flag=True, help="Also write a report as JSON.")
 @click.option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @click.option("--quiet", is_flag=True, help="No progress bars.")
-def deflect(mesh: Path, out: Path | None, dry_run: bool, quiet: bool, **given: Any) -> int:
+@click.option("--verbose", is_flag=True, help="Progress as lines instead of bars: all that is reported.")
+def deflect(mesh: Path, out: Path | None, dry_run: bool, quiet: bool, verbose: bool, **given: Any) -> int:
     """Deflect marked surfaces of a mesh file, and let the mesh around them follow.
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
@@ -49,7 +50,7 @@ def deflect(mesh: Path, out: Path | None, dry_run: bool, quiet: bool, **given: A
     from cases.console import console
     from cases.own import carried_out, files, tables
     from cases.own.config import angles_from
-    from cases.progress import Bars, Silent, Stopwatch
+    from cases.progress import Stopwatch, shown
 
     text = given.pop("angles")
     extras = frozenset(name for name in ("sensitivity", "json") if given.pop(name))
@@ -63,11 +64,8 @@ def deflect(mesh: Path, out: Path | None, dry_run: bool, quiet: bool, **given: A
             return carried_out.dry_run(mesh, job, angles, watch)
         return carried_out.carry_out(wanted, job, angles, watch)
 
-    if quiet:
-        done = act(Stopwatch(Silent()))
-    else:
-        with Bars(Console(stderr=True)) as bars:
-            done = act(Stopwatch(bars))
+    with shown(Console(stderr=True), quiet=quiet, verbose=verbose) as display:
+        done = act(Stopwatch(display))
     if dry_run:
         names = [files.numbered(wanted.out, angle) for angle in many] or [wanted.out]
         console().print(tables.plan_table(done), f"would write {', '.join(str(name) for name in names)}")

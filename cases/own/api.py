@@ -113,14 +113,20 @@ def run(
 ) -> Iterator[tuple[Plan, Course, Report]]:
     """Plan a job for all angles, and bring the mesh to each: the largest first, the others in their order."""
     plan = planned(subject, job, tuple(angles), watch)
-    before = plan.touched.quality(subject.points)
+    with watch.stage("quality") as progress:
+        progress("before", float("nan"))
+        before = plan.touched.quality(subject.points)
     largest = max(angles, key=abs)
     course = None
     for angle in (largest, *(angle for angle in angles if angle != largest)):
         begin = perf_counter()
         with watch.stage(f"{angle:+g} deg") as progress:
             course = followed(plan, angle, progress, course)
-        yield plan, course, reported(plan, course, before, perf_counter() - begin)
+        seconds = perf_counter() - begin
+        with watch.stage("quality") as progress:
+            progress(f"at {angle:+g}", float("nan"))
+            report = reported(plan, course, before, seconds)
+        yield plan, course, report
 
 
 def job_of(surfaces: Sequence[str], hinge: ArrayLike, angle: float, options: Options) -> Job:

@@ -15,7 +15,7 @@ from deform.duplicates import IndexArray
 from deform.kernels import FloatArray
 from meshing.formats.flow import Cells
 
-BLOCK = 1 << 14  # cells at a time: temporaries stay in the processor's cache
+BLOCK = 1 << 13  # cells at a time: temporaries stay in the processor's cache
 CORNERS = {
     "tetra": ((0, 1, 2, 3), (1, 0, 3, 2), (2, 3, 0, 1), (3, 2, 1, 0)),
     "pyramid": ((0, 1, 3, 4), (1, 2, 0, 4), (2, 3, 1, 4), (3, 0, 2, 4)),
@@ -53,23 +53,31 @@ def _least(
     cells: Cells,
     rows: IndexArray | None,
     corners: Sequence[tuple[int, ...]],
-    measure: Callable[[FloatArray], FloatArray],
+    measure: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
 ) -> FloatArray:
-    """Return the smallest measure over the corners of each cell."""
+    """Return the smallest measure of three edges over the corners of each cell."""
     count = len(cells) if rows is None else len(rows)
     out = np.empty(count)
     for part in rows_of(count, BLOCK):
         nodes = cells.nodes[part if rows is None else rows[part]]
-        out[part] = np.min([measure(points[nodes[:, list(corner)]]) for corner in corners], axis=0)
+        p = np.ascontiguousarray(points[nodes].transpose(1, 2, 0))  # (k, 3, R): coordinates stand one after another
+        values = (measure(p[b] - p[a], p[c] - p[a], p[d] - p[a]) for a, b, c, d in corners)
+        least = next(values)
+        for value in values:
+            np.minimum(least, value, out=least)
+        out[part] = least
     return out
 
 
-def _plain(p: FloatArray) -> FloatArray:
-    """Return the determinant (R,) of the edges from the first of four points (R, 4, 3)."""
-    a, b, c = (p[:, i] - p[:, 0] for i in (1, 2, 3))
-    return np.asarray(np.einsum("ij,ij->i", np.cross(a, b), c))
+def _plain(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """Return the determinants (R,) of edges (3, R)."""
+    return np.asarray(
+        a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
 
 
-def _scaled(p: FloatArray) -> FloatArray:
-    lengths = np.prod(np.linalg.norm(p[:, 1:] - p[:, :1], axis=2), axis=1)
-    return np.asarray(_plain(p) / np.maximum(lengths, np.finfo(float).tiny))
+def _scaled(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    squares = np.ones(a.shape[1])
+    for edge in (a, b, c):
+        squares *= edge[0] * edge[0] + edge[1] * edge[1] + edge[2] * edge[2]
+    return np.asarray(_plain(a, b, c) / np.sqrt(np.maximum(squares, np.finfo(float).tiny)))

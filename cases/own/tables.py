@@ -3,8 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from rich import box
 from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
 from cases.console import verdict
 from cases.own.plan import Plan
@@ -13,14 +16,12 @@ from cases.own.report import Report, notes_of
 
 def plan_table(plan: Plan) -> Group:
     """Return patches with their part, the box, and what will be computed."""
-    table = Table(title=f"{plan.subject.name}: what would be done", title_justify="left")
-    for heading in ("patch", "part", "nodes", "in the box"):
-        table.add_column(heading, justify="right" if heading in ("nodes", "in the box") else "left")
-    inside = set(plan.region.inside.tolist())
+    table = _table(f"{plan.subject.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
+    inside = plan.region.inside
     for name, nodes in plan.subject.nodes.items():
-        count = sum(node in inside for node in nodes.tolist())
-        table.add_row(name, _part(plan, name), str(len(nodes)), str(count))
-    return Group(table, *_lines(plan))
+        count = len(np.intersect1d(nodes, inside, assume_unique=True))
+        table.add_row(Text(name), Text(_part(plan, name)), str(len(nodes)), str(count))
+    return Group(table, *_texts(_lines(plan)))
 
 
 def result_table(plan: Plan, reports: Sequence[Report], files: Sequence[Path], lost: Sequence[str]) -> Group:
@@ -40,14 +41,14 @@ def result_table(plan: Plan, reports: Sequence[Report], files: Sequence[Path], l
     passed = all(report.passed for report in reports)
     wrote = [f"wrote {', '.join(str(path) for path in files)}"] if files else []
     last = "all validations passed" if passed else "A VALIDATION FAILED"
-    return Group(*body, *_lines(plan), *(f"not held by this format: {text}" for text in lost), speed, *wrote, last)
+    losses = [f"not held by this format: {text}" for text in lost]
+    return Group(*body, *_texts([*_lines(plan), *losses, speed, *wrote, last]))
 
 
 def quality_table(report: Report) -> Table:
     """Return the quality of the touched cells before and after, by type."""
-    table = Table(title="cells with a node in the box: scaled Jacobian before, after", title_justify="left")
-    for heading in ("type", "cells", "min", "1 %", "mean", "inverted"):
-        table.add_column(heading, justify="left" if heading == "type" else "right", no_wrap=True)
+    title = "cells with a node in the box: scaled Jacobian before, after"
+    table = _table(title, ("type",), ("cells", "min", "1 %", "mean", "inverted"))
     for old, new in zip(report.before, report.after, strict=True):
         pairs = [f"{a:.3f}, {b:.3f}" for a, b in ((old.min, new.min), (old.p01, new.p01), (old.mean, new.mean))]
         table.add_row(old.shape, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
@@ -56,26 +57,37 @@ def quality_table(report: Report) -> Table:
 
 def sweep_table(reports: Sequence[Report], title: str) -> Table:
     """Return one row for each angle."""
-    table = Table(title=title, title_justify="left")
-    for heading in ("angle", "steps", "centres", "site error", "smallest Jacobian", "seconds", ""):
-        table.add_column(heading, justify="right", no_wrap=True)
+    headings = ("angle", "steps", "centres", "site error", "smallest Jacobian", "seconds", "verdict")
+    table = _table(title, (), headings)
     for one in reports:
         centers = ", ".join(f"{name}: {count}" for name, (count, _) in one.centers.items())
         error = max(value for _, value in one.centers.values())
         least = min((quality.min for quality in one.after), default=float("nan"))
         table.add_row(
             f"{one.angle:+g}", str(one.steps), centers, f"{error:.1e}", f"{least:.3f}", f"{one.seconds:.2f}",
-            "passed" if one.passed else "[bold]FAILED[/bold]",
+            Text("passed") if one.passed else Text("FAILED", style="bold"),
         )  # fmt: skip
     return table
 
 
+def _table(title: str, left: Sequence[str], right: Sequence[str]) -> Table:
+    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in (*left, *right):
+        table.add_column(heading, justify="left" if heading in left else "right", no_wrap=True)
+    return table
+
+
+def _texts(lines: Sequence[str]) -> list[Text]:
+    """Return lines in which brackets are brackets."""
+    return [Text(line) for line in lines]
+
+
 def _lines(plan: Plan) -> list[str]:
-    sites, box = plan.sites, plan.region
-    corners = box.hexahedron.corners
+    sites, region = plan.sites, plan.region
+    corners = region.hexahedron.corners
     return [
-        f"box {box.why}; from {_point(corners[0])} to {_point(corners[7])}",
-        f"{len(box.inside)} of {len(plan.subject.points)} nodes inside, {plan.touched.count} cells touched",
+        f"box {region.why}; from {_point(corners[0])} to {_point(corners[7])}",
+        f"{len(region.inside)} of {len(plan.subject.points)} nodes inside, {plan.touched.count} cells touched",
         f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.carried)} sliding, "
         f"{len(sites.zero)} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
         *(f"note: {note}" for note in notes_of(plan)),
