@@ -58,9 +58,14 @@ class Control:
         return cls(live, Spans.of(live), Pieces.of(live), scene, undeflected, undeflected)
 
     def show(self, wish: Wish) -> dict[str, Any]:
-        """Bring the scene to what is wanted and return what the page is to say."""
-        before, self.shown = self.shown, wish
-        answer: dict[str, Any] = {}
+        """Bring the scene to what is wanted and return what the page is to say.
+
+        Raises
+        ------
+        ConfinementError, ValueError
+            If no surface motion exists at that angle; the scene is then as before.
+        """
+        before, answer = self.shown, dict[str, Any]()
         if before is None or wish.angle != before.angle:
             self.frame = self.live.at(wish.angle)
             answer = self._said()
@@ -70,6 +75,7 @@ class Control:
         if wish.plane is None:
             self.scene.hide("section", "around")
         self.scene.show({"centres": self.centres()})
+        self.shown = wish
         return answer
 
     def first(self) -> Wish:

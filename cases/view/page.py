@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from trame.app import asynchronous, get_server
 
+from cases.confine import ConfinementError
 from cases.view.control import AXES, Control, Wish
 from cases.view.layout import lay_out
 from cases.view.pieces import outboard
@@ -122,7 +123,10 @@ class Page:
             if wish.angle not in (self.control.frame.angle, self._typed):  # it came from the slider
                 state.update({"angle_text": f"{wish.angle:g}", "refusal": ""})
                 self._typed = None
-            state.update(self.control.show(wish))
+            try:
+                state.update(self.control.show(wish))
+            except (ConfinementError, ValueError) as error:
+                state.refusal = str(error)
         self._switch()
         self.view.update()
         state.elapsed = f"{1e3 * (perf_counter() - start):.0f}"

@@ -113,7 +113,10 @@ class Pieces:
             quality = frame.quality[section.cells]
             rgb = np.where((quality <= 0.0)[:, None], RED, quality_rgb(quality)).astype(np.uint8)
             pieces["section"] = polygons(section, rgb)
-        faces = self.live.cells[frame.inverted][:, TET_FACES].reshape(-1, 3)
+        inverted = self.live.cells[frame.inverted]
+        middles = frame.points[inverted].mean(axis=1)  # a flat cell is hardly seen, a dot is
+        pieces["marks"] = Piece(middles, (np.arange(len(middles))[:, None],))
+        faces = inverted[:, TET_FACES].reshape(-1, 3)
         pieces["inverted"] = Piece(frame.points[faces.ravel()], (np.arange(faces.size).reshape(-1, 3),))
         return pieces
 

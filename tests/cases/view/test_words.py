@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from cases.confine import ConfinementError
 from cases.view.control import Control, Wish
 from cases.view.histogram import BINS, histogram
 from cases.view.pieces import RED, Pieces
@@ -83,3 +84,13 @@ def test_only_what_an_input_concerns_is_made_again(aileron, monkeypatch):
     before = control.frame
     assert control.show(Wish(3.0, wish.axis, wish.position + 0.01)) == {}
     assert control.frame is before
+
+
+def test_an_angle_without_a_motion_leaves_the_picture_as_it_was(tail):
+    control = Control.of(tail)
+    wish = control.first()
+    control.show(wish)
+    with pytest.raises(ConfinementError):
+        control.show(replace(wish, angle=45.0))
+    assert control.shown == wish
+    assert control.frame.angle == wish.angle
