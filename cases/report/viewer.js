@@ -3,7 +3,7 @@
 // All names of the data go through text() or textContent.
 (() => {
   const data = JSON.parse(document.getElementById("scene-data").textContent);
-  const plot = document.getElementById("scene");
+  const plot = document.getElementById("turnable");
   const control = (name) => document.getElementById("scene-" + name);
   const text = (name) => name.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 

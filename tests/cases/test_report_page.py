@@ -1,0 +1,167 @@
+"""The page of a run in a browser: offline, without complaints, turnable; and nothing in a name becomes markup."""
+
+import re
+import shutil
+from base64 import b64decode
+from dataclasses import replace
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from cases.report.gallery import Gallery
+from cases.report.interactive import turnable
+from cases.report.page import page, write_story
+from cases.report.story import of_folder, of_run
+from meshing.quality import mean_ratio
+
+EVIL = "</script><script>document.title='broken'</script><img src=x onerror=\"document.title='broken'\">"
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+SWITCHES = [
+    "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
+    "--disable-background-networking",
+]  # fmt: skip
+DRAWN = "#turnable[data-state={}]"
+
+pytestmark = pytest.mark.mesher
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium without a window, drawing by software."""
+    api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    if CHROMIUM is None:
+        pytest.skip("there is no Chromium: apt-get install chromium")
+    with api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=SWITCHES)
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def opened(browser):
+    """Open a file; return the page, what it asked of any network, and what it complained of."""
+    context = browser.new_context(viewport={"width": 1200, "height": 900})
+    asked, complaints = [], []
+
+    def open_file(path):
+        tab = context.new_page()
+        tab.on("request", lambda request: asked.append(request.url))
+        tab.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
+        tab.on("pageerror", lambda error: complaints.append(str(error)))
+        tab.goto(path.as_uri())
+        tab.wait_for_selector(DRAWN.format("deflected"), timeout=60_000)
+        return tab, asked, complaints
+
+    yield open_file
+    context.close()
+
+
+def seen(tab):
+    """Pixels (H, W, 3) of the canvas."""
+    tab.wait_for_timeout(700)
+    shot = tab.locator("#turnable canvas").screenshot()
+    return np.asarray(Image.open(BytesIO(shot)).convert("RGB"), dtype=int)
+
+
+def changed(before, after):
+    return np.count_nonzero(np.abs(before - after).max(axis=2) > 24)
+
+
+def test_page_is_offline_complete_and_turnable(aileron_run, opened):
+    run, folder = aileron_run
+    assert (folder / "report.html").stat().st_size < 5e6
+    tab, asked, complaints = opened(folder / "report.html")
+    rows = tab.locator("#verdict-table tbody tr")
+    assert rows.count() == len(run.checks)
+    assert [rows.nth(i).locator("b").first.inner_text() for i in range(rows.count())] == [c.name for c in run.checks]
+    deflected = seen(tab)
+    assert deflected.std() > 5.0
+    tab.check("#scene-undeflected")
+    tab.wait_for_selector(DRAWN.format("undeflected"))
+    undeflected = seen(tab)
+    assert changed(undeflected, deflected) > 200
+    tab.check("#scene-sites")
+    assert changed(undeflected, seen(tab)) > 1000
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert len([url for url in asked if url.startswith("file:")]) == 1
+    assert complaints == []
+
+
+def test_threshold_shows_the_cells_below_it(aileron_run, opened):
+    run, folder = aileron_run
+    tab, _, complaints = opened(folder / "report.html")
+    before = seen(tab)
+    tab.locator("#scene-threshold").fill("0.8")
+    assert changed(before, seen(tab)) > 500
+    near = of_run(run).touching(run.deflections[0].turn)
+    expected = np.count_nonzero(mean_ratio(run.deflected.points, run.mesh.tets[near]) < 0.8)
+    said = f"{expected} of {np.count_nonzero(near)} cells below 0.80, 0 inverted"
+    assert tab.locator("#scene-count").inner_text() == said
+    assert complaints == []
+
+
+def test_every_picture_says_what_it_shows(aileron_run, opened):
+    tab, _, _ = opened(aileron_run[1] / "report.html")
+    for image in tab.locator("img").all():
+        words = image.get_attribute("alt")
+        assert len(words) > 60
+        assert re.search(r"\d", words)
+        assert image.evaluate("one => one.naturalWidth") > 400
+    assert "aileron_left" in tab.locator("#turnable").get_attribute("aria-label")
+    assert tab.locator("figure").count() == 5
+    linked = [link.get_attribute("href") for link in tab.locator("nav a").all()]
+    assert all(tab.locator(target).count() == 1 for target in linked)
+
+
+def test_names_cannot_inject_markup(aileron_run, opened, tmp_path):
+    run, _ = aileron_run
+    names = tuple(EVIL if name == "fin" else name for name in run.mesh.names)
+    mesh, deflected = (replace(one, names=names) for one in (run.mesh, run.deflected))
+    story = of_run(replace(run, case=replace(run.case, title=EVIL, name=EVIL), mesh=mesh, deflected=deflected))
+    (tmp_path / "report.html").write_text(page(story, Gallery((), EVIL)), encoding="utf-8")
+    tab, _, complaints = opened(tmp_path / "report.html")
+    assert "broken" not in tab.title().replace(EVIL, "")
+    assert tab.locator("img").count() == 0
+    assert tab.locator("script").count() == 4
+    assert EVIL[0].upper() + EVIL[1:] in tab.locator("h1").inner_text()
+    assert complaints == []
+
+
+def test_missing_graphics_is_a_sentence(aileron_run, tmp_path, monkeypatch):
+    def failing(views):
+        from cases.report.offscreen import rendered
+
+        return rendered(views, module="cases.report.no_such_module")
+
+    monkeypatch.setattr("cases.report.gallery.rendered", failing)
+    story = of_run(aileron_run[0])
+    write_story(story, tmp_path)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "No picture of the surface meshes could be drawn" in text
+    assert "apt-get install" in text
+    assert text.count("<figure>") == 4
+    assert 'id="scene-data"' in text
+
+
+def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
+    run, folder = aileron_run
+    fresh, stored = of_run(run), of_folder(folder)
+    assert stored.checks == fresh.checks
+    assert [(c.surface, c.directions, c.centres) for c in stored.courses] == [
+        (c.surface, c.directions, c.centres) for c in fresh.courses
+    ]
+    np.testing.assert_array_equal(stored.centres["aileron_left"]["z"], fresh.centres["aileron_left"]["z"])
+    assert turnable(stored) == turnable(fresh)
+
+
+def test_turnable_picture_holds_the_meshes(tail_run):
+    run, _ = tail_run
+    scene = turnable(of_run(run))
+    triangles = {name: len(run.mesh.triangles_of(name)) for name in run.mesh.names[1:] if name != "far_field"}
+    assert {one["name"]: len(b64decode(one["faces"])) // 12 for one in scene["patches"]} == triangles
+    assert {one["name"] for one in scene["patches"] if one["moved"]} == {"tail_left", "fuselage_panel_left"}
+    (tail,) = (one for one in scene["patches"] if one["name"] == "tail_left")
+    points = np.frombuffer(b64decode(tail["moved"]), "<f4").reshape(-1, 3)
+    np.testing.assert_allclose(points, run.deflected.points[run.mesh.on("tail_left")], atol=1e-6)
