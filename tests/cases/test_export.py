@@ -1,0 +1,115 @@
+"""Exported runs hold the run's mesh, by name, in every format; nothing of the run changes."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from cases.errors import InputError
+from cases.export import export_run
+from meshing.formats.flow import Polyhedra
+from meshing.formats.format import MeshFileError
+from meshing.formats.openfoam import MESH
+from meshing.formats.registry import FORMATS
+from meshing.mesh import TetMesh
+from meshing.vtu import FormatError, write_vtu
+
+CORNERS = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
+TETS = np.array([[0, 1, 2, 4], [1, 3, 2, 7], [4, 6, 7, 2], [4, 7, 5, 1], [1, 2, 4, 7]])
+SIDES = {
+    "wing_left": [[0, 2, 1], [1, 2, 3]], "far_field": [[4, 5, 7], [4, 7, 6]],
+    "fuselage": [[0, 1, 4], [1, 5, 4], [2, 6, 7], [2, 7, 3], [0, 4, 2], [2, 4, 6], [1, 3, 7], [1, 7, 5]],
+}  # fmt: skip
+
+
+def cube(shift: float = 0.0, scale: float = 1.0) -> TetMesh:
+    triangles = np.array([row for rows in SIDES.values() for row in rows])
+    patch = np.repeat(np.arange(1, 4), [len(rows) for rows in SIDES.values()])
+    names = ("volume", *SIDES)
+    return TetMesh(CORNERS * scale + shift, TETS, triangles, patch, np.full(len(patch), -1), names)
+
+
+@pytest.fixture
+def run(tmp_path):
+    folder = tmp_path / "aileron"
+    folder.mkdir()
+    write_vtu(folder / "undeflected.vtu", cube())
+    write_vtu(folder / "deflected.vtu", cube(np.pi), {"displacement": np.full((8, 3), np.pi)})
+    return folder
+
+
+@pytest.mark.parametrize("which", ["deflected", "undeflected"])
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_format_holds_the_mesh(run, form, which):
+    before = {path: path.read_bytes() for path in run.iterdir()}
+    out, lost = export_run(run, form, which)
+    assert lost == ()
+    assert out.parent == run.parent
+    mesh = FORMATS[form].read(out)
+    np.testing.assert_array_equal(mesh.points, cube(np.pi if which == "deflected" else 0.0).points)
+    assert {patch.name: len(patch) for patch in mesh.patches} == {name: len(rows) for name, rows in SIDES.items()}
+    assert sum(len(block) for block in mesh.cells) == len(TETS)
+    assert {path: path.read_bytes() for path in run.iterdir()} == before
+
+
+def test_an_overset_pair_is_one_cgns_file_of_two_zones(run, tmp_path):
+    write_vtu(run / "background.vtu", cube(-1.0, 5.0))
+    out, _ = export_run(run, "cgns", out=tmp_path / "pair.cgns")
+    mesh = FORMATS["cgns"].read(out)
+    assert [(zone.name, zone.start, zone.stop) for zone in mesh.zones] == [("block", 0, 8), ("background", 8, 16)]
+    assert {patch.name for patch in mesh.patches} == {f"{z}/{name}" for z in ("block", "background") for name in SIDES}
+    out, _ = export_run(run, "su2", out=tmp_path / "block.su2")
+    assert len(FORMATS["su2"].read(out).points) == 8
+
+
+def test_the_openfoam_case_has_all_it_needs(run, tmp_path):
+    case, _ = export_run(run, "openfoam", out=tmp_path / "case")
+    files = {str(path.relative_to(case)) for path in case.rglob("*") if path.is_file()}
+    assert files == {
+        "case.foam", "0/U", "0/p", "constant/transportProperties", "constant/turbulenceProperties",
+        "system/controlDict", "system/fvSchemes", "system/fvSolution",
+        *(str(MESH / name) for name in ("points", "faces", "owner", "neighbour", "boundary")),
+    }  # fmt: skip
+    velocity = (case / "0" / "U").read_text().split()
+    assert velocity[velocity.index("far_field") + 3] == "freestreamVelocity;"
+    assert velocity[velocity.index("wing_left") + 3] == "slip;"
+    assert isinstance(FORMATS["openfoam"].read(case).cells[0], Polyhedra)
+
+
+def test_nothing_is_overwritten_and_nothing_is_left_behind(run, tmp_path):
+    with pytest.raises(InputError, match="is a file of the run"):
+        export_run(run, "vtu", out=run / "deflected.vtu")
+    with pytest.raises(InputError, match=r"it has no deflected\.vtu"):
+        export_run(tmp_path, "su2")
+    (tmp_path / "case").mkdir()
+    (tmp_path / "case" / "mine").touch()
+    with pytest.raises(MeshFileError, match="exists already"):
+        export_run(run, "openfoam", out=tmp_path / "case")
+    (run / "deflected.vtu").write_bytes((run / "deflected.vtu").read_bytes()[:900])
+    with pytest.raises(FormatError, match="damaged"):
+        export_run(run, "openfoam", out=tmp_path / "new")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["aileron", "case"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--format", "stl"], "--format stl is not one of su2, cgns, gmsh, vtu, openfoam"),
+        (["--format", "su2", "--which", "bent"], "--which bent is not one of deflected, undeflected"),
+        (["--format", "su2", "--out", "/proc/none/mesh.su2"], "cannot be written"),
+    ],
+)
+def test_mistakes_are_one_line(run, words, said):
+    done = subprocess.run(
+        [sys.executable, "-m", "cases", "export", str(run), *words], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert said in done.stderr
+
+
+def test_the_command_says_what_it_wrote(run):
+    words = [sys.executable, "-m", "cases", "export", str(run), "--format", "gmsh"]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == str(run.parent / "aileron-deflected.msh")

@@ -1,0 +1,110 @@
+"""Programs of others judge the meshes of the cases: checkMesh, potentialFoam, scikit-fem.
+
+checkMesh ends with 0 whatever it finds, so its text is read. With ``-allGeometry`` it complains of tetrahedra with two
+faces on the boundary, deflected or not: those complaints may not become more, and the verdict "Mesh OK" is asked for
+without them.
+"""
+
+import re
+from dataclasses import replace
+
+import foam
+import numpy as np
+import pytest
+from skfem import Basis, ElementTetP1, MeshTet, condense, solve
+from skfem.models.poisson import laplace
+
+from cases.deflect import deflect
+from cases.export import export_run
+from cases.pipeline import combined
+from cases.registry import case_named
+from meshing.formats.openfoam import OpenFoam
+from meshing.vtu import write_vtu
+
+pytestmark = pytest.mark.mesher
+
+DEFLECTED = {"aileron": -12.0, "tail": 12.0, "aileron-chimera": -12.0}
+WORSE = {
+    "aspect ratio": 1.25, "openness": 2.0, "face area": 0.7, "volume": 0.7, "non-orthogonality": 1.15,
+    "mean non-orthogonality": 1.1, "skewness": 1.25, "edge length": 0.8, "mean determinant": 0.95,
+    "interpolation weight": 0.75, "volume ratio": 0.6, "cells with small determinant": 1.02,
+}  # fmt: skip
+"""Factor by which each metric of checkMesh may be worse than that of the undeflected mesh."""
+
+
+@pytest.fixture(scope="module")
+def bent(make_mesh, tmp_path_factory):
+    """Folders with the meshes of a run, and its deflected mesh, each made once."""
+    made = {}
+
+    def bend(name):
+        if name not in made:
+            case = replace(case_named(name), angle=DEFLECTED[name])
+            mesh, _ = make_mesh(case)
+            results = tuple(deflect(mesh, case, one, lambda text, fraction: None) for one in case.deflections)
+            folder = tmp_path_factory.mktemp(name)
+            write_vtu(folder / "undeflected.vtu", mesh)
+            write_vtu(folder / "deflected.vtu", combined(mesh, results))
+            made[name] = folder, mesh, combined(mesh, results)
+        return made[name]
+
+    return bend
+
+
+@pytest.fixture(scope="module")
+def judged(bent):
+    """The OpenFOAM case of a mesh and what checkMesh says of its geometry, each made once."""
+    made = {}
+
+    def judge(name, which):
+        if (name, which) not in made:
+            folder, _, _ = bent(name)
+            case, _ = export_run(folder, "openfoam", which, folder / f"{which}-case")
+            made[name, which] = case, foam.run("checkMesh", case, "-constant", "-allGeometry", "-allTopology")
+        return made[name, which]
+
+    return judge
+
+
+@pytest.mark.parametrize(
+    ("name", "which"),
+    [("aileron", "undeflected"), ("aileron", "deflected"), ("tail", "deflected"), ("aileron-chimera", "deflected")],
+)
+def test_checkmesh_says_ok(name, which, bent, judged):
+    case, text = judged(name, which)
+    assert "Mesh OK." in foam.run("checkMesh", case, "-constant", "-allTopology")
+    patches = {patch.name for patch in OpenFoam().read(case).patches}
+    assert patches == set(bent(name)[1].names[1:])
+    assert "defaultFaces" not in text
+    assert f"tetrahedra:    {len(bent(name)[1].tets)}" in text
+
+
+@pytest.mark.parametrize("name", DEFLECTED)
+def test_no_metric_of_checkmesh_is_worse_than_before(name, judged):
+    (_, before), (_, after) = judged(name, "undeflected"), judged(name, "deflected")
+    assert foam.complaints(after) == foam.complaints(before)
+    old, new = foam.metrics(before), foam.metrics(after)
+    for metric, factor in WORSE.items():
+        bound = factor * old[metric]
+        assert new[metric] <= bound if factor > 1.0 else new[metric] >= bound, (metric, old[metric], new[metric])
+
+
+def test_potentialfoam_converges_on_the_deflected_aileron(judged):
+    text = foam.run("potentialFoam", judged("aileron", "deflected")[0])
+    solved = re.findall(rf"Solving for Phi, Initial residual = {foam.NUMBER}, Final residual = {foam.NUMBER}", text)
+    first, last = np.array(solved, dtype=float)[[0, -1]]
+    assert last[0] < 1e-2 * first[0]
+    assert last[1] < 1e-4
+    error = re.search(rf"Continuity error = {foam.NUMBER}", text)
+    assert float(error[1]) < 1e-4
+
+
+@pytest.mark.parametrize("name", DEFLECTED)
+def test_laplace_reproduces_linear_fields_on_the_deflected_mesh(name, bent):
+    deflected = bent(name)[2]
+    mesh = MeshTet(deflected.points.T.copy(), deflected.tets.T.copy())
+    exact = 0.3 + deflected.points @ [1.0, -2.0, 0.5]
+    basis = Basis(mesh, ElementTetP1())
+    stiffness = laplace.assemble(basis)
+    found = solve(*condense(stiffness, x=exact, D=np.unique(deflected.triangles)))
+    assert np.abs(found - exact).max() < 1e-10 * np.abs(exact).max()
