@@ -6,6 +6,7 @@ from meshing.formats.cgns import Cgns
 from meshing.formats.format import Format, MeshFileError
 from meshing.formats.gmsh import Gmsh
 from meshing.formats.openfoam import OpenFoam
+from meshing.formats.other import advice
 from meshing.formats.su2 import Su2
 from meshing.formats.vtk import Vtu
 
@@ -33,4 +34,5 @@ def format_of(path: Path) -> Format:
         if path.suffix.lower() in known.suffixes:
             return known
     suffixes = sorted(suffix for known in FORMATS.values() for suffix in known.suffixes)
-    raise MeshFileError(f"{path}: no mesh format has the suffix {path.suffix!r}; known are {', '.join(suffixes)}")
+    hint = advice(path) or f"known are {', '.join(suffixes)}"
+    raise MeshFileError(f"{path}: no mesh format has the suffix {path.suffix!r}; {hint}")

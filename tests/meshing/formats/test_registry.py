@@ -1,0 +1,45 @@
+"""A file's name says its format, or what to do with it."""
+
+from pathlib import Path
+
+import pytest
+
+from meshing.formats.format import MeshFileError
+from meshing.formats.registry import FORMATS, format_of
+
+
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [("a.su2", "su2"), ("a.CGNS", "cgns"), ("wing.v2.msh", "gmsh"), ("a.vtu", "vtu"), ("case.foam", "openfoam"),
+     ("new_case", "openfoam")],
+)  # fmt: skip
+def test_suffixes(name, form):
+    assert format_of(Path(name)) is FORMATS[form]
+
+
+def test_any_folder_is_an_openfoam_case(tmp_path):
+    (tmp_path / "alpha-12.5").mkdir()
+    assert format_of(tmp_path / "alpha-12.5").name == "openfoam"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("a.cas", "fluentMeshToFoam"), ("a.med", r"gmsh a\.med -save"), ("a.stl", "volume cells"), ("a.vtk", "PyVista"),
+     ("a.su2.gz", r"gunzip a\.su2\.gz"), ("a.xyz", r"known are \.cgns, \.foam, \.msh, \.su2, \.vtu")],
+)  # fmt: skip
+def test_other_files_are_refused_with_advice(name, said):
+    with pytest.raises(MeshFileError, match=rf"{name}: no mesh format .*{said}"):
+        format_of(Path(name))
+
+
+def test_a_file_without_suffix_is_not_taken_for_a_case(tmp_path):
+    (tmp_path / "mesh").touch()
+    with pytest.raises(MeshFileError, match="known are"):
+        format_of(tmp_path / "mesh")
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_missing_file_is_an_error_that_names_it(form, tmp_path):
+    path = tmp_path / f"none{FORMATS[form].suffixes[0]}"
+    with pytest.raises(MeshFileError, match="none"):
+        FORMATS[form].read(path if form != "openfoam" else tmp_path / "none")
