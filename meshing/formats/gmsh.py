@@ -63,7 +63,7 @@ class Gmsh:
             beside.write_bytes(data)
 
     def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
-        """See `Format.write`; polyhedra and faces of more than four corners are a MeshFileError."""
+        """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
         progress(f"writing {out.name}", 0.0)
         with fresh(out) as beside, about(out):
             return write_mesh(mesh, beside)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from meshing.formats.flow import Cells, FlowMesh, Polyhedra
-from meshing.formats.format import MeshFileError
+from meshing.formats.flow import FlowMesh
 from meshing.formats.orientation import mirrored
 from meshing.formats.polygons import simple_faces
+from meshing.formats.standard import standard_cells
 
 VOLUME = "volume"
 
@@ -20,13 +20,13 @@ def write_mesh(mesh: FlowMesh, out: Path) -> tuple[str, ...]:
     Raises
     ------
     MeshFileError
-        For polyhedra, and faces of more than four corners.
+        For polyhedra of other than the usual shapes, and faces of more than four corners.
     """
     import meshio
 
     names = [patch.name.replace('"', "'") for patch in mesh.patches]
     faces = [(f, tag) for tag, patch in enumerate(mesh.patches, 1) for f in simple_faces(patch) if len(f)]
-    solids = [(block, len(names) + 1) for block in _solids(mesh) if len(block)]
+    solids = [(block, len(names) + 1) for block in standard_cells(mesh) if len(block)]
     groups = [np.full(len(block), tag, dtype=np.int32) for block, tag in faces + solids]
     turned = [mirrored("wedge", block.nodes) if block.shape == "wedge" else block.nodes for block, _ in faces + solids]
     fields = {name: np.array([tag, 2]) for tag, name in enumerate(names, 1)} | {
@@ -43,13 +43,6 @@ def write_mesh(mesh: FlowMesh, out: Path) -> tuple[str, ...]:
         f"patch {p.name} is called {name}" for p, name in zip(mesh.patches, names, strict=True) if p.name != name
     ]
     return (*renamed, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []))
-
-
-def _solids(mesh: FlowMesh) -> list[Cells]:
-    many = sum(len(block) for block in mesh.cells if isinstance(block, Polyhedra))
-    if many:
-        raise MeshFileError(f"Gmsh holds no polyhedra, and the mesh has {many}")
-    return [block for block in mesh.cells if isinstance(block, Cells)]
 
 
 def _free(names: list[str]) -> str:

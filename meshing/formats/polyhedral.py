@@ -143,3 +143,11 @@ def _patch_of(mesh: FlowMesh, key: Keys, keys: Keys) -> tuple[IntArray, list[str
 def _keys(patch: Patch, keys: Keys) -> Keys:
     blocks: list[Cells | Polygons] = [faces for faces in patch.faces if len(faces)]
     return np.concatenate([np.empty(0, np.uint64), *(face_keys(faces, keys) for faces in blocks)])
+
+
+def faces_by_cell(block: Polyhedra) -> tuple[Polygons, IntArray]:
+    """Faces of each cell in turn, normals outwards, and their cells; faces inside are there twice."""
+    cell = np.concatenate([block.owner, block.neighbour])
+    row = np.concatenate([np.arange(len(block.owner)), np.arange(len(block.neighbour))])
+    order = np.argsort(cell, kind="stable")
+    return turned(taken(block.faces, row[order]), order >= len(block.owner)), cell[order]

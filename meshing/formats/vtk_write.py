@@ -12,7 +12,7 @@ from vtkmodules.vtkCommonDataModel import VTK_POLYGON, VTK_POLYHEDRON, vtkCellAr
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
 from meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
-from meshing.formats.polygons import taken, turned
+from meshing.formats.polyhedral import faces_by_cell
 from meshing.formats.vtk_grid import FACES, NAMES, SOLIDS
 from meshing.mesh import IntArray
 from meshing.vtu import attach, string_array
@@ -59,18 +59,10 @@ def _part(block: Cells | Polygons | Polyhedra) -> Part:
         sizes = np.diff(block.offsets)
         kinds = np.select([sizes == 3, sizes == 4], [TYPES["triangle"], TYPES["quad"]], VTK_POLYGON)
         return kinds.astype(np.uint8), (block.nodes, sizes), None
-    faces, cell = _faces_by_cell(block)
+    faces, cell = faces_by_cell(block)
     pairs = np.unique(np.column_stack([np.repeat(cell, np.diff(faces.offsets)), faces.nodes]), axis=0)
     count = np.bincount(pairs[:, 0], minlength=len(block))
     return np.full(len(block), VTK_POLYHEDRON, dtype=np.uint8), (pairs[:, 1], count), block
-
-
-def _faces_by_cell(block: Polyhedra) -> tuple[Polygons, IntArray]:
-    """Faces of each cell in turn, normals outwards, and their cells; faces inside are there twice."""
-    cell = np.concatenate([block.owner, block.neighbour])
-    row = np.concatenate([np.arange(len(block.owner)), np.arange(len(block.neighbour))])
-    order = np.argsort(cell, kind="stable")
-    return turned(taken(block.faces, row[order]), order >= len(block.owner)), cell[order]
 
 
 def _walls(parts: list[Part]) -> tuple[Nodes, Nodes]:
@@ -80,7 +72,7 @@ def _walls(parts: list[Part]) -> tuple[Nodes, Nodes]:
         if block is None:
             counts.append(np.zeros(len(types), dtype=np.intp))
             continue
-        faces, cell = _faces_by_cell(block)
+        faces, cell = faces_by_cell(block)
         own.append(faces.nodes)
         sizes.append(np.diff(faces.offsets))
         counts.append(np.bincount(cell, minlength=len(block)))

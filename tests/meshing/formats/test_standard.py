@@ -1,0 +1,48 @@
+"""Polyhedra that are usual cells are found again, and others are refused."""
+
+import numpy as np
+import pytest
+from alike import content
+from examples import hybrid
+from test_examples import grid
+from wing import wing
+
+from meshing.formats.flow import FlowMesh, Polygons, Polyhedra
+from meshing.formats.format import MeshFileError
+from meshing.formats.gmsh import Gmsh
+from meshing.formats.openfoam import OpenFoam
+from meshing.formats.standard import standard_cells
+
+
+@pytest.mark.parametrize("mesh", [hybrid(), wing(cells=3).mesh], ids=["hybrid", "wing"])
+def test_cells_of_an_openfoam_case_are_the_cells_that_were_written(mesh, tmp_path):
+    OpenFoam().write(mesh, tmp_path / "case")
+    source = OpenFoam().read(tmp_path / "case")
+    found = FlowMesh(source.points, standard_cells(source), ())
+    for expected in mesh.cells:
+        block = next(block for block in found.cells if block.shape == expected.shape)
+        np.testing.assert_array_equal(np.sort(block.nodes, axis=1), np.sort(expected.nodes, axis=1))
+    volumes, before = (grid(m).compute_cell_sizes()["Volume"] for m in (found, mesh))
+    assert volumes.min() > 0.0
+    assert volumes.sum() == pytest.approx(before.sum(), rel=1e-3)
+
+
+def test_an_openfoam_case_becomes_a_gmsh_file(tmp_path):
+    mesh = hybrid()
+    OpenFoam().write(mesh, tmp_path / "case")
+    Gmsh().write(OpenFoam().read(tmp_path / "case"), tmp_path / "mesh.msh")
+    again = Gmsh().read(tmp_path / "mesh.msh")
+    assert {p.name.replace(" ", "_"): len(p) for p in mesh.patches} == {p.name: len(p) for p in again.patches}
+    assert {shape: len(rows) for shape, rows in content(again)["cells"].items()} == {
+        block.shape: len(block) for block in mesh.cells
+    }
+
+
+def test_other_polyhedra_are_counted():
+    faces = [[0, 4, 3, 2, 1], [5, 6, 7, 8, 9], *([i, (i + 1) % 5, 5 + (i + 1) % 5, 5 + i] for i in range(5))]
+    sizes = [len(face) for face in faces]
+    prism = Polyhedra(
+        Polygons(np.concatenate(faces), np.concatenate([[0], np.cumsum(sizes)])), np.zeros(7, int), np.zeros(0, int)
+    )
+    with pytest.raises(MeshFileError, match="1 of 1 polyhedra are no tetrahedra"):
+        standard_cells(FlowMesh(np.random.default_rng(0).random((10, 3)), (prism,), ()))
