@@ -12,7 +12,7 @@ BLUE, RED = "#0072B2", "#D55E00"
 
 def quality(matrix: FloatArray) -> float:
     """Return the mean ratio of the regular tetrahedron mapped by a matrix (3, 3) of positive determinant."""
-    return float(mean_ratio(REGULAR @ matrix.T, np.array([[0, 1, 2, 3]]))[0])
+    return float(mean_ratio(REGULAR @ matrix.T, np.array([[0, 2, 1, 3]]))[0])
 
 
 def energy(matrix: FloatArray) -> float:

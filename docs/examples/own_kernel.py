@@ -42,9 +42,9 @@ class Cubic:
         return Rescaling(self, length**3, 0.0)
 
 
-def _cubic(code: Any, r2: Any, s2: Any) -> Any:  # pragma: no cover - machine code
-    """Return phi at two squared distances; the names and annotations must be these."""
-    return r2 * np.sqrt(r2), s2 * np.sqrt(s2)
+def _cubic(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
+    """Return phi at a squared distance; names and annotations of the arguments must be these."""
+    return r2 * np.sqrt(r2)
 
 
 FORMULAS[CubicCode] = _cubic

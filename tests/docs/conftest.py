@@ -1,0 +1,24 @@
+"""A deflected aileron that the tests of the guide share."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from cases.deflect import deflect
+from cases.output import write_interpolants
+from cases.registry import case_named
+from meshing.vtu import write_vtu
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "examples"))
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory, aileron_mesh):
+    """The aileron at -12 degrees, and a folder with those files of a run that the examples read."""
+    case, (mesh, _), folder = case_named("aileron"), aileron_mesh, tmp_path_factory.mktemp("aileron")
+    result = deflect(mesh, case, case.deflections[0], lambda text, fraction: None)
+    write_interpolants(folder / "interpolant.npz", (result,))
+    displacement = {"displacement": result.points - mesh.points}
+    write_vtu(folder / "deflected.vtu", mesh.with_points(result.points), point_data=displacement)
+    return mesh, result, folder

@@ -1,0 +1,110 @@
+"""Every command of README.md, CONTRIBUTING.md and docs is run here, or in a place that is named here."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import ROOT, mentioned, pages, shown
+
+from cases.cli import cli, main
+
+CI = ".ci/run"
+ELSEWHERE = (
+    (r"apt-get (update|install)", CI, "apt-get install"),
+    (r"python3 -m venv \.venv", CI, "python3 -m venv"),
+    (r"\.venv/bin/pip install -e '\.\[test\]'( pre-commit)?", CI, 'bash -euc "$install -q"'),
+    (r"\.venv/bin/pip install \.", CI, "pip install -q --no-deps --target"),
+    (r"\. \.venv/bin/activate", CI, "python3 -m venv"),
+    (r"\.venv/bin/pre-commit install", ".pre-commit-config.yaml", "repos:"),
+    (r"\.venv/bin/python -m pytest -n 2 --dist loadfile", CI, ".venv/bin/python -m pytest"),
+    (r"\.venv/bin/(ruff check|mypy|lint-imports)", CI, ".venv/bin/lint-imports"),
+    (r"(\.venv/bin/)?sphinx-build", CI, "sphinx-build"),
+    (r"sdm run aileron-chimera", "tests/cases/conftest.py", 'case_named("aileron-chimera"), angle=-30.0'),
+    (r"sdm run tail$", "tests/cases/conftest.py", 'case_named("tail")'),
+    (r"sdm run rudder$", "tests/cases/view/test_live.py", 'case_named("rudder")'),
+    (r"sdm run all$", "tests/cases/view/test_live.py", 'case_named("all")'),
+    (r"sdm limit aileron", "tests/cases/test_limit.py", "limit"),
+    (r"sdm study", "tests/cases/test_studies.py", "study"),
+    (r"sdm view", "tests/cases/view", ""),
+)
+"""Commands that take long, need a network or wait for a user: a pattern, where they are run, and a text found there."""
+
+def elsewhere(command: str) -> tuple[str, str] | None:
+    """Return where a command is run if not here."""
+    return next(((path, text) for pattern, path, text in ELSEWHERE if re.match(pattern, command)), None)
+
+
+def here() -> dict[str, list[str]]:
+    """Return the commands to run by page, each once."""
+    seen: set[str] = set()
+    found: dict[str, list[str]] = {}
+    for page in pages():
+        commands = [plain(command) for command in shown(page) if elsewhere(command) is None]
+        found[page.name] = [command for command in dict.fromkeys(commands) if command not in seen]
+        seen.update(commands)
+    return found
+
+
+def plain(command: str) -> str:
+    """Return a command as typed with the environment active, without what is its default."""
+    return command.removeprefix(".venv/bin/").replace("sdm run aileron --scale small", "sdm run aileron")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder in which the commands of all pages run, with the guide at its place."""
+    path = tmp_path_factory.mktemp("reader")
+    (path / "docs").symlink_to(ROOT / "docs")
+    return path
+
+
+def run(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Run `sdm` in this process, and anything else in a shell."""
+    if not command.startswith("sdm "):
+        python = f'python() {{ {shlex.quote(sys.executable)} "$@"; }}; '
+        return subprocess.run(["bash", "-c", python + command], cwd=folder, stdout=subprocess.DEVNULL).returncode
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(sys, "argv", shlex.split(command))
+    with pytest.raises(SystemExit) as stop:
+        main()
+    return int(stop.value.code or 0)
+
+
+@pytest.mark.parametrize("path", [path for _, path, _ in ELSEWHERE])
+def test_the_places_that_run_costly_commands_exist(path):
+    assert (ROOT / path).exists()
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
+def test_costly_commands_are_found_where_the_table_says(page):
+    for command in shown(page):
+        path, text = elsewhere(command) or (str(page), "")
+        assert not text or text in (ROOT / path).read_text(encoding="utf-8"), command
+
+
+@pytest.mark.mesher
+@pytest.mark.parametrize("page", [name for name, commands in here().items() if commands])
+def test_commands_of_a_page_succeed(page, folder, aileron_mesh, monkeypatch):
+    if not (folder / "runs" / "aileron").exists():
+        assert run("sdm run aileron", folder, monkeypatch) == 0
+    for command in here()[page]:
+        assert command == "sdm run aileron" or run(command, folder, monkeypatch) == 0, command
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
+def test_commands_in_sentences_exist_with_their_options(page):
+    for words in mentioned(page):
+        named = [word for word in words[1:2] if word.isalpha()]
+        for name in named:
+            assert name in cli.commands, " ".join(words)
+            known = {"--help", *(option for one in cli.commands[name].params for option in one.opts)}
+            known.update(option for one in cli.commands[name].params for option in one.secondary_opts)
+            assert {word for word in words if word.startswith("--")} <= known, " ".join(words)
+
+
+def test_every_command_that_a_reader_may_type_is_in_the_guide():
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages())
+    assert [name for name in cli.commands if f"sdm {name}" not in text] == []
