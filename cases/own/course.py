@@ -4,8 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cases.own.field import Solution, Start, rate, solve
 from cases.own.plan import Plan
+from cases.own.rates import rate
+from cases.own.start import Start
+from cases.own.step import Solution, solve
 from cases.progress import Report
 from deform.kernels import FloatArray
 
@@ -36,15 +38,18 @@ class Course:
 def followed(plan: Plan, angle: float, report: Report, earlier: Course | None = None) -> Course:
     """Bring the mesh to an angle; the angle is halved into steps while further cells are inverted.
 
-    A single step uses the centres and factors of an earlier course of a single step.
+    If no number of steps does, the course with the fewest inverted cells is the result. A single step uses the
+    centres and factors of an earlier course of a single step.
     """
     before = sum(plan.touched.inverted)
-    count, reused = 1, earlier if earlier is not None and len(earlier.solutions) == 1 else None
-    while True:
-        course = _stepped(plan, angle, count, report, reused)
-        if course.inverted <= before or 2 * count > plan.job.fitting.max_steps:
-            return course
-        count, reused = 2 * count, None
+    reused = earlier if earlier is not None and len(earlier.solutions) == 1 else None
+    best = _stepped(plan, angle, 1, report, reused)
+    count = 2
+    while best.inverted > before and count <= plan.job.fitting.max_steps:
+        course = _stepped(plan, angle, count, report, None)
+        best = min(best, course, key=lambda one: one.inverted)
+        count *= 2
+    return best
 
 
 def sensitivity(plan: Plan, course: Course) -> FloatArray:

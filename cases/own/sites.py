@@ -18,7 +18,7 @@ from deform.kernels import FloatArray
 
 MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
 NEIGHBOURS = 7
-REACH_EDGES, REACH_MARGIN = 3.0, 0.3  # of the median edge, and of the least distance from the surface to the box
+REACH = 1.0  # median edges
 MOST_STILL = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
 
 
@@ -99,7 +99,7 @@ class Sites:
         zero = _in_front(boundary, region.hexahedron.face_sites(spacing))
         zero = apart_from(zero, subject.points[known], APART * spacing)
         tolerance = fitting.tolerance or share * edge
-        reach = _reach(boundary, region, edge)
+        reach = REACH * edge
         return cls(
             boundary.nodes, distinct, still, sampled, sliding, carried, zero, spacing, edge, tolerance, reach
         )  # fmt: skip
@@ -156,14 +156,6 @@ def _edge(boundary: Boundary, distinct: IndexArray) -> float:
         raise InputError(f"{subject.name}: the moving surface has {len(distinct)} distinct nodes")
     points = subject.points[boundary.nodes[distinct]]
     return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
-
-
-def _reach(boundary: Boundary, region: Region, edge: float) -> float:
-    """Return the distance over which the mesh follows a surface: some edges, or a share of the room in the box."""
-    planes = region.hexahedron.planes
-    heights = planes[:, 3] - boundary.subject.points[boundary.nodes] @ planes[:, :3].T
-    room = np.maximum(heights.min(axis=0), 0.0)
-    return max(REACH_EDGES * edge, REACH_MARGIN * float(np.median(room)))
 
 
 def _spacing(region: Region, wanted: float) -> float:

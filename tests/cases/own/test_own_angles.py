@@ -7,7 +7,7 @@ import pytest
 
 from cases.own import Blended, Fitting, OnPatches, Rotation, deflect, sweep
 from cases.own.course import followed, sensitivity
-from cases.own.field import solve
+from cases.own.step import solve
 
 FLAP_MOVES = ("flap_*",)
 

@@ -101,7 +101,7 @@ def test_common_centres_do_as_well(inboard_wing, flapped):
 
 def test_the_interpolants_give_the_points_away_from_the_surfaces(turned, hybrid_wing):
     start = turned.course.last
-    away = np.setdiff1d(start.free, start.free[start.nearest.rows])
+    away = np.setdiff1d(start.free, start.free[start.nearest.carried.rows])
     (interpolant,) = turned.interpolants
     moved = hybrid_wing.mesh.points[away] + interpolant(hybrid_wing.mesh.points[away])
     np.testing.assert_allclose(turned.points[away], moved, atol=1e-15)
