@@ -1,6 +1,6 @@
 """Deflect the flap of Gmsh's NACA wing: any mesh, from Python.
 
-    python naca_wing.py && python deflect_naca.py naca.msh
+Run `python naca_wing.py && python deflect_naca.py naca.msh`.
 """
 
 import sys
