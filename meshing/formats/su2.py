@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from meshing.formats.flow import FlowMesh
 from meshing.formats.format import Progress, silent
 from meshing.formats.guard import about, fresh
+from meshing.formats.standard import standard_cells
 from meshing.formats.su2_read import read_zones
 from meshing.formats.su2_source import Su2File
 from meshing.formats.su2_write import copy_moved, write_mesh
@@ -37,9 +38,10 @@ class Su2:
             copy_moved(Su2File.opened(file, partial(progress, f"writing {out.name}")), points, copy)
 
     def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
-        """See `Format.write`; polyhedra and faces of more than four corners are a MeshFileError."""
+        """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
         with fresh(out) as beside, about(out), beside.open("wb") as file:
-            renamed = write_mesh(mesh, file, partial(progress, f"writing {out.name}"))
+            usual = replace(mesh, cells=standard_cells(mesh))
+            renamed = write_mesh(usual, file, partial(progress, f"writing {out.name}"))
         lost = [f"patch {old} is marker {new}" for old, new in renamed.items()]
         if len(mesh.zones) > 1:
             lost.append("SU2 numbers its zones; the names " + ", ".join(z.name for z in mesh.zones) + " are lost")

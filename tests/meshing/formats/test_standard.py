@@ -12,6 +12,7 @@ from meshing.formats.format import MeshFileError
 from meshing.formats.gmsh import Gmsh
 from meshing.formats.openfoam import OpenFoam
 from meshing.formats.standard import standard_cells
+from meshing.formats.su2 import Su2
 
 
 @pytest.mark.parametrize("mesh", [hybrid(), wing(cells=3).mesh], ids=["hybrid", "wing"])
@@ -27,11 +28,12 @@ def test_cells_of_an_openfoam_case_are_the_cells_that_were_written(mesh, tmp_pat
     assert volumes.sum() == pytest.approx(before.sum(), rel=1e-3)
 
 
-def test_an_openfoam_case_becomes_a_gmsh_file(tmp_path):
+@pytest.mark.parametrize("form", [Gmsh(), Su2()])
+def test_an_openfoam_case_becomes_a_file_of_usual_cells(form, tmp_path):
     mesh = hybrid()
     OpenFoam().write(mesh, tmp_path / "case")
-    Gmsh().write(OpenFoam().read(tmp_path / "case"), tmp_path / "mesh.msh")
-    again = Gmsh().read(tmp_path / "mesh.msh")
+    form.write(OpenFoam().read(tmp_path / "case"), tmp_path / "mesh")
+    again = form.read(tmp_path / "mesh")
     assert {p.name.replace(" ", "_"): len(p) for p in mesh.patches} == {p.name: len(p) for p in again.patches}
     assert {shape: len(rows) for shape, rows in content(again)["cells"].items()} == {
         block.shape: len(block) for block in mesh.cells
