@@ -48,11 +48,12 @@ def cad_map(story: Story, turn: Turn) -> tuple[Figure, str]:
         one.set_xlabel(f"{'xyz'[seen[0]]}, mm")
     figure.colorbar(ScalarMappable(norm, MAP), ax=list(axes), label=f"distance from CAD, m (limit {limit:g})")
     known = distance[~np.isnan(distance)]
+    blended = np.isnan(distance[triangles]).any()
     largest, median = (float(of(known)) if len(known) else 0.0 for of in (np.max, np.median))
     return figure, (
         f"Distance of {len(known)} moved nodes of {turn.surface} from the deflected CAD, on both sides: at most "
         f"{largest:.1e} m, median {median:.1e} m; the limit is {limit:g} m. "
-        "Hatched triangles belong to a strip that is blended and not compared."
+        + ("Hatched triangles belong to a strip that is blended and not compared." if blended else "")
     )
 
 

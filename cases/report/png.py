@@ -31,7 +31,8 @@ def write_sharp_png(figure: Figure, path: Path) -> None:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()  # type: ignore[no-untyped-call]
     pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
-    Image.fromarray(pixels).quantize(SHADES, dither=Image.Dither.NONE).save(path, "png", optimize=True)
+    few = Image.fromarray(pixels).quantize(SHADES, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    few.save(path, "png", optimize=True)
 
 
 def compressed(figure: Figure, dpi: int, step: int) -> bytes:

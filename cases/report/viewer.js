@@ -22,7 +22,7 @@
   const quality = { undeflected: numbers(data.cells.before), deflected: numbers(data.cells.after) };
   const boxes = data.boxes.map((box) => numbers(box.segments));
   const dots = data.dots.map((one) => ({ ...one, points: numbers(one.points) }));
-  const SIZE = 2.2; // of what is looked at, by the size of the picture: about 2 fills it
+  const SIZE = 2.8; // diagonal of what is looked at, by the size of the picture: about 3 fills it
   let state = "deflected";
 
   const at = (part) => (state === "deflected" ? part.moved : part.points);
@@ -101,7 +101,7 @@
     return {
       type: "mesh3d", ...axes(at(cells)), i, j, k, intensity, intensitymode: "cell", ...light,
       colorscale: data.colours.shades, cmin: data.colours.range[0], cmax: data.colours.range[1], showlegend: false,
-      colorbar: { title: { text: "mean ratio", side: "right" }, len: 0.5, x: 0, xanchor: "left", y: 0.3, thickness: 14 },
+      colorbar: { title: { text: "mean ratio", side: "right" }, len: 0.5, x: 1, xanchor: "right", y: 0.3, thickness: 14 },
       name: "cells", visible: control("cells").checked && count > 0,
       hovertemplate: "mean ratio %{intensity:.3f}<extra></extra>",
     };
@@ -109,7 +109,7 @@
 
   function layout() {
     const view = data.views[control("view").value], ink = dark() ? "#d8d8d8" : "#333333", grid = dark() ? "#444444" : "#dddddd";
-    const span = view.high.map((high, c) => high - view.low[c]), largest = Math.max(...span);
+    const span = view.high.map((high, c) => high - view.low[c]), diagonal = Math.hypot(...span);
     const axis = (name, c) => ({
       title: { text: name + ", m" }, range: [view.low[c], view.high[c]], color: ink, gridcolor: grid, zeroline: false,
       showbackground: false, nticks: 6, showspikes: false,
@@ -118,11 +118,11 @@
     return {
       scene: {
         xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
-        aspectratio: { x: SIZE * span[0] / largest, y: SIZE * span[1] / largest, z: SIZE * span[2] / largest },
+        aspectratio: { x: SIZE * span[0] / diagonal, y: SIZE * span[1] / diagonal, z: SIZE * span[2] / diagonal },
         camera: { eye: { x: 1.1, y: -0.9 * side, z: 0.75 }, projection: { type: "orthographic" } }, uirevision: view.name,
       },
       margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", font: { family: "system-ui, sans-serif", color: ink },
-      legend: { x: 1, xanchor: "right", y: 1, bgcolor: dark() ? "rgba(20,20,20,0.6)" : "rgba(255,255,255,0.7)", itemsizing: "constant", font: { size: 11 } },
+      legend: { x: 0, xanchor: "left", y: 1, bgcolor: dark() ? "rgba(20,20,20,0.6)" : "rgba(255,255,255,0.7)", itemsizing: "constant", font: { size: 11 } },
       uirevision: view.name, hoverlabel: { namelength: -1 },
     };
   }

@@ -1,0 +1,87 @@
+"""What ails a machine is found, named, and something helps."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cases import doctor
+from cases.console import findings
+from cases.report.offscreen import RenderError
+
+
+def test_readme_and_doctor_ask_for_the_same_packages():
+    assert doctor.PACKAGES in Path(__file__).parents[2].joinpath("README.md").read_text(encoding="utf-8")
+
+
+def test_missing_library_is_named(monkeypatch):
+    monkeypatch.setattr(doctor, "versions", lambda: {"numpy": "2.0", "gmsh": ""})
+    found = doctor.libraries()
+    assert not found.well
+    assert "gmsh missing" in found.text
+    assert found.remedy == "pip install gmsh"
+
+
+def test_library_that_cannot_be_loaded_says_why(monkeypatch):
+    assert doctor.import_complaint("json") == ""
+    monkeypatch.setattr(doctor, "COMPILED", ("json", "no_such_library"))
+    found = doctor.compiled()
+    assert not found.well
+    assert "no_such_library: ModuleNotFoundError" in found.text
+    assert "json" not in found.text
+    assert "apt-get install" in found.remedy
+
+
+def test_missing_graphics_is_found(monkeypatch):
+    def failing(views):
+        raise RenderError("the child crashed")
+
+    monkeypatch.setattr(doctor, "rendered", failing)
+    found = doctor.graphics()
+    assert not found.well
+    assert "the child crashed" in found.text
+    assert "libegl1" in found.remedy
+
+
+def test_damaged_mesh_in_the_cache_is_found(monkeypatch, tmp_path):
+    monkeypatch.setenv("SDM_DEFLECT_CACHE", str(tmp_path / "cache"))
+    assert doctor.cache().well
+    (tmp_path / "cache" / "0123.npz").write_bytes(bytes(1000))
+    found = doctor.cache()
+    assert not found.well
+    assert "1 damaged" in found.text
+    assert str(tmp_path / "cache" / "0123.npz") in found.remedy
+
+
+def test_cache_that_cannot_be_written_is_found(monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("SDM_DEFLECT_CACHE", str(tmp_path / "file"))
+    found = doctor.cache()
+    assert not found.well
+    assert "SDM_DEFLECT_CACHE" in found.remedy
+
+
+@pytest.mark.parametrize("examine", [doctor.disk, doctor.memory])
+def test_too_little_of_anything_is_found(monkeypatch, examine):
+    assert examine().text
+    monkeypatch.setattr(doctor, "LEAST_DISK", 1e18)
+    monkeypatch.setattr(doctor, "LEAST_MEMORY", 1e18)
+    assert not examine().well
+    assert examine().remedy
+
+
+def test_command_prints_and_fails_when_something_is_not_well(monkeypatch, capsys):
+    from click.testing import CliRunner
+
+    from cases.cli import cli
+
+    ill = doctor.Finding("cache", False, "a [bold]file[/bold]", "rm it")
+    monkeypatch.setattr(doctor, "examinations", lambda: (lambda: ill,))
+    answer = CliRunner().invoke(cli, ["doctor", "--json"], standalone_mode=False)
+    assert answer.return_value == 1
+    assert json.loads(answer.stdout) == [{"name": "cache", "well": False, "text": ill.text, "remedy": "rm it"}]
+    answer = CliRunner().invoke(cli, ["doctor"], standalone_mode=False)
+    assert "[bold]file[/bold]" in answer.output
+    assert "NOT WELL" in answer.output
+    assert "rm it" in answer.output
+    assert len(findings([ill]).renderables) == 2

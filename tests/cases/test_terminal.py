@@ -1,0 +1,83 @@
+"""What is shown while a case runs and when it has ended."""
+
+from contextlib import nullcontext
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from cases.console import WIDTH, console, summary, verdict
+from cases.errors import InputError
+from cases.progress import Bars, Lines, Silent, Stopwatch, shown
+from cases.report.story import of_folder
+from cases.validation import Check
+
+ESCAPE = "\x1b"
+CHECKS = (
+    Check("[bold]planarity", 2.0, 1.0, "m", "[red]12 nodes"),
+    Check("quality_min", 0.4, 0.25, "-", "", "at least"),
+)
+
+
+def printed(what, **settings):
+    out = StringIO()
+    Console(file=out, width=WIDTH, **settings).print(what)
+    return out.getvalue()
+
+
+def test_table_is_plain_where_there_is_no_terminal():
+    text = printed(verdict(CHECKS, "[link]case"))
+    assert ESCAPE not in text
+    assert all(word in text for word in ("[bold]planarity", "[red]12 nodes", "[link]case", "FAILED", ">= 0.25 "))
+
+
+def test_no_color_is_honoured(monkeypatch):
+    monkeypatch.setenv("NO_COLOR", "1")
+    text = printed(verdict(CHECKS, "case"), force_terminal=True)
+    assert f"{ESCAPE}[3" not in text
+
+
+def test_table_is_wide_in_a_pipe(monkeypatch):
+    monkeypatch.setattr("sys.stdout", StringIO())
+    assert console().width == WIDTH
+
+
+def test_lines_tell_everything_and_bars_keep_the_last():
+    for display, expected in ((Lines, ["begins", "x: 54 centres", "263 centres", "ends"]), (Bars, ["263 centres"])):
+        out = StringIO()
+        one = display(Console(file=out, width=WIDTH))
+        with shown_by(one):
+            watch = Stopwatch(one)
+            with watch.stage("deformation") as tell:
+                tell("x: 54 centres, error 7e-05 m", 0.5)
+                tell("263 centres", float("nan"))
+        assert all(words in out.getvalue() for words in expected)
+        assert ESCAPE not in out.getvalue()
+        assert set(watch.seconds) == {"deformation"}
+
+
+def shown_by(display):
+    return display if isinstance(display, Bars) else nullcontext()
+
+
+@pytest.mark.parametrize(
+    ("quiet", "verbose", "kind"), [(True, False, Silent), (False, True, Lines), (False, False, Bars)]
+)
+def test_switches_choose_what_is_shown(quiet, verbose, kind):
+    with shown(Console(file=StringIO()), quiet=quiet, verbose=verbose) as display:
+        assert type(display) is kind
+
+
+def test_report_of_no_run_is_a_sentence(tmp_path):
+    with pytest.raises(InputError, match="is not the output folder of a run"):
+        of_folder(tmp_path)
+
+
+@pytest.mark.mesher
+def test_summary_has_one_table_and_the_folder_as_it_is(aileron_run):
+    text = printed(summary(aileron_run[0], Path("runs/[bold]mine")))
+    assert "results in runs/[bold]mine" in text
+    assert text.count("measured over") == 1
+    assert "centres x:" in text
+    assert text.strip().endswith("all validations passed")
