@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from deform.duplicates import IndexArray
 from deform.kernels import FloatArray
 
-NEAR, FAR = 0.5, 2.0  # edges of the surface: companions are at least and at most as far from it
+NEAR, FAR = 0.1, 0.5  # edges of the surface: companions are as far from it, so only meshes with layers have any
 ALONE = 0.5  # of the distance to another part of the boundary: companions are nearer to their own
 MOST = 30_000  # companions
 
