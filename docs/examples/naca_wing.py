@@ -90,6 +90,7 @@ def build(folder: Path, fineness: float = 1.0) -> None:
         gmsh.model.addPhysicalGroup(3, [tag for _, tag in gmsh.model.getEntities(3)], name="fluid")
         sizes(fineness)
         gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.optimize("Netgen")
         gmsh.option.setNumber("Mesh.Binary", 1)
         gmsh.write(str(folder / "naca.msh"))
         gmsh.write(str(folder / "naca.su2"))
