@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from meshing.formats.format import MeshFileError
-from meshing.formats.gmsh_file import ByteCursor, Cursor, GmshFile, TextCursor
+from meshing.formats.gmsh_cursor import ByteCursor, Cursor, TextCursor
+from meshing.formats.gmsh_file import GmshFile
 from meshing.formats.su2_text import Lines
 from meshing.mesh import IntArray
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from meshing.formats.format import MeshFileError
-from meshing.formats.gmsh_file import Cursor, GmshFile, Reals, TextCursor
+from meshing.formats.gmsh_cursor import Cursor, Reals, TextCursor
+from meshing.formats.gmsh_file import GmshFile
 from meshing.mesh import FloatArray, IntArray
 
 

@@ -14,7 +14,8 @@ from meshing.formats.format import MeshFileError, Progress, silent
 from meshing.formats.guard import about, check_points
 from meshing.formats.moved import with_bytes, with_numbers
 from meshing.formats.openfoam_boundary import parse
-from meshing.formats.openfoam_file import faces, labels, open_foam, vectors
+from meshing.formats.openfoam_file import open_foam
+from meshing.formats.openfoam_lists import faces, labels, vectors
 from meshing.formats.openfoam_system import write_system
 from meshing.formats.openfoam_write import write_mesh
 from meshing.mesh import FloatArray
