@@ -1,7 +1,6 @@
 """A job from text: options of the command line and tables of a TOML file, which say the same."""
 
-from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from cases.own.job import Fitting, Job, Sliding
 from cases.own.motion import LARGEST_ANGLE, Motion, Moving, Rotation
 from cases.own.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from cases.own.table import Table
+from cases.own.words import check_keys, number, points, texts
 
 Nested = dict[str, Any]
 SURFACE = ("patches", "hinge", "angle", "motion", "held", "driven", "strip", "table", "amount")
@@ -29,7 +29,7 @@ def read_config(path: Path) -> Nested:
         nested = read_toml(path)
     except ValueError as error:
         raise InputError(str(error)) from None
-    _check_keys(nested, TOP, str(path))
+    check_keys(nested, TOP, str(path))
     return nested
 
 
@@ -41,7 +41,7 @@ def job_from(nested: Mapping[str, Any], folder: Path = Path()) -> Job:
     InputError
         For keys that are unknown and values that do not fit; the message names them.
     """
-    fixed = tuple(_texts(nested.get("fixed", ()), "fixed"))
+    fixed = tuple(texts(nested.get("fixed", ()), "fixed"))
     tables = nested.get("surface", ())
     if not tables:
         raise InputError("no surface to move: name one with --surface, or give [[surface]] tables in --config")
@@ -53,7 +53,7 @@ def job_from(nested: Mapping[str, Any], folder: Path = Path()) -> Job:
         fixed=fixed,
         slides=tuple(Sliding(patch, str(shape)) for patch, shape in slides.items()),
         box=_box(nested.get("box", "auto"), nested.get("margin", 0.0), folder),
-        zones=tuple(_texts(nested.get("zones", ()), "zones")),
+        zones=tuple(texts(nested.get("zones", ()), "zones")),
         fitting=Fitting(**{key: nested[key] for key in FITTING if key in nested}),
         allow_inverted=bool(nested.get("allow_inverted", False)),
     )
@@ -85,19 +85,19 @@ def angles_from(text: str) -> tuple[float, ...]:
 
 
 def _surface(table: Mapping[str, Any], fixed: tuple[str, ...], folder: Path) -> Moving:
-    _check_keys(table, SURFACE, "[[surface]]")
-    patches = tuple(_texts(table.get("patches", ()), "patches"))
+    check_keys(table, SURFACE, "[[surface]]")
+    patches = tuple(texts(table.get("patches", ()), "patches"))
     amount = table.get("amount", 1.0) if "table" in table else table.get("angle")
     if amount is None:
         raise InputError(f"the angle of {', '.join(patches)} is missing: give --angle, in degrees")
     motion = _blended(_base(table, folder), table, fixed, folder)
-    return Moving(patches, motion, _number(amount, "angle"))
+    return Moving(patches, motion, number(amount, "angle"))
 
 
 def _base(table: Mapping[str, Any], folder: Path) -> Motion:
     hinge = None
     if table.get("hinge"):
-        hinge = Rotation.about(*_points(table["hinge"], 2, "--hinge"))
+        hinge = Rotation.about(*points(table["hinge"], 2, "--hinge"))
     if "table" in table:
         return Table.read(folder / str(table["table"]), hinge.axis if hinge else None)
     if hinge is None:
@@ -113,16 +113,16 @@ def _blended(base: Motion, table: Mapping[str, Any], fixed: tuple[str, ...], fol
         return base
     held = _nodes(table["held"], folder) if "held" in table else OnPatches(fixed)
     driven = _nodes(table["driven"], folder) if "driven" in table else TrailingEdge()
-    return Blended(base, held, driven, _number(table.get("strip", 0.2), "strip"))
+    return Blended(base, held, driven, number(table.get("strip", 0.2), "strip"))
 
 
 def _nodes(value: Any, folder: Path) -> NodeSet:
     """Return a node set: ``edges`` or ``edges:40``, a .txt file of node indices, a list of them, or patches."""
     if isinstance(value, list) and all(isinstance(item, int) for item in value):
         return Listed(np.array(value, dtype=np.intp))
-    names = _texts(value, "a node set")
+    names = texts(value, "a node set")
     if names[0] == "edges" or names[0].startswith("edges:"):
-        return TrailingEdge(_number(names[0].removeprefix("edges").removeprefix(":") or 40.0, "edges"))
+        return TrailingEdge(number(names[0].removeprefix("edges").removeprefix(":") or 40.0, "edges"))
     if names[0].endswith(".txt"):
         return Listed.read(folder / names[0])
     return OnPatches(tuple(names))
@@ -130,43 +130,7 @@ def _nodes(value: Any, folder: Path) -> NodeSet:
 
 def _box(value: Any, margin: Any, folder: Path) -> BoxRule:
     if value == "auto":
-        return Automatic(_number(margin, "margin"))
+        return Automatic(number(margin, "margin"))
     if isinstance(value, str):
         return Given.read(folder / value)
-    return Given.at(_points(value, len(value), "box"))
-
-
-def _points(value: Any, count: int, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return points (count, 3) from lists of numbers, or from texts such as ``0,1.5,0``."""
-    try:
-        rows = [[float(x) for x in (row.split(",") if isinstance(row, str) else row)] for row in value]
-        points = np.array(rows, dtype=np.float64)
-    except (TypeError, ValueError):
-        points = np.empty(0)
-    if points.shape != (count, 3):
-        raise InputError(f"{what} {' '.join(str(row) for row in value)}: must be {count} points x,y,z")
-    return points
-
-
-def _texts(value: Any, what: str) -> Sequence[str]:
-    if isinstance(value, str):
-        value = [value]
-    if not all(isinstance(item, str) for item in value):
-        raise InputError(f"{what} = {value!r} must be names")
-    names = [name.strip() for item in value for name in item.split(",")]
-    return [name for name in names if name]
-
-
-def _number(value: Any, what: str) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} = {value!r} is not a number") from None
-
-
-def _check_keys(table: Mapping[str, Any], known: Sequence[str], where: str) -> None:
-    for key in table:
-        if key not in known:
-            close = get_close_matches(key, known, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(known)}"
-            raise InputError(f"{where}: unknown key {key!r}; {hint}")
+    return Given.at(points(value, len(value), "box"))
