@@ -51,8 +51,8 @@ def draw() -> Figure:
         bottom.set_xlabel("x, m")
     axes[0, 0].set_ylabel("displacement, mm")
     axes[1, 0].set_ylabel("residual, mm")
-    axes[0, 2].legend(fontsize="small", loc="upper left")
-    axes[1, 2].legend(fontsize="small", loc="upper left")
+    handles = [*axes[0, 0].get_lines(), axes[1, 0].get_lines()[1]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize="small", frameon=False)
     return figure
 
 

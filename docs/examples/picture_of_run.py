@@ -1,4 +1,4 @@
-"""A picture of a finished run, made from its .vtu files with PyVista alone.
+"""A picture of a finished run, made from its .vtu files with PyVista.
 
 python docs/examples/picture_of_run.py runs/rudder rudder.png
 """
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
+from matplotlib.image import imsave
 
 BLUE, GREY = "#0072B2", "#B8B8B8"
 EDGES = [[i, i | bit] for bit in (1, 2, 4) for i in range(8) if not i & bit]
@@ -54,9 +55,17 @@ def draw(folder: Path, picture: Path, direction: tuple[float, float, float] = (1
     plotter.camera_position = [corners.mean(axis=0) + np.array(direction), corners.mean(axis=0), (0.0, 0.0, 1.0)]
     plotter.enable_parallel_projection()
     plotter.camera.parallel_scale = 0.36 * float(np.linalg.norm(np.ptp(corners, axis=0)))
-    plotter.screenshot(picture)
+    imsave(picture, cropped(plotter.screenshot(None, return_img=True)))
     plotter.close()
     return moved
+
+
+def cropped(image: Any, margin: int = 8) -> Any:
+    """Return an image (H, W, 3) without its white border."""
+    inked = (image < 255).any(axis=2)
+    (top, bottom), (left, right) = (np.flatnonzero(inked.any(axis=axis))[[0, -1]] for axis in (1, 0))
+    rows, columns = (slice(max(0, a - margin), b + margin) for a, b in ((top, bottom), (left, right)))
+    return np.ascontiguousarray(image[rows, columns])
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from cases.output import write_interpolants
 from cases.registry import case_named
 from meshing.vtu import write_vtu
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "examples"))
+sys.path[:0] = [str(Path(__file__).parents[2] / "docs" / folder) for folder in ("examples", "_ext")]
 
 
 @pytest.fixture(scope="session")
