@@ -14,7 +14,7 @@ from cases.own.course import Course, followed, sensitivity
 from cases.own.job import Fitting, Job, Sliding
 from cases.own.motion import Motion, Moving, Rotation
 from cases.own.plan import Plan, planned
-from cases.own.report import Report, notes_of, plan_figures, reported
+from cases.own.report import Report, reported
 from cases.own.subject import Subject
 from cases.progress import Display, Silent, Stopwatch
 from deform.interpolant import Interpolant
@@ -100,11 +100,17 @@ def sweep(
 
     Each angle is checked at every data site; centres are added where one is off by more than the tolerance.
     """
+    job = job_of(surfaces, hinge, max(angles, key=abs), options)
+    yield from deflect_job(mesh, job, angles, options.get("display"))
+
+
+def deflect_job(
+    mesh: Any, job: Job, angles: Sequence[float] = (), display: Display | None = None
+) -> Iterator[Result]:
+    """Carry out a job, which may move several surfaces, at its own angle or at several of its first surface."""
     subject, with_points = accepted(mesh)
-    watch = Stopwatch(options.get("display", Silent()))
-    largest = max(angles, key=abs)
-    job = job_of(surfaces, hinge, largest, options)
-    for plan, course, report in run(subject, job, angles, watch):
+    watch = Stopwatch(display or Silent())
+    for plan, course, report in run(subject, job, tuple(angles) or (job.angle,), watch):
         yield Result(course.points, with_points(course.points), report, plan, course)
 
 
@@ -116,12 +122,12 @@ def run(
     with watch.stage("quality") as progress:
         progress("before", float("nan"))
         before = plan.touched.quality(subject.points)
-    largest = max(angles, key=abs)
-    course = None
+    largest, reusable = max(angles, key=abs), None
     for angle in (largest, *(angle for angle in angles if angle != largest)):
         begin = perf_counter()
-        with watch.stage(f"{angle:+g} deg") as progress:
-            course = followed(plan, angle, progress, course)
+        with watch.stage(f"{angle:+g} {job.surfaces[0].motion.unit}") as progress:
+            course = followed(plan, angle, progress, reusable)
+        reusable = course if len(course.solutions) == 1 else reusable
         seconds = perf_counter() - begin
         with watch.stage("quality") as progress:
             progress(f"at {angle:+g}", float("nan"))
@@ -143,6 +149,3 @@ def job_of(surfaces: Sequence[str], hinge: ArrayLike, angle: float, options: Opt
         fitting=options.get("fitting", Fitting()),
         allow_inverted=options.get("allow_inverted", False),
     )
-
-
-__all__ = ["Options", "Result", "Subject", "deflect", "job_of", "notes_of", "plan_figures", "run", "sweep"]

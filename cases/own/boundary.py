@@ -7,23 +7,14 @@ import numpy as np
 
 from cases.errors import InputError
 from cases.own.job import Job
+from cases.own.sheets import Sheet, check_parts, sheet_of
 from cases.own.subject import Subject
 from cases.own.surface import BoolArray, Surface
-from cases.own.walls import Wall, fitted
 from deform.duplicates import IndexArray
 from deform.kernels import FloatArray
 
 SAME = 1e-9  # of the moving surfaces' size: lengths below are zero
 ON_WALL = 1e-6  # of it: a moving node this near to a wall is put on it
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sheet:
-    """A sliding patch: its shape, and all its nodes."""
-
-    patch: str
-    wall: Wall
-    nodes: IndexArray = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +48,9 @@ class Boundary:
         moves = [name for surface in surfaces for name in surface.patches]
         sliding = {name: one.shape for one in job.slides for name in subject.named([one.patch], "--slide")}
         fixed = tuple(name for name in fixed if name in job.fixed or name not in (*moves, *sliding))
-        _check_parts(subject, moves, fixed, sliding)
+        check_parts(subject, moves, fixed, sliding)
         nodes = np.unique(np.concatenate([surface.nodes for surface in surfaces]))
-        sheets = tuple(_sheet(subject, name, shape) for name, shape in sliding.items())
+        sheets = tuple(sheet_of(subject, name, shape) for name, shape in sliding.items())
         still = np.setdiff1d(subject.on(fixed), nodes, assume_unique=True)
         size = float(np.ptp(subject.points[nodes], axis=0).max())
         return cls(job, surfaces, nodes, fixed, still, sheets, size)
@@ -159,23 +150,3 @@ class Boundary:
                 "motion there"
             )
         return kept
-
-
-def _sheet(subject: Subject, name: str, shape: str) -> Sheet:
-    nodes = subject.nodes[name]
-    return Sheet(name, fitted(shape, subject.points[nodes], name), nodes)
-
-
-def _check_parts(subject: Subject, moves: list[str], fixed: tuple[str, ...], sliding: dict[str, str]) -> None:
-    """Raise if a patch is given two parts."""
-    for one, other, what in (
-        (moves, fixed, "moving and fixed"),
-        (moves, sliding, "moving and sliding"),
-        (fixed, sliding, "fixed and sliding"),
-    ):
-        both = sorted(set(one) & set(other))
-        if both:
-            raise InputError(f"{subject.name}: patch {both[0]} cannot be {what} at once")
-    twice = sorted({name for name in moves if moves.count(name) > 1})
-    if twice:
-        raise InputError(f"{subject.name}: patch {twice[0]} belongs to two moving surfaces")

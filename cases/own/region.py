@@ -11,7 +11,6 @@ from cases.own.box import Scene
 from cases.own.subject import Subject
 from deform.duplicates import IndexArray
 from deform.hexahedron import Hexahedron
-from deform.kernels import FloatArray
 from meshing.formats.flow import Zone
 
 POSES = 4  # positions between rest and the full angle that the box has to hold
@@ -144,8 +143,3 @@ def _check_interfaces(boundary: Boundary, region: Region, zones: tuple[Zone, ...
                     f"{subject.name}: {count} nodes inside the box coincide with nodes of zone {zone.name}, which "
                     f"would stay behind; add --zone {zone.name}"
                 )
-
-
-def distinct_rows(points: FloatArray, first: IndexArray) -> IndexArray:
-    """Return the rows of points that are the first at their place."""
-    return np.flatnonzero(first == np.arange(len(points)))

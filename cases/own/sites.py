@@ -9,14 +9,13 @@ from scipy.spatial import cKDTree
 
 from cases.errors import InputError
 from cases.own.boundary import SAME, Boundary
-from cases.own.edges import edges_of, median_edge, polygons_of
+from cases.own.edges import edges_of, polygons_of
 from cases.own.region import Region
-from cases.own.walls import Plane
+from cases.own.spacing import in_front, spacing_for, surface_edge
 from cases.zero_sites import APART, apart_from
 from deform.duplicates import IndexArray, first_coincident
 from deform.kernels import FloatArray
 
-MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
 NEIGHBOURS = 7
 REACH = 1.0  # median edges
 MOST_STILL = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
@@ -78,8 +77,7 @@ class Sites:
         row = np.full(len(subject.points), -1, dtype=np.int32)
         row[known] = np.arange(len(known))
         edges = row[edges_of(polygons_of(faces))[0]]
-        edges = edges[(edges >= 0).all(axis=1) & (edges[:, 0] < edges[:, 1])]
-        return np.unique(edges, axis=0).astype(np.intp)
+        return np.unique(np.sort(edges[(edges >= 0).all(axis=1)], axis=1), axis=0).astype(np.intp)
 
     @property
     def coincident(self) -> int:
@@ -93,10 +91,10 @@ class Sites:
         still = np.intersect1d(boundary.still, region.inside, assume_unique=True)
         sliding = tuple(_sliding(boundary, region, still))
         distinct, sampled, carried = _distinct(boundary, still, _union(sliding))
-        edge = _edge(boundary, distinct)
-        spacing = _spacing(region, fitting.spacing_edges * edge)
+        edge = surface_edge(boundary, distinct)
+        spacing = spacing_for(region, fitting.spacing_edges * edge)
         known = np.concatenate([boundary.nodes, still, *(nodes for _, nodes in sliding)])
-        zero = _in_front(boundary, region.hexahedron.face_sites(spacing))
+        zero = in_front(boundary, region.hexahedron.face_sites(spacing))
         zero = apart_from(zero, subject.points[known], APART * spacing)
         tolerance = fitting.tolerance or share * edge
         reach = REACH * edge
@@ -144,33 +142,3 @@ def _sliding(boundary: Boundary, region: Region, still: IndexArray) -> list[tupl
         (i, np.setdiff1d(np.intersect1d(sheet.nodes, region.inside, assume_unique=True), known, assume_unique=True))
         for i, sheet in enumerate(boundary.sheets)
     ]
-
-
-def _edge(boundary: Boundary, distinct: IndexArray) -> float:
-    """Return the median edge of the moving surfaces; without faces, the median distance of nearest nodes."""
-    subject = boundary.subject
-    faces = [faces for surface in boundary.surfaces for faces in subject.faces_of(surface.patches)]
-    if faces:
-        return median_edge(subject.points, faces)
-    if len(distinct) < 2:
-        raise InputError(f"{subject.name}: the moving surface has {len(distinct)} distinct nodes")
-    points = subject.points[boundary.nodes[distinct]]
-    return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
-
-
-def _spacing(region: Region, wanted: float) -> float:
-    """Return the distance of sites on the box: as wanted, unless that takes too many."""
-    faces = [region.hexahedron.face(name) for name in ("x-", "x+", "y-", "y+", "z-", "z+")]
-    area = sum(float(np.linalg.norm(np.cross(f[2] - f[0], f[3] - f[1]))) / 2.0 for f in faces)
-    return max(wanted, float(np.sqrt(area / MOST_ZERO)))
-
-
-def _in_front(boundary: Boundary, sites: FloatArray) -> FloatArray:
-    """Drop sites behind a sliding plane that bounds the mesh: nothing is there to be held."""
-    for sheet in boundary.sheets:
-        if isinstance(sheet.wall, Plane):
-            side = sheet.wall.distance(boundary.subject.points[boundary.nodes])
-            tol = SAME * boundary.size
-            if (side >= -tol).all() or (side <= tol).all():
-                sites = sites[sheet.wall.distance(sites) * np.copysign(1.0, side.sum()) >= -tol]
-    return np.ascontiguousarray(sites)

@@ -74,3 +74,20 @@ def annulus_with_fin():
     parts = {"body": body, "round": on_round, "rest": outer}
     patches = tuple(Patch(name, (Cells("quad", faces[own]),)) for name, own in parts.items())
     return FlowMesh(points, (Cells("hexahedron", cells),), patches)
+
+
+def two_bodies():
+    """Two thin plates, ``left`` and ``right``, in a channel with the sides ``wall``."""
+    points, cells = grid([-4, -1.5, -2], [4, 1.5, 2], [32, 12, 20])
+    x, y, z = np.abs(points[cells].mean(axis=1)).T
+    body = (np.abs(x - 1.25) < 0.5) & (y < 0.5) & (z < 0.2)
+    used, cells = np.unique(cells[~body], return_inverse=True)
+    points, cells = points[used], cells.reshape(-1, 8)
+    faces = cells[:, FACES].reshape(-1, 4)
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    faces = faces[first[count == 1]]
+    centre = points[faces].mean(axis=1)
+    inner = (np.abs(centre) < [3.0, 1.0, 1.0]).all(axis=1)
+    parts = {"left": inner & (centre[:, 0] < 0), "right": inner & (centre[:, 0] > 0), "wall": ~inner}
+    patches = tuple(Patch(name, (Cells("quad", faces[own]),)) for name, own in parts.items())
+    return FlowMesh(points, (Cells("hexahedron", cells),), patches)

@@ -1,0 +1,38 @@
+"""Sliding patches, and which part a patch may play."""
+
+from dataclasses import dataclass, field
+
+from cases.errors import InputError
+from cases.own.subject import Subject
+from cases.own.walls import Wall, fitted
+from deform.duplicates import IndexArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sheet:
+    """A sliding patch: its shape, and all its nodes."""
+
+    patch: str
+    wall: Wall
+    nodes: IndexArray = field(repr=False)
+
+
+def sheet_of(subject: Subject, name: str, shape: str) -> Sheet:
+    """Fit a shape to a patch; InputError if it has another."""
+    nodes = subject.nodes[name]
+    return Sheet(name, fitted(shape, subject.points[nodes], name), nodes)
+
+
+def check_parts(subject: Subject, moves: list[str], fixed: tuple[str, ...], sliding: dict[str, str]) -> None:
+    """Raise if a patch is given two parts."""
+    for one, other, what in (
+        (moves, fixed, "moving and fixed"),
+        (moves, sliding, "moving and sliding"),
+        (fixed, sliding, "fixed and sliding"),
+    ):
+        both = sorted(set(one) & set(other))
+        if both:
+            raise InputError(f"{subject.name}: patch {both[0]} cannot be {what} at once")
+    twice = sorted({name for name in moves if moves.count(name) > 1})
+    if twice:
+        raise InputError(f"{subject.name}: patch {twice[0]} belongs to two moving surfaces")

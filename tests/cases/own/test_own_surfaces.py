@@ -1,0 +1,91 @@
+"""Several surfaces in one job, each with its own hinge and angle."""
+
+import numpy as np
+import pytest
+from blocks import two_bodies
+
+from cases.errors import InputError
+from cases.own import Job, Moving, Rotation, deflect_job
+from cases.own.config import angles_from, job_from, read_config
+
+LEFT = Rotation.about([-1.0, 0, 0], [-1.0, 1, 0])
+RIGHT = Rotation.about([1.0, 0, 0], [1.0, 1, 0])
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return two_bodies()
+
+
+@pytest.fixture(scope="module")
+def both(pair):
+    job = Job((Moving(("left",), LEFT, 12.0), Moving(("right",), RIGHT, -6.0)))
+    return {result.report.angle: result for result in deflect_job(pair, job, (12.0, -4.0))}
+
+
+@pytest.mark.parametrize("angle", [12.0, -4.0])
+def test_each_surface_turns_about_its_hinge_in_proportion(both, pair, angle):
+    result = both[angle]
+    assert result.report.passed
+    for name, motion, factor in (("left", LEFT, 1.0), ("right", RIGHT, -0.5)):
+        nodes = pair.on(name)
+        expected = motion.axis.rotated(pair.points[nodes], factor * angle)
+        np.testing.assert_allclose(result.points[nodes], expected, atol=1e-14)
+
+
+def test_sensitivities_of_several_surfaces(both, pair):
+    result, h = both[12.0], 1e-3
+    from cases.own.course import followed
+
+    ends = [followed(result.plan, 12.0 + d, lambda *_: None, result.course).points for d in (-h, h)]
+    np.testing.assert_allclose(result.sensitivity, (ends[1] - ends[0]) / (2.0 * h), atol=1e-8)
+
+
+def test_the_box_holds_all_surfaces(both, pair):
+    box = both[12.0].plan.region.hexahedron
+    for result in both.values():
+        assert box.contains(result.points[pair.on("left", "right")]).all()
+
+
+def test_a_configuration_of_two_surfaces(tmp_path):
+    text = """
+    box = [[-3, -1, -1], [3, 1, 1]]
+    max_centers = 900
+    [[surface]]
+    patches = ["left"]
+    hinge = ["-1,0,0", "-1,1,0"]
+    angle = 12
+    [[surface]]
+    patches = ["right"]
+    hinge = [[1, 0, 0], [1, 1, 0]]
+    angle = -6
+    """
+    (tmp_path / "job.toml").write_text(text)
+    job = job_from(read_config(tmp_path / "job.toml"), tmp_path)
+    assert job.amounts(4.0) == (4.0, -2.0)
+    assert job.fitting.max_centers == 900
+    (tmp_path / "job.toml").write_text("surfaces = 3")
+    with pytest.raises(InputError, match="unknown key 'surfaces'; did you mean surface"):
+        read_config(tmp_path / "job.toml")
+    (tmp_path / "job.toml").write_text("[[surface")
+    with pytest.raises(InputError, match=r"job\.toml"):
+        read_config(tmp_path / "job.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "angles"),
+    [
+        ("-30:30:30", (-30.0, 0.0, 30.0)),
+        ("0:1:0.4", (0.0, 0.4, 0.8)),
+        ("5,1,5", (5.0, 1.0)),
+        ("6:-6:-6", (6.0, 0.0, -6.0)),
+    ],
+)
+def test_ranges_of_angles(text, angles):
+    assert angles_from(text) == pytest.approx(angles)
+
+
+@pytest.mark.parametrize("text", ["1:2:0", "1:2:-1", "a", "", "1:2:3:4", "0:1:1e-9", "nan", "0:100:50"])
+def test_ranges_that_are_none(text):
+    with pytest.raises(InputError, match="--angles"):
+        angles_from(text)
