@@ -135,10 +135,10 @@ _PAPER_BLOCK = replace(
     _MEDIUM,
     aileron=0.00115,
     wing=0.0018,
-    chimera=0.0036,
+    chimera=0.0034,
     corner=0.003,
     gap_cells=4.0,
-    growth=0.22,
+    growth=0.17,
     envelope=6e-5,
 )
 
