@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
@@ -82,5 +83,5 @@ def _side(axes: Axes, flat: FloatArray, triangles: IndexArray, distance: FloatAr
         drawn = np.unique(triangles[known])
         axes.scatter(x[drawn], y[drawn], c=distance[drawn], norm=norm, cmap=MAP, s=6, edgecolors="0.15", linewidths=0.4)
     axes.triplot(Triangulation(x, y, triangles), color="0.35", lw=0.3)
-    for triangle in flat[triangles[~known]]:
-        axes.fill(*triangle.T, facecolor="0.93", edgecolor="0.6", hatch="////", lw=0.2)
+    blended = PolyCollection(list(flat[triangles[~known]]), facecolor="0.93", edgecolor="0.6", hatch="////", lw=0.2)
+    axes.add_collection(blended)

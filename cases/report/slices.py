@@ -23,6 +23,8 @@ ALONG = 0.7
 """Where the chord at the root is cut: behind the hinge line of a wedge."""
 ROOT = 0.15
 """Share of the span that counts as the root."""
+BAR = (0.89, 0.2, 0.025, 0.6)
+"""Where the bar of colours stands in the figure: left, bottom, width, height."""
 CLOSE = 0.03
 """Half the width and height (m) of what is seen of the root."""
 
@@ -71,7 +73,8 @@ def planes(story: Story, turn: Turn) -> tuple[Plane, Plane]:
 def slices(story: Story, turn: Turn) -> tuple[Figure, str]:
     """Draw both planes of a control surface before and after the deflection, and say what is seen."""
     chosen = planes(story, turn)
-    figure = Figure(figsize=(9.6, 9.0), layout="constrained")
+    figure = Figure(figsize=(9.6, 9.0))
+    figure.subplots_adjust(left=0.08, right=0.85, bottom=0.06, top=0.91, wspace=0.22, hspace=0.25)
     axes, texts = figure.subplots(2, 2), []
     for row, plane in zip(axes, chosen, strict=True):
         smallest = [
@@ -83,7 +86,7 @@ def slices(story: Story, turn: Turn) -> tuple[Figure, str]:
         before, after = smallest
         texts.append(f"{str(plane).capitalize()}: smallest of its cells {before:.3f} before, {after:.3f} after.")
     shades = ScalarMappable(QUALITY_RANGE, QUALITY_MAP)
-    figure.colorbar(shades, ax=axes.ravel().tolist(), label="mean ratio of a cell", extend="min", shrink=0.7)
+    figure.colorbar(shades, cax=figure.add_axes(BAR), label="mean ratio of a cell", extend="min")
     figure.suptitle(turn.surface, fontsize="medium")
     return figure, (
         f"Plane slices through the cells around {turn.surface}, coloured by mean ratio, before (left) and after "
