@@ -13,7 +13,7 @@ from deform.motion import Axis
 from deform.reduction import farthest
 from deform.surface import blend, blend_strip
 
-MOST = 1500  # nodes of either kind that a direct solve takes in a moment
+MOST = 800  # nodes of either kind that a direct solve takes in a moment
 NEAR = 0.35  # of the largest distance from the hinge: held nodes beyond are on a rib
 LINEAR = 1e5  # shape parameter times the surface's size: the multiquadric is then linear in r
 

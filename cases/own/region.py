@@ -42,12 +42,12 @@ class Region:
             If a moving node leaves the box, or the box contains nodes of a patch that is not declared, or cuts a
             zone from one that fits to it.
         """
-        subject = boundary.subject
+        subject, ends = boundary.subject, (min(angles), max(angles))
         zones = _zones(boundary)
-        choice = boundary.job.box.choose(_scene(boundary, zones, angles))
+        choice = boundary.job.box.choose(_scene(boundary, zones, ends))
         inside = _inside(subject, zones, choice.hexahedron)
         region = cls(choice.hexahedron, choice.why, inside, tuple(zone.name for zone in zones))
-        _check_moving(boundary, region, angles)
+        _check_moving(boundary, region, ends)
         _check_clear(boundary, region)
         _check_interfaces(boundary, region, zones)
         return region
@@ -79,7 +79,7 @@ def _scene(boundary: Boundary, zones: tuple[Zone, ...], angles: tuple[float, ...
     subject = boundary.subject
     moving = subject.points[boundary.nodes]
     shares = np.linspace(0.0, 1.0, POSES + 1)[1:]
-    moves = [boundary.displacement(angle * share) for angle in angles for share in shares]
+    moves = [boundary.displacement(angle * share) for angle in set(angles) for share in shares]
     largest = max(float(np.linalg.norm(move, axis=1).max()) for move in moves)
     axes = [moving.motion.axis for moving in boundary.job.surfaces if moving.motion.axis is not None]
     others = [name for name in subject.nodes if name not in boundary.declared]
@@ -97,7 +97,7 @@ def _check_moving(boundary: Boundary, region: Region, angles: tuple[float, ...])
     """Raise if a node that moves starts or ends outside."""
     tol = SAME * boundary.size
     start = boundary.subject.points[boundary.nodes]
-    for angle in angles:
+    for angle in sorted(set(angles)):
         move = boundary.displacement(angle)
         moves = np.abs(move).max(axis=1) > tol
         both = [region.hexahedron.contains(places[moves], tol) for places in (start, start + move)]
