@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import TypeVar
 
 import numpy as np
@@ -42,16 +42,26 @@ RESET = Path("/proc/self/clear_refs")
 
 
 @dataclass(frozen=True, slots=True)
+class Cost:
+    """Wall-clock time, processor time of all threads, and the process's peak memory meanwhile."""
+
+    seconds: float
+    processor_seconds: float
+    peak_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
 class Size:
     """One mesh of the series and what its deformation took.
 
     Attributes
     ----------
-    refine_seconds, refine_peak_bytes : making it from the mesh before, and the process's peak memory meanwhile.
+    refine_seconds, refine_processor_seconds, refine_peak_bytes : making it from the mesh before, and the process's
+        peak memory meanwhile.
     filter_seconds, evaluation_seconds : finding the nodes inside the hexahedron, and their displacement, with the
         centres of the first mesh.
-    deflect_seconds, deflect_peak_bytes, centers : everything from the surface's motion on, centres chosen anew (of
-        all directions), and the process's peak memory, the mesh included.
+    deflect_seconds, deflect_processor_seconds, deflect_peak_bytes, centers : everything from the surface's motion
+        on, centres chosen anew (of all directions), and the process's peak memory, the mesh included.
     quality_before, quality_after, inverted : smallest mean ratio of the cells in the hexahedron, and how many of
         them are inverted after everything.
     """
@@ -61,10 +71,12 @@ class Size:
     cells: int
     inside: int
     refine_seconds: float
+    refine_processor_seconds: float
     refine_peak_bytes: int
     filter_seconds: float
     evaluation_seconds: float
     deflect_seconds: float
+    deflect_processor_seconds: float
     deflect_peak_bytes: int
     centers: int
     quality_before: float
@@ -83,27 +95,29 @@ def series(parameters: MeshParameters, refinements: int) -> Iterator[Size]:
     model = build(case.fighter)
     mesh, first = generate(model, parameters).mesh, None
     for level in range(1, refinements + 1):
-        mesh, seconds, peak = measured(partial(refined, mesh, model))
+        mesh, made = measured(partial(refined, mesh, model))
         first = first or fused(turned(mesh, case).steps[0].fits)
-        yield size(mesh, case, first, (level, seconds, peak))
+        yield size(mesh, case, first, level, made)
 
 
-def size(mesh: TetMesh, case: Case, first: Interpolant, made: tuple[int, float, int]) -> Size:
-    """Measure on one mesh; `made` is how often it was refined, and the last time's seconds and peak memory."""
-    found, deflect_seconds, deflect_peak = measured(partial(turned, mesh, case))
+def size(mesh: TetMesh, case: Case, first: Interpolant, refinements: int, made: Cost) -> Size:
+    """Measure on one mesh; `made` is what its last refinement took."""
+    found, cost = measured(partial(turned, mesh, case))
     hexahedron, inside = found.turn.region.hexahedron, found.turn.region.inside
     cells = mesh.tets[touching(mesh, inside)]
     return Size(
-        refinements=made[0],
+        refinements=refinements,
         points=len(mesh.points),
         cells=len(mesh.tets),
         inside=len(inside),
-        refine_seconds=made[1],
-        refine_peak_bytes=made[2],
+        refine_seconds=made.seconds,
+        refine_processor_seconds=made.processor_seconds,
+        refine_peak_bytes=made.peak_bytes,
         filter_seconds=fastest(lambda: np.flatnonzero(hexahedron.contains(mesh.points))),
         evaluation_seconds=fastest(lambda: first(mesh.points[inside])),
-        deflect_seconds=deflect_seconds,
-        deflect_peak_bytes=deflect_peak,
+        deflect_seconds=cost.seconds,
+        deflect_processor_seconds=cost.processor_seconds,
+        deflect_peak_bytes=cost.peak_bytes,
         centers=sum(len(fit.interpolant.centers) for step in found.steps for fit in step.fits),
         quality_before=float(mean_ratio(mesh.points, cells).min()),
         quality_after=float(mean_ratio(found.points, cells).min()),
@@ -123,27 +137,28 @@ def touching(mesh: TetMesh, nodes: IntArray) -> BoolArray:
     return np.asarray(chosen[mesh.tets].any(axis=1))
 
 
-def measured(action: Callable[[], T]) -> tuple[T, float, int]:
-    """The action's result, its seconds and the process's peak memory in bytes meanwhile."""
+def measured(action: Callable[[], T]) -> tuple[T, Cost]:
+    """The action's result and what it took."""
     if RESET.exists():
         RESET.write_text("5", encoding="ascii")
-    start = perf_counter()
+    start, processor = perf_counter(), process_time()
     result = action()
-    return result, perf_counter() - start, peak_bytes()
+    return result, Cost(perf_counter() - start, process_time() - processor, peak_bytes())
 
 
 def fastest(action: Callable[[], object]) -> float:
     """Seconds of the fastest of several times: other work on the machine only adds to them."""
-    return min(measured(action)[1] for _ in range(ROUNDS))
+    return min(measured(action)[1].seconds for _ in range(ROUNDS))
 
 
 def table(sizes: list[Size]) -> str:
     """Markdown: one row for each mesh."""
     rows = [
-        f"| {one.refinements} | {one.cells:,} | {one.points:,} | {one.inside:,} | {one.refine_seconds:.1f} "
+        f"| {one.refinements} | {one.cells:,} | {one.points:,} | {one.inside:,} "
+        f"| {one.refine_seconds:.1f} | {one.refine_processor_seconds:.1f} "
         f"| {one.refine_peak_bytes / 1e9:.2f} | {1e3 * one.filter_seconds:.1f} | {1e3 * one.evaluation_seconds:.1f} "
-        f"| {one.deflect_seconds:.1f} | {one.centers} | {one.deflect_peak_bytes / 1e9:.2f} "
-        f"| {one.quality_before:.3f} | {one.quality_after:.3f} | {one.inverted} |"
+        f"| {one.deflect_seconds:.1f} | {one.deflect_processor_seconds:.1f} | {one.centers} "
+        f"| {one.deflect_peak_bytes / 1e9:.2f} | {one.quality_before:.3f} | {one.quality_after:.3f} | {one.inverted} |"
         for one in sizes
     ]
     growth = ""
@@ -160,11 +175,12 @@ def table(sizes: list[Size]) -> str:
             f"On {machine()}, shared with other work. Filter and evaluation have the centres of the first mesh, and "
             f"are the fastest of {ROUNDS}; `all` is everything from the motion of the surface on, once, with centres "
             "chosen on that mesh. Peaks are the whole process's, the mesh included; Q is the smallest mean ratio of "
-            "the cells in the hexahedron.",
+            "the cells in the hexahedron. Processor seconds do not depend on what else the machine was doing.",
             "",
-            "| refined | cells | points | inside | refinement (s) | its peak (GB) | filter (ms) | evaluation (ms) "
-            "| all (s) | centres, three directions | its peak (GB) | Q before | Q after | inverted |",
-            "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+            "| refined | cells | points | inside | refinement (s) | processor (s) | its peak (GB) "
+            "| filter (ms) | evaluation (ms) "
+            "| all (s) | processor (s) | centres, three directions | its peak (GB) | Q before | Q after | inverted |",
+            "|" + 16 * " --- |",
             *rows,
             "",
         ]
