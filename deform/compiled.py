@@ -1,12 +1,16 @@
 """How this package compiles its loops."""
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, TypeVar, cast
 
 from numba import njit, types
 from numba.extending import intrinsic
 
 Function = TypeVar("Function", bound=Callable[..., object])
+
+OPTIONS = {"fastmath": True, "error_model": "numpy", "nogil": True}
+PACKAGE = __name__.partition(".")[0]
 
 
 def compiled(function: Function) -> Function:
@@ -18,7 +22,24 @@ def compiled(function: Function) -> Function:
     Machine code on disk is renewed when the *file of the function* changes, not when a function that it
     calls changes in another file: after editing `kernels.py` touch the modules with loops as well.
     """
-    return cast(Function, njit(cache=True, fastmath=True, error_model="numpy", nogil=True)(function))
+    return cast(Function, njit(cache=True, **OPTIONS)(function))
+
+
+def for_code(loop: Function, code: object) -> Function:
+    """Return the compiled `loop` for the kernel that `code` selects; its machine code is on disk if the kernel is ours.
+
+    The index of machine code on disk names the type of `code` by its module, and it is read whole: a kernel of
+    another package would stop every process that cannot import that package. Nor would its machine code be renewed
+    when its formula changes.
+    """
+    ours = type(code).__module__.partition(".")[0] == PACKAGE
+    return loop if ours else cast(Function, _in_memory(loop))
+
+
+@cache
+def _in_memory(loop: Any) -> Any:
+    """Return the twin of a compiled loop that keeps its machine code in this process alone."""
+    return njit(**OPTIONS)(loop.py_func)
 
 
 def _prefer_wide_vectors(context: Any) -> tuple[Any, Callable[..., Any]]:  # pragma: no cover - compiling

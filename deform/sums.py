@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 
-from deform.compiled import compiled, prefer_wide_vectors
+from deform.compiled import compiled, for_code, prefer_wide_vectors
 from deform.kernels import FloatArray, Kernel, phi
 from deform.progress import Progress, silent
 from deform.threads import in_chunks
@@ -49,13 +49,14 @@ def kernel_sum(
     x = np.ascontiguousarray(points, dtype=np.float64)
     out = np.empty((len(x), beta.shape[1]))
     code, c, b = kernel.compiled(), _padded(centers.T), kernel.unit * beta.T
+    sum_rows = for_code(_sum_rows, code)
 
     def pass_over(part: slice) -> None:
         width = next(w for w in WIDTHS if w >= min(beta.shape[1] - part.start, WIDTHS[-1]))
         weights, a = _padded(b[part], width), np.ascontiguousarray(alpha[:, part].T)
 
         def chunk(low: int, high: int) -> None:
-            _sum_rows(code, x[low:high], c, weights, (0.0,) * width, a, out[low:high, part])
+            sum_rows(code, x[low:high], c, weights, (0.0,) * width, a, out[low:high, part])
 
         in_chunks(chunk, len(x), c.shape[1], threads, progress)
 
@@ -70,9 +71,10 @@ def kernel_matrix(kernel: Kernel, a: FloatArray, b: FloatArray) -> FloatArray:
     out = np.empty((len(a), len(b)))
     x, y = np.ascontiguousarray(a), np.ascontiguousarray(b.T)
     code, unit = kernel.compiled(), kernel.unit
+    matrix_rows = for_code(_matrix_rows, code)
 
     def chunk(low: int, high: int) -> None:
-        _matrix_rows(code, unit, x[low:high], y, out[low:high])
+        matrix_rows(code, unit, x[low:high], y, out[low:high])
 
     in_chunks(chunk, len(a), len(b))
     return out

@@ -1,10 +1,9 @@
 """A kernel of one's own: the cubic r^3, conditionally positive definite of order 2 like the thin plate spline.
 
 Compiled loops know a kernel by the type of the named tuple that `compiled()` returns, and find its formula in
-`deform.kernels.FORMULAS`. Numba keeps their machine code in a folder beside the package; give a program with a
-kernel of its own another folder, so that other programs need not know the kernel's module:
+`deform.kernels.FORMULAS`:
 
-    NUMBA_CACHE_DIR=/tmp/own-kernel python docs/examples/own_kernel.py
+    python docs/examples/own_kernel.py
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,5 @@
 """The scripts of the guide do what their pages say."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -26,12 +25,6 @@ from meshing.vtu import write_vtu
 
 EXAMPLES = Path(pictures.__file__).parent
 FIGURES = EXAMPLES.parent / "figures"
-
-
-@pytest.fixture
-def fresh_cache(tmp_path):
-    """Environment of a process whose machine code goes to a folder of its own."""
-    return {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
 
 
 def test_every_picture_of_the_guide_is_drawn_and_small(tmp_path):
@@ -93,9 +86,9 @@ def test_sheared_cell_has_the_quality_of_the_theory():
     assert shapes.quality(shapes.sheared(2.6)) == pytest.approx(3.0 / (3.0 + 2.6**2))
 
 
-def test_own_kernel_runs_in_a_process_of_its_own(fresh_cache):
+def test_own_kernel_runs_in_a_process_of_its_own():
     words = [sys.executable, str(EXAMPLES / "own_kernel.py")]
-    out = subprocess.run(words, env=fresh_cache, capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     thin_plate, cubic = (line.split() for line in out.splitlines())
     assert (thin_plate[0], cubic[0]) == ("ThinPlateSpline:", "Cubic:")
     assert float(thin_plate[5]) < 1e-5

@@ -1,0 +1,63 @@
+"""Machine code on disk is of our own kernels alone."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+FOREIGN = """
+from typing import Any, NamedTuple
+import numpy as np
+from deform.kernels import FORMULAS
+
+class CubicCode(NamedTuple):
+    pass
+
+class Cubic:
+    sign = unit = 1.0
+
+    def compiled(self):
+        return CubicCode()
+
+def cubic(code: Any, r2: Any) -> Any:
+    return r2 * np.sqrt(r2)
+
+FORMULAS[CubicCode] = cubic
+"""
+PROGRAM = """
+import numpy as np
+from deform.sums import kernel_matrix, kernel_sum, _matrix_rows, _sum_rows
+from {module} import {kernel}
+x, zero = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), np.zeros((4, 1))
+print(kernel_sum({kernel}(), x, x, np.array([[1.0], [0.0]]), zero)[1, 0], kernel_matrix({kernel}(), x, x)[0, 1])
+print(*(sum(loop.stats.cache_hits.values()) for loop in (_sum_rows, _matrix_rows)))
+"""
+
+
+@pytest.fixture
+def results(tmp_path):
+    """Run the program with a kernel: its two results and the loops that it found on disk."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+
+    def run(module, kernel, path=""):
+        words = [sys.executable, "-c", PROGRAM.format(module=module, kernel=kernel)]
+        paths = os.pathsep.join(filter(None, [str(path), *sys.path]))
+        done = subprocess.run(words, env={**environment, "PYTHONPATH": paths}, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        values, hits = done.stdout.splitlines()
+        return [float(value) for value in values.split()], [int(hit) for hit in hits.split()]
+
+    return run
+
+
+def test_a_foreign_kernel_leaves_nothing_that_stops_others(results, tmp_path):
+    own = tmp_path / "own"
+    own.mkdir()
+    (own / "foreign.py").write_text(FOREIGN)
+    assert results("foreign", "Cubic", own) == ([8.0, 8.0], [0, 0])
+    spline = pytest.approx([2.7725887222397811] * 2)  # 4 log 2
+    assert results("deform.kernels", "ThinPlateSpline") == (spline, [0, 0])
+    assert results("deform.kernels", "ThinPlateSpline") == (spline, [1, 1])
+    (own / "foreign.py").write_text(FOREIGN.replace("r2 * np.sqrt(r2)", "np.sqrt(r2)"))
+    assert results("foreign", "Cubic", own) == ([2.0, 2.0], [0, 0])
