@@ -3,8 +3,14 @@
 import os
 import subprocess
 import sys
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
+
+from deform.compiled import for_code
+from deform.kernels import FORMULAS, MultiquadricCode, ThinPlateSplineCode
+from deform.sums import _sum_rows, kernel_matrix, kernel_sum
 
 FOREIGN = """
 from typing import Any, NamedTuple
@@ -61,3 +67,36 @@ def test_a_foreign_kernel_leaves_nothing_that_stops_others(results, tmp_path):
     assert results("deform.kernels", "ThinPlateSpline") == (spline, [1, 1])
     (own / "foreign.py").write_text(FOREIGN.replace("r2 * np.sqrt(r2)", "np.sqrt(r2)"))
     assert results("foreign", "Cubic", own) == ([2.0, 2.0], [0, 0])
+
+
+class LinearCode(NamedTuple):
+    """Selects the compiled linear kernel."""
+
+
+class Linear:
+    """phi(r) = r, of a module outside the package."""
+
+    sign, unit = -1.0, 1.0
+
+    def compiled(self):
+        return LinearCode()
+
+
+def _linear(code: Any, r2: Any) -> Any:
+    return np.sqrt(r2)
+
+
+def test_a_foreign_kernel_is_summed_like_any(monkeypatch):
+    monkeypatch.setitem(FORMULAS, LinearCode, _linear)
+    rng = np.random.default_rng(0)
+    points, centers, beta = rng.random((300, 3)), rng.random((90, 3)), rng.random((90, 3))
+    distances = np.linalg.norm(points[:, None] - centers, axis=2)
+    np.testing.assert_allclose(kernel_matrix(Linear(), points, centers), distances, rtol=1e-13)
+    got = kernel_sum(Linear(), points, centers, beta, np.zeros((4, 3)))
+    np.testing.assert_allclose(got, distances @ beta, rtol=1e-12)
+
+
+def test_our_own_kernels_keep_the_loops_of_the_disk():
+    assert for_code(_sum_rows, ThinPlateSplineCode()) is _sum_rows
+    assert for_code(_sum_rows, MultiquadricCode(1.0)) is _sum_rows
+    assert for_code(_sum_rows, LinearCode()) is for_code(_sum_rows, LinearCode()) is not _sum_rows

@@ -33,6 +33,7 @@ ELSEWHERE = (
 )
 """Commands that take long, need a network or wait for a user: a pattern, where they are run, and a text found there."""
 
+
 def elsewhere(command: str) -> tuple[str, str] | None:
     """Return where a command is run if not here."""
     return next(((path, text) for pattern, path, text in ELSEWHERE if re.match(pattern, command)), None)
