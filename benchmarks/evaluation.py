@@ -1,6 +1,6 @@
 """Evaluation: our kernel sum beside the others', on the tail's points (section 5.3)."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
 import numpy as np
@@ -16,6 +16,8 @@ from deform.kernels import ThinPlateSpline
 from deform.threads import available_threads
 
 CENTERS, INSIDE, WHOLE = 2_200, 80_261, 623_387
+SITES = 25_896
+FEW = 256  # centres
 OURS = "this package"
 
 
@@ -25,6 +27,7 @@ def results(rounds: int, peers: Iterable[str]) -> Iterator[Result]:
     yield from _beside_roofline(rounds)
     yield from _confined(rounds)
     yield from _growth(rounds)
+    yield from _few_centers(rounds)
     points, centers = np.empty((INSIDE, 3)), CENTERS
     above = peak_above_arrays(len(points), centers)
     yield Result("evaluation_memory", above / 2**20, "MiB", 1, "peak above the arrays")
@@ -32,7 +35,7 @@ def results(rounds: int, peers: Iterable[str]) -> Iterator[Result]:
 
 def task(points: int, centers: int) -> Sum:
     """Return a sum for three directions."""
-    workload = tail()
+    workload = tail(max(SITES, centers))
     rows = np.linspace(0, len(workload.sites) - 1, centers).round().astype(np.intp)
     beta = np.random.default_rng(0).normal(size=(centers, 3))
     return Sum(points_around(workload.region, points), workload.sites.points[rows], beta)
@@ -100,12 +103,38 @@ def _confined(rounds: int) -> Iterator[Result]:
 
 
 def _growth(rounds: int) -> Iterator[Result]:
-    points = [INSIDE * 2**k // 4 for k in range(5)]
-    sums = [interpolant(task(8, CENTERS))] * 5
-    clouds = [points_around(tail().region, n) for n in points]
-    times = side_by_side({str(n): partial(s, c) for n, s, c in zip(points, sums, clouds, strict=True)}, rounds)
-    yield Result("evaluation_exponent_points", exponent(points, [times.median(str(n)) for n in points]), "", rounds)
-    centers = [CENTERS * 2**k // 4 for k in range(5)]
-    sums = [interpolant(task(8, c)) for c in centers]
-    times = side_by_side({str(c): partial(s, clouds[2]) for c, s in zip(centers, sums, strict=True)}, rounds)
-    yield Result("evaluation_exponent_centers", exponent(centers, [times.median(str(c)) for c in centers]), "", rounds)
+    """Points, then centres, begin at the paper's number and double four times; the other one is held at a quarter of it."""
+    few = interpolant(task(8, CENTERS // 4))
+    clouds = {n: points_around(tail().region, n) for n in doubled(INSIDE)}
+    yield _fitted("evaluation_exponent_points", {n: partial(few, c) for n, c in clouds.items()}, rounds)
+    sums = {c: interpolant(task(8, c)) for c in doubled(CENTERS)}
+    cloud = points_around(tail().region, INSIDE // 4)
+    yield _fitted("evaluation_exponent_centers", {c: partial(s, cloud) for c, s in sums.items()}, rounds)
+
+
+def doubled(first: int) -> list[int]:
+    """Return a size and its four doublings."""
+    return [first * 2**k for k in range(5)]
+
+
+def _fitted(name: str, actions: dict[int, Callable[[], object]], rounds: int) -> Result:
+    """Measure actions, each under its size, and fit the exponent."""
+    named = {str(size): action for size, action in actions.items()}
+    warm(named)
+    times = side_by_side(named, rounds)
+    seconds = [times.median(size) for size in named]
+    note = f"{min(actions):,} to {max(actions):,}: {seconds[0]:.3f} to {seconds[-1]:.3f} s"
+    return Result(name, exponent(list(actions), seconds), "", rounds, note)
+
+
+def _few_centers(rounds: int) -> Iterator[Result]:
+    """Time of a pair where centres are few: what a point costs beside its pairs is then shared by few."""
+    sums = {c: interpolant(task(8, c)) for c in (FEW, CENTERS)}
+    cloud = points_around(tail().region, INSIDE)
+    actions = {str(c): partial(s, cloud, threads=1) for c, s in sums.items()}
+    warm(actions)
+    times = side_by_side(actions, rounds)
+    few, many = (1e9 * times.median(str(c)) / (INSIDE * c) for c in (FEW, CENTERS))
+    fixed = (few - many) / (1.0 / FEW - 1.0 / CENTERS)
+    note = f"{FEW} centres; {many:.3f} with {CENTERS:,}: {fixed:.0f} ns a point beside its pairs"
+    yield Result("evaluation_small_ns", few, "ns a pair, one thread", rounds, note)

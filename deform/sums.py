@@ -16,6 +16,7 @@ from deform.threads import in_chunks
 
 WIDTHS = (1, 3, 8)  # columns of one pass: one machine code for each, the narrowest that fits is taken
 PADDING = 32  # centres are filled up to a multiple of this with weight zero: whole vectors, no remainder loop
+BLOCK = 8_192  # centres summed over before the next: as many as a core's own cache holds with their weights
 
 
 def kernel_sum(
@@ -47,18 +48,23 @@ def kernel_sum(
     """
     check_points(points=points, centers=centers)
     x = np.ascontiguousarray(points, dtype=np.float64)
-    out = np.empty((len(x), beta.shape[1]))
-    code, c, b = kernel.compiled(), _padded(centers.T), kernel.unit * beta.T
+    out = np.zeros((len(x), beta.shape[1]))
+    code, b = kernel.compiled(), kernel.unit * beta.T
     sum_rows = for_code(_sum_rows, code)
+    cuts = [slice(j, j + BLOCK) for j in range(0, max(1, len(centers)), BLOCK)]
+    blocks = [_padded(centers[cut].T) for cut in cuts]
 
     def pass_over(part: slice) -> None:
         width = next(w for w in WIDTHS if w >= min(beta.shape[1] - part.start, WIDTHS[-1]))
-        weights, a = _padded(b[part], width), np.ascontiguousarray(alpha[:, part].T)
+        weights = [_padded(b[part, cut], width) for cut in cuts]
+        a = np.ascontiguousarray(alpha[:, part].T)
+        polynomials = [a, *[np.zeros_like(a)] * (len(cuts) - 1)]
 
         def chunk(low: int, high: int) -> None:
-            sum_rows(code, x[low:high], c, weights, (0.0,) * width, a, out[low:high, part])
+            for c, w, a in zip(blocks, weights, polynomials, strict=True):
+                sum_rows(code, x[low:high], c, w, (0.0,) * width, a, out[low:high, part])
 
-        in_chunks(chunk, len(x), c.shape[1], threads, progress)
+        in_chunks(chunk, len(x), len(centers), threads, progress)
 
     for k in range(0, beta.shape[1], WIDTHS[-1]):
         pass_over(slice(k, k + WIDTHS[-1]))
@@ -104,7 +110,7 @@ def _sum_rows(
     a: FloatArray,
     out: FloatArray,
 ) -> None:  # pragma: no cover - machine code
-    """Sum at x (N, 3) over centres c (3, C) with weights b (w, C), add polynomials a (k, 4): out (N, k).
+    """Sum at x (N, 3) over centres c (3, C) with weights b (w, C) and add it, and polynomials a (k, 4), to out (N, k).
 
     The w sums of a point are kept in a tuple, which LLVM keeps in registers; it interleaves the loop over the centres
     by itself.
@@ -119,7 +125,7 @@ def _sum_rows(
             for k in range(len(zeros)):
                 s = tuple_setitem(s, k, s[k] + b[k, j] * p)
         for k in range(len(a)):
-            out[i, k] = s[k] + (a[k, 0] + a[k, 1] * x0 + a[k, 2] * x1 + a[k, 3] * x2)
+            out[i, k] += s[k] + (a[k, 0] + a[k, 1] * x0 + a[k, 2] * x1 + a[k, 3] * x2)
 
 
 @compiled

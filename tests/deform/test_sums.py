@@ -13,7 +13,7 @@ def _problem(n, c, k, seed=0):
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=repr)
-@pytest.mark.parametrize(("c", "k"), [(1, 1), (31, 1), (32, 2), (33, 3), (100, 4), (257, 5), (40, 9)])
+@pytest.mark.parametrize(("c", "k"), [(1, 1), (31, 1), (32, 2), (33, 3), (100, 4), (257, 5), (40, 9), (8_200, 2)])
 def test_sum_is_the_matrix_product(kernel, c, k):
     points, centers, beta, alpha = _problem(70, c, k)
     expected = kernel_matrix(kernel, points, centers) @ beta + alpha[0] + points @ alpha[1:]
