@@ -12,7 +12,11 @@ from meshing.mesh import FloatArray, IntArray
 CORNERS = {
     "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,
 }  # fmt: skip
-"""Number of nodes of each shape; names and node order are VTK's linear cells (and meshio's)."""
+"""Number of nodes of each shape; names are meshio's, node order is that of VTK's linear cells.
+
+A wedge's first triangle has its normal pointing outwards, opposite to Gmsh and CGNS: `orientation.mirrored` leads
+from one to the other.
+"""
 VOLUMES = ("tetra", "pyramid", "wedge", "hexahedron")
 
 
