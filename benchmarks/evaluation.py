@@ -103,7 +103,7 @@ def _confined(rounds: int) -> Iterator[Result]:
 
 
 def _growth(rounds: int) -> Iterator[Result]:
-    """Points, then centres, begin at the paper's number and double four times; the other one is held at a quarter of it."""
+    """Points, then centres, begin at the paper's number and double four times; the other is held at a quarter."""
     few = interpolant(task(8, CENTERS // 4))
     clouds = {n: points_around(tail().region, n) for n in doubled(INSIDE)}
     yield _fitted("evaluation_exponent_points", {n: partial(few, c) for n, c in clouds.items()}, rounds)
