@@ -58,7 +58,7 @@ def kernel_sum(
         width = next(w for w in WIDTHS if w >= min(beta.shape[1] - part.start, WIDTHS[-1]))
         weights = [_padded(b[part, cut], width) for cut in cuts]
         a = np.ascontiguousarray(alpha[:, part].T)
-        polynomials = [a, *[np.zeros_like(a)] * (len(cuts) - 1)]
+        polynomials = [a, *(np.zeros_like(a) for _ in cuts[1:])]
 
         def chunk(low: int, high: int) -> None:
             for c, w, a in zip(blocks, weights, polynomials, strict=True):
