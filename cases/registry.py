@@ -13,6 +13,9 @@ from meshing.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
 
 CASES: dict[str, Case] = {case.name: case for case in (AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
 
+PAPER_SPACING = {"aileron-chimera": 8.0, "tail": 3.25}
+"""Spacing of the zero sites over the edges of the moving surface at which the paper's meshes get its number of sites."""
+
 
 def case_named(name: str, scale: str = "small") -> Case:
     """Return a case at a scale; ValueError with the nearest name if there is none."""
@@ -24,4 +27,7 @@ def case_named(name: str, scale: str = "small") -> Case:
         raise ValueError(f"unknown scale {scale!r}; there are {', '.join(SCALES)}")
     case = CASES[name]
     sizes = BLOCK_SCALES if case.domain == "block" else SCALES
-    return replace(case, scale=scale, mesh=sizes[scale], background=BACKGROUND_SCALES[scale])
+    case = replace(case, scale=scale, mesh=sizes[scale], background=BACKGROUND_SCALES[scale])
+    if scale == "paper" and name in PAPER_SPACING:
+        case = replace(case, confinement=replace(case.confinement, spacing_edges=PAPER_SPACING[name]))
+    return case
