@@ -14,7 +14,7 @@ from meshing.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
 CASES: dict[str, Case] = {case.name: case for case in (AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
 
 PAPER_SPACING = {"aileron-chimera": 8.0, "tail": 3.25}
-"""Spacing of the zero sites over the edges of the moving surface at which the paper's meshes get its number of sites."""
+"""Spacing of zero sites, over edges of the moving surface, that gives the paper's meshes its number of sites."""
 
 
 def case_named(name: str, scale: str = "small") -> Case:
