@@ -50,10 +50,13 @@ class Deflected:
 
 def deflect(mesh: TetMesh, case: Case, deflection: Deflection, report: Report) -> Deflected:
     """Deflect one surface; the angle is halved into steps while cells are inverted, up to `MAX_STEPS`."""
-    turn, move = turn_of(case, mesh, deflection), mover(case, mesh, deflection.surface)
-    start = mesh.points[turn.motion.nodes]
-    cells = mesh.tets[np.isin(mesh.tets, turn.region.inside).any(axis=1)]
-    count = 1
+    return carried_out(mesh, case, turn_of(case, mesh, deflection), report)
+
+
+def carried_out(mesh: TetMesh, case: Case, turn: Turn, report: Report) -> Deflected:
+    """Carry out what one surface is to do, in as many steps as `deflect` says."""
+    move, start = mover(case, mesh, turn.surface), mesh.points[turn.motion.nodes]
+    cells, count = touching(mesh, turn.region), 1
     while True:
         between = [start + move(turn.angle * k / count).displacements for k in range(1, count)]
         targets = [*between, start + turn.motion.displacements]
@@ -66,8 +69,14 @@ def deflect(mesh: TetMesh, case: Case, deflection: Deflection, report: Report) -
 
 def inside_quality(mesh: TetMesh, region: Region, points: FloatArray) -> QualitySummary:
     """Quality of the cells that touch the hexahedron, with the nodes of the mesh at `points` (N, 3)."""
-    cells = mesh.tets[np.isin(mesh.tets, region.inside).any(axis=1)]
-    return summarise(mean_ratio(points, cells))
+    return summarise(mean_ratio(points, touching(mesh, region)))
+
+
+def touching(mesh: TetMesh, region: Region) -> IndexArray:
+    """Cells (C, 4) with a node inside the hexahedron."""
+    inside = np.zeros(len(mesh.points), dtype=bool)
+    inside[region.inside] = True
+    return mesh.tets[inside[mesh.tets].any(axis=1)]
 
 
 def follow(

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import VTK_ID_TYPE, vtkPoints
 from vtkmodules.vtkCommonDataModel import (
@@ -23,6 +24,8 @@ from meshing.mesh import TetMesh
 
 TOLERANCE = 1e-7
 """Distance (m) from a cell within which a node counts as inside: walls of both blocks agree to this."""
+ROWS = 1 << 16
+"""Cells handled at a time: temporaries of millions of cells in little memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,19 +95,44 @@ def fringe_nodes(tets: IndexArray, hole: BoolArray) -> IndexArray:
 
 def has_donor(points: FloatArray, mesh: TetMesh) -> BoolArray:
     """True for each of points (N, 3) that lies in a cell of the mesh, or within `TOLERANCE` of one."""
+    tets = cells_near(points, mesh)
+    if not len(tets):
+        return np.zeros(len(points), dtype=bool)
+    used, local_tets = np.unique(tets, return_inverse=True)
     locator = vtkStaticCellLocator()
-    locator.SetDataSet(_grid(mesh))
+    locator.SetDataSet(_grid(mesh.points[used], local_tets.reshape(-1, 4)))
     locator.BuildLocator()
     cell, weights, local = vtkGenericCell(), [0.0] * 4, [0.0] * 3
     found = [locator.FindCell(p, TOLERANCE**2, cell, local, weights) >= 0 for p in points.tolist()]
     return np.array(found, dtype=bool)
 
 
-def _grid(mesh: TetMesh) -> vtkUnstructuredGrid:
+def cells_near(points: FloatArray, mesh: TetMesh) -> IndexArray:
+    """Cells (C, 4) of the mesh with any of points (N, 3) in the ball around their centroid that holds them.
+
+    All others are no donors. The locator sorts cells into boxes of one size: among those of a whole graded mesh
+    a box next to a surface holds thousands.
+    """
+    if not len(points):
+        return np.empty((0, 4), dtype=np.intp)
+    tree, low, high, near = cKDTree(points), points.min(axis=0), points.max(axis=0), []
+    for start in range(0, len(mesh.tets), ROWS):
+        tets = mesh.tets[start : start + ROWS]
+        corners = mesh.points[tets]
+        centre = corners.mean(axis=1)
+        radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1) * (1.0 + 1e-9) + 2.0 * TOLERANCE
+        reach = radius[:, None]
+        boxed = np.flatnonzero(np.all((centre + reach >= low) & (centre - reach <= high), axis=1))
+        count = tree.query_ball_point(centre[boxed], radius[boxed], return_length=True)
+        near.append(tets[boxed[count > 0]])
+    return np.vstack(near)
+
+
+def _grid(nodes: FloatArray, tets: IndexArray) -> vtkUnstructuredGrid:
     points, cells, grid = vtkPoints(), vtkCellArray(), vtkUnstructuredGrid()
-    points.SetData(numpy_to_vtk(np.ascontiguousarray(mesh.points), True))
-    offsets = 4 * np.arange(len(mesh.tets) + 1)
-    cells.SetData(numpy_to_vtk(offsets, True, VTK_ID_TYPE), numpy_to_vtk(mesh.tets.ravel(), True, VTK_ID_TYPE))
+    points.SetData(numpy_to_vtk(np.ascontiguousarray(nodes), True))
+    offsets = 4 * np.arange(len(tets) + 1)
+    cells.SetData(numpy_to_vtk(offsets, True, VTK_ID_TYPE), numpy_to_vtk(tets.ravel(), True, VTK_ID_TYPE))
     grid.SetPoints(points)
     grid.SetCells(VTK_TETRA, cells)
     return grid

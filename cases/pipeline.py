@@ -10,7 +10,7 @@ import numpy as np
 
 from cases.cad import background_cad, undeflected_cad
 from cases.case import Case
-from cases.deflect import Deflected, deflect, inside_quality
+from cases.deflect import Deflected, carried_out, deflect, inside_quality
 from cases.hole import finer_background
 from cases.output import write_run
 from cases.overlap import check_disjoint
@@ -18,6 +18,7 @@ from cases.progress import Report, Stopwatch
 from cases.report.page import write_report
 from cases.run import MeshOrigin, Run
 from cases.validate import validate
+from deform.sites import pinned
 from deform.volume import fused
 from geometry.model import CadModel
 from meshing.cache import MeshCache, cache_key, default_folder
@@ -35,12 +36,12 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> 
         check_disjoint([result.turn.region for result in results])
         deflected = combined(mesh, results)
         whole = whole_mesh_seconds(mesh, results[0])
-        pinned = pinned_quality(case, mesh, tell) if case.domain == "block" else None
+        stiff = pinned_quality(case, mesh, results[0], tell) if case.domain == "block" else None
         tell(adapted(results), 1.0)
     with watch.stage("validation") as tell:
         checks = validate(case, mesh, deflected, [result.turn for result in results], background)
         tell(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
-    run = Run(case, mesh, origin, deflected, results, whole, checks, watch.seconds, background, pinned)
+    run = Run(case, mesh, origin, deflected, results, whole, checks, watch.seconds, background, stiff)
     with watch.stage("report") as tell:
         write_report(run, folder)
         tell(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
@@ -101,11 +102,12 @@ def adapted(results: tuple[Deflected, ...]) -> str:
     return f"{centres} centres, residual {residual:.1e} m"
 
 
-def pinned_quality(case: Case, mesh: TetMesh, tell: Report) -> QualitySummary:
+def pinned_quality(case: Case, mesh: TetMesh, sliding: Deflected, tell: Report) -> QualitySummary:
     """Quality inside the hexahedron if the Chimera face were pinned instead of sliding: what sliding is worth."""
-    stiff = replace(case, confinement=replace(case.confinement, slide=False))
-    result = deflect(mesh, stiff, case.deflections[0], tell)
-    return inside_quality(mesh, result.turn.region, result.points)
+    region = sliding.turn.region
+    zero, held = tuple(pinned(part.points) for part in region.zero), np.ones_like(region.held_components)
+    stiff = replace(sliding.turn, region=replace(region, zero=zero, held_components=held))
+    return inside_quality(mesh, region, carried_out(mesh, case, stiff, tell).points)
 
 
 def combined(mesh: TetMesh, results: tuple[Deflected, ...]) -> TetMesh:

@@ -1,0 +1,44 @@
+"""Donor cells are found in meshes of any grading, and nowhere else."""
+
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+
+from cases.overset import has_donor
+from meshing.mesh import TetMesh
+from meshing.quality import mean_ratio
+
+NOTHING = np.empty(0, dtype=np.intp)
+
+
+@pytest.fixture(scope="module")
+def cells():
+    """Tetrahedra between random points, most of them close to one corner of a cube."""
+    return Delaunay(np.random.default_rng(5).random((2000, 3)) ** 4)
+
+
+def mesh_of(points, tets):
+    """A mesh without a boundary; cells of a triangulation may be inside out."""
+    volume = np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]])
+    tets = np.where(volume[:, None] < 0.0, tets[:, [1, 0, 2, 3]], tets)
+    return TetMesh(points, tets.astype(np.intp), NOTHING.reshape(0, 3), NOTHING, NOTHING, ("volume",))
+
+
+def test_a_donor_is_found_where_the_triangulation_has_a_cell(cells):
+    points = 1.4 * np.random.default_rng(6).random((3000, 3)) ** 3 - 0.1
+    expected = cells.find_simplex(points) >= 0
+    assert 300 < np.count_nonzero(expected) < 2700
+    np.testing.assert_array_equal(has_donor(points, mesh_of(cells.points, cells.simplices)), expected)
+
+
+def test_cells_that_are_missing_leave_orphans(cells):
+    left = np.arange(len(cells.simplices)) % 7 != 0
+    whole, rest = (mesh_of(cells.points, cells.simplices[rows]) for rows in (slice(None), left))
+    shaped = mean_ratio(whole.points, whole.tets) > 0.3
+    centroids = whole.points[whole.tets].mean(axis=1)
+    assert np.count_nonzero(shaped & ~left) > 300
+    np.testing.assert_array_equal(has_donor(centroids[shaped], rest), left[shaped])
+
+
+def test_no_node_needs_no_donor(cells):
+    assert has_donor(np.empty((0, 3)), mesh_of(cells.points, cells.simplices)).shape == (0,)
