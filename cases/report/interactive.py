@@ -8,7 +8,7 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from cases.metrics import Json
-from cases.motion import FloatArray, IndexArray
+from cases.motion import BoolArray, FloatArray, IndexArray
 from cases.report.aircraft import FAR_FIELD
 from cases.report.colours import BLUE, ORANGE, QUALITY_MAP, QUALITY_RANGE, hexadecimal, patch_colour
 from cases.report.layers import BOX_EDGES
@@ -19,8 +19,12 @@ from cases.zero_sites import BLOCK
 from meshing.mesh import TetMesh
 from meshing.quality import mean_ratio
 
-MOST_CELLS = 60_000
+MOST_CELLS = 40_000
 """So many of the worst cells of all hexahedra are in the page: a browser has to draw them."""
+MOST_TRIANGLES = 6_000
+"""Patches of more are thinned to about so many away from the hexahedra."""
+MOST_DOTS = 10_000
+"""So many sites or centres of a kind are in the page at most."""
 MARGIN = 0.2
 """Around the hexahedron of a view, by its largest extent."""
 SHADES = 9
@@ -41,13 +45,39 @@ def turnable(story: Story) -> Json:
 def patches(story: Story) -> Iterator[Json]:
     """Yield the surface meshes; the far field is left out, a block's outer faces are hidden at first.
 
-    Triangles point out of the body, as lighting wants them.
+    Triangles point out of the body, as lighting wants them. The name of a thinned patch says that it is.
     """
+    inside = np.concatenate([turn.region.inside for turn in story.turns])
     for name in story.mesh.names[1:]:
         if name != FAR_FIELD:
             colour = hexadecimal(patch_colour(name))
-            parts = _both(story, story.mesh.triangles_of(name)[:, ::-1])
-            yield {"name": name, "colour": colour, "hidden": name == BLOCK, **parts}
+            whole = story.mesh.triangles_of(name)
+            shown = thinned(story.mesh, whole, inside) if len(whole) > MOST_TRIANGLES else whole
+            label = name if len(shown) == len(whole) else f"{name} (thinned)"
+            yield {"name": label, "colour": colour, "hidden": name == BLOCK, **_both(story, shown[:, ::-1])}
+
+
+def thinned(mesh: TetMesh, triangles: IndexArray, keep: IndexArray) -> IndexArray:
+    """Return fewer of the triangles (F, 3) of a patch: nodes in one box of a lattice become the one in its middle.
+
+    The nodes `keep` (K,) stay, and all on edges of CAD faces: creases, and what the patch shares with others.
+    """
+    a, b, c = mesh.points[triangles].transpose(1, 0, 2)
+    size = np.sqrt(1.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / MOST_TRIANGLES)
+    nodes = np.unique(triangles)
+    place = mesh.points[nodes] / size
+    nodes = nodes[np.argsort(np.linalg.norm(place % 1.0 - 0.5, axis=1), kind="stable")]
+    face, stays = _faces(mesh)
+    stays[keep] = True
+    own = np.where(stays[nodes], nodes, -1)
+    key = np.column_stack([np.floor(mesh.points[nodes] / size).astype(np.intp), face[nodes], own])
+    _, first, box_of = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    merged = np.arange(len(mesh.points))
+    merged[nodes] = nodes[first[box_of.ravel()]]
+    corners = merged[triangles]
+    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
+    once = np.unique(np.sort(corners, axis=1), axis=0, return_index=True)[1]
+    return np.asarray(corners[np.sort(once)])
 
 
 def box(turn: Turn) -> Json:
@@ -109,12 +139,24 @@ def _both(story: Story, faces: IndexArray) -> Json:
     }
 
 
+def _faces(mesh: TetMesh) -> tuple[IndexArray, BoolArray]:
+    """Return a CAD face of each node (N,), and whether it is on others, too (N,)."""
+    label, face = mesh.face * len(mesh.names) + mesh.patch, np.full(len(mesh.points), -1)
+    face[mesh.triangles] = label[:, None]
+    several = np.zeros(len(mesh.points), dtype=bool)
+    several[mesh.triangles[face[mesh.triangles] != label[:, None]]] = True
+    return face, several
+
+
 def _at(mesh: TetMesh, nodes: IndexArray) -> FloatArray:
     return np.asarray(mesh.points[nodes])
 
 
 def _dots(group: str, name: str, points: list[FloatArray], colour: Colour) -> Json:
-    return {"group": group, "name": name, "points": single(np.vstack(points)), "count": sum(map(len, points)),
+    every = np.vstack(points)
+    step = -(-len(every) // MOST_DOTS)
+    label = name if step <= 1 else f"{name}, 1 in {step} drawn"
+    return {"group": group, "name": label, "points": single(every[:: max(step, 1)]), "count": len(every),
             "colour": hexadecimal(colour)}  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 import re
 import shutil
 from base64 import b64decode
+from collections import Counter
 from dataclasses import replace
 from io import BytesIO
 
@@ -11,7 +12,7 @@ import pytest
 from PIL import Image
 
 from cases.report.gallery import Gallery
-from cases.report.interactive import turnable
+from cases.report.interactive import thinned, turnable
 from cases.report.page import page, write_story
 from cases.report.story import of_folder, of_run
 from meshing.quality import mean_ratio
@@ -165,3 +166,41 @@ def test_turnable_picture_holds_the_meshes(tail_run):
     (tail,) = (one for one in scene["patches"] if one["name"] == "tail_left")
     points = np.frombuffer(b64decode(tail["moved"]), "<f4").reshape(-1, 3)
     np.testing.assert_allclose(points, run.deflected.points[run.mesh.on("tail_left")], atol=1e-6)
+
+
+def test_large_patches_are_thinned_away_from_the_hexahedra(tail_run, monkeypatch):
+    run, _ = tail_run
+    story, mesh = of_run(run), run.mesh
+    inside = story.turns[0].region.inside
+    monkeypatch.setattr("cases.report.interactive.MOST_TRIANGLES", 150)
+    for name in ("fuselage", "tail_left", "tail_right"):
+        whole = mesh.triangles_of(name)
+        shown = thinned(mesh, whole, inside)
+        edges, ends = ({tuple(sorted(pair)) for pair in sides(one)} for one in (shown, whole))
+        counts = Counter(tuple(sorted(pair)) for pair in sides(whole))
+        assert set(shown.ravel()) <= set(whole.ravel())
+        assert {pair for pair in ends if counts[pair] == 1} <= edges  # what it shares with other patches
+        fixed = whole[np.isin(whole, inside).all(axis=1)]
+        assert set(map(tuple, fixed)) <= set(map(tuple, shown))
+        assert (len(shown) < 0.8 * len(whole)) == (name != "tail_left")
+        assert area(mesh.points[shown]) == pytest.approx(area(mesh.points[whole]), rel=0.03)
+    names = {one["name"] for one in turnable(story)["patches"]}
+    assert {"fuselage (thinned)", "tail_left"} <= names
+
+
+def sides(triangles):
+    return np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).tolist()
+
+
+def area(corners):
+    return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+
+
+def test_dots_are_thinned_and_counted(tail_run, monkeypatch):
+    story = of_run(tail_run[0])
+    (whole,) = (one for one in turnable(story)["dots"] if one["name"] == "sites on the surface")
+    monkeypatch.setattr("cases.report.interactive.MOST_DOTS", 100)
+    few = turnable(story)["dots"][0]
+    assert len(b64decode(few["points"])) <= 100 * 12 < len(b64decode(whole["points"]))
+    assert few["count"] == whole["count"]
+    assert few["name"].startswith("sites on the surface, 1 in ")
