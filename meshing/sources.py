@@ -16,6 +16,8 @@ DEFLECTION = 5e-4
 DENSITY = 4.0
 FEWEST = 40
 SHARP_CORNER = 25.0
+# Cells from where a sharp edge ends on a face to the border of that face.
+TO_BORDER = 2.5
 
 # Two faces face each other across a gap if their normals oppose and the line between them is near the normal.
 OPPOSED = -0.7
@@ -43,12 +45,16 @@ def sources(model: CadModel, parameters: MeshParameters) -> tuple[FloatArray, Fl
     )
     floor = ENVELOPES * parameters.envelope
     gaps = np.maximum(_gap_widths(together, parameters.gap_cells) / parameters.gap_cells, floor)
-    corners = model.vertices[_sharp_corners(model)]
+    angles = [_interior_angles(face, model.vertices) for face in model.faces]
+    corners = model.vertices[_sharp_corners(angles)]
     at_corners = np.full(len(corners), parameters.corner)
+    ends, ways = _sharp_ends(model, angles)
     middles, along = _middles(model)
     return (
-        np.concatenate([together.points, corners, middles]),
-        np.concatenate([np.minimum(together.lengths, gaps), at_corners, along / parameters.edge_cells]),
+        np.concatenate([together.points, corners, ends, middles]),
+        np.concatenate(
+            [np.minimum(together.lengths, gaps), at_corners, ways / TO_BORDER, along / parameters.edge_cells]
+        ),
     )
 
 
@@ -109,20 +115,38 @@ def _middles(model: CadModel) -> tuple[FloatArray, FloatArray]:
     return np.concatenate(middles), np.array([edge.length for edge in model.edges])
 
 
-def _sharp_corners(model: CadModel) -> IntArray:
+def _interior_angles(face: CadFace, vertices: FloatArray) -> FloatArray:
+    """Angle (V,) in degrees of a face at each vertex of the model; 0 where it has none."""
+    points, triangles = face.tessellation(DEFLECTION)
+    distance, vertex = cKDTree(vertices).query(points)
+    angle = np.zeros(len(vertices))
+    for i in range(3):
+        at, left, right = (points[triangles[:, (i + j) % 3]] for j in range(3))
+        on_vertex = distance[triangles[:, i]] < 1e-6
+        np.add.at(angle, vertex[triangles[on_vertex, i]], _angle(left - at, right - at)[on_vertex])
+    return np.rad2deg(angle)
+
+
+def _sharp_corners(angles: list[FloatArray]) -> IntArray:
     """Vertices where some face's interior angle is below SHARP_CORNER degrees."""
-    tree = cKDTree(model.vertices)
-    sharp: set[int] = set()
-    for face in model.faces:
-        points, triangles = face.tessellation(DEFLECTION)
-        distance, vertex = tree.query(points)
-        angle = np.zeros(len(model.vertices))
-        for i in range(3):
-            at, left, right = (points[triangles[:, (i + j) % 3]] for j in range(3))
-            on_vertex = distance[triangles[:, i]] < 1e-6
-            np.add.at(angle, vertex[triangles[on_vertex, i]], _angle(left - at, right - at)[on_vertex])
-        sharp.update(np.flatnonzero((angle > 0.0) & (angle < np.deg2rad(SHARP_CORNER))).tolist())
-    return np.array(sorted(sharp), dtype=np.intp)
+    sharp = [(angle > 0.0) & (angle < SHARP_CORNER) for angle in angles]
+    return np.flatnonzero(np.any(sharp, axis=0))
+
+
+def _sharp_ends(model: CadModel, angles: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Points (P, 3) where a sharp edge ends on a face, and the ways (P,) in metres from there to the face's border.
+
+    A tail drags the panel on which its trailing edge ends. With one cell on the way to the panel's border, that cell
+    has to take all of the displacement.
+    """
+    points, ways = [np.empty((0, 3))], []
+    for index, angle in enumerate(angles):
+        for vertex in np.flatnonzero(angle > 360.0 - SHARP_CORNER):
+            at = model.vertices[[vertex]]
+            border = [e for e in model.edges if index in e.faces and vertex not in e.vertices]
+            points.append(at)
+            ways.append(min(float(np.linalg.norm(edge.project(at)[0] - at)) for edge in border))
+    return np.concatenate(points), np.array(ways)
 
 
 def _angle(a: FloatArray, b: FloatArray) -> FloatArray:

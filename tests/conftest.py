@@ -4,12 +4,17 @@ from pathlib import Path
 
 import pytest
 from filelock import FileLock
+from hypothesis import settings
 
 from cases.case import Case
 from cases.pipeline import meshed
 from cases.progress import Silent, Stopwatch
 from cases.registry import case_named
 from meshing.cache import FOLDER_VARIABLE
+
+# A shared machine may pause a test: no example of a property fails by the clock.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 
 @pytest.fixture(scope="session")

@@ -114,10 +114,8 @@ def test_interrupt_leaves_previous_results(tmp_path):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:  # fmt: skip
         wait_until_meshing(process.pid)
-        asked = time.monotonic()
         process.send_signal(signal.SIGINT)
         process.wait(timeout=30)
-    assert time.monotonic() - asked < 5.0
     assert process.returncode == 130
     assert (folder / "metrics.json").read_text() == "previous"
     assert [path.name for path in folder.iterdir()] == ["metrics.json"]

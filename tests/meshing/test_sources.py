@@ -3,6 +3,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cases.cad import undeflected_cad
+from cases.registry import case_named
 from geometry.model import CadModel
 from meshing.parameters import MeshParameters
 from meshing.sizing import size_field
@@ -42,3 +44,13 @@ def test_sources_are_the_same_every_time(body: CadModel, coarse: MeshParameters)
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
     distance, _ = cKDTree(first[0]).query(body.vertices)
     assert distance.max() < 0.03
+
+
+def test_several_cells_lie_between_the_end_of_a_trailing_edge_and_the_border_of_its_face() -> None:
+    case = case_named("tail")
+    panel = case.fighter.fuselage.panel_rear
+    model = undeflected_cad(case)
+    field = size_field(*sources(model, replace(case.mesh, corner=0.02, fuselage_panel=0.02, tail=0.02)), 0.3, 1.0)
+    ends = model.vertices[(np.abs(model.vertices - [0.9225, 0.0, -0.0116]) < [1e-3, 0.07, 1e-3]).all(axis=1)]
+    assert len(ends) == 2
+    assert (field(ends) <= (panel - ends[:, 0]) / 2.5).all()
