@@ -31,7 +31,7 @@ def write_sharp_png(figure: Figure, path: Path) -> None:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()  # type: ignore[no-untyped-call]
     pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
-    few = Image.fromarray(pixels).quantize(SHADES, Image.Quantize.MAXCOVERAGE, 1, dither=Image.Dither.NONE)
+    few = Image.fromarray(pixels).quantize(SHADES, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     few.save(path, "png")
 
 
