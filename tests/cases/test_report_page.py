@@ -183,7 +183,7 @@ def test_large_patches_are_thinned_away_from_the_hexahedra(tail_run, monkeypatch
         fixed = whole[np.isin(whole, inside).all(axis=1)]
         assert set(map(tuple, fixed)) <= set(map(tuple, shown))
         assert (len(shown) < 0.8 * len(whole)) == (name != "tail_left")
-        assert area(mesh.points[shown]) == pytest.approx(area(mesh.points[whole]), rel=0.03)
+        assert area(mesh.points[shown]) == pytest.approx(area(mesh.points[whole]), rel=0.1)
     names = {one["name"] for one in turnable(story)["patches"]}
     assert {"fuselage (thinned)", "tail_left"} <= names
 
