@@ -1,15 +1,10 @@
 """The CAD of a case, undeflected and deflected."""
 
-from typing import Literal
-
 from cases.case import Case
-from cases.motion import hinged
+from cases.reference import turned
 from geometry import domain
 from geometry.aircraft import build
-from geometry.deflected import Deflection
 from geometry.model import CadModel
-
-Mode = Literal["rigid", "blended"]
 
 
 def undeflected_cad(case: Case) -> CadModel:
@@ -24,10 +19,6 @@ def background_cad(case: Case) -> CadModel:
     return domain.background(case.fighter, case.deflections[0].surface)
 
 
-def deflected_cad(case: Case, mode: Mode = "rigid") -> CadModel:
-    """Build the aircraft with its surfaces turned by the angles of the case; tails can only turn rigidly."""
-    turned = {
-        one.surface: Deflection(one.factor * case.angle, mode if hinged(one.surface) else "rigid")
-        for one in case.deflections
-    }
-    return build(case.fighter, turned)
+def deflected_cad(case: Case) -> CadModel:
+    """Build the aircraft with its surfaces turned rigidly by the angles of the case."""
+    return build(case.fighter, turned(case, "rigid"))

@@ -11,12 +11,13 @@ from rich.console import Console
 def report(folder: Path) -> int:
     """Make report.html and figures/ of a finished run anew from its files."""
     from cases.output import output_folder
-    from cases.report.page import write_story
+    from cases.report.gallery import drawn
+    from cases.report.page import write_report
     from cases.report.story import of_folder
 
     with Console(stderr=True).status("validating again"):
         story = of_folder(folder)
     with Console(stderr=True).status("drawing"), output_folder(folder) as scratch:
-        write_story(story, scratch)
+        write_report(story, drawn(story, scratch / "figures"), scratch)
     click.echo(f"{folder / 'report.html'}: {(folder / 'report.html').stat().st_size / 1e6:.1f} MB")
     return 0 if story.passed else 1

@@ -10,7 +10,7 @@ def is_reported(error: Exception) -> bool:
     from cases.confine import ConfinementError
     from cases.output import OutputError
     from deform.interpolant import SolveError
-    from geometry.model import CadError
+    from geometry.errors import CadError
     from meshing.errors import MeshingError
     from meshing.formats.format import MeshFileError
     from meshing.vtu import FormatError

@@ -6,6 +6,7 @@ import numpy as np
 
 from cases.case import Case
 from cases.errors import InputError
+from cases.reference import reference
 from cases.resolve import resolve
 from cases.turn import turn_of
 from cases.validate import validate
@@ -25,7 +26,8 @@ def validate_folder(folder: Path) -> tuple[Check, ...]:
     case, mesh, deflected = read_run(folder)
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
     turns = [turn_of(case, mesh, deflection) for deflection in case.deflections]
-    return validate(case, mesh, deflected, turns, background)
+    with reference(case) as deflected_cad:
+        return validate(case, mesh, deflected, turns, deflected_cad(), background)
 
 
 def read_run(folder: Path) -> tuple[Case, TetMesh, TetMesh]:

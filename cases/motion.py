@@ -40,11 +40,6 @@ class SurfaceMotion:
     patches: tuple[str, ...]
 
 
-def hinged(surface: str) -> bool:
-    """True for trailing-edge wedges on a hinge (ailerons, rudder), False for tails, which turn as a whole."""
-    return not surface.startswith("tail")
-
-
 def axis_of(fighter: Fighter, surface: str) -> Axis:
     """Return the axis of rotation of a control surface."""
     start, end = datum.hinge_line(fighter, surface)

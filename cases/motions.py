@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 from cases.case import Case
-from cases.motion import SurfaceMotion, hinged, wedge_motion
+from cases.motion import SurfaceMotion, wedge_motion
 from cases.tail import tail_motion
+from geometry.datum import hinged
 from meshing.mesh import TetMesh
 
 Motion = Callable[[Case, TetMesh, str, float], SurfaceMotion]

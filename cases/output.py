@@ -9,11 +9,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from cases.case import Case
 from cases.confine import DIRECTIONS
 from cases.deflect import Deflected
 from cases.metrics import metrics
 from cases.overrides import to_toml
 from cases.run import Run
+from meshing.mesh import TetMesh
 from meshing.quality import mean_ratio
 from meshing.vtu import write_vtu
 
@@ -50,21 +52,32 @@ def output_folder(target: Path) -> Iterator[Path]:
         raise
 
 
-def write_run(run: Run, folder: Path) -> None:
-    """Write every file of the contract but the report into `folder`."""
-    (folder / "case.toml").write_text(to_toml(run.case), encoding="utf-8")
-    (folder / "metrics.json").write_text(json.dumps(metrics(run), indent=2) + "\n", encoding="utf-8")
-    write_vtu(folder / "undeflected.vtu", run.mesh)
+def write_deformation(
+    folder: Path,
+    case: Case,
+    mesh: TetMesh,
+    deflected: TetMesh,
+    deflections: tuple[Deflected, ...],
+    background: TetMesh | None,
+) -> None:
+    """Write every file of the contract that needs no validation into `folder`."""
+    (folder / "case.toml").write_text(to_toml(case), encoding="utf-8")
+    write_vtu(folder / "undeflected.vtu", mesh)
     write_vtu(
         folder / "deflected.vtu",
-        run.deflected,
-        point_data={"displacement": run.deflected.points - run.mesh.points},
-        cell_data={"quality": mean_ratio(run.deflected.points, run.deflected.tets)},
+        deflected,
+        point_data={"displacement": deflected.points - mesh.points},
+        cell_data={"quality": mean_ratio(deflected.points, deflected.tets)},
     )
-    if run.background is not None:
-        write_vtu(folder / "background.vtu", run.background)
-    write_interpolants(folder / "interpolant.npz", run.deflections)
-    write_convergence(folder / "convergence.csv", run.deflections)
+    if background is not None:
+        write_vtu(folder / "background.vtu", background)
+    write_interpolants(folder / "interpolant.npz", deflections)
+    write_convergence(folder / "convergence.csv", deflections)
+
+
+def write_metrics(run: Run, folder: Path) -> None:
+    """Write metrics.json into `folder`."""
+    (folder / "metrics.json").write_text(json.dumps(metrics(run), indent=2) + "\n", encoding="utf-8")
 
 
 def write_interpolants(path: Path, deflections: tuple[Deflected, ...]) -> None:

@@ -2,50 +2,66 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import partial
+from math import nan
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cases.cad import background_cad, undeflected_cad
 from cases.case import Case
 from cases.deflect import Deflected, carried_out, deflect, inside_quality
 from cases.hole import finer_background
-from cases.output import write_run
+from cases.metrics import metrics
+from cases.output import write_deformation, write_metrics
 from cases.overlap import check_disjoint
 from cases.progress import Report, Stopwatch
-from cases.report.page import write_report
+from cases.reference import reference
 from cases.run import MeshOrigin, Run
-from cases.validate import validate
 from deform.sites import pinned
 from deform.volume import fused
-from geometry.model import CadModel
 from meshing.cache import MeshCache, cache_key, default_folder
-from meshing.generate import Generated, generate
 from meshing.mesh import TetMesh
 from meshing.quality import QualitySummary
+
+if TYPE_CHECKING:
+    from meshing.generate import Generated
 
 
 def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> Run:
     """Run a case and write its files into `folder`."""
-    mesh, origin = meshed(case, watch, cache)
-    background = background_mesh(case, watch, cache) if case.domain == "block" else None
-    with watch.stage("deformation") as tell:
-        results = tuple(deflect(mesh, case, one, tell) for one in case.deflections)
-        check_disjoint([result.turn.region for result in results])
-        deflected = combined(mesh, results)
-        whole = whole_mesh_seconds(mesh, results[0])
-        stiff = pinned_quality(case, mesh, results[0], tell) if case.domain == "block" else None
-        tell(adapted(results), 1.0)
-    with watch.stage("validation") as tell:
-        checks = validate(case, mesh, deflected, [result.turn for result in results], background)
-        tell(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
+    with reference(case) as deflected_cad:
+        # Matplotlib, pyvista and trimesh load while the CAD is being built.
+        from cases.report.gallery import drawn
+        from cases.report.page import write_report
+        from cases.report.story import outcome_of
+        from cases.validate import validate
+
+        mesh, origin = meshed(case, watch, cache)
+        background = background_mesh(case, watch, cache) if case.domain == "block" else None
+        with watch.stage("deformation") as tell:
+            results = tuple(deflect(mesh, case, one, tell) for one in case.deflections)
+            check_disjoint([result.turn.region for result in results])
+            deflected = combined(mesh, results)
+            whole = whole_mesh_seconds(mesh, results[0])
+            stiff = pinned_quality(case, mesh, results[0], tell) if case.domain == "block" else None
+            tell(adapted(results), 1.0)
+        with watch.stage("pictures") as tell:
+            outcome = outcome_of(case, mesh, deflected, results)
+            gallery = drawn(outcome, folder / "figures")
+            tell(f"{len(gallery.exhibits)} pictures", 1.0)
+        with watch.stage("files") as tell:
+            write_deformation(folder, case, mesh, deflected, results, background)
+            tell(f"{sum(path.stat().st_size for path in folder.glob('*.*')) / 1e6:.1f} MB", 1.0)
+        with watch.stage("validation") as tell:
+            tell("waiting for the deflected CAD", nan)
+            checks = validate(case, mesh, deflected, outcome.turns, deflected_cad(), background)
+            tell(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
     run = Run(case, mesh, origin, deflected, results, whole, checks, watch.seconds, background, stiff)
     with watch.stage("report") as tell:
-        write_report(run, folder)
+        write_report(outcome.judged(checks, metrics(run)), gallery, folder)
         tell(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
-    write_run(run, folder)
+    write_metrics(run, folder)
     return run
 
 
@@ -54,7 +70,13 @@ def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[TetMesh, M
     parts = {"fighter": case.fighter, "mesh": case.mesh, "domain": case.domain}
     if case.domain == "block":
         parts |= {"block": case.block, "surface": case.deflections[0].surface}
-    return _cached(parts, partial(undeflected_cad, case), partial(generate, parameters=case.mesh), watch, cache)
+
+    def generate() -> "Generated":
+        from cases.generated import undeflected  # loads the CAD kernel: seconds that a cached mesh spares
+
+        return undeflected(case, watch)
+
+    return _cached(parts, generate, watch, cache)
 
 
 def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> TetMesh:
@@ -64,35 +86,30 @@ def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> TetMesh
         "fighter": case.fighter, "mesh": case.background, "domain": "background",
         "surface": case.deflections[0].surface, "finer": [array.tolist() for array in finer],
     }  # fmt: skip
-    mesher = partial(generate, parameters=case.background, finer=finer)
-    return _cached(parts, partial(background_cad, case), mesher, watch, cache)[0]
+
+    def generate() -> "Generated":
+        from cases.generated import around_block
+
+        return around_block(case, finer, watch)
+
+    return _cached(parts, generate, watch, cache)[0]
 
 
 def _cached(
-    parts: dict[str, object],
-    build: Callable[[], CadModel],
-    mesher: Callable[..., Generated],
-    watch: Stopwatch,
-    cache: bool,
+    parts: dict[str, object], generate: "Callable[[], Generated]", watch: Stopwatch, cache: bool
 ) -> tuple[TetMesh, MeshOrigin]:
-    """Return the mesh of these parameters from the cache, or build and mesh the CAD and keep the result."""
+    """Return the mesh of these parameters from the cache, or generate it and keep it."""
     store, key = MeshCache(default_folder()), cache_key(parts)
     with watch.stage("cache") as tell:
         found = store.load(key) if cache else None
         tell(f"{len(found[0].tets)} cells" if found else "no mesh of these parameters", 1.0)
     if found is not None:
         return found[0], MeshOrigin(**found[1])  # type: ignore[arg-type]
-    with watch.stage("geometry") as tell:
-        model = build()
-        tell(f"{len(model.faces)} CAD faces", 1.0)
-    with watch.stage("mesh") as tell:
-        generated = mesher(model, progress=tell)
-        tell(f"{len(generated.mesh.tets)} cells in attempt {generated.report.attempts}", 1.0)
-    report = generated.report
-    origin = MeshOrigin(report.verification.boundary_to_cad_max, report.attempts, report.seconds)
+    made = generate()
+    origin = MeshOrigin(made.report.verification.boundary_to_cad_max, made.report.attempts, made.report.seconds)
     if cache:
-        store.store(key, generated.mesh, asdict(origin))
-    return generated.mesh, origin
+        store.store(key, made.mesh, asdict(origin))
+    return made.mesh, origin
 
 
 def adapted(results: tuple[Deflected, ...]) -> str:

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from cases.cad import deflected_cad
 from cases.case import Case
-from cases.motion import FloatArray, IndexArray, axis_of, hinged
+from cases.motion import FloatArray, IndexArray, axis_of
 from cases.overset import overset_checks
+from cases.reference import Reference
 from cases.turn import Turn
 from cases.validate_surface import Shape, surface_checks
 from cases.validation import Check, worst
@@ -18,7 +18,12 @@ from meshing.quality import mean_ratio, signed_volumes
 
 
 def validate(
-    case: Case, mesh: TetMesh, deflected: TetMesh, turns: Sequence[Turn], background: TetMesh | None = None
+    case: Case,
+    mesh: TetMesh,
+    deflected: TetMesh,
+    turns: Sequence[Turn],
+    reference: Reference,
+    background: TetMesh | None = None,
 ) -> tuple[Check, ...]:
     """Return every check that applies to the case.
 
@@ -26,15 +31,14 @@ def validate(
     ----------
     mesh, deflected : before and after; same cells, same order.
     turns : what each control surface was to do.
+    reference : the deflected CAD.
     background : the mesh around a Chimera block.
     """
     checks = list(mesh_checks(case, mesh, deflected, turns))
-    rigid = deflected_cad(case, "rigid")
-    blended = deflected_cad(case, "blended") if any(hinged(turn.surface) for turn in turns) else rigid
     for turn in turns:
         shape = Shape(case, mesh, deflected, turn, axis_of(case.fighter, turn.surface))
         suffix = f":{turn.surface}" if len(turns) > 1 else ""
-        checks += [replace(check, name=check.name + suffix) for check in surface_checks(shape, rigid, blended)]
+        checks += [replace(check, name=check.name + suffix) for check in surface_checks(shape, reference)]
     if background is not None:
         checks += overset_checks(case, mesh, deflected, background)
     return tuple(checks)

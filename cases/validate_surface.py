@@ -7,12 +7,13 @@ import numpy as np
 import trimesh
 
 from cases.case import Case
-from cases.motion import FloatArray, IndexArray, Wedge, hinged
+from cases.motion import FloatArray, IndexArray, Wedge
+from cases.reference import Faces, Reference
 from cases.tail import fuselage_cylinder, panel_of
 from cases.turn import Turn
 from cases.validation import Check, plane_deviation, plane_normal, worst
 from deform.motion import Axis
-from geometry.model import CadModel
+from geometry.datum import hinged
 from meshing.mesh import TetMesh
 
 ANGLE_LIMIT = 1e-9
@@ -44,8 +45,9 @@ class Shape:
             yield np.intersect1d(on_face, nodes), plane_normal(self.mesh.points[on_face])
 
 
-def surface_checks(shape: Shape, rigid: CadModel, blended: CadModel) -> Iterator[Check]:
+def surface_checks(shape: Shape, reference: Reference) -> Iterator[Check]:
     """Checks of one control surface."""
+    rigid, blended = (faces[shape.turn.surface] for faces in (reference.rigid, reference.blended))
     yield planarity(shape)
     if hinged(shape.turn.surface):
         yield surface_to_cad(shape, blended, shape.exact, shape.case.limits.surface_to_cad)
@@ -60,10 +62,10 @@ def surface_checks(shape: Shape, rigid: CadModel, blended: CadModel) -> Iterator
         yield root_on_cylinder(shape, rigid, root)
 
 
-def surface_to_cad(shape: Shape, cad: CadModel, nodes: IndexArray, limit: float) -> Check:
+def surface_to_cad(shape: Shape, cad: Faces, nodes: IndexArray, limit: float) -> Check:
     """Distance of the moved nodes from the trimmed faces of the deflected CAD."""
     points = shape.deflected.points[nodes]
-    distance = distance_to_patch(points, cad, shape.turn.surface)
+    distance = distance_to_faces(points, cad)
     return Check(
         "surface_to_cad", float(distance.max()), limit, "m", worst(distance, points), nodes=nodes, distances=distance
     )
@@ -88,7 +90,7 @@ def trailing_edge_angle(shape: Shape) -> Check:
     return Check("trailing_edge_angle", float(error.max()), ANGLE_LIMIT, "deg", where)
 
 
-def hinge_offset(shape: Shape, rigid: CadModel) -> Check:
+def hinge_offset(shape: Shape, rigid: Faces) -> Check:
     """Blended and rigid wedge differ at the hinge by a known amount: check that it is exactly that.
 
     The blended surface keeps its hinge edges; in a rigid rotation by theta they go half thickness x sin theta
@@ -103,7 +105,7 @@ def hinge_offset(shape: Shape, rigid: CadModel) -> Check:
             continue
         before = shape.mesh.points[nodes]
         expected = np.abs((before - shape.axis.rotated(before, shape.turn.angle)) @ (rotation @ normal))
-        away = distance_to_plane(shape.deflected.points[nodes], rigid, shape.turn.surface, rotation @ normal)
+        away = distance_to_plane(shape.deflected.points[nodes], rigid, rotation @ normal)
         off.append(np.abs(away - expected))
         largest = max(largest, float(expected.max()))
     half = float(np.linalg.norm(shape.axis.radial(shape.mesh.points[hinge]), axis=1).max())
@@ -119,7 +121,7 @@ def cylindricity(shape: Shape, panel: IndexArray) -> Check:
     return Check("cylindricity", float(off.max()), ON_CYLINDER, "m", worst(off, points))
 
 
-def root_on_cylinder(shape: Shape, rigid: CadModel, root: IndexArray) -> Check:
+def root_on_cylinder(shape: Shape, rigid: Faces, root: IndexArray) -> Check:
     """Distance of the root line's nodes from the cylinder and from each rotated plane of the tail they are on."""
     points = shape.deflected.points[root]
     off = np.abs(fuselage_cylinder(shape.case.fighter).distance(points))
@@ -127,21 +129,21 @@ def root_on_cylinder(shape: Shape, rigid: CadModel, root: IndexArray) -> Check:
     for nodes, normal in shape.faces(root):
         if len(nodes):
             place = np.searchsorted(root, nodes)
-            away = distance_to_plane(shape.deflected.points[nodes], rigid, shape.turn.surface, rotation @ normal)
+            away = distance_to_plane(shape.deflected.points[nodes], rigid, rotation @ normal)
             off[place] = np.maximum(off[place], away)
     limit = shape.case.limits.planarity
     return Check("root_on_cylinder", float(off.max()), limit, "m", worst(off, points), nodes=root, distances=off)
 
 
-def distance_to_patch(points: FloatArray, cad: CadModel, patch: str) -> FloatArray:
-    """Distance (N,) of points (N, 3) from the trimmed CAD faces of a patch, exact on planes."""
-    parts = [trimesh.Trimesh(*face.tessellation(), process=False) for face in cad.faces_of(patch)]
+def distance_to_faces(points: FloatArray, faces: Faces) -> FloatArray:
+    """Distance (N,) of points (N, 3) from trimmed CAD faces, exact on planes."""
+    parts = [trimesh.Trimesh(face.points, face.triangles, process=False) for face in faces]
     _, distance, _ = trimesh.proximity.closest_point(trimesh.util.concatenate(parts), points)
     return np.asarray(distance, dtype=np.float64)
 
 
-def distance_to_plane(points: FloatArray, cad: CadModel, patch: str, normal: FloatArray) -> FloatArray:
-    """Distance (N,) of points (N, 3) from the plane of that face of a patch which faces along `normal` (3,)."""
-    faces = [face for face in cad.faces_of(patch) if face.planar]
-    face = max(faces, key=lambda one: abs(float(one.normal_at(points[:1])[0] @ normal)))
-    return np.asarray(np.linalg.norm(face.project(points) - points, axis=1), dtype=np.float64)
+def distance_to_plane(points: FloatArray, faces: Faces, normal: FloatArray) -> FloatArray:
+    """Distance (N,) of points (N, 3) from the plane of that face which looks along `normal` (3,)."""
+    planes = [face for face in faces if np.isfinite(face.normal).all()]
+    face = max(planes, key=lambda one: abs(float(one.normal @ normal)))
+    return np.asarray(np.abs((points - face.points[0]) @ face.normal), dtype=np.float64)

@@ -10,7 +10,7 @@ from deform.hexahedron import Hexahedron
 from deform.polygon import polygon_sites
 from deform.sites import DataSites, pinned
 from geometry.confinement import inward_face, rib_faces
-from geometry.datum import gap_faces
+from geometry.datum import gap_faces, hinged
 
 BLOCK = "chimera"
 """Patch of a Chimera block's outer faces."""
@@ -41,7 +41,7 @@ def zero_sites(
 
 def open_faces(case: Case, surface: str) -> frozenset[str]:
     """Faces of the hexahedron without zero sites."""
-    if surface.startswith("tail"):
+    if not hinged(surface):
         return frozenset({inward_face(surface)})
     return frozenset(rib_faces(case.fighter, surface)) if case.domain == "block" else frozenset()
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Set
 
 from geometry.assemble import assemble
-from geometry.datum import SURFACES, ends, hinge_line
+from geometry.datum import SURFACES, ends, hinge_line, hinged
 from geometry.deflected import Deflection, deflected_wedge, turned, wedge
 from geometry.fuse import Cell, general_fuse
 from geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
@@ -73,14 +73,13 @@ def aircraft_parts(
 
 def _surface(fighter: Fighter, name: str, deflection: Deflection | None) -> Loops:
     inner, outer = ends(fighter, name)
-    whole_section = name.startswith("tail")
     if deflection is None:
-        return prism(inner, outer) if whole_section else wedge(inner, outer)
+        return wedge(inner, outer) if hinged(name) else prism(inner, outer)
     axis = hinge_line(fighter, name)
     return (
-        turned(prism(inner, outer), axis, deflection)
-        if whole_section
-        else deflected_wedge(inner, outer, axis, deflection)
+        deflected_wedge(inner, outer, axis, deflection)
+        if hinged(name)
+        else turned(prism(inner, outer), axis, deflection)
     )
 
 

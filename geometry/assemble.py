@@ -13,7 +13,8 @@ from OCP.TopoDS import TopoDS_Shell
 from OCP.TopTools import TopTools_IndexedMapOfShape
 
 from geometry.curves import curve_of
-from geometry.model import CadEdge, CadError, CadFace, CadModel
+from geometry.errors import CadError
+from geometry.model import CadEdge, CadFace, CadModel
 from geometry.surfaces import FloatArray
 
 # Degrees. Flatter creases need an internal face behind them, or the volume mesher rounds them off.

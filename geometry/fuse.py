@@ -8,7 +8,7 @@ from OCP.BOPAlgo import BOPAlgo_Builder
 from OCP.TopoDS import TopoDS_Shape
 from OCP.TopTools import TopTools_IndexedMapOfShape
 
-from geometry.model import CadError
+from geometry.errors import CadError
 from geometry.parts import Part
 
 
@@ -31,6 +31,7 @@ def general_fuse(parts: Sequence[Part]) -> list[Cell]:
     """
     builder = BOPAlgo_Builder()
     builder.SetRunParallel(False)
+    builder.SetUseOBB(True)  # the same pieces, found in two thirds of the time
     for part in parts:
         builder.AddArgument(part.solid.wrapped)
     builder.Perform()

@@ -13,6 +13,11 @@ from geometry.sections import HINGE_LOWER, HINGE_UPPER, MIRROR, TE, FloatArray, 
 SURFACES = ("aileron_left", "aileron_right", "tail_left", "tail_right", "rudder")
 
 
+def hinged(surface: str) -> bool:
+    """True for trailing-edge wedges on a hinge (ailerons, rudder), False for tails, which turn as a whole."""
+    return not surface.startswith("tail")
+
+
 def ends(fighter: Fighter, surface: str) -> FloatArray:
     """Undeflected sections (2, 6, 3) at a surface's inboard and outboard end.
 
@@ -36,7 +41,7 @@ def hinge_line(fighter: Fighter, surface: str) -> FloatArray:
     A positive right-handed turn moves the trailing edge down, a rudder's to port. Ailerons and rudder
     turn about the line half way between their hinge edges, tails about their pivot.
     """
-    if surface.startswith("tail"):
+    if not hinged(surface):
         pivot = tail_pivot(fighter.tail, fighter.fuselage) * (MIRROR if surface.endswith("_left") else 1.0)
         return np.array([pivot, pivot + np.array([0.0, 0.01, 0.0])])
     edges = hinge_edges(fighter, surface)
@@ -49,7 +54,7 @@ def hinge_edges(fighter: Fighter, surface: str) -> FloatArray:
 
     A rudder's upper edge is the starboard one. ValueError for tails, which have none.
     """
-    if surface.startswith("tail"):
+    if not hinged(surface):
         raise ValueError(f"{surface} has no hinge edges; it turns as a whole about hinge_line")
     sections = ends(fighter, surface)
     return np.array([sections[:, HINGE_UPPER], sections[:, HINGE_LOWER]])
@@ -72,7 +77,7 @@ def ribs(fighter: Fighter, surface: str) -> FloatArray:
 
 def parent_ribs(fighter: Fighter, surface: str) -> FloatArray:
     """Stations (k,) of the parent's ribs across the gaps; equal to `ribs` where there is no gap."""
-    if surface.startswith("tail"):
+    if not hinged(surface):
         return np.empty(0)
     if surface == "rudder":
         lower, upper = rudder_span(fighter)

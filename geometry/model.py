@@ -13,10 +13,6 @@ from geometry.surfaces import CylinderSurface, FloatArray, FreeFormSurface, Plan
 from geometry.tessellation import tessellate
 
 
-class CadError(RuntimeError):
-    """The CAD kernel gave no usable solid, or the solid cannot be meshed; the message names the place."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class CadFace:
     """A face of a solid; `shape` is oriented so that its normal points out of the solid."""

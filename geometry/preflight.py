@@ -6,8 +6,9 @@ import numpy as np
 from OCP.TopTools import TopTools_IndexedMapOfShape
 
 from geometry.assemble import WEAK_CREASE
+from geometry.errors import CadError
 from geometry.layout import MIN_FEATURE
-from geometry.model import CadEdge, CadError, CadModel
+from geometry.model import CadEdge, CadModel
 from geometry.surfaces import FloatArray
 
 # Degrees. Sharper corners of faces are needles.

@@ -10,7 +10,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +23,40 @@ from meshing.errors import MeshingError
 Array = NDArray[np.generic]
 Arrays = Mapping[str, Array]
 
+QUESTION, ANSWER = "question.npz", "answer.npz"
 _PR_SET_PDEATHSIG = 1
 
 
-def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
-    """Run ``python -m module`` on arrays and return the arrays that it answers with.
+@dataclass(frozen=True, slots=True)
+class Pending:
+    """Work that a child process does while this process goes on."""
+
+    module: str
+    folder: Path
+    process: subprocess.Popen[bytes]
+
+    def answer(self, seconds: float) -> dict[str, Array]:
+        """Wait at most `seconds` for the arrays that the child answers with.
+
+        Raises
+        ------
+        MeshingError
+            If the child fails or takes longer; with the last line it wrote.
+        """
+        try:
+            _, complaint = self.process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            raise MeshingError(f"{self.module} took more than {seconds:g} s") from None
+        if self.process.returncode:
+            lines = complaint.decode(errors="replace").strip().splitlines() or ["no message"]
+            raise MeshingError(f"{self.module} ended with code {self.process.returncode}: {lines[-1]}")
+        with np.load(self.folder / ANSWER, allow_pickle=False) as stored:
+            return dict(stored)
+
+
+@contextmanager
+def started(module: str, arrays: Arrays) -> Iterator[Pending]:
+    """Start ``python -m module`` on arrays; however this context is left, the child is gone then.
 
     Mesh generators run for minutes inside compiled code that no signal can stop; a process can be killed.
 
@@ -33,20 +64,13 @@ def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
     ----------
     module
         A module that calls `serve` when run.
-    seconds
-        Time limit.
-
-    Raises
-    ------
-    MeshingError
-        If the child fails or takes too long; with the last line it wrote.
     """
-    with tempfile.TemporaryDirectory(prefix="sdm-deflect-") as folder:
-        question, answer = Path(folder) / "question.npz", Path(folder) / "answer.npz"
-        np.savez(question, **arrays)  # type: ignore[arg-type]
+    with tempfile.TemporaryDirectory(prefix="sdm-deflect-") as name:
+        folder = Path(name)
+        np.savez(folder / QUESTION, **arrays)  # type: ignore[arg-type]
         # Its own session: the terminal's Ctrl-C reaches this process only, which then kills the child.
         with subprocess.Popen(
-            [sys.executable, "-m", module, str(question), str(answer)],
+            [sys.executable, "-m", module, str(folder / QUESTION), str(folder / ANSWER)],
             env=os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -54,17 +78,22 @@ def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
             start_new_session=True,
         ) as process:
             try:
-                _, complaint = process.communicate(timeout=seconds)
-            except subprocess.TimeoutExpired:
-                raise MeshingError(f"{module} took more than {seconds:g} s") from None
+                yield Pending(module, folder, process)
             finally:
                 process.kill()
                 process.wait()
-        if process.returncode:
-            lines = complaint.decode(errors="replace").strip().splitlines() or ["no message"]
-            raise MeshingError(f"{module} ended with code {process.returncode}: {lines[-1]}")
-        with np.load(answer, allow_pickle=False) as stored:
-            return dict(stored)
+
+
+def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
+    """Run ``python -m module`` on arrays and return the arrays that it answers with, within `seconds`.
+
+    Raises
+    ------
+    MeshingError
+        If the child fails or takes longer; with the last line it wrote.
+    """
+    with started(module, arrays) as pending:
+        return pending.answer(seconds)
 
 
 def serve(work: Callable[[Arrays], Arrays]) -> None:

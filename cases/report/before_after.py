@@ -6,7 +6,7 @@ from cases.report.aircraft import walls
 from cases.report.compose import Picture
 from cases.report.layers import box, patches
 from cases.report.scene import View, framed
-from cases.report.story import Story
+from cases.report.story import Outcome
 from cases.turn import Turn
 from cases.zero_sites import BLOCK
 from meshing.mesh import TetMesh
@@ -16,12 +16,12 @@ TOWARDS = (1.0, -0.6, 0.45)
 """From behind, port and above; mirrored for surfaces to starboard."""
 
 
-def before_after(story: Story, turn: Turn) -> Picture:
+def before_after(outcome: Outcome, turn: Turn) -> Picture:
     """Draw a control surface with its hexahedron, before and after side by side."""
-    moved = np.linalg.norm(story.deflected.points - story.mesh.points, axis=1)[turn.motion.nodes]
-    count = len(story.mesh.triangles_of(turn.surface))
+    moved = np.linalg.norm(outcome.deflected.points - outcome.mesh.points, axis=1)[turn.motion.nodes]
+    count = len(outcome.mesh.triangles_of(turn.surface))
     return Picture(
-        tuple(close(story, mesh, turn) for mesh in (story.mesh, story.deflected)),
+        tuple(close(outcome, mesh, turn) for mesh in (outcome.mesh, outcome.deflected)),
         (f"{turn.surface}, undeflected", f"{turn.surface}, {turn.angle:+g} deg"),
         f"Surface mesh of {turn.surface} ({count} triangles) and its surroundings before (left) and after (right) it "
         f"turns by {turn.angle:+g} deg; nodes move by up to {1e3 * moved.max():.1f} mm. The edges of the hexahedron, "
@@ -29,10 +29,10 @@ def before_after(story: Story, turn: Turn) -> Picture:
     )
 
 
-def close(story: Story, mesh: TetMesh, turn: Turn) -> View:
+def close(outcome: Outcome, mesh: TetMesh, turn: Turn) -> View:
     """Look at a control surface; the picture holds it before and after."""
     nodes = mesh.on(turn.surface)
-    held = np.vstack([story.mesh.points[nodes], story.deflected.points[nodes]])
+    held = np.vstack([outcome.mesh.points[nodes], outcome.deflected.points[nodes]])
     corners = turn.region.hexahedron.corners
     names = [name for name in walls(mesh) if name != BLOCK]
     side = 1.0 if corners[:, 1].mean() <= 1e-9 else -1.0

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cases.report.story import Course, Story
+from cases.report.story import Course, Outcome
 from cases.turn import Turn
 from meshing.quality import mean_ratio
 
@@ -36,12 +36,12 @@ def panels(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]
     return figure, axes[:count]
 
 
-def convergence(story: Story) -> tuple[Figure, str]:
+def convergence(outcome: Outcome) -> tuple[Figure, str]:
     """Largest residual against the number of centres, per direction (the paper's figure 2), and what is seen."""
-    figure, axes = panels(len(story.turns), 4.6, 3.5)
-    tolerance, texts = story.case.adaptation.tolerance, []
-    for one, turn in zip(axes, story.turns, strict=True):
-        courses = [course for course in story.courses if course.surface == turn.surface and course.step == 1]
+    figure, axes = panels(len(outcome.turns), 4.6, 3.5)
+    tolerance, texts = outcome.case.adaptation.tolerance, []
+    for one, turn in zip(axes, outcome.turns, strict=True):
+        courses = [course for course in outcome.courses if course.surface == turn.surface and course.step == 1]
         for course in courses:
             _course(one, course)
         one.axhline(tolerance, color="0.4", lw=1, label=f"tolerance {tolerance:g} m")
@@ -59,20 +59,20 @@ def _course(axes: Axes, course: Course) -> None:
     axes.semilogy(course.centres, errors, label=f"$f_{{{course.directions}}}$", lw=1.8, ms=4.5, **style)
 
 
-def quality(story: Story) -> tuple[Figure, str]:
+def quality(outcome: Outcome) -> tuple[Figure, str]:
     """Mean ratio of the cells that touch each hexahedron, before and after on common bins, and what is seen."""
-    figure, axes = panels(len(story.turns), 4.6, 3.5)
-    texts = [histogram(story, turn, one) for one, turn in zip(axes, story.turns, strict=True)]
+    figure, axes = panels(len(outcome.turns), 4.6, 3.5)
+    texts = [histogram(outcome, turn, one) for one, turn in zip(axes, outcome.turns, strict=True)]
     return figure, "Histograms of the mean ratio before and after the deflection. " + " ".join(texts)
 
 
-def histogram(story: Story, turn: Turn, axes: Axes) -> str:
+def histogram(outcome: Outcome, turn: Turn, axes: Axes) -> str:
     """Draw the histograms of one control surface's hexahedron and say what is seen."""
-    cells = story.mesh.tets[story.touching(turn)]
-    before, after = (mean_ratio(mesh.points, cells) for mesh in (story.mesh, story.deflected))
+    cells = outcome.mesh.tets[outcome.touching(turn)]
+    before, after = (mean_ratio(mesh.points, cells) for mesh in (outcome.mesh, outcome.deflected))
     axes.stairs(np.histogram(after, BINS)[0], BINS, label="deflected", color="#e0a36a", fill=True)
     axes.stairs(np.histogram(before, BINS)[0], BINS, label="undeflected", color="black", lw=1.4)
-    limit = story.case.limits.quality_min
+    limit = outcome.case.limits.quality_min
     axes.axvline(limit, color="0.35", lw=1, ls="--", label=f"limit {limit:g}")
     axes.set(xlabel="mean ratio of a cell", ylabel="cells (log above 1)", yscale="symlog", xlim=(0.0, 1.0))
     axes.set_title(f"{turn.surface}: smallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,9 +10,9 @@ from matplotlib.figure import Figure
 from cases.report import cad_map, figures, slices
 from cases.report.before_after import before_after
 from cases.report.compose import Picture, assembled
-from cases.report.offscreen import Image, RenderError, rendered
+from cases.report.offscreen import Image, RenderError, rendering
 from cases.report.png import write_sharp_png
-from cases.report.story import Story
+from cases.report.story import Outcome, Story
 
 Drawn = tuple[str, str, Figure, str]
 """Part of the page, name, figure, and what it shows in words."""
@@ -40,34 +39,38 @@ class Gallery:
         return [one for one in self.exhibits if one.part == part]
 
 
-def hung(story: Story, folder: Path) -> Gallery:
-    """Draw every picture into `folder`."""
+def drawn(outcome: Outcome, folder: Path) -> Gallery:
+    """Draw every picture that needs no validation into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    pictures = [before_after(story, turn) for turn in story.turns]
+    pictures = [before_after(outcome, turn) for turn in outcome.turns]
     missing = ""
-    with ThreadPoolExecutor(1) as elsewhere:  # the other process draws while this one does
-        images = elsewhere.submit(rendered, tuple(view for picture in pictures for view in picture.views))
-        exhibits = [_saved(folder, *drawn) for drawn in plots(story)]
+    with rendering(tuple(view for picture in pictures for view in picture.views)) as images:
+        exhibits = [_saved(folder, *plot) for plot in plots(outcome)]
         try:
-            exhibits += [_saved(folder, *drawn) for drawn in renderings(story, pictures, images.result())]
+            exhibits += [_saved(folder, *one) for one in renderings(outcome, pictures, images())]
         except RenderError as error:
             missing = str(error)
     return Gallery(tuple(exhibits), missing)
 
 
-def plots(story: Story) -> Iterator[Drawn]:
+def compared(story: Story, folder: Path) -> list[Exhibit]:
+    """Draw the distances from the CAD that the validation found into `folder`."""
+    maps = ((f"cad_map_{turn.surface}", *cad_map.cad_map(story, turn)) for turn in story.turns)
+    return [_saved(folder, "cad_map", *one) for one in maps]
+
+
+def plots(outcome: Outcome) -> Iterator[Drawn]:
     """Yield each plot that needs no graphics library."""
-    yield "convergence", "convergence", *figures.convergence(story)
-    yield "quality", "quality", *figures.quality(story)
-    for turn in story.turns:
-        yield "slices", f"slices_{turn.surface}", *slices.slices(story, turn)
-        yield "cad_map", f"cad_map_{turn.surface}", *cad_map.cad_map(story, turn)
+    yield "convergence", "convergence", *figures.convergence(outcome)
+    yield "quality", "quality", *figures.quality(outcome)
+    for turn in outcome.turns:
+        yield "slices", f"slices_{turn.surface}", *slices.slices(outcome, turn)
 
 
-def renderings(story: Story, pictures: Sequence[Picture], images: Sequence[Image]) -> Iterator[Drawn]:
+def renderings(outcome: Outcome, pictures: Sequence[Picture], images: Sequence[Image]) -> Iterator[Drawn]:
     """Yield the pictures of each control surface, put together from the images of their views."""
     rest = iter(images)
-    for turn, picture in zip(story.turns, pictures, strict=True):
+    for turn, picture in zip(outcome.turns, pictures, strict=True):
         figure = assembled(picture, [next(rest) for _ in picture.views])
         yield "before_after", f"before_after_{turn.surface}", figure, picture.alternative
 

@@ -2,6 +2,7 @@
 
 from base64 import b64encode
 from collections.abc import Iterable
+from dataclasses import replace
 from gzip import compress
 from hashlib import sha256
 from importlib.resources import files
@@ -12,23 +13,17 @@ from markupsafe import Markup
 from PIL import Image
 
 from cases.overrides import to_toml
-from cases.report.gallery import Exhibit, Gallery, hung
+from cases.report.gallery import Exhibit, Gallery, compared
 from cases.report.interactive import MOST_CELLS, turnable
-from cases.report.story import Story, of_run
+from cases.report.story import Story
 from cases.report.words import STATES, meaning, parameter_tables
-from cases.run import Run
 from cases.surroundings import surroundings, versions
 
 
-def write_report(run: Run, folder: Path) -> None:
-    """Write report.html and figures/*.png of a run that has just ended into `folder`."""
-    write_story(of_run(run), folder)
-
-
-def write_story(story: Story, folder: Path) -> None:
-    """Write report.html and figures/*.png into `folder`."""
-    gallery = hung(story, folder / "figures")
-    (folder / "report.html").write_text(page(story, gallery), encoding="utf-8")
+def write_report(story: Story, gallery: Gallery, folder: Path) -> None:
+    """Write report.html and the figures that show the validation into `folder`; the gallery is the other figures."""
+    exhibits = (*gallery.exhibits, *compared(story, folder / "figures"))
+    (folder / "report.html").write_text(page(story, replace(gallery, exhibits=exhibits)), encoding="utf-8")
 
 
 def page(story: Story, gallery: Gallery) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cases.motion import FloatArray, IndexArray
+from meshing.mesh import FloatArray, IntArray
 
 Array = NDArray[np.generic]
 Colour = tuple[int, int, int]
@@ -36,8 +36,8 @@ class Layer:
     """
 
     points: FloatArray
-    cells: IndexArray
-    rgb: IndexArray
+    cells: IntArray
+    rgb: IntArray
     opacity: float = 1.0
     edge: Colour | None = None
     width: float = 1.0
@@ -101,7 +101,7 @@ def median_edge(layer: Layer) -> float:
     return float(np.median(lengths)) if lengths.size else 0.0
 
 
-def plain(points: FloatArray, cells: IndexArray, colour: Colour, **looks: Any) -> Layer:
+def plain(points: FloatArray, cells: IntArray, colour: Colour, **looks: Any) -> Layer:
     """Return cells of one colour."""
     return Layer(points, cells, np.array([colour], dtype=np.intp), **looks)
 

@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 
 from cases.motion import FloatArray
 from cases.report.colours import QUALITY_MAP, QUALITY_RANGE
-from cases.report.story import Story
+from cases.report.story import Outcome
 from cases.turn import Turn
+from geometry.datum import hinged
 from meshing.mesh import TetMesh
 from meshing.quality import mean_ratio
 
@@ -51,9 +52,9 @@ class Plane:
         return f"{self.what}, {AXES[self.axis]} = {1e3 * self.station:.1f} mm"
 
 
-def planes(story: Story, turn: Turn) -> tuple[Plane, Plane]:
+def planes(outcome: Outcome, turn: Turn) -> tuple[Plane, Plane]:
     """The two planes of a control surface: a chord at half span; across the chord, close to the root or gap."""
-    points, corners = story.mesh.points[story.mesh.on(turn.surface)], turn.region.hexahedron.corners
+    points, corners = outcome.mesh.points[outcome.mesh.on(turn.surface)], turn.region.hexahedron.corners
     span = int(np.ptp(points, axis=0)[1:].argmax()) + 1
     outwards = np.abs(points[:, span])
     inner = points[outwards <= outwards.min() + ROOT * np.ptp(outwards)]
@@ -63,16 +64,16 @@ def planes(story: Story, turn: Turn) -> tuple[Plane, Plane]:
     margin = AROUND * np.ptp(corners, axis=0).max()
     around = np.array([corners.min(axis=0) - margin, corners.max(axis=0) + margin])
     half = float(points[:, span].min() + points[:, span].max()) / 2
-    end = "the root" if turn.surface.startswith("tail") else "the inner end and its gap"
+    end = "the inner end and its gap" if hinged(turn.surface) else "the root"
     return (
         Plane(span, half, "section at half span", around),
         Plane(0, float(x), f"section through {end}", np.array([middle - CLOSE, middle + CLOSE])),
     )
 
 
-def slices(story: Story, turn: Turn) -> tuple[Figure, str]:
+def slices(outcome: Outcome, turn: Turn) -> tuple[Figure, str]:
     """Draw both planes of a control surface before and after the deflection, and say what is seen."""
-    chosen = planes(story, turn)
+    chosen = planes(outcome, turn)
     figure = Figure(figsize=(9.6, 9.0))
     figure.subplots_adjust(left=0.08, right=0.85, bottom=0.06, top=0.91, wspace=0.22, hspace=0.25)
     axes, texts = figure.subplots(2, 2), []
@@ -80,7 +81,7 @@ def slices(story: Story, turn: Turn) -> tuple[Figure, str]:
         smallest = [
             draw(one, mesh, turn, plane, state)
             for one, mesh, state in zip(
-                row, (story.mesh, story.deflected), ("undeflected", f"{turn.angle:+g} deg"), strict=True
+                row, (outcome.mesh, outcome.deflected), ("undeflected", f"{turn.angle:+g} deg"), strict=True
             )
         ]
         before, after = smallest

@@ -11,11 +11,12 @@ import numpy as np
 
 from cases.case import Case
 from cases.confine import DIRECTIONS
+from cases.deflect import Deflected
 from cases.errors import InputError
 from cases.finished import read_run
-from cases.metrics import Json, metrics
+from cases.metrics import Json
 from cases.motion import BoolArray, FloatArray
-from cases.run import Run
+from cases.reference import reference
 from cases.turn import Turn, turn_of
 from cases.validate import validate
 from cases.validation import Check
@@ -38,52 +39,68 @@ class Course:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Story:
-    """Everything that the page of a run shows.
+class Outcome:
+    """What a run has to show before it is judged.
 
     Attributes
     ----------
     mesh, deflected : before and after; same cells, same order.
     turns : what each control surface was to do.
-    figures : the content of metrics.json.
     """
 
     case: Case
     mesh: TetMesh
     deflected: TetMesh
     turns: tuple[Turn, ...]
-    checks: tuple[Check, ...]
-    figures: Json
     courses: tuple[Course, ...]
     centres: Centres
+
+    def touching(self, turn: Turn) -> BoolArray:
+        """True for cells (M,) with a node inside the hexahedron of a control surface."""
+        return np.asarray(np.isin(self.mesh.tets, turn.region.inside).any(axis=1))
+
+    def judged(self, checks: tuple[Check, ...], figures: Json) -> "Story":
+        """Return the story with the validation and the content of metrics.json."""
+        return Story(
+            self.case, self.mesh, self.deflected, self.turns, self.courses, self.centres, checks, figures
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Story(Outcome):
+    """Everything that the page of a run shows.
+
+    Attributes
+    ----------
+    checks : the validation.
+    figures : the content of metrics.json.
+    """
+
+    checks: tuple[Check, ...]
+    figures: Json
 
     @property
     def passed(self) -> bool:
         """True if every check passed."""
         return all(check.passed for check in self.checks)
 
-    def touching(self, turn: Turn) -> BoolArray:
-        """True for cells (M,) with a node inside the hexahedron of a control surface."""
-        return np.asarray(np.isin(self.mesh.tets, turn.region.inside).any(axis=1))
 
-
-def of_run(run: Run) -> Story:
-    """Return the story of a run that has just ended."""
+def outcome_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflected]) -> Outcome:
+    """Return what a run has to show once its surfaces are deflected."""
     courses = [
         Course(
             one.turn.surface, k, "".join(DIRECTIONS[c] for c in fit.components),
             tuple(row.n_centers for row in fit.history), tuple(row.max_residual for row in fit.history),
         )
-        for one in run.deflections for k, step in enumerate(one.steps, 1) for fit in step.fits
+        for one in deflections for k, step in enumerate(one.steps, 1) for fit in step.fits
     ]  # fmt: skip
     centres = {
         one.turn.surface: {
             DIRECTIONS[c]: fit.interpolant.centers for fit in one.steps[0].fits for c in fit.components
         }
-        for one in run.deflections
+        for one in deflections
     }
-    turns = tuple(one.turn for one in run.deflections)
-    return Story(run.case, run.mesh, run.deflected, turns, run.checks, metrics(run), tuple(courses), centres)
+    return Outcome(case, mesh, deflected, tuple(one.turn for one in deflections), tuple(courses), centres)
 
 
 def of_folder(folder: Path) -> Story:
@@ -103,8 +120,9 @@ def of_folder(folder: Path) -> Story:
         centres = read_centres(folder / "interpolant.npz", [turn.surface for turn in turns])
     except (OSError, KeyError, ValueError) as error:
         raise InputError(f"{folder} is not the whole output folder of a run: {error}") from None
-    checks = validate(case, mesh, deflected, turns, background)
-    return Story(case, mesh, deflected, turns, checks, figures, courses, centres)
+    with reference(case) as deflected_cad:
+        checks = validate(case, mesh, deflected, turns, deflected_cad(), background)
+    return Story(case, mesh, deflected, turns, courses, centres, checks, figures)
 
 
 def read_courses(path: Path) -> tuple[Course, ...]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from deflected_cad import built
 from filelock import FileLock
 
 from cases.deflect import deflect
@@ -62,6 +63,6 @@ def turned(make_mesh):
         mesh, _ = make_mesh(case)
         results = [deflect(mesh, case, one, lambda text, fraction: None) for one in case.deflections]
         points = combined(mesh, tuple(results))
-        return mesh, points, validate(case, mesh, points, [result.turn for result in results])
+        return mesh, points, validate(case, mesh, points, [result.turn for result in results], built(case))
 
     return turn

@@ -5,16 +5,19 @@ import shutil
 from base64 import b64decode
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from io import BytesIO
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from cases.report.gallery import Gallery
+from cases.metrics import metrics
+from cases.report.gallery import Gallery, drawn
 from cases.report.interactive import thinned, turnable
-from cases.report.page import page, write_story
-from cases.report.story import of_folder, of_run
+from cases.report.offscreen import rendering
+from cases.report.page import page, write_report
+from cases.report.story import of_folder, outcome_of
 from meshing.quality import mean_ratio
 
 EVIL = "</script><script>document.title='broken'</script><img src=x onerror=\"document.title='broken'\">"
@@ -26,6 +29,11 @@ SWITCHES = [
 DRAWN = "#turnable[data-state={}]"
 
 pytestmark = pytest.mark.mesher
+
+
+def story_of(run):
+    """The story of a run that has just ended."""
+    return outcome_of(run.case, run.mesh, run.deflected, run.deflections).judged(run.checks, metrics(run))
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +104,7 @@ def test_threshold_shows_the_cells_below_it(aileron_run, opened):
     before = seen(tab)
     tab.locator("#scene-threshold").fill("0.8")
     assert changed(before, seen(tab)) > 500
-    near = of_run(run).touching(run.deflections[0].turn)
+    near = story_of(run).touching(run.deflections[0].turn)
     expected = np.count_nonzero(mean_ratio(run.deflected.points, run.mesh.tets[near]) < 0.8)
     said = f"{expected} of {np.count_nonzero(near)} cells below 0.80, 0 inverted"
     assert tab.locator("#scene-count").inner_text() == said
@@ -120,7 +128,7 @@ def test_names_cannot_inject_markup(aileron_run, opened, tmp_path):
     run, _ = aileron_run
     names = tuple(EVIL if name == "fin" else name for name in run.mesh.names)
     mesh, deflected = (replace(one, names=names) for one in (run.mesh, run.deflected))
-    story = of_run(replace(run, case=replace(run.case, title=EVIL, name=EVIL), mesh=mesh, deflected=deflected))
+    story = story_of(replace(run, case=replace(run.case, title=EVIL, name=EVIL), mesh=mesh, deflected=deflected))
     (tmp_path / "report.html").write_text(page(story, Gallery((), EVIL)), encoding="utf-8")
     tab, _, complaints = opened(tmp_path / "report.html")
     assert "broken" not in tab.title().replace(EVIL, "")
@@ -131,14 +139,10 @@ def test_names_cannot_inject_markup(aileron_run, opened, tmp_path):
 
 
 def test_missing_graphics_is_a_sentence(aileron_run, tmp_path, monkeypatch):
-    def failing(views):
-        from cases.report.offscreen import rendered
-
-        return rendered(views, module="cases.report.no_such_module")
-
-    monkeypatch.setattr("cases.report.gallery.rendered", failing)
-    story = of_run(aileron_run[0])
-    write_story(story, tmp_path)
+    failing = partial(rendering, module="cases.report.no_such_module")
+    monkeypatch.setattr("cases.report.gallery.rendering", failing)
+    story = story_of(aileron_run[0])
+    write_report(story, drawn(story, tmp_path / "figures"), tmp_path)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "No picture of the surface meshes could be drawn" in text
     assert "apt-get install" in text
@@ -148,7 +152,7 @@ def test_missing_graphics_is_a_sentence(aileron_run, tmp_path, monkeypatch):
 
 def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
     run, folder = aileron_run
-    fresh, stored = of_run(run), of_folder(folder)
+    fresh, stored = story_of(run), of_folder(folder)
     assert stored.checks == fresh.checks
     assert [(c.surface, c.directions, c.centres) for c in stored.courses] == [
         (c.surface, c.directions, c.centres) for c in fresh.courses
@@ -159,7 +163,7 @@ def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
 
 def test_turnable_picture_holds_the_meshes(tail_run):
     run, _ = tail_run
-    scene = turnable(of_run(run))
+    scene = turnable(story_of(run))
     triangles = {name: len(run.mesh.triangles_of(name)) for name in run.mesh.names[1:] if name != "far_field"}
     assert {one["name"]: len(b64decode(one["faces"])) // 12 for one in scene["patches"]} == triangles
     assert {one["name"] for one in scene["patches"] if one["moved"]} == {"tail_left", "fuselage_panel_left"}
@@ -170,7 +174,7 @@ def test_turnable_picture_holds_the_meshes(tail_run):
 
 def test_large_patches_are_thinned_away_from_the_hexahedra(tail_run, monkeypatch):
     run, _ = tail_run
-    story, mesh = of_run(run), run.mesh
+    story, mesh = story_of(run), run.mesh
     inside = story.turns[0].region.inside
     monkeypatch.setattr("cases.report.interactive.MOST_TRIANGLES", 150)
     for name in ("fuselage", "tail_left", "tail_right"):
@@ -197,7 +201,7 @@ def area(corners):
 
 
 def test_dots_are_thinned_and_counted(tail_run, monkeypatch):
-    story = of_run(tail_run[0])
+    story = story_of(tail_run[0])
     (whole,) = (one for one in turnable(story)["dots"] if one["name"] == "sites on the surface")
     monkeypatch.setattr("cases.report.interactive.MOST_DOTS", 100)
     few = turnable(story)["dots"][0]

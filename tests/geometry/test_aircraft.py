@@ -8,9 +8,9 @@ import pytest
 
 from geometry.aircraft import build
 from geometry.deflected import Deflection
+from geometry.errors import CadError
 from geometry.fuselage import fuselage_parts
 from geometry.hinges import ends
-from geometry.model import CadError
 from geometry.parameters import (
     Aileron,
     Fighter,

@@ -4,10 +4,9 @@ import pytest
 
 from cases.deflect import Deflected, deflect, follow
 from cases.motions import mover
-from cases.output import write_run
+from cases.output import write_deformation
 from cases.pipeline import combined
 from cases.registry import case_named
-from cases.run import Run
 from cases.turn import turn_of
 from cases.view.live import Live
 
@@ -21,10 +20,10 @@ def bare_run(tmp_path_factory, make_mesh):
     """Deflect a case and write its files; return the folder."""
 
     def run(case, solve=deflect):
-        mesh, origin = make_mesh(case)
+        mesh, _ = make_mesh(case)
         results = tuple(solve(mesh, case, one, silent) for one in case.deflections)
         folder = tmp_path_factory.mktemp(case.name)
-        write_run(Run(case, mesh, origin, combined(mesh, results), results, 0.0, ()), folder)
+        write_deformation(folder, case, mesh, combined(mesh, results), results, None)
         return folder
 
     return run

@@ -1,0 +1,31 @@
+"""Meshes made from the CAD of a case: what a run needs only when the cache has no mesh for it."""
+
+from cases.cad import background_cad, undeflected_cad
+from cases.case import Case
+from cases.progress import Stopwatch
+from geometry.model import CadModel
+from meshing.generate import Finer, Generated, generate
+from meshing.parameters import MeshParameters
+
+
+def undeflected(case: Case, watch: Stopwatch) -> Generated:
+    """Build and mesh the aircraft, or the Chimera block."""
+    with watch.stage("geometry") as tell:
+        model = undeflected_cad(case)
+        tell(f"{len(model.faces)} CAD faces", 1.0)
+    return _meshed(model, case.mesh, watch)
+
+
+def around_block(case: Case, finer: Finer, watch: Stopwatch) -> Generated:
+    """Build and mesh the aircraft that surrounds the Chimera block."""
+    with watch.stage("geometry") as tell:
+        model = background_cad(case)
+        tell(f"{len(model.faces)} CAD faces", 1.0)
+    return _meshed(model, case.background, watch, finer)
+
+
+def _meshed(model: CadModel, parameters: MeshParameters, watch: Stopwatch, finer: Finer | None = None) -> Generated:
+    with watch.stage("mesh") as tell:
+        made = generate(model, parameters, progress=tell, finer=finer)
+        tell(f"{len(made.mesh.tets)} cells in attempt {made.report.attempts}", 1.0)
+    return made
