@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from signal import SIGTERM, default_int_handler, signal
 from typing import Any, NoReturn
 
 import click
@@ -176,6 +177,7 @@ def main() -> NoReturn:
     """Entry point: one line on stderr and a code that tells what went wrong; never a traceback for a mistake."""
     from cases.errors import is_reported
 
+    signal(SIGTERM, default_int_handler)  # batch systems and service managers ask to end like this
     try:
         code = cli(standalone_mode=False) or 0
     except click.exceptions.NoArgsIsHelpError as error:

@@ -22,8 +22,6 @@ from cases.validation import Check, worst
 from cases.zero_sites import BLOCK, on_gap_faces
 from meshing.mesh import TetMesh
 
-TOLERANCE = 1e-7
-"""Distance (m) from a cell within which a node counts as inside: walls of both blocks agree to this."""
 ROWS = 1 << 16
 """Cells handled at a time: temporaries of millions of cells in little memory."""
 
@@ -94,7 +92,7 @@ def fringe_nodes(tets: IndexArray, hole: BoolArray) -> IndexArray:
 
 
 def has_donor(points: FloatArray, mesh: TetMesh) -> BoolArray:
-    """True for each of points (N, 3) that lies in a cell of the mesh, or within `TOLERANCE` of one."""
+    """True for each of points (N, 3) that lies in a cell of the mesh."""
     tets = cells_near(points, mesh)
     if not len(tets):
         return np.zeros(len(points), dtype=bool)
@@ -103,7 +101,7 @@ def has_donor(points: FloatArray, mesh: TetMesh) -> BoolArray:
     locator.SetDataSet(_grid(mesh.points[used], local_tets.reshape(-1, 4)))
     locator.BuildLocator()
     cell, weights, local = vtkGenericCell(), [0.0] * 4, [0.0] * 3
-    found = [locator.FindCell(p, TOLERANCE**2, cell, local, weights) >= 0 for p in points.tolist()]
+    found = [locator.FindCell(p, 0.0, cell, local, weights) >= 0 for p in points.tolist()]
     return np.array(found, dtype=bool)
 
 
@@ -120,7 +118,7 @@ def cells_near(points: FloatArray, mesh: TetMesh) -> IndexArray:
         tets = mesh.tets[start : start + ROWS]
         corners = mesh.points[tets]
         centre = corners.mean(axis=1)
-        radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1) * (1.0 + 1e-9) + 2.0 * TOLERANCE
+        radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1) * (1.0 + 1e-9)
         reach = radius[:, None]
         boxed = np.flatnonzero(np.all((centre + reach >= low) & (centre - reach <= high), axis=1))
         count = tree.query_ball_point(centre[boxed], radius[boxed], return_length=True)

@@ -102,7 +102,8 @@ def test_run_prints_verdict_and_json(sdm, aileron_mesh, tmp_path):
 
 
 @pytest.mark.mesher
-def test_interrupt_leaves_previous_results(tmp_path):
+@pytest.mark.parametrize("request_to_end", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_leaves_previous_results(tmp_path, request_to_end):
     folder = tmp_path / "results"
     folder.mkdir()
     (folder / "metrics.json").write_text("previous")
@@ -114,7 +115,7 @@ def test_interrupt_leaves_previous_results(tmp_path):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:  # fmt: skip
         wait_until_meshing(process.pid)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(request_to_end)
         process.wait(timeout=30)
     assert process.returncode == 130
     assert (folder / "metrics.json").read_text() == "previous"
@@ -125,7 +126,7 @@ def test_interrupt_leaves_previous_results(tmp_path):
 def wait_until_meshing(pid: int) -> None:
     """Wait until the mesher's subprocess runs."""
     deadline = time.monotonic() + 60.0
-    while not children(pid):
+    while not any(b"meshing." in Path(f"/proc/{child}/cmdline").read_bytes() for child in children(pid)):
         assert time.monotonic() < deadline, "the mesher did not start within a minute"
         time.sleep(0.2)
     time.sleep(2.0)
