@@ -19,6 +19,8 @@ CENTERS, INSIDE, WHOLE = 2_200, 80_261, 623_387
 SITES = 25_896
 FEW = 256  # centres
 OURS = "this package"
+SETTLING = 0.2
+"""Seconds of each sum before it is timed: threads of another's OpenBLAS or OpenMP spin for 0.1 s after their work."""
 
 
 def results(rounds: int, peers: Iterable[str]) -> Iterator[Result]:
@@ -52,7 +54,7 @@ def _beside_peers(rounds: int, peers: Iterable[str]) -> Iterator[Result]:
     actions, missing = available(sum_, peers)
     everyone = {OURS: lambda: ours(sum_.points), **actions}
     warm(everyone)
-    times = side_by_side(everyone, rounds)
+    times = side_by_side(everyone, rounds, SETTLING)
     names = {"C, one direction": "evaluation_vs_c", "SciPy RBFInterpolator": "evaluation_vs_scipy"}
     for peer in actions:
         slug = names.get(peer, "evaluation_vs_" + peer.split()[0].strip(",").lower().replace("-", "_"))

@@ -37,13 +37,16 @@ def warm(actions: Mapping[str, Action]) -> None:
         action()
 
 
-def side_by_side(actions: Mapping[str, Action], rounds: int) -> Times:
-    """Run all actions in turn, `rounds` times."""
-    rows = [[_seconds(action) for action in actions.values()] for _ in range(rounds)]
+def side_by_side(actions: Mapping[str, Action], rounds: int, settling: float = 0.0) -> Times:
+    """Run all actions in turn, `rounds` times, each untimed for so many seconds before it is timed once."""
+    rows = [[_seconds(action, settling) for action in actions.values()] for _ in range(rounds)]
     return Times(tuple(actions), np.array(rows))
 
 
-def _seconds(action: Action) -> float:
+def _seconds(action: Action, settling: float) -> float:
+    start = perf_counter()
+    while perf_counter() - start < settling:
+        action()
     start = perf_counter()
     action()
     return perf_counter() - start
