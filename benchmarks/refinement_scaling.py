@@ -28,7 +28,7 @@ from deform.volume import fused
 from geometry.aircraft import build
 from meshing.child import peak_bytes
 from meshing.generate import generate
-from meshing.mesh import BoolArray, IntArray, TetMesh
+from meshing.mesh import TetMesh
 from meshing.parameters import SCALES, MeshParameters
 from meshing.quality import mean_ratio
 from meshing.refine import refined
@@ -104,7 +104,7 @@ def size(mesh: TetMesh, case: Case, first: Interpolant, refinements: int, made: 
     """Measure on one mesh; `made` is what its last refinement took."""
     found, cost = measured(partial(turned, mesh, case))
     hexahedron, inside = found.turn.region.hexahedron, found.turn.region.inside
-    cells = mesh.tets[touching(mesh, inside)]
+    cells = mesh.tets[mesh.touching(inside)]
     return Size(
         refinements=refinements,
         points=len(mesh.points),
@@ -128,13 +128,6 @@ def size(mesh: TetMesh, case: Case, first: Interpolant, refinements: int, made: 
 def turned(mesh: TetMesh, case: Case) -> Deflected:
     """Deflect the case's control surface."""
     return deflect(mesh, case, case.deflections[0], lambda text, fraction: None)
-
-
-def touching(mesh: TetMesh, nodes: IntArray) -> BoolArray:
-    """True (M,) for the cells of a mesh with one of the nodes (K,)."""
-    chosen = np.zeros(len(mesh.points), dtype=bool)
-    chosen[nodes] = True
-    return np.asarray(chosen[mesh.tets].any(axis=1))
 
 
 def measured(action: Callable[[], T]) -> tuple[T, Cost]:

@@ -56,7 +56,7 @@ def deflect(mesh: TetMesh, case: Case, deflection: Deflection, report: Report) -
 def carried_out(mesh: TetMesh, case: Case, turn: Turn, report: Report) -> Deflected:
     """Carry out what one surface is to do, in as many steps as `deflect` says."""
     move, start = mover(case, mesh, turn.surface), mesh.points[turn.motion.nodes]
-    cells, count = touching(mesh, turn.region), 1
+    cells, count = mesh.tets[mesh.touching(turn.region.inside)], 1
     while True:
         between = [start + move(turn.angle * k / count).displacements for k in range(1, count)]
         targets = [*between, start + turn.motion.displacements]
@@ -69,14 +69,7 @@ def carried_out(mesh: TetMesh, case: Case, turn: Turn, report: Report) -> Deflec
 
 def inside_quality(mesh: TetMesh, region: Region, points: FloatArray) -> QualitySummary:
     """Quality of the cells that touch the hexahedron, with the nodes of the mesh at `points` (N, 3)."""
-    return summarise(mean_ratio(points, touching(mesh, region)))
-
-
-def touching(mesh: TetMesh, region: Region) -> IndexArray:
-    """Cells (C, 4) with a node inside the hexahedron."""
-    inside = np.zeros(len(mesh.points), dtype=bool)
-    inside[region.inside] = True
-    return mesh.tets[inside[mesh.tets].any(axis=1)]
+    return summarise(mean_ratio(points, mesh.tets[mesh.touching(region.inside)]))
 
 
 def follow(

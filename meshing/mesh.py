@@ -78,6 +78,12 @@ class TetMesh:
         wanted = np.isin(self.patch, [self._index(name) for name in names])
         return np.unique(self.triangles[wanted])
 
+    def touching(self, nodes: IntArray) -> BoolArray:
+        """True for cells (M,) with any of these nodes (K,)."""
+        chosen = np.zeros(len(self.points), dtype=bool)
+        chosen[nodes] = True
+        return np.asarray(chosen[self.tets].any(axis=1))
+
     def with_points(self, points: FloatArray) -> TetMesh:
         """The same cells and patches on moved nodes (N, 3).
 

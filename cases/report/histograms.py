@@ -28,7 +28,7 @@ def pair(run: Run, axes: Axes, title: str) -> str:
     """Draw the histograms of one run: of the whole mesh as in the paper, and of the cells that touch the hexahedron."""
     before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
     region = run.deflections[0].turn.region
-    near = np.isin(run.mesh.tets, region.inside).any(axis=1)
+    near = run.mesh.touching(region.inside)
     bars(axes, after, "deflected", color="#d55e00", alpha=0.5, fill=True)
     bars(axes, before, "undeflected", color="black", lw=1.4)
     bars(axes, after[near], "deflected, at the hexahedron", color="#0072b2", lw=1.8)

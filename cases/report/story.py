@@ -57,7 +57,7 @@ class Outcome:
 
     def touching(self, turn: Turn) -> BoolArray:
         """True for cells (M,) with a node inside the hexahedron of a control surface."""
-        return np.asarray(np.isin(self.mesh.tets, turn.region.inside).any(axis=1))
+        return self.mesh.touching(turn.region.inside)
 
     def judged(self, checks: tuple[Check, ...], figures: Json) -> "Story":
         """Return the story with the validation and the content of metrics.json."""

@@ -59,8 +59,7 @@ def section(run: Run, mesh: TetMesh) -> View:
 def cut(run: Run, middle: FloatArray) -> BoolArray:
     """True for cells (M,) that touch the hexahedron and lie inboard of the cut; chosen before the deflection."""
     region, centre = run.deflections[0].turn.region, centroids(run.mesh)
-    touching = np.isin(run.mesh.tets, region.inside).any(axis=1)
-    return np.asarray(touching & (np.abs(centre[:, 1]) < abs(middle[1])))
+    return np.asarray(run.mesh.touching(region.inside) & (np.abs(centre[:, 1]) < abs(middle[1])))
 
 
 def panel(run: Run, mesh: TetMesh) -> View:

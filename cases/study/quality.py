@@ -1,6 +1,5 @@
 """What the paper reads off its quality histograms, judged on our meshes."""
 
-import numpy as np
 
 from cases.run import Run
 from cases.study.paper import QualityStatement
@@ -23,7 +22,7 @@ def judged(theirs: QualityStatement, run: Run) -> Finding:
     """Count the cells below the mean ratio that the paper names, before and after."""
     before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
     region = run.deflections[0].turn.region
-    near = np.isin(run.mesh.tets, region.inside).any(axis=1)
+    near = run.mesh.touching(region.inside)
     old, new = before < theirs.below, after < theirs.below
     holds = not new.any() if theirs.finding == "none" else new.sum() - old.sum() <= VISIBLE * len(new)
     return Finding(

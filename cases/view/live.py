@@ -75,7 +75,7 @@ class Live:
         stored = Stored.of(folder)
         parts = tuple(Part.of(stored, one) for one in stored.case.deflections)
         inside = np.concatenate([part.changed for part in parts])
-        touched = np.isin(stored.mesh.tets, inside).any(axis=1)
+        touched = stored.mesh.touching(inside)
         live = cls(stored.case, stored.mesh, parts, stored.mesh.tets[touched], stored.mesh.tets[~touched])
         if np.abs(live.at(stored.case.angle).points - stored.deflected).max() > SAME_MESH:
             raise stored.foreign("deflected.vtu")

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.refinement_scaling import Size, fastest, measured, table, touching
+from benchmarks.refinement_scaling import Size, fastest, measured, table
 from meshing.mesh import TetMesh
 from meshing.refine import split
 
@@ -15,11 +15,6 @@ def corner() -> TetMesh:
     skin = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
     one = TetMesh(points, np.array([[0, 1, 2, 3]]), skin, np.ones(4, int), np.full(4, -1), ("volume", "skin"))
     return split(one)
-
-
-def test_cells_of_a_node_are_found(corner: TetMesh) -> None:
-    assert touching(corner, np.array([0])).sum() == 1
-    assert touching(corner, np.arange(len(corner.points))).all()
 
 
 def test_memory_of_an_action_is_seen() -> None:

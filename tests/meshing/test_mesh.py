@@ -19,6 +19,13 @@ def test_triangles_of_a_patch_are_only_its_own(cube: TetMesh) -> None:
     assert len(cube.triangles_of("low")) + len(cube.triangles_of("rest")) == len(cube.triangles)
 
 
+def test_cells_that_touch_nodes_are_found(cube: TetMesh) -> None:
+    expected = [bool({0, 7} & set(cell)) for cell in cube.tets.tolist()]
+    assert cube.touching(np.array([0, 7])).tolist() == expected
+    assert 0 < sum(expected) < len(cube.tets)
+    assert not cube.touching(np.array([], dtype=np.intp)).any()
+
+
 def test_triangles_point_out_of_the_fluid(cube: TetMesh) -> None:
     a, b, c = (cube.points[cube.triangles[:, i]] for i in range(3))
     enclosed = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0
