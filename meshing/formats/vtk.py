@@ -16,7 +16,7 @@ from meshing.formats.guard import about, check_points, fresh
 from meshing.formats.vtk_grid import mesh_of
 from meshing.formats.vtk_write import encode_like, grid_of
 from meshing.mesh import FloatArray
-from meshing.vtu import FormatError, read_grid
+from meshing.vtu import FAST, FormatError, read_grid
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,5 +80,6 @@ def _grid(path: Path) -> vtkUnstructuredGrid:
 def _write(writer: vtkXMLUnstructuredGridWriter, grid: vtkUnstructuredGrid, beside: Path, out: Path) -> None:
     writer.SetFileName(str(beside))
     writer.SetInputData(grid)
+    writer.SetCompressionLevel(FAST)
     if not writer.Write():
         raise MeshFileError(f"{out}: could not be written")
