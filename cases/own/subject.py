@@ -51,7 +51,7 @@ class Subject:
                 )
 
     def named(self, wanted: Sequence[str], what: str) -> tuple[str, ...]:
-        """Return the patches that names and wildcards (``wing*``) stand for.
+        """Return the patches that names and wildcards (``wing*``, in any zone) stand for.
 
         Raises
         ------
@@ -60,7 +60,7 @@ class Subject:
         """
         found: list[str] = []
         for text in wanted:
-            some = [text] if text in self.nodes else [name for name in self.nodes if fnmatchcase(name, text)]
+            some = [text] if text in self.nodes else [name for name in self.nodes if meant(text, name)]
             if not some:
                 raise InputError(f"{self.name}: {what} {text!r} is no patch; {self._nearest(text)}")
             found += [name for name in some if name not in found]
@@ -79,6 +79,12 @@ class Subject:
         if close:
             return f"did you mean {', '.join(close)}?"
         return f"the patches are {', '.join(self.nodes) or 'none'}"
+
+
+def meant(wildcard: str, patch: str) -> bool:
+    """True if the wildcard stands for the patch, or for its name without that of its zone."""
+    own = patch.rpartition("/")[2]
+    return fnmatchcase(patch, wildcard) or (wildcard != own and fnmatchcase(own, wildcard))
 
 
 def subject_of(mesh: FlowMesh, name: str = "mesh") -> Subject:

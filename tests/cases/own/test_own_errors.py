@@ -10,6 +10,7 @@ from examples import hybrid
 from cases.errors import InputError
 from cases.own import deflect
 from cases.own.region import Region
+from cases.own.subject import Subject
 from meshing.formats.flow import Cells, Patch
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
@@ -173,3 +174,13 @@ def test_zones_that_fit_must_deform_together():
     assert Region is not None
     with pytest.raises(InputError):
         deflect(mesh, ("roof",), HINGE, 5.0)
+
+
+def test_a_wildcard_stands_for_a_patch_in_every_zone_and_a_plain_name_does_not():
+    names = ("block/wing_left", "background/wing_left", "wing_right", "tail")
+    points = np.zeros((1, 3))
+    subject = Subject(points, {name: np.array([0]) for name in names}, {}, (), (), "pair.cgns")
+    assert subject.named(["wing*"], "--fixed") == names[:3]
+    assert subject.named(["block/*"], "--fixed") == names[:1]
+    with pytest.raises(InputError, match=r"'wing_left' is no patch; did you mean .*block/wing_left"):
+        subject.named(["wing_left"], "--fixed")
