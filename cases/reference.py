@@ -28,6 +28,7 @@ Mode = Literal["rigid", "blended"]
 Deflections = Mapping[str, Deflection]
 
 SECONDS = 600.0
+"""Time that the CAD kernel may take."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,5 @@
 import json
+from time import sleep
 
 import numpy as np
 import pytest
@@ -21,6 +22,15 @@ def test_actions_take_turns():
     assert "".join(order) == "ab" * 3
     assert times.seconds.shape == (2, 2)
     assert (times.seconds >= 0.0).all()
+
+
+def test_actions_settle_before_they_are_timed():
+    calls = []
+    action = {"a": lambda: (calls.append("a"), sleep(0.02))}
+    assert side_by_side(action, 2, settling=0.01).seconds.shape == (2, 1)
+    assert len(calls) == 2 * (1 + 1)
+    side_by_side(action, 2)
+    assert len(calls) == 6
 
 
 @pytest.mark.parametrize("power", [0.5, 1.0, 2.1])
