@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from meshing.formats.flow import Cells, FlowMesh, Patch
-from meshing.formats.registry import FORMATS
-from meshing.mesh import IntArray
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch
+from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.mesh import IntArray
 
 FORMAT_NAMES = ("su2", "cgns")
 

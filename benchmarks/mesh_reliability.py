@@ -13,12 +13,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 
-from geometry.aircraft import build
-from geometry.model import CadModel
-from geometry.parameters import Fighter
-from meshing.errors import MeshingError
-from meshing.generate import generate
-from meshing.parameters import SCALES, MeshParameters
+from sdm_deflect.geometry.aircraft import build
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.generate import generate
+from sdm_deflect.meshing.parameters import SCALES, MeshParameters
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,18 +20,18 @@ import numpy as np
 
 from benchmarks.measure import exponent
 from benchmarks.results import machine
-from cases.case import Case
-from cases.deflect import Deflected, deflect
-from cases.registry import case_named
-from deform.interpolant import Interpolant
-from deform.volume import fused
-from geometry.aircraft import build
-from meshing.child import peak_bytes
-from meshing.generate import generate
-from meshing.mesh import TetMesh
-from meshing.parameters import SCALES, MeshParameters
-from meshing.quality import mean_ratio
-from meshing.refine import refined
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.deflect import Deflected, deflect
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.deform.interpolant import Interpolant
+from sdm_deflect.deform.volume import fused
+from sdm_deflect.geometry.aircraft import build
+from sdm_deflect.meshing.child import peak_bytes
+from sdm_deflect.meshing.generate import generate
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.parameters import SCALES, MeshParameters
+from sdm_deflect.meshing.quality import mean_ratio
+from sdm_deflect.meshing.refine import refined
 
 T = TypeVar("T")
 

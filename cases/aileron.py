@@ -1,6 +1,6 @@
 """Case 5.1: the left aileron without a gap, blended chordwise and, beside the wing, spanwise."""
 
-from cases.case import Case, Deflection
+from sdm_deflect.cases.case import Case, Deflection
 
 AILERON = Case(
     name="aileron",

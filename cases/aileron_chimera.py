@@ -1,7 +1,7 @@
 """Case 5.2: the left aileron behind a spanwise gap, in a Chimera block of its own."""
 
-from cases.case import AdaptationSettings, Case, Confinement, Deflection
-from geometry.parameters import Aileron, Fighter
+from sdm_deflect.cases.case import AdaptationSettings, Case, Confinement, Deflection
+from sdm_deflect.geometry.parameters import Aileron, Fighter
 
 AILERON_CHIMERA = Case(
     name="aileron-chimera",

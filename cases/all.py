@@ -1,6 +1,6 @@
 """Every control surface at once, each in a hexahedron of its own."""
 
-from cases.case import Case, Deflection
+from sdm_deflect.cases.case import Case, Deflection
 
 ALL = Case(
     name="all",

@@ -1,10 +1,10 @@
 """The CAD of a case, undeflected and deflected."""
 
-from cases.case import Case
-from cases.reference import turned
-from geometry import domain
-from geometry.aircraft import build
-from geometry.model import CadModel
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.reference import turned
+from sdm_deflect.geometry import domain
+from sdm_deflect.geometry.aircraft import build
+from sdm_deflect.geometry.model import CadModel
 
 
 def undeflected_cad(case: Case) -> CadModel:

@@ -5,12 +5,12 @@ from typing import Literal
 
 import numpy as np
 
-from deform.hexahedron import Hexahedron
-from deform.selection import GreedyOptions, Rule, Separated, Worst
-from geometry.chimera import BlockParameters
-from geometry.parameters import Fighter
-from geometry.quantity import check_quantities, quantity
-from meshing.parameters import SCALES, MeshParameters
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.selection import GreedyOptions, Rule, Separated, Worst
+from sdm_deflect.geometry.chimera import BlockParameters
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.quantity import check_quantities, quantity
+from sdm_deflect.meshing.parameters import SCALES, MeshParameters
 
 Domain = Literal["aircraft", "block"]
 """What is meshed: the flow around the aircraft, or a Chimera block around the (one) aileron."""

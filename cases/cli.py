@@ -8,12 +8,12 @@ from typing import Any, NoReturn
 import click
 from rich.console import Console
 
-from cases.cli_deflect import deflect
-from cases.cli_doctor import doctor
-from cases.cli_export import export
-from cases.cli_report import report
-from cases.cli_study import study
-from cases.cli_view import view
+from sdm_deflect.cases.cli_deflect import deflect
+from sdm_deflect.cases.cli_doctor import doctor
+from sdm_deflect.cases.cli_export import export
+from sdm_deflect.cases.cli_report import report
+from sdm_deflect.cases.cli_study import study
+from sdm_deflect.cases.cli_view import view
 
 FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 FILE = click.Path(path_type=Path)
@@ -31,7 +31,7 @@ def cli() -> None:
 @cli.command("list")
 def list_cases() -> None:
     """List the cases with their default angle."""
-    from cases.registry import CASES
+    from sdm_deflect.cases.registry import CASES
 
     for case in CASES.values():
         print(f"{case.name:<18}{case.angle:+6.1f} deg  {case.title}")
@@ -51,14 +51,14 @@ def list_cases() -> None:
 @click.option("--verbose", is_flag=True, help="Progress as lines instead of bars: all that is reported.")
 def run(case: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any) -> int:
     """Run a case: geometry, mesh, deformation, validation, report."""
-    from cases.resolve import resolve
+    from sdm_deflect.cases.resolve import resolve
 
     resolved = resolve(case, **given)
 
-    from cases.console import console, summary
-    from cases.output import output_folder
-    from cases.pipeline import run_case
-    from cases.progress import Stopwatch, shown
+    from sdm_deflect.cases.console import console, summary
+    from sdm_deflect.cases.output import output_folder
+    from sdm_deflect.cases.pipeline import run_case
+    from sdm_deflect.cases.progress import Stopwatch, shown
 
     folder = out or Path("runs") / resolved.name
     bars = shown(Console(stderr=True), quiet=quiet or (as_json and not verbose), verbose=verbose)
@@ -78,14 +78,14 @@ def run(case: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, ve
 @set_option
 def geometry(out: Path, case: str, angle: float | None, assignments: tuple[str, ...]) -> None:
     """Write the CAD alone, deflected by --angle (default 0)."""
-    from cases.errors import InputError
-    from cases.resolve import resolve
+    from sdm_deflect.cases.errors import InputError
+    from sdm_deflect.cases.resolve import resolve
 
     resolved = resolve(case, angle=angle or 0.0, assignments=assignments)
     if out.suffix not in (".step", ".brep", ".stl"):
         raise InputError(f"--out {out}: the suffix must be .step, .brep or .stl")
 
-    from cases.cad import deflected_cad, undeflected_cad
+    from sdm_deflect.cases.cad import deflected_cad, undeflected_cad
 
     with Console(stderr=True).status("building the CAD"):
         model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)
@@ -100,8 +100,8 @@ def geometry(out: Path, case: str, angle: float | None, assignments: tuple[str, 
 @click.argument("folder", type=FILE)
 def validate(folder: Path) -> int:
     """Repeat the validation of a finished run from its files."""
-    from cases.console import console, verdict
-    from cases.finished import validate_folder
+    from sdm_deflect.cases.console import console, verdict
+    from sdm_deflect.cases.finished import validate_folder
 
     with Console(stderr=True).status("building the deflected CAD"):
         checks = validate_folder(folder)
@@ -118,19 +118,19 @@ def validate(folder: Path) -> int:
 @set_option
 def limit(case: str, scale: str, threshold: float, resolution: float, out: Path | None, **given: Any) -> None:
     """Find the largest angle of each sign that inverts no cell and keeps a quality, by bisection."""
-    from cases.errors import InputError
-    from cases.resolve import resolve
+    from sdm_deflect.cases.errors import InputError
+    from sdm_deflect.cases.resolve import resolve
 
     resolved = resolve(case, scale, **given)
     for name, value, high in (("quality", threshold, 1.0), ("resolution", resolution, 30.0)):
         if not 0.0 < value < high:
             raise InputError(f"--{name} {value:g} must be between 0 and {high:g}")
 
-    from cases.console import console
-    from cases.limit import find_limits, write_limits
-    from cases.output import output_folder
-    from cases.pipeline import meshed
-    from cases.progress import Bars, Stopwatch
+    from sdm_deflect.cases.console import console
+    from sdm_deflect.cases.limit import find_limits, write_limits
+    from sdm_deflect.cases.output import output_folder
+    from sdm_deflect.cases.pipeline import meshed
+    from sdm_deflect.cases.progress import Bars, Stopwatch
 
     folder = out or Path("runs") / f"{resolved.name}-limit"
     with output_folder(folder) as scratch, Bars(Console(stderr=True)) as bars:
@@ -146,7 +146,7 @@ def limit(case: str, scale: str, threshold: float, resolution: float, out: Path 
 @click.argument("mesh", type=FILE)
 def quality(mesh: Path) -> None:
     """Print points, cells, patches, quality and inverted cells of a mesh file."""
-    from cases.inspection import inspect
+    from sdm_deflect.cases.inspection import inspect
 
     print(inspect(mesh))
 
@@ -155,7 +155,7 @@ def quality(mesh: Path) -> None:
 @click.option("--clear", is_flag=True, help="Delete the cached meshes.")
 def cache(clear: bool) -> None:
     """Show where meshes are cached and how much they take."""
-    from meshing.cache import MeshCache, default_folder
+    from sdm_deflect.meshing.cache import MeshCache, default_folder
 
     store = MeshCache(default_folder())
     if clear:
@@ -175,7 +175,7 @@ cli.add_command(view)
 
 def main() -> NoReturn:
     """Entry point: one line on stderr and a code that tells what went wrong; never a traceback for a mistake."""
-    from cases.errors import is_reported
+    from sdm_deflect.cases.errors import is_reported
 
     signal(SIGTERM, default_int_handler)  # batch systems and service managers ask to end like this
     try:

@@ -7,7 +7,7 @@ import click
 from rich.console import Console
 
 if TYPE_CHECKING:
-    from cases.own.job import Job
+    from sdm_deflect.cases.own.job import Job
 
 FAILED = 1
 FILE = click.Path(path_type=Path)
@@ -47,10 +47,10 @@ def deflect(mesh: Path, out: Path | None, dry_run: bool, quiet: bool, verbose: b
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
-    from cases.console import console
-    from cases.own import carried_out, files, tables
-    from cases.own.config import angles_from
-    from cases.progress import Stopwatch, shown
+    from sdm_deflect.cases.console import console
+    from sdm_deflect.cases.own import carried_out, files, tables
+    from sdm_deflect.cases.own.config import angles_from
+    from sdm_deflect.cases.progress import Stopwatch, shown
 
     text = given.pop("angles")
     extras = frozenset(name for name in ("sensitivity", "json") if given.pop(name))
@@ -76,7 +76,7 @@ def deflect(mesh: Path, out: Path | None, dry_run: bool, quiet: bool, verbose: b
 
 def _job(given: dict[str, Any], angle: float | None) -> "Job":
     """Return the job of a configuration file with the options of the command line in their place."""
-    from cases.own.config import job_from, read_config
+    from sdm_deflect.cases.own.config import job_from, read_config
 
     config = given.pop("config")
     nested = read_config(config) if config else {}
@@ -106,7 +106,7 @@ def _in_proportion(surfaces: list[dict[str, Any]], angle: float | None) -> list[
 
 
 def _slide(text: str) -> tuple[str, str]:
-    from cases.errors import InputError
+    from sdm_deflect.cases.errors import InputError
 
     name, colon, shape = text.rpartition(":")
     if not colon or not name:
@@ -115,7 +115,7 @@ def _slide(text: str) -> tuple[str, str]:
 
 
 def _steps(text: str) -> int:
-    from cases.errors import InputError
+    from sdm_deflect.cases.errors import InputError
 
     if not text.isdigit() or int(text) < 1:
         raise InputError(f"--steps {text}: must be auto or a whole number from 1")

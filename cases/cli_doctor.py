@@ -11,8 +11,8 @@ from rich.console import Console
 @click.option("--json", "as_json", is_flag=True, help="Print the findings for a machine.")
 def doctor(as_json: bool) -> int:
     """Check libraries, graphics, threads, cache, disk and memory, and say what to install."""
-    from cases.console import console, findings
-    from cases.doctor import examined
+    from sdm_deflect.cases.console import console, findings
+    from sdm_deflect.cases.doctor import examined
 
     with Console(stderr=True).status("looking"):
         found = list(examined())

@@ -15,9 +15,9 @@ FILE = click.Path(path_type=Path)
 @click.option("--out", type=FILE, help="File to write, for OpenFOAM a new folder (default: beside RUN).")
 def export(run: Path, form: str, which: str, out: Path | None) -> None:
     """Write a finished run's mesh in a flow solver's format, boundary names included."""
-    from cases.errors import InputError
-    from cases.export import WHICH, export_run
-    from meshing.formats.registry import FORMATS
+    from sdm_deflect.cases.errors import InputError
+    from sdm_deflect.cases.export import WHICH, export_run
+    from sdm_deflect.meshing.formats.registry import FORMATS
 
     for name, value, possible in (("format", form, tuple(FORMATS)), ("which", which, WHICH)):
         if value not in possible:

@@ -10,10 +10,10 @@ from rich.console import Console
 @click.argument("folder", type=click.Path(path_type=Path))
 def report(folder: Path) -> int:
     """Make report.html and figures/ of a finished run anew from its files."""
-    from cases.output import output_folder
-    from cases.report.gallery import drawn
-    from cases.report.page import write_report
-    from cases.report.story import of_folder
+    from sdm_deflect.cases.output import output_folder
+    from sdm_deflect.cases.report.gallery import drawn
+    from sdm_deflect.cases.report.page import write_report
+    from sdm_deflect.cases.report.story import of_folder
 
     with Console(stderr=True).status("validating again"):
         story = of_folder(folder)

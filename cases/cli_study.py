@@ -7,7 +7,7 @@ import click
 from rich.console import Console
 
 if TYPE_CHECKING:
-    from cases.progress import Display
+    from sdm_deflect.cases.progress import Display
 
 TABLES = ("table1", "table2", "table3", "table4")
 PAGE = "page"
@@ -21,10 +21,10 @@ PAGE = "page"
 @click.option("--quiet", is_flag=True, help="No progress bars.")
 def study(name: str, scale: str, out: Path | None, cache: bool, quiet: bool) -> None:
     """Measure a table of the paper and write it as .csv, .md and .png; page: all tables and figures."""
-    from cases.errors import InputError
-    from cases.output import output_folder
-    from cases.progress import Bars, Silent
-    from cases.registry import case_named
+    from sdm_deflect.cases.errors import InputError
+    from sdm_deflect.cases.output import output_folder
+    from sdm_deflect.cases.progress import Bars, Silent
+    from sdm_deflect.cases.registry import case_named
 
     try:
         case_named("aileron", scale)
@@ -42,9 +42,9 @@ def study(name: str, scale: str, out: Path | None, cache: bool, quiet: bool) -> 
 
 def _written(name: str, scale: str, folder: Path, display: "Display", cache: bool) -> str:
     """Write the files of a study into `folder` and return its text."""
-    from cases.progress import Stopwatch
-    from cases.study.carried import run_study, write_study
-    from cases.study.page import write_page
+    from sdm_deflect.cases.progress import Stopwatch
+    from sdm_deflect.cases.study.carried import run_study, write_study
+    from sdm_deflect.cases.study.page import write_page
 
     if name == PAGE:
         write_page(scale, folder, display, cache)

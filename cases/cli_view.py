@@ -17,14 +17,14 @@ def view(run: Path, port: int, show: bool) -> None:
     """
     from rich.console import Console
 
-    from cases.view.live import Live
-    from cases.view.serve import check_free, serve
+    from sdm_deflect.cases.view.live import Live
+    from sdm_deflect.cases.view.serve import check_free, serve
 
     if port:
         check_free(port)
     with Console(stderr=True).status("reading the run and factorising"):
-        from cases.view.control import Control
-        from cases.view.page import Page
+        from sdm_deflect.cases.view.control import Control
+        from sdm_deflect.cases.view.page import Page
 
         page = Page(Control.of(Live.of(run)))
     serve(page, port, show)

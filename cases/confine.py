@@ -6,14 +6,14 @@ from time import perf_counter
 
 import numpy as np
 
-from cases.case import Case, Strategy
-from cases.motion import BoolArray, IndexArray, SurfaceMotion
-from cases.zero_sites import BLOCK, ON_FACE, on_gap_faces, zero_sites
-from deform.hexahedron import Hexahedron
-from deform.sites import DataSites, multivariate, univariate
-from geometry import datum
-from geometry.confinement import hexahedron_corners
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import Case, Strategy
+from sdm_deflect.cases.motion import BoolArray, IndexArray, SurfaceMotion
+from sdm_deflect.cases.zero_sites import BLOCK, ON_FACE, on_gap_faces, zero_sites
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.sites import DataSites, multivariate, univariate
+from sdm_deflect.geometry import datum
+from sdm_deflect.geometry.confinement import hexahedron_corners
+from sdm_deflect.meshing.mesh import TetMesh
 
 DIRECTIONS = ("x", "y", "z")
 

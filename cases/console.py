@@ -9,12 +9,12 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from cases.metrics import Json, metrics
-from cases.run import Run
-from cases.validation import Check
+from sdm_deflect.cases.metrics import Json, metrics
+from sdm_deflect.cases.run import Run
+from sdm_deflect.cases.validation import Check
 
 if TYPE_CHECKING:
-    from cases.doctor import Finding
+    from sdm_deflect.cases.doctor import Finding
 
 WIDTH = 160
 """Columns of a table that goes to a file or a pipe."""

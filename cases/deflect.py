@@ -5,18 +5,18 @@ from time import perf_counter
 
 import numpy as np
 
-from cases.case import Case, Deflection
-from cases.confine import GROUPINGS, Region
-from cases.fitting import fit_group
-from cases.motion import FloatArray, IndexArray
-from cases.motions import mover
-from cases.progress import Report
-from cases.turn import Turn, turn_of
-from deform.greedy import Adaptation
-from deform.sites import DataSites
-from deform.volume import fused
-from meshing.mesh import TetMesh
-from meshing.quality import QualitySummary, mean_ratio, signed_volumes, summarise
+from sdm_deflect.cases.case import Case, Deflection
+from sdm_deflect.cases.confine import GROUPINGS, Region
+from sdm_deflect.cases.fitting import fit_group
+from sdm_deflect.cases.motion import FloatArray, IndexArray
+from sdm_deflect.cases.motions import mover
+from sdm_deflect.cases.progress import Report
+from sdm_deflect.cases.turn import Turn, turn_of
+from sdm_deflect.deform.greedy import Adaptation
+from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.deform.volume import fused
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import QualitySummary, mean_ratio, signed_volumes, summarise
 
 MAX_STEPS = 8
 

@@ -12,10 +12,10 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
-from cases.report.offscreen import RenderError, rendered
-from cases.report.scene import View, plain
-from cases.surroundings import blas, usable_cores, versions
-from meshing.cache import MeshCache, default_folder
+from sdm_deflect.cases.report.offscreen import RenderError, rendered
+from sdm_deflect.cases.report.scene import View, plain
+from sdm_deflect.cases.surroundings import blas, usable_cores, versions
+from sdm_deflect.meshing.cache import MeshCache, default_folder
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
 INSTALL = f"on Debian or Ubuntu: apt-get install -y --no-install-recommends {PACKAGES}"

@@ -7,13 +7,13 @@ class InputError(ValueError):
 
 def is_reported(error: Exception) -> bool:
     """True for errors whose message tells the user what is wrong; any other exception is a defect of ours."""
-    from cases.confine import ConfinementError
-    from cases.output import OutputError
-    from deform.interpolant import SolveError
-    from geometry.errors import CadError
-    from meshing.errors import MeshingError
-    from meshing.formats.format import MeshFileError
-    from meshing.vtu import FormatError
+    from sdm_deflect.cases.confine import ConfinementError
+    from sdm_deflect.cases.output import OutputError
+    from sdm_deflect.deform.interpolant import SolveError
+    from sdm_deflect.geometry.errors import CadError
+    from sdm_deflect.meshing.errors import MeshingError
+    from sdm_deflect.meshing.formats.format import MeshFileError
+    from sdm_deflect.meshing.vtu import FormatError
 
     return isinstance(
         error,

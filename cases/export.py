@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cases.errors import InputError
-from cases.export_foam import write_case
-from meshing.formats.flow import Cells, FlowMesh, Patch
-from meshing.formats.format import Progress, silent
-from meshing.formats.openfoam import OpenFoam
-from meshing.formats.registry import FORMATS
-from meshing.formats.zones import joined
-from meshing.mesh import TetMesh
-from meshing.vtu import read_vtu
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.export_foam import write_case
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch
+from sdm_deflect.meshing.formats.format import Progress, silent
+from sdm_deflect.meshing.formats.openfoam import OpenFoam
+from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.formats.zones import joined
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.vtu import read_vtu
 
 WHICH = ("deflected", "undeflected")
 WITH_ZONES = ("cgns",)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from meshing.formats.flow import FlowMesh
-from meshing.formats.folder import fresh_folder
-from meshing.formats.format import Progress
-from meshing.formats.openfoam import MESH, OpenFoam
-from meshing.formats.openfoam_boundary import parse
-from meshing.formats.openfoam_file import open_foam
-from meshing.formats.openfoam_write import header
+from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.meshing.formats.folder import fresh_folder
+from sdm_deflect.meshing.formats.format import Progress
+from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
+from sdm_deflect.meshing.formats.openfoam_boundary import parse
+from sdm_deflect.meshing.formats.openfoam_file import open_foam
+from sdm_deflect.meshing.formats.openfoam_write import header
 
 SPEED = 10.0
 """Speed (m/s) of the free stream along x."""

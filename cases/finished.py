@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 
-from cases.case import Case
-from cases.errors import InputError
-from cases.reference import reference
-from cases.resolve import resolve
-from cases.turn import turn_of
-from cases.validate import validate
-from cases.validation import Check
-from meshing.mesh import TetMesh
-from meshing.vtu import read_vtu
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.reference import reference
+from sdm_deflect.cases.resolve import resolve
+from sdm_deflect.cases.turn import turn_of
+from sdm_deflect.cases.validate import validate
+from sdm_deflect.cases.validation import Check
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.vtu import read_vtu
 
 
 def validate_folder(folder: Path) -> tuple[Check, ...]:

@@ -4,16 +4,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cases.case import RULES, AdaptationSettings
-from cases.confine import DIRECTIONS
-from cases.progress import Report
-from deform.duplicates import IndexArray
-from deform.factor import Grown
-from deform.greedy import Adaptation, Basis, adapt
-from deform.kernels import ThinPlateSpline
-from deform.problem import Problem
-from deform.reduction import farthest
-from deform.sites import DataSites
+from sdm_deflect.cases.case import RULES, AdaptationSettings
+from sdm_deflect.cases.confine import DIRECTIONS
+from sdm_deflect.cases.progress import Report
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.factor import Grown
+from sdm_deflect.deform.greedy import Adaptation, Basis, adapt
+from sdm_deflect.deform.kernels import ThinPlateSpline
+from sdm_deflect.deform.problem import Problem
+from sdm_deflect.deform.reduction import farthest
+from sdm_deflect.deform.sites import DataSites
 
 Start = Callable[[Problem, IndexArray], Basis]
 """Makes the first interpolant of an adaptation: the problem, and the rows of the initial centres."""

@@ -1,11 +1,11 @@
 """Meshes made from the CAD of a case: what a run needs only when the cache has no mesh for it."""
 
-from cases.cad import background_cad, undeflected_cad
-from cases.case import Case
-from cases.progress import Stopwatch
-from geometry.model import CadModel
-from meshing.generate import Finer, Generated, generate
-from meshing.parameters import MeshParameters
+from sdm_deflect.cases.cad import background_cad, undeflected_cad
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.progress import Stopwatch
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.generate import Finer, Generated, generate
+from sdm_deflect.meshing.parameters import MeshParameters
 
 
 def undeflected(case: Case, watch: Stopwatch) -> Generated:

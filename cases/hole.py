@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from cases.case import Case
-from cases.motion import FloatArray
-from geometry.datum import ends, gap_faces, ribs
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.motion import FloatArray
+from sdm_deflect.geometry.datum import ends, gap_faces, ribs
 
 ROOM = 0.6
 """Half height of the hole by the longest chord: an aileron turned by up to 36 deg stays inside."""

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
-from cases.errors import InputError
-from cases.own.polyhedra import smallest_pyramid
-from meshing.formats.flow import Cells, FlowMesh, Polyhedra
-from meshing.formats.registry import FORMATS, format_of
-from meshing.mesh import FloatArray
-from meshing.quality import mean_ratio, signed_volumes
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.polyhedra import smallest_pyramid
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polyhedra
+from sdm_deflect.meshing.formats.registry import FORMATS, format_of
+from sdm_deflect.meshing.mesh import FloatArray
+from sdm_deflect.meshing.quality import mean_ratio, signed_volumes
 
 NAMES = {"tetra": "tetrahedra", "hexahedron": "hexahedra", "wedge": "prisms", "pyramid": "pyramids"}
 VTK = {

@@ -7,12 +7,12 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from cases.case import LARGEST_ANGLE, Case
-from cases.confine import ConfinementError
-from cases.deflect import deflect
-from cases.progress import Report
-from meshing.mesh import TetMesh
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.case import LARGEST_ANGLE, Case
+from sdm_deflect.cases.confine import ConfinementError
+from sdm_deflect.cases.deflect import deflect
+from sdm_deflect.cases.progress import Report
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import mean_ratio
 
 
 @dataclass(frozen=True, slots=True)

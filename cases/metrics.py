@@ -6,10 +6,10 @@ from importlib.metadata import version
 from math import isfinite
 from typing import Any
 
-from cases.confine import DIRECTIONS
-from cases.deflect import Deflected, inside_quality
-from cases.run import Run
-from meshing.quality import QualitySummary, mean_ratio, summarise
+from sdm_deflect.cases.confine import DIRECTIONS
+from sdm_deflect.cases.deflect import Deflected, inside_quality
+from sdm_deflect.cases.run import Run
+from sdm_deflect.meshing.quality import QualitySummary, mean_ratio, summarise
 
 Json = dict[str, Any]
 

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cases.case import Case
-from deform.kernels import Multiquadric
-from deform.motion import Axis
-from deform.surface import blend, blend_strip
-from geometry import datum
-from geometry.parameters import Fighter
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import Case
+from sdm_deflect.deform.kernels import Multiquadric
+from sdm_deflect.deform.motion import Axis
+from sdm_deflect.deform.surface import blend, blend_strip
+from sdm_deflect.geometry import datum
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.meshing.mesh import TetMesh
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from cases.case import Case
-from cases.motion import SurfaceMotion, wedge_motion
-from cases.tail import tail_motion
-from geometry.datum import hinged
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.motion import SurfaceMotion, wedge_motion
+from sdm_deflect.cases.tail import tail_motion
+from sdm_deflect.geometry.datum import hinged
+from sdm_deflect.meshing.mesh import TetMesh
 
 Motion = Callable[[Case, TetMesh, str, float], SurfaceMotion]
 Move = Callable[[float], SurfaceMotion]

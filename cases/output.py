@@ -9,15 +9,15 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from cases.case import Case
-from cases.confine import DIRECTIONS
-from cases.deflect import Deflected
-from cases.metrics import metrics
-from cases.overrides import to_toml
-from cases.run import Run
-from meshing.mesh import TetMesh
-from meshing.quality import mean_ratio
-from meshing.vtu import write_vtu
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.confine import DIRECTIONS
+from sdm_deflect.cases.deflect import Deflected
+from sdm_deflect.cases.metrics import metrics
+from sdm_deflect.cases.overrides import to_toml
+from sdm_deflect.cases.run import Run
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import mean_ratio
+from sdm_deflect.meshing.vtu import write_vtu
 
 
 class OutputError(ValueError):

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import tomli_w
 
-from cases.case import Case
+from sdm_deflect.cases.case import Case
 
 T = TypeVar("T")
 Nested = dict[str, Any]

@@ -15,12 +15,12 @@ from vtkmodules.vtkCommonDataModel import (
     vtkUnstructuredGrid,
 )
 
-from cases.case import Case
-from cases.hole import hole
-from cases.motion import BoolArray, FloatArray, IndexArray
-from cases.validation import Check, worst
-from cases.zero_sites import BLOCK, on_gap_faces
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.hole import hole
+from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
+from sdm_deflect.cases.validation import Check, worst
+from sdm_deflect.cases.zero_sites import BLOCK, on_gap_faces
+from sdm_deflect.meshing.mesh import TetMesh
 
 ROWS = 1 << 16
 """Cells handled at a time: temporaries of millions of cells in little memory."""

@@ -9,33 +9,33 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cases.case import Case
-from cases.deflect import Deflected, carried_out, deflect, inside_quality
-from cases.hole import finer_background
-from cases.metrics import metrics
-from cases.output import write_deformation, write_metrics
-from cases.overlap import check_disjoint
-from cases.progress import Report, Stopwatch
-from cases.reference import reference
-from cases.run import MeshOrigin, Run
-from deform.sites import pinned
-from deform.volume import fused
-from meshing.cache import MeshCache, cache_key, default_folder
-from meshing.mesh import TetMesh
-from meshing.quality import QualitySummary
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.deflect import Deflected, carried_out, deflect, inside_quality
+from sdm_deflect.cases.hole import finer_background
+from sdm_deflect.cases.metrics import metrics
+from sdm_deflect.cases.output import write_deformation, write_metrics
+from sdm_deflect.cases.overlap import check_disjoint
+from sdm_deflect.cases.progress import Report, Stopwatch
+from sdm_deflect.cases.reference import reference
+from sdm_deflect.cases.run import MeshOrigin, Run
+from sdm_deflect.deform.sites import pinned
+from sdm_deflect.deform.volume import fused
+from sdm_deflect.meshing.cache import MeshCache, cache_key, default_folder
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import QualitySummary
 
 if TYPE_CHECKING:
-    from meshing.generate import Generated
+    from sdm_deflect.meshing.generate import Generated
 
 
 def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> Run:
     """Run a case and write its files into `folder`."""
     with reference(case) as deflected_cad:
         # Matplotlib, pyvista and trimesh load while the CAD is being built.
-        from cases.report.gallery import drawn
-        from cases.report.page import write_report
-        from cases.report.story import outcome_of
-        from cases.validate import validate
+        from sdm_deflect.cases.report.gallery import drawn
+        from sdm_deflect.cases.report.page import write_report
+        from sdm_deflect.cases.report.story import outcome_of
+        from sdm_deflect.cases.validate import validate
 
         mesh, origin = meshed(case, watch, cache)
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
@@ -72,7 +72,7 @@ def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[TetMesh, M
         parts |= {"block": case.block, "surface": case.deflections[0].surface}
 
     def generate() -> "Generated":
-        from cases.generated import undeflected  # loads the CAD kernel: seconds that a cached mesh spares
+        from sdm_deflect.cases.generated import undeflected  # loads the CAD kernel: seconds that a cached mesh spares
 
         return undeflected(case, watch)
 
@@ -88,7 +88,7 @@ def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> TetMesh
     }  # fmt: skip
 
     def generate() -> "Generated":
-        from cases.generated import around_block
+        from sdm_deflect.cases.generated import around_block
 
         return around_block(case, finer, watch)
 

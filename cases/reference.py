@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from geometry.datum import hinged
-from geometry.deflected import Deflection
-from geometry.errors import CadError
-from meshing.child import Arrays, started
-from meshing.errors import MeshingError
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.geometry.datum import hinged
+from sdm_deflect.geometry.deflected import Deflection
+from sdm_deflect.geometry.errors import CadError
+from sdm_deflect.meshing.child import Arrays, started
+from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from cases.case import Case
+    from sdm_deflect.cases.case import Case
 
 Mode = Literal["rigid", "blended"]
 Deflections = Mapping[str, Deflection]
@@ -66,7 +66,7 @@ def reference(case: Case) -> Iterator[Callable[[], Reference]]:
         From the callable, if the CAD kernel fails.
     """
     question = np.frombuffer(pickle.dumps((case.fighter, variants(case))), dtype=np.uint8)
-    with started("cases.reference_worker", {"question": question}) as pending:
+    with started("sdm_deflect.cases.reference_worker", {"question": question}) as pending:
 
         def wait() -> Reference:
             try:

@@ -1,15 +1,15 @@
-"""The process that builds the deflected CAD: `python -m cases.reference_worker`, started by `cases.reference`."""
+"""The process that builds the deflected CAD, started by `sdm_deflect.cases.reference`."""
 
 import pickle
 from collections.abc import Iterable
 
 import numpy as np
 
-from cases.reference import Deflections, Faces, ReferenceFace, encoded
-from geometry.aircraft import build
-from geometry.model import CadFace
-from geometry.parameters import Fighter
-from meshing.child import Arrays, serve
+from sdm_deflect.cases.reference import Deflections, Faces, ReferenceFace, encoded
+from sdm_deflect.geometry.aircraft import build
+from sdm_deflect.geometry.model import CadFace
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.meshing.child import Arrays, serve
 
 
 def reduced(fighter: Fighter, variants: Iterable[Deflections]) -> list[dict[str, Faces]]:

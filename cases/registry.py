@@ -3,13 +3,13 @@
 from dataclasses import replace
 from difflib import get_close_matches
 
-from cases.aileron import AILERON
-from cases.aileron_chimera import AILERON_CHIMERA
-from cases.all import ALL
-from cases.case import Case
-from cases.rudder import RUDDER
-from cases.tail import TAIL
-from meshing.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
+from sdm_deflect.cases.aileron import AILERON
+from sdm_deflect.cases.aileron_chimera import AILERON_CHIMERA
+from sdm_deflect.cases.all import ALL
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.rudder import RUDDER
+from sdm_deflect.cases.tail import TAIL
+from sdm_deflect.meshing.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
 
 CASES: dict[str, Case] = {case.name: case for case in (AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
 

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from cases.case import Case
-from cases.confine import hexahedron_of
-from cases.errors import InputError
-from cases.overrides import Nested, parse_assignments, read_toml, with_overrides
-from cases.registry import case_named
-from cases.zero_sites import block_stations
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.confine import hexahedron_of
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.overrides import Nested, parse_assignments, read_toml, with_overrides
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.zero_sites import block_stations
 
 
 def resolve(

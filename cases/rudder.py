@@ -1,6 +1,6 @@
 """The rudder: the fin's trailing-edge wedge, treated as an aileron."""
 
-from cases.case import Case, Deflection
+from sdm_deflect.cases.case import Case, Deflection
 
 RUDDER = Case(
     name="rudder",

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field
 
-from cases.case import Case
-from cases.deflect import Deflected
-from cases.validation import Check
-from meshing.mesh import TetMesh
-from meshing.quality import QualitySummary
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.deflect import Deflected
+from sdm_deflect.cases.validation import Check
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import QualitySummary
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from cases.case import AdaptationSettings, Blending, Case, Confinement, Deflection
-from cases.confine import ConfinementError, hexahedron_of
-from cases.motion import BoolArray, FloatArray, IndexArray, SurfaceMotion, axis_of
-from deform.hexahedron import Hexahedron, box
-from deform.kernels import Multiquadric
-from deform.motion import Axis, Cylinder
-from deform.surface import elongate, slide_panel
-from geometry import datum
-from geometry.parameters import Fighter
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import AdaptationSettings, Blending, Case, Confinement, Deflection
+from sdm_deflect.cases.confine import ConfinementError, hexahedron_of
+from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray, SurfaceMotion, axis_of
+from sdm_deflect.deform.hexahedron import Hexahedron, box
+from sdm_deflect.deform.kernels import Multiquadric
+from sdm_deflect.deform.motion import Axis, Cylinder
+from sdm_deflect.deform.surface import elongate, slide_panel
+from sdm_deflect.geometry import datum
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.meshing.mesh import TetMesh
 
 TAIL = Case(
     name="tail",

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from cases.case import Case, Deflection
-from cases.confine import Region, confine
-from cases.motion import SurfaceMotion
-from cases.motions import mover
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import Case, Deflection
+from sdm_deflect.cases.confine import Region, confine
+from sdm_deflect.cases.motion import SurfaceMotion
+from sdm_deflect.cases.motions import mover
+from sdm_deflect.meshing.mesh import TetMesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,16 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from cases.case import Case
-from cases.motion import FloatArray, IndexArray, axis_of
-from cases.overset import overset_checks
-from cases.reference import Reference
-from cases.turn import Turn
-from cases.validate_surface import Shape, surface_checks
-from cases.validation import Check, worst
-from cases.zero_sites import BLOCK
-from meshing.mesh import TetMesh
-from meshing.quality import mean_ratio, signed_volumes
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.motion import FloatArray, IndexArray, axis_of
+from sdm_deflect.cases.overset import overset_checks
+from sdm_deflect.cases.reference import Reference
+from sdm_deflect.cases.turn import Turn
+from sdm_deflect.cases.validate_surface import Shape, surface_checks
+from sdm_deflect.cases.validation import Check, worst
+from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import mean_ratio, signed_volumes
 
 
 def validate(

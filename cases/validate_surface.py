@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from cases.case import Case
-from cases.motion import FloatArray, IndexArray, Wedge
-from cases.reference import Faces, Reference
-from cases.tail import fuselage_cylinder, panel_of
-from cases.turn import Turn
-from cases.validation import Check, plane_deviation, plane_normal, worst
-from deform.motion import Axis
-from geometry.datum import hinged
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.motion import FloatArray, IndexArray, Wedge
+from sdm_deflect.cases.reference import Faces, Reference
+from sdm_deflect.cases.tail import fuselage_cylinder, panel_of
+from sdm_deflect.cases.turn import Turn
+from sdm_deflect.cases.validation import Check, plane_deviation, plane_normal, worst
+from sdm_deflect.deform.motion import Axis
+from sdm_deflect.geometry.datum import hinged
+from sdm_deflect.meshing.mesh import TetMesh
 
 ANGLE_LIMIT = 1e-9
 """Largest deviation (deg) of the trailing edge from its angle: rounding only."""

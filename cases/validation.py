@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from cases.motion import FloatArray, IndexArray
+from sdm_deflect.cases.motion import FloatArray, IndexArray
 
 Judgement = Literal["at most", "at least"]
 

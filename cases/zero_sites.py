@@ -4,13 +4,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from cases.case import Case
-from cases.motion import FloatArray
-from deform.hexahedron import Hexahedron
-from deform.polygon import polygon_sites
-from deform.sites import DataSites, pinned
-from geometry.confinement import inward_face, rib_faces
-from geometry.datum import gap_faces, hinged
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.motion import FloatArray
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.polygon import polygon_sites
+from sdm_deflect.deform.sites import DataSites, pinned
+from sdm_deflect.geometry.confinement import inward_face, rib_faces
+from sdm_deflect.geometry.datum import gap_faces, hinged
 
 BLOCK = "chimera"
 """Patch of a Chimera block's outer faces."""

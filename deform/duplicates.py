@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from deform.kernels import FloatArray
+from sdm_deflect.deform.kernels import FloatArray
 
 IndexArray = NDArray[np.intp]
 

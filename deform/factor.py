@@ -10,12 +10,12 @@ from typing import Self
 
 import numpy as np
 
-from deform.duplicates import IndexArray
-from deform.interpolant import SolveError
-from deform.kernels import FloatArray
-from deform.panels import Factor, NotPositiveDefiniteError
-from deform.problem import Coefficients, Problem
-from deform.reduced import ReducedKernel
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.interpolant import SolveError
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.panels import Factor, NotPositiveDefiniteError
+from sdm_deflect.deform.problem import Coefficients, Problem
+from sdm_deflect.deform.reduced import ReducedKernel
 
 
 @dataclass(frozen=True, slots=True, eq=False)

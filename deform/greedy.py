@@ -8,16 +8,16 @@ from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
-from deform.duplicates import IndexArray
-from deform.factor import Grown
-from deform.history import History, Step, Stop
-from deform.interpolant import Interpolant
-from deform.kernels import FloatArray, Kernel
-from deform.problem import Coefficients, Problem
-from deform.progress import Progress, silent
-from deform.selection import GreedyOptions, Rule, Separated
-from deform.sites import DataSites
-from deform.threads import single_threaded_blas
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.factor import Grown
+from sdm_deflect.deform.history import History, Step, Stop
+from sdm_deflect.deform.interpolant import Interpolant
+from sdm_deflect.deform.kernels import FloatArray, Kernel
+from sdm_deflect.deform.problem import Coefficients, Problem
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.selection import GreedyOptions, Rule, Separated
+from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.deform.threads import single_threaded_blas
 
 __all__ = ["Adaptation", "Basis", "Checked", "Step", "Stop", "Trial", "adapt"]
 

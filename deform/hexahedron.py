@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from deform.compiled import compiled
-from deform.kernels import FloatArray
-from deform.polygon import border_sites, inner_sites, polygon_sites, without_coincident
-from deform.sums import check_points
-from deform.threads import in_chunks
+from sdm_deflect.deform.compiled import compiled
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.polygon import border_sites, inner_sites, polygon_sites, without_coincident
+from sdm_deflect.deform.sums import check_points
+from sdm_deflect.deform.threads import in_chunks
 
 FACES = {
     "x-": (0, 4, 6, 2),

@@ -6,10 +6,10 @@ from time import perf_counter
 
 import numpy as np
 
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
-from deform.progress import Progress, silent
-from deform.selection import GreedyOptions
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.selection import GreedyOptions
 
 
 class Stop(Enum):

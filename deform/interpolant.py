@@ -7,12 +7,12 @@ import numpy as np
 from scipy.linalg.lapack import dsysv
 from scipy.sparse.linalg import gmres
 
-from deform.duplicates import first_coincident
-from deform.kernels import FloatArray, Kernel
-from deform.progress import Progress, silent
-from deform.sums import kernel_matrix, kernel_sum
-from deform.threads import single_threaded_blas
-from deform.unitbox import UnitBox
+from sdm_deflect.deform.duplicates import first_coincident
+from sdm_deflect.deform.kernels import FloatArray, Kernel
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.sums import kernel_matrix, kernel_sum
+from sdm_deflect.deform.threads import single_threaded_blas
+from sdm_deflect.deform.unitbox import UnitBox
 
 Solve = Callable[[FloatArray, FloatArray], FloatArray]
 """Maps a symmetric matrix (n, n) and right-hand sides (n, k) to solutions (n, k)."""

@@ -18,7 +18,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 from scipy.special import xlogy
 
-from deform.logarithm import LOG_UNIT, scaled_log
+from sdm_deflect.deform.logarithm import LOG_UNIT, scaled_log
 
 FloatArray = NDArray[np.float64]
 

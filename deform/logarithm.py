@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deform.compiled import compiled
+from sdm_deflect.deform.compiled import compiled
 
 LOG_UNIT = float(np.log(2.0)) / 2.0**52
 """log x = LOG_UNIT * scaled_log(x): callers take the constant out of their loops."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from deform.kernels import FloatArray
+from sdm_deflect.deform.kernels import FloatArray
 
 WIDTH = 256  # columns of a panel, unless one block is larger
 

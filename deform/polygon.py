@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from deform.duplicates import first_coincident
-from deform.kernels import FloatArray
+from sdm_deflect.deform.duplicates import first_coincident
+from sdm_deflect.deform.kernels import FloatArray
 
 CLEARANCE = 0.5  # of the spacing: inner points nearer than this to an edge are left out
 

@@ -7,12 +7,12 @@ from typing import NamedTuple, Self
 import numpy as np
 from scipy.spatial import cKDTree
 
-from deform.duplicates import IndexArray
-from deform.interpolant import Interpolant
-from deform.kernels import FloatArray, Kernel
-from deform.sites import DataSites
-from deform.sums import kernel_sum
-from deform.unitbox import UnitBox
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.interpolant import Interpolant
+from sdm_deflect.deform.kernels import FloatArray, Kernel
+from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.deform.sums import kernel_sum
+from sdm_deflect.deform.unitbox import UnitBox
 
 NEIGHBOURS = 80  # sites around a new centre where the residual may grow
 

@@ -15,10 +15,10 @@ from typing import Self
 import numpy as np
 from scipy.linalg import qr
 
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
-from deform.problem import Problem
-from deform.sums import kernel_matrix
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.problem import Problem
+from sdm_deflect.deform.sums import kernel_matrix
 
 UNISOLVENT = 1e-7  # smallest pivot, relative to the largest, of four points that span a volume
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
 
 
 def farthest(points: FloatArray, n: int) -> IndexArray:

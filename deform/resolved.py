@@ -5,9 +5,9 @@ from typing import Self
 
 import numpy as np
 
-from deform.duplicates import IndexArray
-from deform.interpolant import Solve, coefficient_matrix, direct
-from deform.problem import Coefficients, Problem
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.interpolant import Solve, coefficient_matrix, direct
+from sdm_deflect.deform.problem import Coefficients, Problem
 
 
 @dataclass(frozen=True, slots=True, eq=False)

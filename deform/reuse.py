@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Self
 
-from deform.duplicates import IndexArray
-from deform.factor import Grown
-from deform.kernels import FloatArray
-from deform.problem import Coefficients
-from deform.sites import DataSites
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.factor import Grown
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.problem import Coefficients
+from sdm_deflect.deform.sites import DataSites
 
 
 def with_values(grown: Grown, values: FloatArray) -> Grown:

@@ -6,9 +6,9 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deform.compiled import compiled
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
+from sdm_deflect.deform.compiled import compiled
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
 
 TIE = 1e-6  # residuals that differ by less than this share of tol_stop are equal: rounding does not choose
 

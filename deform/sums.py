@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 
-from deform.compiled import compiled, for_code, prefer_wide_vectors
-from deform.kernels import FloatArray, Kernel, phi
-from deform.progress import Progress, silent
-from deform.threads import in_chunks
+from sdm_deflect.deform.compiled import compiled, for_code, prefer_wide_vectors
+from sdm_deflect.deform.kernels import FloatArray, Kernel, phi
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.threads import in_chunks
 
 WIDTHS = (1, 3, 8)  # columns of one pass: one machine code for each, the narrowest that fits is taken
 PADDING = 32  # centres are filled up to a multiple of this with weight zero: whole vectors, no remainder loop

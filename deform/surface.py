@@ -6,13 +6,13 @@ All functions take and return displacements of nodes in metres; none knows a mes
 import numpy as np
 from numpy.typing import NDArray
 
-from deform.duplicates import first_coincident
-from deform.hexahedron import Hexahedron
-from deform.interpolant import fit
-from deform.kernels import FloatArray, Kernel, Multiquadric, ThinPlateSpline
-from deform.motion import Cylinder
-from deform.reduction import farthest
-from deform.sites import DataSites, joined, pinned
+from sdm_deflect.deform.duplicates import first_coincident
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.interpolant import fit
+from sdm_deflect.deform.kernels import FloatArray, Kernel, Multiquadric, ThinPlateSpline
+from sdm_deflect.deform.motion import Cylinder
+from sdm_deflect.deform.reduction import farthest
+from sdm_deflect.deform.sites import DataSites, joined, pinned
 
 LINEAR = Multiquadric(1e4)  # the paper's: linear in r down to 0.1 mm
 DEFAULT_PANEL = ThinPlateSpline()

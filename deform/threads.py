@@ -14,7 +14,7 @@ import numba
 import scipy.linalg  # noqa: F401 - loads SciPy's BLAS, so that the controller below finds it
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
-from deform.progress import Progress, silent
+from sdm_deflect.deform.progress import Progress, silent
 
 SERIAL_PAIRS = 400_000  # below about 0.2 ms of work a second thread costs more than it saves
 CHUNK_PAIRS = 4_000_000  # about 2 ms: short enough to share evenly, long enough to hide the hand-over

@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from deform.kernels import FloatArray, Kernel
+from sdm_deflect.deform.kernels import FloatArray, Kernel
 
 FLAT = 1e-9  # an extent below this share of the largest counts as none
 

@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from deform.duplicates import IndexArray, first_coincident
-from deform.greedy import Adaptation
-from deform.hexahedron import Hexahedron
-from deform.interpolant import Interpolant
-from deform.kernels import FloatArray
-from deform.progress import Progress, silent
+from sdm_deflect.deform.duplicates import IndexArray, first_coincident
+from sdm_deflect.deform.greedy import Adaptation
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.interpolant import Interpolant
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.progress import Progress, silent
 
 
 def fused(fits: Sequence[Adaptation]) -> Interpolant:

@@ -2,20 +2,20 @@
 
 from collections.abc import Mapping, Set
 
-from geometry.assemble import assemble
-from geometry.datum import SURFACES, ends, hinge_line, hinged
-from geometry.deflected import Deflection, deflected_wedge, turned, wedge
-from geometry.fuse import Cell, general_fuse
-from geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
-from geometry.layout import MIN_FEATURE
-from geometry.lifting import fin_polyhedra, wing_polyhedra
-from geometry.model import CadModel
-from geometry.parameters import Fighter
-from geometry.parts import Part, both_sides, centred, solid
-from geometry.plates import pedestal_polyhedron, strake_polyhedra, ventral_polyhedron
-from geometry.polyhedron import Loops, prism
-from geometry.preflight import preflight
-from geometry.walls import partitions, skin, walls
+from sdm_deflect.geometry.assemble import assemble
+from sdm_deflect.geometry.datum import SURFACES, ends, hinge_line, hinged
+from sdm_deflect.geometry.deflected import Deflection, deflected_wedge, turned, wedge
+from sdm_deflect.geometry.fuse import Cell, general_fuse
+from sdm_deflect.geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
+from sdm_deflect.geometry.layout import MIN_FEATURE
+from sdm_deflect.geometry.lifting import fin_polyhedra, wing_polyhedra
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.parts import Part, both_sides, centred, solid
+from sdm_deflect.geometry.plates import pedestal_polyhedron, strake_polyhedra, ventral_polyhedron
+from sdm_deflect.geometry.polyhedron import Loops, prism
+from sdm_deflect.geometry.preflight import preflight
+from sdm_deflect.geometry.walls import partitions, skin, walls
 
 
 def build(

@@ -12,10 +12,10 @@ from OCP.TopExp import TopExp
 from OCP.TopoDS import TopoDS_Shell
 from OCP.TopTools import TopTools_IndexedMapOfShape
 
-from geometry.curves import curve_of
-from geometry.errors import CadError
-from geometry.model import CadEdge, CadFace, CadModel
-from geometry.surfaces import FloatArray
+from sdm_deflect.geometry.curves import curve_of
+from sdm_deflect.geometry.errors import CadError
+from sdm_deflect.geometry.model import CadEdge, CadFace, CadModel
+from sdm_deflect.geometry.surfaces import FloatArray
 
 # Degrees. Flatter creases need an internal face behind them, or the volume mesher rounds them off.
 WEAK_CREASE = 6.0

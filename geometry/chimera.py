@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.confinement import MIRRORED_CORNERS, along
-from geometry.hinges import hinge_edges, parent_ribs, ribs
-from geometry.parameters import Fighter
-from geometry.quantity import check_quantities, quantity
-from geometry.sections import MIRROR, FloatArray
+from sdm_deflect.geometry.confinement import MIRRORED_CORNERS, along
+from sdm_deflect.geometry.hinges import hinge_edges, parent_ribs, ribs
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.quantity import check_quantities, quantity
+from sdm_deflect.geometry.sections import MIRROR, FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,10 +5,10 @@ from math import cos, radians, sin
 
 import numpy as np
 
-from geometry.hinges import hinge_edges, parent_ribs, trailing_edge
-from geometry.parameters import Fighter
-from geometry.quantity import check_quantities, quantity
-from geometry.sections import MIRROR, FloatArray
+from sdm_deflect.geometry.hinges import hinge_edges, parent_ribs, trailing_edge
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.quantity import check_quantities, quantity
+from sdm_deflect.geometry.sections import MIRROR, FloatArray
 
 # Corner i has the binary code zyx. Mirroring swaps the corners that differ in y.
 MIRRORED_CORNERS = [2, 3, 0, 1, 6, 7, 4, 5]

@@ -6,11 +6,11 @@ from itertools import pairwise
 from math import cos, radians
 from typing import TYPE_CHECKING
 
-from geometry.layout import MIN_FEATURE, MIN_GAP, aileron_span, rudder_span
-from geometry.sections import LE, TE, fin_section, tail_section
+from sdm_deflect.geometry.layout import MIN_FEATURE, MIN_GAP, aileron_span, rudder_span
+from sdm_deflect.geometry.sections import LE, TE, fin_section, tail_section
 
 if TYPE_CHECKING:
-    from geometry.parameters import Fighter
+    from sdm_deflect.geometry.parameters import Fighter
 
 
 def check_consistency(fighter: Fighter) -> None:

@@ -12,7 +12,7 @@ from OCP.GeomAbs import GeomAbs_Line
 from OCP.GeomAPI import GeomAPI_ProjectPointOnCurve
 from OCP.gp import gp_Pnt
 
-from geometry.surfaces import FloatArray
+from sdm_deflect.geometry.surfaces import FloatArray
 
 
 class Curve(Protocol):

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.chimera import BlockParameters, block_corners, gap_faces
-from geometry.confinement import Margins, hexahedron_corners, inward_face, rib_faces
-from geometry.hinges import (
+from sdm_deflect.geometry.chimera import BlockParameters, block_corners, gap_faces
+from sdm_deflect.geometry.confinement import Margins, hexahedron_corners, inward_face, rib_faces
+from sdm_deflect.geometry.hinges import (
     SURFACES,
     ends,
     hinge_edges,
@@ -16,9 +16,9 @@ from geometry.hinges import (
     ribs,
     trailing_edge,
 )
-from geometry.parameters import Fighter
-from geometry.rotation import rotated
-from geometry.sections import FloatArray
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.rotation import rotated
+from sdm_deflect.geometry.sections import FloatArray
 
 __all__ = [
     "SURFACES",

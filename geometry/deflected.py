@@ -5,10 +5,10 @@ from typing import Literal
 
 import numpy as np
 
-from geometry.polyhedron import FloatArray, Loops, prism
-from geometry.quantity import check_quantities, quantity
-from geometry.rotation import rotated
-from geometry.sections import HINGE_LOWER, HINGE_UPPER, TE
+from sdm_deflect.geometry.polyhedron import FloatArray, Loops, prism
+from sdm_deflect.geometry.quantity import check_quantities, quantity
+from sdm_deflect.geometry.rotation import rotated
+from sdm_deflect.geometry.sections import HINGE_LOWER, HINGE_UPPER, TE
 
 # How far a rigid wedge's nose reaches ahead of the hinge line, by its local half thickness: it closes the
 # slot that opens when the wedge turns about a line inside the wing.

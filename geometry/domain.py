@@ -1,18 +1,18 @@
 """The two overlapping flow domains of the Chimera case (paper, section 5.2)."""
 
-from geometry.aircraft import build
-from geometry.assemble import assemble
-from geometry.chimera import BlockParameters, block_corners
-from geometry.deflected import wedge
-from geometry.fuse import Cell, general_fuse
-from geometry.hinges import ends
-from geometry.lifting import wing_polyhedra
-from geometry.model import CadModel
-from geometry.parameters import Fighter
-from geometry.parts import Part, one_side, solid
-from geometry.polyhedron import FloatArray, Loops
-from geometry.preflight import preflight
-from geometry.walls import partitions, skin, walls
+from sdm_deflect.geometry.aircraft import build
+from sdm_deflect.geometry.assemble import assemble
+from sdm_deflect.geometry.chimera import BlockParameters, block_corners
+from sdm_deflect.geometry.deflected import wedge
+from sdm_deflect.geometry.fuse import Cell, general_fuse
+from sdm_deflect.geometry.hinges import ends
+from sdm_deflect.geometry.lifting import wing_polyhedra
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.parts import Part, one_side, solid
+from sdm_deflect.geometry.polyhedron import FloatArray, Loops
+from sdm_deflect.geometry.preflight import preflight
+from sdm_deflect.geometry.walls import partitions, skin, walls
 
 CHIMERA = "chimera"
 

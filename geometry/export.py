@@ -11,7 +11,7 @@ from OCP.IFSelect import IFSelect_RetDone
 from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
 from OCP.TopTools import TopTools_FormatVersion
 
-from geometry.tessellation import closed_triangles
+from sdm_deflect.geometry.tessellation import closed_triangles
 
 Writer = Callable[[Sequence[Shape], Path], None]
 

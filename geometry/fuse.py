@@ -8,8 +8,8 @@ from OCP.BOPAlgo import BOPAlgo_Builder
 from OCP.TopoDS import TopoDS_Shape
 from OCP.TopTools import TopTools_IndexedMapOfShape
 
-from geometry.errors import CadError
-from geometry.parts import Part
+from sdm_deflect.geometry.errors import CadError
+from sdm_deflect.geometry.parts import Part
 
 
 @dataclass(frozen=True, slots=True, eq=False)

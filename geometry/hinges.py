@@ -5,10 +5,10 @@ Arrays are float64 in metres. "Inboard" is the end next to the parent component:
 
 import numpy as np
 
-from geometry.layout import aileron_span, rudder_span
-from geometry.lifting import aileron_ends, rudder_ends, tail_ends
-from geometry.parameters import Fighter
-from geometry.sections import HINGE_LOWER, HINGE_UPPER, MIRROR, TE, FloatArray, tail_pivot
+from sdm_deflect.geometry.layout import aileron_span, rudder_span
+from sdm_deflect.geometry.lifting import aileron_ends, rudder_ends, tail_ends
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.sections import HINGE_LOWER, HINGE_UPPER, MIRROR, TE, FloatArray, tail_pivot
 
 SURFACES = ("aileron_left", "aileron_right", "tail_left", "tail_right", "rudder")
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from geometry.parameters import Fighter
+    from sdm_deflect.geometry.parameters import Fighter
 
 # Metres. Shorter edges cost the volume mesher its quality; narrower gaps hold no cell at all.
 MIN_FEATURE = 0.003

@@ -2,10 +2,10 @@
 
 from math import cos, radians
 
-from geometry.layout import aileron_span, rudder_span
-from geometry.parameters import Fighter
-from geometry.polyhedron import FloatArray, Loops, prism
-from geometry.sections import (
+from sdm_deflect.geometry.layout import aileron_span, rudder_span
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.polyhedron import FloatArray, Loops, prism
+from sdm_deflect.geometry.sections import (
     FRONT_LOWER,
     FRONT_UPPER,
     HINGE_LOWER,

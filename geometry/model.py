@@ -7,10 +7,10 @@ import numpy as np
 from cadquery import Edge, Face, Solid
 from numpy.typing import NDArray
 
-from geometry.curves import curve_of
-from geometry.export import write_atomically, write_brep, write_step, write_stl
-from geometry.surfaces import CylinderSurface, FloatArray, FreeFormSurface, PlaneSurface, surface_of
-from geometry.tessellation import tessellate
+from sdm_deflect.geometry.curves import curve_of
+from sdm_deflect.geometry.export import write_atomically, write_brep, write_step, write_stl
+from sdm_deflect.geometry.surfaces import CylinderSurface, FloatArray, FreeFormSurface, PlaneSurface, surface_of
+from sdm_deflect.geometry.tessellation import tessellate
 
 
 @dataclass(frozen=True, slots=True, eq=False)

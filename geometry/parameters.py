@@ -7,8 +7,8 @@ resolve (strake root, aft end of the inlet), the closest shape without them.
 
 from dataclasses import dataclass, field
 
-from geometry.consistency import check_consistency
-from geometry.quantity import check_quantities, quantity
+from sdm_deflect.geometry.consistency import check_consistency
+from sdm_deflect.geometry.quantity import check_quantities, quantity
 
 
 @dataclass(frozen=True, slots=True)

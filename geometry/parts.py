@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from cadquery import Face, Shell, Solid, Vector, Wire
 
-from geometry.polyhedron import FloatArray, Loops
-from geometry.sections import MIRROR
+from sdm_deflect.geometry.polyhedron import FloatArray, Loops
+from sdm_deflect.geometry.sections import MIRROR
 
 
 @dataclass(frozen=True, slots=True, eq=False)

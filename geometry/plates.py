@@ -7,8 +7,8 @@ from math import cos, radians, sin, tan
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.parameters import Fuselage, Pedestal, Strake, VentralFin
-from geometry.polyhedron import Loops
+from sdm_deflect.geometry.parameters import Fuselage, Pedestal, Strake, VentralFin
+from sdm_deflect.geometry.polyhedron import Loops
 
 FloatArray = NDArray[np.float64]
 

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 from OCP.TopTools import TopTools_IndexedMapOfShape
 
-from geometry.assemble import WEAK_CREASE
-from geometry.errors import CadError
-from geometry.layout import MIN_FEATURE
-from geometry.model import CadEdge, CadModel
-from geometry.surfaces import FloatArray
+from sdm_deflect.geometry.assemble import WEAK_CREASE
+from sdm_deflect.geometry.errors import CadError
+from sdm_deflect.geometry.layout import MIN_FEATURE
+from sdm_deflect.geometry.model import CadEdge, CadModel
+from sdm_deflect.geometry.surfaces import FloatArray
 
 # Degrees. Sharper corners of faces are needles.
 MIN_CORNER = 15.0

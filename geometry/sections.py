@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from geometry.parameters import Fin, Fuselage, Tail, Wing
+    from sdm_deflect.geometry.parameters import Fin, Fuselage, Tail, Wing
 
 FloatArray = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ import numpy as np
 from cadquery import Face
 from OCP.TopTools import TopTools_IndexedMapOfShape
 
-from geometry.fuse import Cell
-from geometry.model import CadFace
+from sdm_deflect.geometry.fuse import Cell
+from sdm_deflect.geometry.model import CadFace
 
 # Decimals of a metre to which positions are rounded where they order faces: far finer than any two are apart.
 ORDER_DECIMALS = 7

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.model import CadModel
-from meshing.attachment import attach
-from meshing.errors import MeshingError
-from meshing.exterior import inside_solid
-from meshing.mesh import VOLUME, FloatArray, IntArray, TetMesh
-from meshing.naming import boundary_triangles, cad_faces
-from meshing.snapping import snapped
-from meshing.surface import Surface
-from meshing.topology import cell_faces
-from meshing.volume import Filling
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.attachment import attach
+from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.exterior import inside_solid
+from sdm_deflect.meshing.mesh import VOLUME, FloatArray, IntArray, TetMesh
+from sdm_deflect.meshing.naming import boundary_triangles, cad_faces
+from sdm_deflect.meshing.snapping import snapped
+from sdm_deflect.meshing.surface import Surface
+from sdm_deflect.meshing.topology import cell_faces
+from sdm_deflect.meshing.volume import Filling
 
 FAR_FIELD = "far_field"
 

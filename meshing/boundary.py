@@ -6,8 +6,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from meshing.mesh import IntArray, TetMesh
-from meshing.topology import TRIANGLE_EDGES, cell_faces, encode
+from sdm_deflect.meshing.mesh import IntArray, TetMesh
+from sdm_deflect.meshing.topology import TRIANGLE_EDGES, cell_faces, encode
 
 
 def boundary_failures(mesh: TetMesh) -> list[str]:

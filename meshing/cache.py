@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import platformdirs
 
-from meshing.files import replacing
-from meshing.mesh import TetMesh
+from sdm_deflect.meshing.files import replacing
+from sdm_deflect.meshing.mesh import TetMesh
 
 # Raised whenever the same parameters give another mesh than before: kept meshes then no longer match.
 RECIPE = 1

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.model import CadEdge, CadModel
-from meshing.attachment import Attachment
-from meshing.mesh import FloatArray, IntArray
-from meshing.topology import edges_of, encode
+from sdm_deflect.geometry.model import CadEdge, CadModel
+from sdm_deflect.meshing.attachment import Attachment
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.topology import edges_of, encode
 
 
 def broken_chains(

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from meshing.errors import MeshingError
+from sdm_deflect.meshing.errors import MeshingError
 
 Array = NDArray[np.generic]
 Arrays = Mapping[str, Array]

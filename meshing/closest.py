@@ -9,7 +9,7 @@ from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import VTK_ID_TYPE, reference, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkGenericCell, vtkPolyData, vtkStaticCellLocator
 
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 
 class ClosestTriangle:

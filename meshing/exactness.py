@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.model import CadModel
-from meshing.attachment import Attachment
-from meshing.mesh import FloatArray
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.attachment import Attachment
+from sdm_deflect.meshing.mesh import FloatArray
 
 # Largest allowed distance in metres.
 EXACT = 1e-7

@@ -6,11 +6,11 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from meshing.closest import ClosestTriangle
-from meshing.mesh import BoolArray, FloatArray, IntArray
-from meshing.quality import signed_volumes
-from meshing.surface import Surface
-from meshing.topology import TRIANGLE_EDGES, CellFaces
+from sdm_deflect.meshing.closest import ClosestTriangle
+from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.meshing.quality import signed_volumes
+from sdm_deflect.meshing.surface import Surface
+from sdm_deflect.meshing.topology import TRIANGLE_EDGES, CellFaces
 
 # The mesher keeps its surface within one envelope of the input; faces within this many may be surface.
 MARGIN = 1.5

@@ -5,8 +5,8 @@ from __future__ import annotations
 import gmsh
 import numpy as np
 
-from meshing.child import Array, Arrays, serve
-from meshing.errors import MeshingError
+from sdm_deflect.meshing.child import Array, Arrays, serve
+from sdm_deflect.meshing.errors import MeshingError
 
 FRONTAL_DELAUNAY = 6
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshing.closest import ClosestTriangle
-from meshing.mesh import BoolArray, FloatArray, IntArray
-from meshing.surface import Surface
-from meshing.topology import CellFaces
+from sdm_deflect.meshing.closest import ClosestTriangle
+from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.meshing.surface import Surface
+from sdm_deflect.meshing.topology import CellFaces
 
 # What disagreement of normals counts for, beside distance, in units of the triangle's edge.
 NORMAL_WEIGHT = 0.5

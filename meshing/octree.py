@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-from meshing.mesh import BoolArray, FloatArray, IntArray
-from meshing.quality import signed_volumes
-from meshing.sizing import SizeField
+from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.meshing.quality import signed_volumes
+from sdm_deflect.meshing.sizing import SizeField
 
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
 ROOTS = 4

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from geometry.quantity import check_quantities, quantity
+from sdm_deflect.geometry.quantity import check_quantities, quantity
 
 # The far field is as good as free (its cells are few), so its size follows from its distance.
 FAR_EDGE = 0.4

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 # Rows handled at a time: temporaries stay in the processor's cache, and millions of cells in little memory.
 BLOCK = 1 << 14

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from meshing.mesh import FloatArray
+from sdm_deflect.meshing.mesh import FloatArray
 
 # Sources whose sizes differ by less than this factor share a search tree.
 LEVEL_RATIO = 1.12

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.model import CadModel
-from meshing.attachment import Attachment
-from meshing.mesh import FloatArray
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.attachment import Attachment
+from sdm_deflect.meshing.mesh import FloatArray
 
 
 def snapped(points: FloatArray, attachment: Attachment, model: CadModel) -> FloatArray:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.model import CadModel
-from meshing import child
-from meshing.errors import MeshingError
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing import child
+from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 SECONDS = 600.0
 # Nodes of a CAD face's mesh further off that face (metres) show that faces were mixed up.
@@ -62,7 +62,7 @@ def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatA
         brep = Path(folder) / "faces.brep"
         model.write_faces(brep)
         question = {"brep": np.array(str(brep)), "points": points, "tets": tets, "lengths": lengths}
-        answer = child.call("meshing.gmsh_worker", question, SECONDS)
+        answer = child.call("sdm_deflect.meshing.gmsh_worker", question, SECONDS)
     nodes = answer["points"].astype(np.float64)
     triangles, face = answer["triangles"].astype(np.intp), answer["face"].astype(np.intp)
     expected = len(model.faces) + len(model.sheets)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meshing.mesh import IntArray
+from sdm_deflect.meshing.mesh import IntArray
 
 # Face i is opposite node i; its normal points out of a positively oriented tetrahedron.
 TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])

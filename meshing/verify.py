@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.model import CadModel
-from meshing.attachment import attach
-from meshing.boundary import boundary_failures
-from meshing.chains import broken_chains
-from meshing.exactness import exactness
-from meshing.mesh import FloatArray, TetMesh
-from meshing.parameters import MeshParameters
-from meshing.quality import QualitySummary, mean_ratio, summarise
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.attachment import attach
+from sdm_deflect.meshing.boundary import boundary_failures
+from sdm_deflect.meshing.chains import broken_chains
+from sdm_deflect.meshing.exactness import exactness
+from sdm_deflect.meshing.mesh import FloatArray, TetMesh
+from sdm_deflect.meshing.parameters import MeshParameters
+from sdm_deflect.meshing.quality import QualitySummary, mean_ratio, summarise
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,8 @@ from vtkmodules.vtkCommonCore import (
 from vtkmodules.vtkCommonDataModel import VTK_TETRA, VTK_TRIANGLE, vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
 
-from meshing.files import replacing
-from meshing.mesh import TetMesh
+from sdm_deflect.meshing.files import replacing
+from sdm_deflect.meshing.mesh import TetMesh
 
 Array = NDArray[np.generic]
 

@@ -6,11 +6,11 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 
-from cases.case import Case
-from cases.pipeline import meshed
-from cases.progress import Silent, Stopwatch
-from cases.registry import case_named
-from meshing.cache import FOLDER_VARIABLE
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.pipeline import meshed
+from sdm_deflect.cases.progress import Silent, Stopwatch
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.meshing.cache import FOLDER_VARIABLE
 
 # A shared machine may pause a test: no example of a property fails by the clock.
 settings.register_profile("untimed", deadline=None)

@@ -1,12 +1,12 @@
 """Deflect marked surfaces of any CFD mesh."""
 
-from cases.own.api import Result, deflect, deflect_job, sweep
-from cases.own.blended import Blended
-from cases.own.box import Automatic, Given
-from cases.own.job import Fitting, Job, Sliding
-from cases.own.motion import Moving, Rotation
-from cases.own.surface import Listed, OnPatches, TrailingEdge
-from cases.own.table import Table
+from sdm_deflect.cases.own.api import Result, deflect, deflect_job, sweep
+from sdm_deflect.cases.own.blended import Blended
+from sdm_deflect.cases.own.box import Automatic, Given
+from sdm_deflect.cases.own.job import Fitting, Job, Sliding
+from sdm_deflect.cases.own.motion import Moving, Rotation
+from sdm_deflect.cases.own.surface import Listed, OnPatches, TrailingEdge
+from sdm_deflect.cases.own.table import Table
 
 __all__ = [
     "Automatic", "Blended", "Fitting", "Given", "Job", "Listed", "Moving", "OnPatches", "Result", "Rotation", "Sliding",

@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cases.errors import InputError
-from cases.own.subject import Subject, subject_of
-from deform.kernels import FloatArray
-from meshing.formats.flow import CORNERS, VOLUMES, Cells, FlowMesh, Patch, Zone
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.subject import Subject, subject_of
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.meshing.formats.flow import CORNERS, VOLUMES, Cells, FlowMesh, Patch, Zone
+from sdm_deflect.meshing.mesh import TetMesh
 
 FACES = ("triangle", "quad")
 VTK_SHAPES = {5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}

@@ -8,17 +8,17 @@ from typing import Any, TypedDict, Unpack, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cases.own.accept import accepted
-from cases.own.box import Automatic, BoxRule, Given
-from cases.own.course import Course, followed, sensitivity
-from cases.own.job import Fitting, Job, Sliding
-from cases.own.motion import Motion, Moving, Rotation
-from cases.own.plan import Plan, planned
-from cases.own.report import Report, reported
-from cases.own.subject import Subject
-from cases.progress import Display, Silent, Stopwatch
-from deform.interpolant import Interpolant
-from deform.kernels import FloatArray
+from sdm_deflect.cases.own.accept import accepted
+from sdm_deflect.cases.own.box import Automatic, BoxRule, Given
+from sdm_deflect.cases.own.course import Course, followed, sensitivity
+from sdm_deflect.cases.own.job import Fitting, Job, Sliding
+from sdm_deflect.cases.own.motion import Motion, Moving, Rotation
+from sdm_deflect.cases.own.plan import Plan, planned
+from sdm_deflect.cases.own.report import Report, reported
+from sdm_deflect.cases.own.subject import Subject
+from sdm_deflect.cases.progress import Display, Silent, Stopwatch
+from sdm_deflect.deform.interpolant import Interpolant
+from sdm_deflect.deform.kernels import FloatArray
 
 
 class Options(TypedDict, total=False):

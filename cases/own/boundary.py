@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cases.errors import InputError
-from cases.own.job import Job
-from cases.own.sheets import Sheet, check_parts, sheet_of
-from cases.own.subject import Subject
-from cases.own.surface import BoolArray, Surface
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.job import Job
+from sdm_deflect.cases.own.sheets import Sheet, check_parts, sheet_of
+from sdm_deflect.cases.own.subject import Subject
+from sdm_deflect.cases.own.surface import BoolArray, Surface
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
 
 SAME = 1e-9  # of the moving surfaces' size: lengths below are zero
 ON_WALL = 1e-6  # of it: a moving node this near to a wall is put on it

@@ -6,11 +6,11 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from cases.errors import InputError
-from cases.overrides import read_toml
-from deform.hexahedron import FACES, Hexahedron, box
-from deform.kernels import FloatArray
-from deform.motion import Axis
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.overrides import read_toml
+from sdm_deflect.deform.hexahedron import FACES, Hexahedron, box
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.motion import Axis
 
 GROWTH = 3.0  # margins are at least this multiple of the largest displacement
 GAP = 0.9  # a face that gives way to a patch stops at this share of the distance to it

@@ -5,15 +5,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cases.output import output_folder
-from cases.own import files
-from cases.own.api import run
-from cases.own.course import sensitivity
-from cases.own.job import Job
-from cases.own.plan import Plan, planned
-from cases.own.report import Report, notes_of, plan_figures
-from cases.own.subject import subject_of
-from cases.progress import Stopwatch
+from sdm_deflect.cases.output import output_folder
+from sdm_deflect.cases.own import files
+from sdm_deflect.cases.own.api import run
+from sdm_deflect.cases.own.course import sensitivity
+from sdm_deflect.cases.own.job import Job
+from sdm_deflect.cases.own.plan import Plan, planned
+from sdm_deflect.cases.own.report import Report, notes_of, plan_figures
+from sdm_deflect.cases.own.subject import subject_of
+from sdm_deflect.cases.progress import Stopwatch
 
 
 @dataclass(frozen=True, slots=True)

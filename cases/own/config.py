@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from cases.errors import InputError
-from cases.overrides import read_toml
-from cases.own.blended import Blended
-from cases.own.box import Automatic, BoxRule, Given
-from cases.own.job import Fitting, Job, Sliding
-from cases.own.motion import LARGEST_ANGLE, Motion, Moving, Rotation
-from cases.own.surface import Listed, NodeSet, OnPatches, TrailingEdge
-from cases.own.table import Table
-from cases.own.words import check_keys, number, points, texts
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.overrides import read_toml
+from sdm_deflect.cases.own.blended import Blended
+from sdm_deflect.cases.own.box import Automatic, BoxRule, Given
+from sdm_deflect.cases.own.job import Fitting, Job, Sliding
+from sdm_deflect.cases.own.motion import LARGEST_ANGLE, Motion, Moving, Rotation
+from sdm_deflect.cases.own.surface import Listed, NodeSet, OnPatches, TrailingEdge
+from sdm_deflect.cases.own.table import Table
+from sdm_deflect.cases.own.words import check_keys, number, points, texts
 
 Nested = dict[str, Any]
 SURFACE = ("patches", "hinge", "angle", "motion", "held", "driven", "strip", "table", "amount")

@@ -4,12 +4,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cases.own.plan import Plan
-from cases.own.rates import rate
-from cases.own.start import Start
-from cases.own.step import Solution, solve
-from cases.progress import Report
-from deform.kernels import FloatArray
+from sdm_deflect.cases.own.plan import Plan
+from sdm_deflect.cases.own.rates import rate
+from sdm_deflect.cases.own.start import Start
+from sdm_deflect.cases.own.step import Solution, solve
+from sdm_deflect.cases.progress import Report
+from sdm_deflect.deform.kernels import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from cases.errors import InputError
-from cases.own.vectors import write_vectors
-from cases.progress import Report
-from deform.kernels import FloatArray
-from meshing.formats.flow import FlowMesh
-from meshing.formats.registry import format_of
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.vectors import write_vectors
+from sdm_deflect.cases.progress import Report
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.meshing.formats.registry import format_of
 
 SENSITIVITY = "d_points_d_angle"
 

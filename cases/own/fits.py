@@ -5,21 +5,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cases.case import AdaptationSettings
-from cases.confine import GROUPINGS
-from cases.fitting import fit_from, initial_centers
-from cases.own.job import Fitting
-from cases.progress import Report
-from deform.duplicates import IndexArray
-from deform.factor import Grown
-from deform.greedy import Adaptation, Basis
-from deform.interpolant import Interpolant
-from deform.kernels import FloatArray
-from deform.problem import Problem
-from deform.reuse import Kept, with_values
-from deform.sites import DataSites, pinned
-from deform.threads import single_threaded_blas
-from deform.volume import fused
+from sdm_deflect.cases.case import AdaptationSettings
+from sdm_deflect.cases.confine import GROUPINGS
+from sdm_deflect.cases.fitting import fit_from, initial_centers
+from sdm_deflect.cases.own.job import Fitting
+from sdm_deflect.cases.progress import Report
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.factor import Grown
+from sdm_deflect.deform.greedy import Adaptation, Basis
+from sdm_deflect.deform.interpolant import Interpolant
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.problem import Problem
+from sdm_deflect.deform.reuse import Kept, with_values
+from sdm_deflect.deform.sites import DataSites, pinned
+from sdm_deflect.deform.threads import single_threaded_blas
+from sdm_deflect.deform.volume import fused
 
 INITIAL = 30  # centres on the surface, and on all else
 

@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cases.own.edges import rows_of
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
-from meshing.formats.flow import Cells
+from sdm_deflect.cases.own.edges import rows_of
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.meshing.formats.flow import Cells
 
 BLOCK = 1 << 13  # cells at a time: temporaries stay in the processor's cache
 CORNERS = {

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field
 
-from cases.case import STRATEGIES, AdaptationSettings, Strategy
-from cases.errors import InputError
-from cases.own.box import Automatic, BoxRule
-from cases.own.motion import Moving
-from cases.own.walls import SHAPES
+from sdm_deflect.cases.case import STRATEGIES, AdaptationSettings, Strategy
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.box import Automatic, BoxRule
+from sdm_deflect.cases.own.motion import Moving
+from sdm_deflect.cases.own.walls import SHAPES
 
 LARGEST_TOLERANCE = 1.0  # of AdaptationSettings
 

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.own.boundary import Boundary
-from cases.own.job import TOLERANCE_EDGES, Job
-from cases.own.quality import Touched
-from cases.own.region import Region
-from cases.own.sites import Sites
-from cases.own.subject import Subject
-from cases.progress import Stopwatch
-from deform.duplicates import IndexArray
+from sdm_deflect.cases.own.boundary import Boundary
+from sdm_deflect.cases.own.job import TOLERANCE_EDGES, Job
+from sdm_deflect.cases.own.quality import Touched
+from sdm_deflect.cases.own.region import Region
+from sdm_deflect.cases.own.sites import Sites
+from sdm_deflect.cases.own.subject import Subject
+from sdm_deflect.cases.progress import Stopwatch
+from sdm_deflect.deform.duplicates import IndexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

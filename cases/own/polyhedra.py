@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cases.own.edges import area_vectors
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
-from meshing.formats.flow import Polygons, Polyhedra
+from sdm_deflect.cases.own.edges import area_vectors
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.meshing.formats.flow import Polygons, Polyhedra
 
 
 def touching(cells: Polyhedra, moved: NDArray[np.bool_]) -> IndexArray:

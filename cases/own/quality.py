@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cases.errors import InputError
-from cases.own import jacobians, polyhedra
-from cases.own.subject import Subject, Volume
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
-from meshing.formats.flow import Polyhedra
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own import jacobians, polyhedra
+from sdm_deflect.cases.own.subject import Subject, Volume
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.meshing.formats.flow import Polyhedra
 
 
 @dataclass(frozen=True, slots=True)

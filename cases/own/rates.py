@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from cases.own.fits import on_same_centers
-from cases.own.start import Start
-from cases.own.step import Solution, carried_along, rounds, sheets_of
-from deform.kernels import FloatArray
+from sdm_deflect.cases.own.fits import on_same_centers
+from sdm_deflect.cases.own.start import Start
+from sdm_deflect.cases.own.step import Solution, carried_along, rounds, sheets_of
+from sdm_deflect.deform.kernels import FloatArray
 
 
 def rate(start: Start, solution: Solution, move: FloatArray, speed: FloatArray) -> FloatArray:

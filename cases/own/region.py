@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cases.errors import InputError
-from cases.own.boundary import SAME, Boundary
-from cases.own.box import Scene
-from cases.own.subject import Subject
-from deform.duplicates import IndexArray
-from deform.hexahedron import Hexahedron
-from meshing.formats.flow import Zone
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.boundary import SAME, Boundary
+from sdm_deflect.cases.own.box import Scene
+from sdm_deflect.cases.own.subject import Subject
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.meshing.formats.flow import Zone
 
 POSES = 4  # positions between rest and the full angle that the box has to hold
 

@@ -4,13 +4,13 @@ from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Any
 
-from cases.confine import DIRECTIONS
-from cases.own.checks import checks_of
-from cases.own.course import Course
-from cases.own.layers import Layers, first_layer
-from cases.own.plan import Plan
-from cases.own.quality import Quality
-from cases.validation import Check
+from sdm_deflect.cases.confine import DIRECTIONS
+from sdm_deflect.cases.own.checks import checks_of
+from sdm_deflect.cases.own.course import Course
+from sdm_deflect.cases.own.layers import Layers, first_layer
+from sdm_deflect.cases.own.plan import Plan
+from sdm_deflect.cases.own.quality import Quality
+from sdm_deflect.cases.validation import Check
 
 Json = dict[str, Any]
 

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass, field
 
-from cases.errors import InputError
-from cases.own.subject import Subject
-from cases.own.walls import Wall, fitted
-from deform.duplicates import IndexArray
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.subject import Subject
+from sdm_deflect.cases.own.walls import Wall, fitted
+from sdm_deflect.deform.duplicates import IndexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

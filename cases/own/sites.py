@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from cases.errors import InputError
-from cases.own.boundary import SAME, Boundary
-from cases.own.edges import edges_of, polygons_of
-from cases.own.region import Region
-from cases.own.spacing import in_front, spacing_for, surface_edge
-from cases.zero_sites import APART, apart_from
-from deform.duplicates import IndexArray, first_coincident
-from deform.kernels import FloatArray
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.boundary import SAME, Boundary
+from sdm_deflect.cases.own.edges import edges_of, polygons_of
+from sdm_deflect.cases.own.region import Region
+from sdm_deflect.cases.own.spacing import in_front, spacing_for, surface_edge
+from sdm_deflect.cases.zero_sites import APART, apart_from
+from sdm_deflect.deform.duplicates import IndexArray, first_coincident
+from sdm_deflect.deform.kernels import FloatArray
 
 NEIGHBOURS = 7
 REACH = 1.0  # median edges

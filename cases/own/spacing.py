@@ -3,13 +3,13 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cases.errors import InputError
-from cases.own.boundary import SAME, Boundary
-from cases.own.edges import median_edge
-from cases.own.region import Region
-from cases.own.walls import Plane
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.boundary import SAME, Boundary
+from sdm_deflect.cases.own.edges import median_edge
+from sdm_deflect.cases.own.region import Region
+from sdm_deflect.cases.own.walls import Plane
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
 
 MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
 

@@ -4,14 +4,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cases.case import AdaptationSettings
-from cases.own.boundary import Boundary
-from cases.own.fits import Known
-from cases.own.near import Carried, Nearby, Nearest, companions
-from cases.own.sites import Sites
-from cases.own.turns import Rings
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
+from sdm_deflect.cases.case import AdaptationSettings
+from sdm_deflect.cases.own.boundary import Boundary
+from sdm_deflect.cases.own.fits import Known
+from sdm_deflect.cases.own.near import Carried, Nearby, Nearest, companions
+from sdm_deflect.cases.own.sites import Sites
+from sdm_deflect.cases.own.turns import Rings
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

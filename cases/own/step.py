@@ -4,11 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cases.own.fits import Fits, fitted, fitted_again
-from cases.own.start import Start
-from cases.progress import Report
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
+from sdm_deflect.cases.own.fits import Fits, fitted, fitted_again
+from sdm_deflect.cases.own.start import Start
+from sdm_deflect.cases.progress import Report
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
 
 ROUNDS = 8  # of putting nodes on several walls, one after another
 

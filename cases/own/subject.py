@@ -7,10 +7,10 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from cases.errors import InputError
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
-from meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra, Zone
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra, Zone
 
 Volume = Cells | Polyhedra
 Faces = Cells | Polygons

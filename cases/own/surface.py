@@ -8,12 +8,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cases.errors import InputError
-from cases.own.edges import polygons_of, sharp_edges
-from cases.own.subject import Subject
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
-from deform.motion import Axis
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.edges import polygons_of, sharp_edges
+from sdm_deflect.cases.own.subject import Subject
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.motion import Axis
 
 BoolArray = NDArray[np.bool_]
 FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are the trailing edge

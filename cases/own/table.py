@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cases.errors import InputError
-from cases.own.surface import Surface
-from deform.duplicates import first_coincident
-from deform.interpolant import Interpolant, fit
-from deform.kernels import FloatArray, ThinPlateSpline
-from deform.motion import Axis
-from deform.reduction import farthest
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.surface import Surface
+from sdm_deflect.deform.duplicates import first_coincident
+from sdm_deflect.deform.interpolant import Interpolant, fit
+from sdm_deflect.deform.kernels import FloatArray, ThinPlateSpline
+from sdm_deflect.deform.motion import Axis
+from sdm_deflect.deform.reduction import farthest
 
 MOST = 3000  # points of a table that a direct solve takes
 

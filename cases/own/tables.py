@@ -9,9 +9,9 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from cases.console import verdict
-from cases.own.plan import Plan
-from cases.own.report import Report, notes_of
+from sdm_deflect.cases.console import verdict
+from sdm_deflect.cases.own.plan import Plan
+from sdm_deflect.cases.own.report import Report, notes_of
 
 
 def plan_table(plan: Plan) -> Group:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from deform.duplicates import IndexArray
-from deform.kernels import FloatArray
-from meshing.formats.flow import Cells, FlowMesh
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh
 
 VTK_TYPES = {"tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
 

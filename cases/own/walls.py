@@ -7,9 +7,9 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import least_squares
 
-from cases.errors import InputError
-from deform.kernels import FloatArray
-from deform.motion import Axis, Cylinder
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.motion import Axis, Cylinder
 
 RESIDUAL = 1e-5  # of the patch's size: files with six digits keep this
 SNAP = 1e-6  # a normal nearer to a coordinate axis than this is the axis

@@ -1,13 +1,13 @@
 """Figure 1: the aircraft's surfaces by component, and the two overlapping Chimera blocks."""
 
-from cases.report.colours import COMPONENTS, MAGENTA, components_of
-from cases.report.compose import Picture
-from cases.report.layers import box, patches
-from cases.report.scene import View, framed, plain
-from cases.run import Run
-from cases.zero_sites import BLOCK
-from geometry.datum import block_corners
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.report.colours import COMPONENTS, MAGENTA, components_of
+from sdm_deflect.cases.report.compose import Picture
+from sdm_deflect.cases.report.layers import box, patches
+from sdm_deflect.cases.report.scene import View, framed, plain
+from sdm_deflect.cases.run import Run
+from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.geometry.datum import block_corners
+from sdm_deflect.meshing.mesh import TetMesh
 
 FAR_FIELD = "far_field"
 PIXELS = (900, 620)

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from cases.report.aircraft import walls
-from cases.report.compose import Picture
-from cases.report.layers import box, patches
-from cases.report.scene import View, framed
-from cases.report.story import Outcome
-from cases.turn import Turn
-from cases.zero_sites import BLOCK
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.report.aircraft import walls
+from sdm_deflect.cases.report.compose import Picture
+from sdm_deflect.cases.report.layers import box, patches
+from sdm_deflect.cases.report.scene import View, framed
+from sdm_deflect.cases.report.story import Outcome
+from sdm_deflect.cases.turn import Turn
+from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.meshing.mesh import TetMesh
 
 PIXELS = (900, 640)
 TOWARDS = (1.0, -0.6, 0.45)

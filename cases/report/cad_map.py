@@ -8,9 +8,9 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from cases.motion import BoolArray, FloatArray, IndexArray
-from cases.report.story import Story
-from cases.turn import Turn
+from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
+from sdm_deflect.cases.report.story import Story
+from sdm_deflect.cases.turn import Turn
 
 MAP = "viridis"
 LEAST, TOP = 1e-17, 1e2

@@ -7,8 +7,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import Normalize, to_rgb
 
-from cases.motion import FloatArray, IndexArray
-from cases.report.scene import Colour
+from sdm_deflect.cases.motion import FloatArray, IndexArray
+from sdm_deflect.cases.report.scene import Colour
 
 QUALITY_MAP = "cividis"
 QUALITY_RANGE = Normalize(0.4, 1.0)

@@ -12,9 +12,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from cases.report.colours import QUALITY_MAP, QUALITY_RANGE
-from cases.report.offscreen import Image, rendered
-from cases.report.scene import View
+from sdm_deflect.cases.report.colours import QUALITY_MAP, QUALITY_RANGE
+from sdm_deflect.cases.report.offscreen import Image, rendered
+from sdm_deflect.cases.report.scene import View
 
 INCHES = 5.2
 """Width of one image."""

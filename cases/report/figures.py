@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cases.report.story import Course, Outcome
-from cases.turn import Turn
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.report.story import Course, Outcome
+from sdm_deflect.cases.turn import Turn
+from sdm_deflect.meshing.quality import mean_ratio
 
 STYLES = (
     {"color": "#0072b2", "ls": "-", "marker": "o"},

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from cases.report import cad_map, figures, slices
-from cases.report.before_after import before_after
-from cases.report.compose import Picture, assembled
-from cases.report.offscreen import Image, RenderError, rendering
-from cases.report.png import write_sharp_png
-from cases.report.story import Outcome, Story
+from sdm_deflect.cases.report import cad_map, figures, slices
+from sdm_deflect.cases.report.before_after import before_after
+from sdm_deflect.cases.report.compose import Picture, assembled
+from sdm_deflect.cases.report.offscreen import Image, RenderError, rendering
+from sdm_deflect.cases.report.png import write_sharp_png
+from sdm_deflect.cases.report.story import Outcome, Story
 
 Drawn = tuple[str, str, Figure, str]
 """Part of the page, name, figure, and what it shows in words."""

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cases.motion import BoolArray, FloatArray
-from cases.report.aircraft import walls
-from cases.report.colours import DARK
-from cases.report.compose import Picture
-from cases.report.layers import box, cells_by_quality, centroids, patches
-from cases.report.scene import View
-from cases.run import Run
-from geometry.datum import ends, gap_faces, ribs
+from sdm_deflect.cases.motion import BoolArray, FloatArray
+from sdm_deflect.cases.report.aircraft import walls
+from sdm_deflect.cases.report.colours import DARK
+from sdm_deflect.cases.report.compose import Picture
+from sdm_deflect.cases.report.layers import box, cells_by_quality, centroids, patches
+from sdm_deflect.cases.report.scene import View
+from sdm_deflect.cases.run import Run
+from sdm_deflect.geometry.datum import ends, gap_faces, ribs
 
 PIXELS = (900, 700)
 OUTBOARD, ALONG = 4.0, 4.5

@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cases.motion import FloatArray
-from cases.run import Run
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.motion import FloatArray
+from sdm_deflect.cases.run import Run
+from sdm_deflect.meshing.quality import mean_ratio
 
 BINS = np.linspace(0.0, 1.0, 51)
 

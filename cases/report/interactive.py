@@ -7,17 +7,17 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from cases.metrics import Json
-from cases.motion import BoolArray, FloatArray, IndexArray
-from cases.report.aircraft import FAR_FIELD
-from cases.report.colours import BLUE, ORANGE, QUALITY_MAP, QUALITY_RANGE, hexadecimal, patch_colour
-from cases.report.layers import BOX_EDGES
-from cases.report.scene import Colour
-from cases.report.story import Story
-from cases.turn import Turn
-from cases.zero_sites import BLOCK
-from meshing.mesh import TetMesh
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.metrics import Json
+from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
+from sdm_deflect.cases.report.aircraft import FAR_FIELD
+from sdm_deflect.cases.report.colours import BLUE, ORANGE, QUALITY_MAP, QUALITY_RANGE, hexadecimal, patch_colour
+from sdm_deflect.cases.report.layers import BOX_EDGES
+from sdm_deflect.cases.report.scene import Colour
+from sdm_deflect.cases.report.story import Story
+from sdm_deflect.cases.turn import Turn
+from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import mean_ratio
 
 MOST_CELLS = 40_000
 """So many of the worst cells of all hexahedra are in the page: a browser has to draw them."""

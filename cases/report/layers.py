@@ -4,11 +4,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from cases.motion import BoolArray, FloatArray, IndexArray
-from cases.report.colours import MAGENTA, patch_colour, quality_rgb
-from cases.report.scene import Colour, Layer, dots, plain
-from meshing.mesh import TetMesh
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
+from sdm_deflect.cases.report.colours import MAGENTA, patch_colour, quality_rgb
+from sdm_deflect.cases.report.scene import Colour, Layer, dots, plain
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import mean_ratio
 
 TET_FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 BOX_EDGES = np.array([[i, i | bit] for bit in (1, 2, 4) for i in range(8) if not i & bit])

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from cases.report.scene import View, encoded, legible
-from meshing.child import started
-from meshing.errors import MeshingError
+from sdm_deflect.cases.report.scene import View, encoded, legible
+from sdm_deflect.meshing.child import started
+from sdm_deflect.meshing.errors import MeshingError
 
 Image = NDArray[np.uint8]
 
@@ -25,7 +25,7 @@ class RenderError(RuntimeError):
 
 @contextmanager
 def rendering(
-    views: tuple[View, ...], module: str = "cases.report.render"
+    views: tuple[View, ...], module: str = "sdm_deflect.cases.report.render"
 ) -> Iterator[Callable[[], tuple[Image, ...]]]:
     """Begin to draw views; the callable waits for the images (H, W, 3).
 
@@ -46,7 +46,7 @@ def rendering(
         yield wait
 
 
-def rendered(views: tuple[View, ...], module: str = "cases.report.render") -> tuple[Image, ...]:
+def rendered(views: tuple[View, ...], module: str = "sdm_deflect.cases.report.render") -> tuple[Image, ...]:
     """Return the images (H, W, 3) of views.
 
     Raises

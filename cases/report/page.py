@@ -12,12 +12,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from PIL import Image
 
-from cases.overrides import to_toml
-from cases.report.gallery import Exhibit, Gallery, compared
-from cases.report.interactive import MOST_CELLS, turnable
-from cases.report.story import Story
-from cases.report.words import STATES, meaning, parameter_tables
-from cases.surroundings import surroundings, versions
+from sdm_deflect.cases.overrides import to_toml
+from sdm_deflect.cases.report.gallery import Exhibit, Gallery, compared
+from sdm_deflect.cases.report.interactive import MOST_CELLS, turnable
+from sdm_deflect.cases.report.story import Story
+from sdm_deflect.cases.report.words import STATES, meaning, parameter_tables
+from sdm_deflect.cases.surroundings import surroundings, versions
 
 
 def write_report(story: Story, gallery: Gallery, folder: Path) -> None:
@@ -30,8 +30,8 @@ def page(story: Story, gallery: Gallery) -> str:
     """Return the page; every text in it is escaped, and no script but its own two can run."""
     library, viewer = plotly(), own("viewer.js")
     environment = Environment(
-        loader=PackageLoader("cases.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
+        loader=PackageLoader("sdm_deflect.cases.report", "."), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     environment.filters |= {"inline": inline, "pixels": pixels, "meaning": meaning}
     return environment.get_template("page.html").render(
@@ -64,7 +64,7 @@ def policy(scripts: Iterable[str]) -> str:
 
 def own(name: str) -> Markup:
     """Return a file beside this one as it is, for a place where nothing is escaped."""
-    return Markup(files("cases.report").joinpath(name).read_text(encoding="utf-8"))
+    return Markup(files("sdm_deflect.cases.report").joinpath(name).read_text(encoding="utf-8"))
 
 
 def plotly() -> str:

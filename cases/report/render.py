@@ -1,4 +1,4 @@
-"""The process that draws: `python -m cases.report.render`, started by `cases.report.offscreen`.
+"""The process that draws: `python -m sdm_deflect.cases.report.render`, started by `sdm_deflect.cases.report.offscreen`.
 
 A system without an OpenGL library ends it with a segmentation fault, which no exception handler catches; in a
 process of its own that is a message.
@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cases.report.scene import Layer, View, decoded
-from meshing.child import Arrays, serve
+from sdm_deflect.cases.report.scene import Layer, View, decoded
+from sdm_deflect.meshing.child import Arrays, serve
 
 
 def draw(question: Arrays) -> Arrays:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 Array = NDArray[np.generic]
 Colour = tuple[int, int, int]

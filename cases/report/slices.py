@@ -9,13 +9,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from cases.motion import FloatArray
-from cases.report.colours import QUALITY_MAP, QUALITY_RANGE
-from cases.report.story import Outcome
-from cases.turn import Turn
-from geometry.datum import hinged
-from meshing.mesh import TetMesh
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.motion import FloatArray
+from sdm_deflect.cases.report.colours import QUALITY_MAP, QUALITY_RANGE
+from sdm_deflect.cases.report.story import Outcome
+from sdm_deflect.cases.turn import Turn
+from sdm_deflect.geometry.datum import hinged
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import mean_ratio
 
 AXES = "xyz"
 AROUND = 0.06

@@ -9,19 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from cases.case import Case
-from cases.confine import DIRECTIONS
-from cases.deflect import Deflected
-from cases.errors import InputError
-from cases.finished import read_run
-from cases.metrics import Json
-from cases.motion import BoolArray, FloatArray
-from cases.reference import reference
-from cases.turn import Turn, turn_of
-from cases.validate import validate
-from cases.validation import Check
-from meshing.mesh import TetMesh
-from meshing.vtu import read_vtu
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.confine import DIRECTIONS
+from sdm_deflect.cases.deflect import Deflected
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.finished import read_run
+from sdm_deflect.cases.metrics import Json
+from sdm_deflect.cases.motion import BoolArray, FloatArray
+from sdm_deflect.cases.reference import reference
+from sdm_deflect.cases.turn import Turn, turn_of
+from sdm_deflect.cases.validate import validate
+from sdm_deflect.cases.validation import Check
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.vtu import read_vtu
 
 Centres = dict[str, dict[str, FloatArray]]
 """Centres (C, 3) of the first step by control surface and direction."""

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from cases.motion import BoolArray, FloatArray, IndexArray
-from cases.report.aircraft import walls
-from cases.report.colours import BLUE, GREY, ORANGE
-from cases.report.compose import Picture
-from cases.report.layers import box, cells_by_quality, centroids, patches, sites
-from cases.report.scene import View, framed, plain
-from cases.run import Run
-from cases.tail import panel_of
-from geometry.datum import ends
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
+from sdm_deflect.cases.report.aircraft import walls
+from sdm_deflect.cases.report.colours import BLUE, GREY, ORANGE
+from sdm_deflect.cases.report.compose import Picture
+from sdm_deflect.cases.report.layers import box, cells_by_quality, centroids, patches, sites
+from sdm_deflect.cases.report.scene import View, framed, plain
+from sdm_deflect.cases.run import Run
+from sdm_deflect.cases.tail import panel_of
+from sdm_deflect.geometry.datum import ends
+from sdm_deflect.meshing.mesh import TetMesh
 
 PIXELS = (900, 640)
 CUT = 0.35

@@ -3,7 +3,7 @@
 from dataclasses import fields, is_dataclass
 from typing import Any
 
-from cases.case import Case
+from sdm_deflect.cases.case import Case
 
 CHECKS = {
     "outside_moved": "largest displacement outside the hexahedra",

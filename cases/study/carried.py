@@ -5,14 +5,14 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from cases.case import Case
-from cases.pipeline import meshed
-from cases.progress import Stopwatch
-from cases.registry import case_named
-from cases.report.png import write_png
-from cases.study.plots import DRAW
-from cases.study.study import STUDIES, Result, Study, carry_out
-from cases.study.text import markdown, write_csv
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.pipeline import meshed
+from sdm_deflect.cases.progress import Stopwatch
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.report.png import write_png
+from sdm_deflect.cases.study.plots import DRAW
+from sdm_deflect.cases.study.study import STUDIES, Result, Study, carry_out
+from sdm_deflect.cases.study.text import markdown, write_csv
 
 
 def case_of(study: Study, scale: str) -> Case:

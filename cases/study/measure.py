@@ -5,20 +5,20 @@ from dataclasses import dataclass, replace
 from statistics import median
 from typing import Self
 
-from cases.case import Case
-from cases.confine import DIRECTIONS, GROUPINGS, Region
-from cases.fitting import initial_centers
-from cases.study.loops import Loop
-from cases.study.paper import Evaluation, Row, Setting, Table
-from cases.turn import turn_of
-from deform.duplicates import IndexArray
-from deform.greedy import Adaptation, Step, Stop, adapt
-from deform.interpolant import Interpolant
-from deform.kernels import ThinPlateSpline
-from deform.progress import Progress, silent
-from deform.selection import GreedyOptions
-from deform.sites import DataSites
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.confine import DIRECTIONS, GROUPINGS, Region
+from sdm_deflect.cases.fitting import initial_centers
+from sdm_deflect.cases.study.loops import Loop
+from sdm_deflect.cases.study.paper import Evaluation, Row, Setting, Table
+from sdm_deflect.cases.turn import turn_of
+from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.greedy import Adaptation, Step, Stop, adapt
+from sdm_deflect.deform.interpolant import Interpolant
+from sdm_deflect.deform.kernels import ThinPlateSpline
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.selection import GreedyOptions
+from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.meshing.mesh import TetMesh
 
 REPETITIONS = 7
 """At most so many runs of one adaptation, of which the median time counts..."""

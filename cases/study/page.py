@@ -5,12 +5,12 @@ from pathlib import Path
 
 from numba import get_num_threads
 
-from cases.errors import is_reported
-from cases.progress import Display, Stopwatch
-from cases.report.offscreen import RenderError
-from cases.study.carried import run_study, write_study
-from cases.study.paper import paper
-from cases.study.sections import (
+from sdm_deflect.cases.errors import is_reported
+from sdm_deflect.cases.progress import Display, Stopwatch
+from sdm_deflect.cases.report.offscreen import RenderError
+from sdm_deflect.cases.study.carried import run_study, write_study
+from sdm_deflect.cases.study.paper import paper
+from sdm_deflect.cases.study.sections import (
     Section,
     figure1,
     figure3,
@@ -21,8 +21,8 @@ from cases.study.sections import (
     figure8,
     timings,
 )
-from cases.study.sources import Sources, sources
-from cases.study.text import markdown
+from sdm_deflect.cases.study.sources import Sources, sources
+from sdm_deflect.cases.study.text import markdown
 
 INTRODUCTION = """# The paper's section 5, measured here
 

@@ -9,10 +9,10 @@ mpl.use("Agg")
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cases.study.loops import DEFAULT, GMRES, GROWN, Loop
-from cases.study.measure import Measured
-from cases.study.study import Result
-from cases.study.trend import title
+from sdm_deflect.cases.study.loops import DEFAULT, GMRES, GROWN, Loop
+from sdm_deflect.cases.study.measure import Measured
+from sdm_deflect.cases.study.study import Result
+from sdm_deflect.cases.study.trend import title
 
 COLOURS = {"x": "#0072b2", "y": "#d55e00", "z": "#009e73", "xyz": "0.6"}
 LOOP_COLOURS = {"grown": "#0072b2", "lapack": "#e69f00", "gmres": "#d55e00", "default": "#009e73"}

@@ -1,10 +1,10 @@
 """What the paper reads off its quality histograms, judged on our meshes."""
 
 
-from cases.run import Run
-from cases.study.paper import QualityStatement
-from cases.study.trend import Finding
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.run import Run
+from sdm_deflect.cases.study.paper import QualityStatement
+from sdm_deflect.cases.study.trend import Finding
+from sdm_deflect.meshing.quality import mean_ratio
 
 VISIBLE = 3e-4
 """A histogram is as before if at most this share of all cells is new below the limit: a hundredth of the height of its

@@ -6,16 +6,16 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from cases.report import aircraft, gap, tail
-from cases.report.compose import figure_of
-from cases.report.histograms import histograms
-from cases.report.png import write_png
-from cases.run import Run
-from cases.study.paper import paper
-from cases.study.quality import judged, said
-from cases.study.sources import Sources
-from cases.study.timings import filter_is_cheap, savings, timed
-from cases.validation import Check
+from sdm_deflect.cases.report import aircraft, gap, tail
+from sdm_deflect.cases.report.compose import figure_of
+from sdm_deflect.cases.report.histograms import histograms
+from sdm_deflect.cases.report.png import write_png
+from sdm_deflect.cases.run import Run
+from sdm_deflect.cases.study.paper import paper
+from sdm_deflect.cases.study.quality import judged, said
+from sdm_deflect.cases.study.sources import Sources
+from sdm_deflect.cases.study.timings import filter_is_cheap, savings, timed
+from sdm_deflect.cases.validation import Check
 
 Write = Callable[[Sources, Path], str]
 """Writes the pictures of a section into a folder and returns its Markdown."""

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from cases.case import Case, Strategy
-from cases.pipeline import meshed, run_case
-from cases.progress import Display, Stopwatch
-from cases.registry import case_named
-from cases.run import Run
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import Case, Strategy
+from sdm_deflect.cases.pipeline import meshed, run_case
+from sdm_deflect.cases.progress import Display, Stopwatch
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.run import Run
+from sdm_deflect.meshing.mesh import TetMesh
 
 Key = tuple[str, float, Strategy]
 

@@ -3,17 +3,17 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from cases.case import Case
-from cases.progress import Report
-from cases.study.loops import DEFAULT, GMRES, GROWN, LAPACK, Loop
-from cases.study.measure import Job, Measured, Sites, measure, sites_of
-from cases.study.paper import Row, Setting, Table, paper
-from cases.study.table1 import TRENDS as TRENDS1
-from cases.study.table2 import TRENDS as TRENDS2
-from cases.study.table3 import TRENDS as TRENDS3
-from cases.study.table4 import TRENDS as TRENDS4
-from cases.study.trend import Finding, Trend
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.progress import Report
+from sdm_deflect.cases.study.loops import DEFAULT, GMRES, GROWN, LAPACK, Loop
+from sdm_deflect.cases.study.measure import Job, Measured, Sites, measure, sites_of
+from sdm_deflect.cases.study.paper import Row, Setting, Table, paper
+from sdm_deflect.cases.study.table1 import TRENDS as TRENDS1
+from sdm_deflect.cases.study.table2 import TRENDS as TRENDS2
+from sdm_deflect.cases.study.table3 import TRENDS as TRENDS3
+from sdm_deflect.cases.study.table4 import TRENDS as TRENDS4
+from sdm_deflect.cases.study.trend import Finding, Trend
+from sdm_deflect.meshing.mesh import TetMesh
 
 Chosen = Callable[[Table, Setting], tuple[Loop, ...]]
 

@@ -1,7 +1,19 @@
 """Table 1: the number of initial centres, for MV and SQUV, one centre added at a time."""
 
-from cases.study.paper import Row, Table
-from cases.study.trend import HARDLY, Finding, Rows, Trend, among, ascending, columns_of, listed, rising, spread, title
+from sdm_deflect.cases.study.paper import Row, Table
+from sdm_deflect.cases.study.trend import (
+    HARDLY,
+    Finding,
+    Rows,
+    Trend,
+    among,
+    ascending,
+    columns_of,
+    listed,
+    rising,
+    spread,
+    title,
+)
 
 TWICE = 2.0
 

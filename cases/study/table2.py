@@ -1,7 +1,7 @@
 """Table 2: the number of centres added in an iteration, M_add, for f_z."""
 
-from cases.study.paper import Table
-from cases.study.trend import Finding, Rows, Trend, ascending, listed, rising
+from sdm_deflect.cases.study.paper import Table
+from sdm_deflect.cases.study.trend import Finding, Rows, Trend, ascending, listed, rising
 
 SPEED_UP = 6.0
 MONOTONIC_TO = 25

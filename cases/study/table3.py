@@ -1,7 +1,7 @@
 """Table 3: SQUV for two deflections in a Chimera block, whose face carries further sites for f_y."""
 
-from cases.study.paper import Row, Table
-from cases.study.trend import Finding, Rows, Trend, listed
+from sdm_deflect.cases.study.paper import Row, Table
+from sdm_deflect.cases.study.trend import Finding, Rows, Trend, listed
 
 
 def by_angle(rows: Rows) -> dict[float, dict[str, Row]]:

@@ -1,7 +1,7 @@
 """Table 4: SQUV for the horizontal tail, with a limit on the number of centres."""
 
-from cases.study.paper import Table
-from cases.study.trend import HARDLY, Finding, Rows, Trend, among, ascending, listed, spread
+from sdm_deflect.cases.study.paper import Table
+from sdm_deflect.cases.study.trend import HARDLY, Finding, Rows, Trend, among, ascending, listed, spread
 
 
 def all_at_limit(rows: Rows, table: Table) -> Finding:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cases.study.loops import DEFAULT, GROWN, Loop
-from cases.study.measure import REPETITIONS, Sites
-from cases.study.paper import Row, Setting, Size, paper
-from cases.study.study import Result
-from cases.study.trend import listed, title
+from sdm_deflect.cases.study.loops import DEFAULT, GROWN, Loop
+from sdm_deflect.cases.study.measure import REPETITIONS, Sites
+from sdm_deflect.cases.study.paper import Row, Setting, Size, paper
+from sdm_deflect.cases.study.study import Result
+from sdm_deflect.cases.study.trend import listed, title
 
 FIELDS = (
     "source", "columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_add", "sites", "iterations",

@@ -5,12 +5,12 @@ from dataclasses import replace
 from statistics import median
 from time import perf_counter
 
-from cases.case import Case
-from cases.study.loops import GROWN
-from cases.study.measure import ENOUGH_SECONDS, REPETITIONS, Job, measure, sites_of
-from cases.study.paper import Evaluation
-from cases.study.trend import Finding
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.study.loops import GROWN
+from sdm_deflect.cases.study.measure import ENOUGH_SECONDS, REPETITIONS, Job, measure, sites_of
+from sdm_deflect.cases.study.paper import Evaluation
+from sdm_deflect.cases.study.trend import Finding
+from sdm_deflect.meshing.mesh import TetMesh
 
 ALIKE = 1.5
 """Time may fall short of the number of points by this factor: measured times vary that much."""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from cases.study.paper import Row, Table
+from sdm_deflect.cases.study.paper import Row, Table
 
 HARDLY = 1.25
 """Times that differ by less than this factor differ hardly: in the paper's table 1 it is at most 1.21."""

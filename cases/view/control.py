@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from cases.view.histogram import histogram
-from cases.view.layout import BOX, NOTES
-from cases.view.live import Frame, Live
-from cases.view.pieces import Piece, Pieces, bounds, boxes, outline
-from cases.view.scene import Scene
-from cases.view.section import Plane
-from cases.view.span import Spans
-from cases.view.words import facts, verdict
+from sdm_deflect.cases.view.histogram import histogram
+from sdm_deflect.cases.view.layout import BOX, NOTES
+from sdm_deflect.cases.view.live import Frame, Live
+from sdm_deflect.cases.view.pieces import Piece, Pieces, bounds, boxes, outline
+from sdm_deflect.cases.view.scene import Scene
+from sdm_deflect.cases.view.section import Plane
+from sdm_deflect.cases.view.span import Spans
+from sdm_deflect.cases.view.words import facts, verdict
 
 AXES = ("x", "y", "z")
 

@@ -6,12 +6,12 @@ from typing import Self
 import numpy as np
 from scipy.linalg import LinAlgError, lu_factor, lu_solve
 
-from cases.motion import FloatArray, IndexArray
-from deform.interpolant import SolveError, coefficient_matrix
-from deform.kernels import Kernel
-from deform.sums import kernel_matrix
-from deform.threads import single_threaded_blas
-from deform.unitbox import UnitBox
+from sdm_deflect.cases.motion import FloatArray, IndexArray
+from sdm_deflect.deform.interpolant import SolveError, coefficient_matrix
+from sdm_deflect.deform.kernels import Kernel
+from sdm_deflect.deform.sums import kernel_matrix
+from sdm_deflect.deform.threads import single_threaded_blas
+from sdm_deflect.deform.unitbox import UnitBox
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,16 +6,16 @@ from typing import Self
 
 import numpy as np
 
-from cases.case import Case, Deflection
-from cases.confine import GROUPINGS, Region, check_inside
-from cases.motion import FloatArray, IndexArray
-from cases.motions import Move, mover
-from cases.turn import turn_of
-from cases.view.stage import Group, Moved, Stage
-from cases.view.stored import Stored
-from deform.sites import DataSites
-from geometry import datum
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.case import Case, Deflection
+from sdm_deflect.cases.confine import GROUPINGS, Region, check_inside
+from sdm_deflect.cases.motion import FloatArray, IndexArray
+from sdm_deflect.cases.motions import Move, mover
+from sdm_deflect.cases.turn import turn_of
+from sdm_deflect.cases.view.stage import Group, Moved, Stage
+from sdm_deflect.cases.view.stored import Stored
+from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.geometry import datum
+from sdm_deflect.meshing.mesh import TetMesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,13 +6,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cases.motion import BoolArray, FloatArray, IndexArray
-from cases.report.colours import quality_rgb
-from cases.view.live import Frame, Live
-from cases.view.section import Plane, Section
-from cases.zero_sites import BLOCK
-from meshing.mesh import TetMesh
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
+from sdm_deflect.cases.report.colours import quality_rgb
+from sdm_deflect.cases.view.live import Frame, Live
+from sdm_deflect.cases.view.section import Plane, Section
+from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import mean_ratio
 
 Colours = NDArray[np.uint8]
 

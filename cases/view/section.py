@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from cases.motion import FloatArray, IndexArray
+from sdm_deflect.cases.motion import FloatArray, IndexArray
 
 APART = np.array([[0, 1, 2, 3], [1, 0, 2, 3], [2, 0, 1, 3], [3, 0, 1, 2]])
 """Corners of a tetrahedron: the one that is alone on its side of the plane, then the others."""

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
-from cases.confine import ConfinementError
-from cases.view.live import Live
+from sdm_deflect.cases.confine import ConfinementError
+from sdm_deflect.cases.view.live import Live
 
 STEP = 0.5
 """Angles are found to this many degrees."""

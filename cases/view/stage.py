@@ -5,11 +5,11 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from cases.confine import Region
-from cases.motion import FloatArray, IndexArray
-from cases.view.factored import Factored
-from deform.kernels import ThinPlateSpline
-from deform.sites import DataSites
+from sdm_deflect.cases.confine import Region
+from sdm_deflect.cases.motion import FloatArray, IndexArray
+from sdm_deflect.cases.view.factored import Factored
+from sdm_deflect.deform.kernels import ThinPlateSpline
+from sdm_deflect.deform.sites import DataSites
 
 
 class Moved(NamedTuple):

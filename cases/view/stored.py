@@ -8,14 +8,14 @@ from zipfile import BadZipFile
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cases.case import Case
-from cases.confine import DIRECTIONS
-from cases.errors import InputError
-from cases.motion import FloatArray, IndexArray
-from cases.resolve import resolve
-from deform.sites import DataSites
-from meshing.mesh import TetMesh
-from meshing.vtu import FormatError, read_vtu
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.confine import DIRECTIONS
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.motion import FloatArray, IndexArray
+from sdm_deflect.cases.resolve import resolve
+from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.vtu import FormatError, read_vtu
 
 SAME = 1e-8
 """A centre and its data site are no further apart (m)."""

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from cases.motion import FloatArray
-from cases.view.live import Frame, Live
-from cases.view.span import Spans
+from sdm_deflect.cases.motion import FloatArray
+from sdm_deflect.cases.view.live import Frame, Live
+from sdm_deflect.cases.view.span import Spans
 
 
 def verdict(frame: Frame) -> tuple[str, str]:

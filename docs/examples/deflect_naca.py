@@ -6,8 +6,8 @@ Run `python naca_wing.py && python deflect_naca.py naca.msh`.
 import sys
 from pathlib import Path
 
-from cases.own import Blended, Rotation, deflect
-from meshing.formats.registry import format_of
+from sdm_deflect.cases.own import Blended, Rotation, deflect
+from sdm_deflect.meshing.formats.registry import format_of
 
 source = Path(sys.argv[1] if len(sys.argv) > 1 else "naca.msh")
 hinge = [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]]

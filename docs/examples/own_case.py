@@ -7,12 +7,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from cases.case import Case, Deflection
-from cases.output import output_folder
-from cases.pipeline import run_case
-from cases.progress import Silent, Stopwatch
-from cases.registry import case_named
-from cases.run import Run
+from sdm_deflect.cases.case import Case, Deflection
+from sdm_deflect.cases.output import output_folder
+from sdm_deflect.cases.pipeline import run_case
+from sdm_deflect.cases.progress import Silent, Stopwatch
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.run import Run
 
 
 def elevator() -> Case:

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from deform.greedy import GreedyOptions, adapt
-from deform.hexahedron import box
-from deform.kernels import FloatArray, ThinPlateSpline
-from deform.reduction import farthest
-from deform.sites import DataSites, joined, pinned
-from deform.volume import displacement, fused, inside, prescribe
-from meshing.mesh import TetMesh
-from meshing.quality import mean_ratio, signed_volumes
-from meshing.vtu import read_vtu
+from sdm_deflect.deform.greedy import GreedyOptions, adapt
+from sdm_deflect.deform.hexahedron import box
+from sdm_deflect.deform.kernels import FloatArray, ThinPlateSpline
+from sdm_deflect.deform.reduction import farthest
+from sdm_deflect.deform.sites import DataSites, joined, pinned
+from sdm_deflect.deform.volume import displacement, fused, inside, prescribe
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import mean_ratio, signed_volumes
+from sdm_deflect.meshing.vtu import read_vtu
 
 BEND = 0.125
 """Height (m) above which the fin bends."""

@@ -13,12 +13,12 @@ from typing import Any
 import h5py
 import numpy as np
 
-from meshing.formats.cgns_read import coordinate_data, read_base, zones
-from meshing.formats.cgns_write import write_base
-from meshing.formats.flow import FlowMesh
-from meshing.formats.format import MeshFileError, Progress, silent
-from meshing.formats.guard import about, check_points, fresh
-from meshing.mesh import FloatArray
+from sdm_deflect.meshing.formats.cgns_read import coordinate_data, read_base, zones
+from sdm_deflect.meshing.formats.cgns_write import write_base
+from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
+from sdm_deflect.meshing.formats.guard import about, check_points, fresh
+from sdm_deflect.meshing.mesh import FloatArray
 
 ADF = b"ADF Database"
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from meshing.formats.cgns_nodes import children, integers, text
-from meshing.formats.flow import Cells, Patch, Polygons
-from meshing.formats.format import MeshFileError
-from meshing.formats.polygons import taken
-from meshing.mesh import BoolArray, IntArray
+from sdm_deflect.meshing.formats.cgns_nodes import children, integers, text
+from sdm_deflect.meshing.formats.flow import Cells, Patch, Polygons
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.polygons import taken
+from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 ON_FACES = ("FaceCenter", "CellCenter")
 """Gmsh and older writers say CellCenter where they mean the boundary's faces."""

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from meshing.formats.cgns_nodes import child, children, data, integers
-from meshing.formats.flow import CORNERS, VOLUMES, Cells
-from meshing.formats.format import MeshFileError
-from meshing.formats.orientation import mirrored
-from meshing.mesh import IntArray
+from sdm_deflect.meshing.formats.cgns_nodes import child, children, data, integers
+from sdm_deflect.meshing.formats.flow import CORNERS, VOLUMES, Cells
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.orientation import mirrored
+from sdm_deflect.meshing.mesh import IntArray
 
 SHAPES = {5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
 IGNORED = {2: 1, 3: 2}

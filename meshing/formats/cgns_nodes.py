@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from meshing.formats.format import MeshFileError
-from meshing.mesh import IntArray
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.mesh import IntArray
 
 DATA = " data"
 KINDS = {"int8": "C1", "int32": "I4", "int64": "I8", "float32": "R4", "float64": "R8"}

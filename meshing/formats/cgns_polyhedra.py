@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from meshing.formats.cgns_elements import NFACE, NGON, Section, connectivity, starts
-from meshing.formats.cgns_nodes import child, integers
-from meshing.formats.flow import Polygons, Polyhedra
-from meshing.formats.format import MeshFileError
-from meshing.formats.polygons import polygons, taken, turned
-from meshing.mesh import BoolArray, IntArray
+from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, connectivity, starts
+from sdm_deflect.meshing.formats.cgns_nodes import child, integers
+from sdm_deflect.meshing.formats.flow import Polygons, Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.polygons import polygons, taken, turned
+from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 Sides = tuple[IntArray, IntArray, BoolArray]
 """Owner (F,), neighbour (F,) or -1, and whether the face's normal points into its owner."""

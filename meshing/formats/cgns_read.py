@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
-from meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, sections
-from meshing.formats.cgns_nodes import Array, child, children, data, integers, text
-from meshing.formats.cgns_polyhedra import read_polyhedra
-from meshing.formats.flow import Cells, FlowMesh, Polyhedra
-from meshing.formats.format import MeshFileError
-from meshing.formats.guard import check_faces
-from meshing.formats.orientation import oriented
-from meshing.formats.zones import joined
-from meshing.mesh import FloatArray
+from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
+from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, sections
+from sdm_deflect.meshing.formats.cgns_nodes import Array, child, children, data, integers, text
+from sdm_deflect.meshing.formats.cgns_polyhedra import read_polyhedra
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.guard import check_faces
+from sdm_deflect.meshing.formats.orientation import oriented
+from sdm_deflect.meshing.formats.zones import joined
+from sdm_deflect.meshing.mesh import FloatArray
 
 AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 

@@ -9,13 +9,13 @@ from typing import Any
 import h5py
 import numpy as np
 
-from meshing.formats.cgns_nodes import Integer, create, describe, node_names
-from meshing.formats.cgns_read import AXES
-from meshing.formats.cgns_write_elements import write_polyhedra, write_shapes
-from meshing.formats.flow import FlowMesh, Polyhedra
-from meshing.formats.format import MeshFileError
-from meshing.formats.zones import part
-from meshing.mesh import IntArray
+from sdm_deflect.meshing.formats.cgns_nodes import Integer, create, describe, node_names
+from sdm_deflect.meshing.formats.cgns_read import AXES
+from sdm_deflect.meshing.formats.cgns_write_elements import write_polyhedra, write_shapes
+from sdm_deflect.meshing.formats.flow import FlowMesh, Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.zones import part
+from sdm_deflect.meshing.mesh import IntArray
 
 VERSION = 3.4
 """The oldest CGNS with offsets of mixed elements and of faces, which every later library reads."""

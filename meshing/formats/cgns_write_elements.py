@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from meshing.formats.cgns_elements import NFACE, NGON, SHAPES
-from meshing.formats.cgns_nodes import Integer, create, create_sized, node_names
-from meshing.formats.faces import face_keys, node_keys
-from meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra
-from meshing.formats.format import MeshFileError
-from meshing.formats.orientation import mirrored
-from meshing.formats.polygons import polygons, simple_faces
-from meshing.mesh import IntArray
+from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, SHAPES
+from sdm_deflect.meshing.formats.cgns_nodes import Integer, create, create_sized, node_names
+from sdm_deflect.meshing.formats.faces import face_keys, node_keys
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.orientation import mirrored
+from sdm_deflect.meshing.formats.polygons import polygons, simple_faces
+from sdm_deflect.meshing.mesh import IntArray
 
 ROWS = 1 << 18
 """Elements written at a time."""

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
-from meshing.mesh import BoolArray, IntArray
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
+from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "tetra": ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),

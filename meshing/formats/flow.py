@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 CORNERS = {
     "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,

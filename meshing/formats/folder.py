@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.format import MeshFileError
 
 
 @contextmanager

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from meshing.formats.flow import FlowMesh
-from meshing.mesh import FloatArray
+from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.meshing.mesh import FloatArray
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction done (nan where that is unknown)."""

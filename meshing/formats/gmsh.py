@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from meshing.formats.flow import Cells, FlowMesh, Patch
-from meshing.formats.format import MeshFileError, Progress, silent
-from meshing.formats.gmsh_elements import Elements, elements
-from meshing.formats.gmsh_file import GmshFile, opened
-from meshing.formats.gmsh_nodes import nodes
-from meshing.formats.gmsh_write import write_mesh
-from meshing.formats.guard import about, check_faces, check_points, fresh
-from meshing.formats.moved import with_bytes, with_numbers
-from meshing.formats.orientation import mirrored, oriented
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch
+from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
+from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
+from sdm_deflect.meshing.formats.gmsh_file import GmshFile, opened
+from sdm_deflect.meshing.formats.gmsh_nodes import nodes
+from sdm_deflect.meshing.formats.gmsh_write import write_mesh
+from sdm_deflect.meshing.formats.guard import about, check_faces, check_points, fresh
+from sdm_deflect.meshing.formats.moved import with_bytes, with_numbers
+from sdm_deflect.meshing.formats.orientation import mirrored, oriented
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
 FACES = {2: "triangle", 3: "quad"}

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from meshing.formats.format import MeshFileError
-from meshing.formats.su2_text import Lines, numbers
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.su2_text import Lines, numbers
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 REAL = np.dtype("f8")
 

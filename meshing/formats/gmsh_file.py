@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from meshing.formats.format import MeshFileError
-from meshing.formats.gmsh_cursor import ByteCursor, Cursor, TextCursor
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.gmsh_cursor import ByteCursor, Cursor, TextCursor
 
 NAME = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 VERSIONS = {"2": 22, "2.0": 22, "2.1": 22, "2.2": 22, "4.1": 41}

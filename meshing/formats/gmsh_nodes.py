@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from meshing.formats.format import MeshFileError
-from meshing.formats.gmsh_cursor import Cursor, Reals, TextCursor
-from meshing.formats.gmsh_file import GmshFile
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.gmsh_cursor import Cursor, Reals, TextCursor
+from sdm_deflect.meshing.formats.gmsh_file import GmshFile
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

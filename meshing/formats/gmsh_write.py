@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from meshing.formats.flow import FlowMesh
-from meshing.formats.orientation import mirrored
-from meshing.formats.polygons import simple_faces
-from meshing.formats.standard import standard_cells
+from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.meshing.formats.orientation import mirrored
+from sdm_deflect.meshing.formats.polygons import simple_faces
+from sdm_deflect.meshing.formats.standard import standard_cells
 
 VOLUME = "volume"
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from meshing.files import replacing
-from meshing.formats.faces import loose_faces
-from meshing.formats.flow import FlowMesh
-from meshing.formats.format import MeshFileError
-from meshing.mesh import FloatArray
+from sdm_deflect.meshing.files import replacing
+from sdm_deflect.meshing.formats.faces import loose_faces
+from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.mesh import FloatArray
 
 
 @contextmanager

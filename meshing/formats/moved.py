@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 
 def with_numbers(data: bytes, begin: IntArray, end: IntArray, values: FloatArray) -> bytes:

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from meshing.formats.flow import FlowMesh, Patch, Polyhedra
-from meshing.formats.folder import copied, fresh_folder
-from meshing.formats.format import MeshFileError, Progress, silent
-from meshing.formats.guard import about, check_points
-from meshing.formats.moved import with_bytes, with_numbers
-from meshing.formats.openfoam_boundary import parse
-from meshing.formats.openfoam_file import open_foam
-from meshing.formats.openfoam_lists import faces, labels, vectors
-from meshing.formats.openfoam_system import write_system
-from meshing.formats.openfoam_write import write_mesh
-from meshing.mesh import FloatArray
+from sdm_deflect.meshing.formats.flow import FlowMesh, Patch, Polyhedra
+from sdm_deflect.meshing.formats.folder import copied, fresh_folder
+from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
+from sdm_deflect.meshing.formats.guard import about, check_points
+from sdm_deflect.meshing.formats.moved import with_bytes, with_numbers
+from sdm_deflect.meshing.formats.openfoam_boundary import parse
+from sdm_deflect.meshing.formats.openfoam_file import open_foam
+from sdm_deflect.meshing.formats.openfoam_lists import faces, labels, vectors
+from sdm_deflect.meshing.formats.openfoam_system import write_system
+from sdm_deflect.meshing.formats.openfoam_write import write_mesh
+from sdm_deflect.meshing.mesh import FloatArray
 
 MESH = Path("constant", "polyMesh")
 STALE = ("processor*",)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.format import MeshFileError
 
 WORD = re.compile(rb"\"[^\"]*\"|[{}();]|[^\s{}();\"]+")
 SYMMETRY = ("symmetry", "sym")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.format import MeshFileError
 
 HEADER = re.compile(rb"FoamFile\s*\{([^}]*)\}")
 ENTRY = re.compile(rb"(\w+)\s+(\"[^\"]*\"|[^;]*);")

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from meshing.formats.flow import Polygons
-from meshing.formats.format import MeshFileError
-from meshing.formats.openfoam_file import FoamFile
-from meshing.formats.polygons import polygons
-from meshing.formats.su2_text import numbers
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.formats.flow import Polygons
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.openfoam_file import FoamFile
+from sdm_deflect.meshing.formats.polygons import polygons
+from sdm_deflect.meshing.formats.su2_text import numbers
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 BLANK = re.compile(rb"(?:\s|//[^\n]*(?:\n|$)|/\*.*?\*/)*", re.DOTALL)
 COUNT = re.compile(rb"(\d+)\s*([({])")

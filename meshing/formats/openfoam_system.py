@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from meshing.formats.openfoam_write import header
+from sdm_deflect.meshing.formats.openfoam_write import header
 
 CONTROL = """application     simpleFoam;
 startFrom       startTime;

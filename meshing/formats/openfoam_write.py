@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from meshing.formats.flow import FlowMesh
-from meshing.formats.openfoam_boundary import FoamPatch, kind_of, words, written
-from meshing.formats.polyhedral import Bounded, bounded
-from meshing.mesh import FloatArray
+from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.meshing.formats.openfoam_boundary import FoamPatch, kind_of, words, written
+from sdm_deflect.meshing.formats.polyhedral import Bounded, bounded
+from sdm_deflect.meshing.mesh import FloatArray
 
 LABEL, SCALAR = np.dtype("<i4"), np.dtype("<f8")
 FLAT = 1e-9

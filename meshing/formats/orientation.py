@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from meshing.formats.flow import Cells
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.formats.flow import Cells
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 MIRRORED = {
     "tetra": (0, 2, 1, 3), "pyramid": (0, 3, 2, 1, 4), "wedge": (0, 2, 1, 3, 5, 4),

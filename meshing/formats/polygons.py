@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from meshing.formats.flow import Cells, Patch, Polygons
-from meshing.formats.format import MeshFileError
-from meshing.mesh import BoolArray, IntArray
+from sdm_deflect.meshing.formats.flow import Cells, Patch, Polygons
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 
 def polygons(nodes: IntArray, sizes: IntArray) -> Polygons:

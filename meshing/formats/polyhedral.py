@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from meshing.formats.faces import FACES, Keys, face_keys, node_keys
-from meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra
-from meshing.formats.format import MeshFileError
-from meshing.formats.polygons import polygons, taken, turned
-from meshing.mesh import IntArray
+from sdm_deflect.meshing.formats.faces import FACES, Keys, face_keys, node_keys
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.polygons import polygons, taken, turned
+from sdm_deflect.meshing.mesh import IntArray
 
 LOOSE = "unnamed"
 """Patch of the boundary faces that are on no patch."""

@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from meshing.formats.cgns import Cgns
-from meshing.formats.format import Format, MeshFileError
-from meshing.formats.gmsh import Gmsh
-from meshing.formats.openfoam import OpenFoam
-from meshing.formats.other import advice
-from meshing.formats.su2 import Su2
-from meshing.formats.vtk import Vtu
+from sdm_deflect.meshing.formats.cgns import Cgns
+from sdm_deflect.meshing.formats.format import Format, MeshFileError
+from sdm_deflect.meshing.formats.gmsh import Gmsh
+from sdm_deflect.meshing.formats.openfoam import OpenFoam
+from sdm_deflect.meshing.formats.other import advice
+from sdm_deflect.meshing.formats.su2 import Su2
+from sdm_deflect.meshing.formats.vtk import Vtu
 
 FORMATS: dict[str, Format] = {
     "su2": Su2(),

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshing.formats.flow import CORNERS, Cells, FlowMesh, Polygons, Polyhedra
-from meshing.formats.format import MeshFileError
-from meshing.formats.polygons import taken
-from meshing.formats.polyhedral import faces_by_cell
-from meshing.mesh import IntArray
+from sdm_deflect.meshing.formats.flow import CORNERS, Cells, FlowMesh, Polygons, Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.polygons import taken
+from sdm_deflect.meshing.formats.polyhedral import faces_by_cell
+from sdm_deflect.meshing.mesh import IntArray
 
 SIDES = {"tetra": (4, 0), "pyramid": (4, 1), "wedge": (2, 3), "hexahedron": (0, 6)}
 """Numbers of triangles and quadrilaterals of each shape."""

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from meshing.formats.flow import FlowMesh
-from meshing.formats.format import Progress, silent
-from meshing.formats.guard import about, fresh
-from meshing.formats.standard import standard_cells
-from meshing.formats.su2_read import read_zones
-from meshing.formats.su2_source import Su2File
-from meshing.formats.su2_write import copy_moved, write_mesh
-from meshing.mesh import FloatArray
+from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.meshing.formats.format import Progress, silent
+from sdm_deflect.meshing.formats.guard import about, fresh
+from sdm_deflect.meshing.formats.standard import standard_cells
+from sdm_deflect.meshing.formats.su2_read import read_zones
+from sdm_deflect.meshing.formats.su2_source import Su2File
+from sdm_deflect.meshing.formats.su2_write import copy_moved, write_mesh
+from sdm_deflect.meshing.mesh import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

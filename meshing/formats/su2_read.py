@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from meshing.formats.flow import CORNERS, Cells, FlowMesh, Patch
-from meshing.formats.format import MeshFileError
-from meshing.formats.guard import check_faces
-from meshing.formats.orientation import oriented
-from meshing.formats.su2_source import Su2File, coordinates
-from meshing.formats.su2_text import Lines, Section
-from meshing.formats.zones import joined
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.formats.flow import CORNERS, Cells, FlowMesh, Patch
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.guard import check_faces
+from sdm_deflect.meshing.formats.orientation import oriented
+from sdm_deflect.meshing.formats.su2_source import Su2File, coordinates
+from sdm_deflect.meshing.formats.su2_text import Lines, Section
+from sdm_deflect.meshing.formats.zones import joined
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 SOLIDS = {10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
 FACES = {5: "triangle", 9: "quad"}

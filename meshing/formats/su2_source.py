@@ -8,9 +8,9 @@ from typing import BinaryIO
 
 import numpy as np
 
-from meshing.formats.format import MeshFileError
-from meshing.formats.su2_text import Lines, Section, chunks, numbers, sections
-from meshing.mesh import IntArray
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.su2_text import Lines, Section, chunks, numbers, sections
+from sdm_deflect.meshing.mesh import IntArray
 
 
 @dataclass(frozen=True, slots=True)

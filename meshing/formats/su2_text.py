@@ -9,8 +9,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from meshing.formats.format import MeshFileError
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 CHUNK = 1 << 22
 """Bytes of text handled at a time."""

@@ -8,15 +8,15 @@ from typing import BinaryIO
 
 import numpy as np
 
-from meshing.formats.flow import FlowMesh, Polyhedra
-from meshing.formats.format import MeshFileError
-from meshing.formats.guard import check_points
-from meshing.formats.polygons import simple_faces
-from meshing.formats.su2_read import FACES, PARALLEL, SOLIDS
-from meshing.formats.su2_source import Su2File, coordinates
-from meshing.formats.su2_text import CHUNK, Lines
-from meshing.formats.zones import part
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.formats.flow import FlowMesh, Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.guard import check_points
+from sdm_deflect.meshing.formats.polygons import simple_faces
+from sdm_deflect.meshing.formats.su2_read import FACES, PARALLEL, SOLIDS
+from sdm_deflect.meshing.formats.su2_source import Su2File, coordinates
+from sdm_deflect.meshing.formats.su2_text import CHUNK, Lines
+from sdm_deflect.meshing.formats.zones import part
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES).items()}
 ROWS = 1 << 15

@@ -10,13 +10,13 @@ from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-from meshing.formats.flow import FlowMesh
-from meshing.formats.format import MeshFileError, Progress, silent
-from meshing.formats.guard import about, check_points, fresh
-from meshing.formats.vtk_grid import mesh_of
-from meshing.formats.vtk_write import encode_like, grid_of
-from meshing.mesh import FloatArray
-from meshing.vtu import FAST, FormatError, read_grid
+from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
+from sdm_deflect.meshing.formats.guard import about, check_points, fresh
+from sdm_deflect.meshing.formats.vtk_grid import mesh_of
+from sdm_deflect.meshing.formats.vtk_write import encode_like, grid_of
+from sdm_deflect.meshing.mesh import FloatArray
+from sdm_deflect.meshing.vtu import FAST, FormatError, read_grid
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,13 +25,13 @@ from vtkmodules.vtkCommonDataModel import (
     vtkUnstructuredGrid,
 )  # fmt: skip
 
-from meshing.formats.flow import CORNERS, Cells, FlowMesh, Patch, Polygons, Polyhedra
-from meshing.formats.format import MeshFileError
-from meshing.formats.guard import check_faces
-from meshing.formats.orientation import oriented
-from meshing.formats.polygons import taken
-from meshing.formats.polyhedral import polyhedra
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.formats.flow import CORNERS, Cells, FlowMesh, Patch, Polygons, Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.guard import check_faces
+from sdm_deflect.meshing.formats.orientation import oriented
+from sdm_deflect.meshing.formats.polygons import taken
+from sdm_deflect.meshing.formats.polyhedral import polyhedra
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 SOLIDS = {VTK_TETRA: "tetra", VTK_PYRAMID: "pyramid", VTK_WEDGE: "wedge", VTK_HEXAHEDRON: "hexahedron"}
 FACES = {VTK_TRIANGLE: "triangle", VTK_QUAD: "quad"}

@@ -11,11 +11,11 @@ from vtkmodules.vtkCommonCore import VTK_ID_TYPE, vtkPoints
 from vtkmodules.vtkCommonDataModel import VTK_POLYGON, VTK_POLYHEDRON, vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-from meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
-from meshing.formats.polyhedral import faces_by_cell
-from meshing.formats.vtk_grid import FACES, NAMES, SOLIDS
-from meshing.mesh import IntArray
-from meshing.vtu import attach, string_array
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
+from sdm_deflect.meshing.formats.polyhedral import faces_by_cell
+from sdm_deflect.meshing.formats.vtk_grid import FACES, NAMES, SOLIDS
+from sdm_deflect.meshing.mesh import IntArray
+from sdm_deflect.meshing.vtu import attach, string_array
 
 TYPES = {shape: kind for kind, shape in (SOLIDS | FACES).items()}
 NO_CELL = "volume"

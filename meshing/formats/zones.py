@@ -9,9 +9,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra, Zone
-from meshing.formats.polygons import taken
-from meshing.mesh import BoolArray, IntArray
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra, Zone
+from sdm_deflect.meshing.formats.polygons import taken
+from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 Faces = TypeVar("Faces", bound=Cells | Polygons)
 

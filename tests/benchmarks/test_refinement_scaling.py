@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.refinement_scaling import Size, fastest, measured, table
-from meshing.mesh import TetMesh
-from meshing.refine import split
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.refine import split
 
 
 @pytest.fixture

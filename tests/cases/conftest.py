@@ -7,12 +7,12 @@ import pytest
 from deflected_cad import built
 from filelock import FileLock
 
-from cases.deflect import deflect
-from cases.output import output_folder
-from cases.pipeline import background_mesh, combined, run_case
-from cases.progress import Silent, Stopwatch
-from cases.registry import case_named
-from cases.validate import validate
+from sdm_deflect.cases.deflect import deflect
+from sdm_deflect.cases.output import output_folder
+from sdm_deflect.cases.pipeline import background_mesh, combined, run_case
+from sdm_deflect.cases.progress import Silent, Stopwatch
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.validate import validate
 
 
 @pytest.fixture(scope="session")

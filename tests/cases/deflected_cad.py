@@ -2,9 +2,9 @@
 
 from functools import cache
 
-from cases.case import Case
-from cases.reference import Reference, decoded, encoded, variants
-from cases.reference_worker import reduced
+from sdm_deflect.cases.case import Case
+from sdm_deflect.cases.reference import Reference, decoded, encoded, variants
+from sdm_deflect.cases.reference_worker import reduced
 
 
 @cache

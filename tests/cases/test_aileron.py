@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.registry import case_named
-from meshing.quality import mean_ratio
-from meshing.vtu import read_vtu, read_vtu_arrays
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.meshing.quality import mean_ratio
+from sdm_deflect.meshing.vtu import read_vtu, read_vtu_arrays
 
 pytestmark = pytest.mark.mesher
 

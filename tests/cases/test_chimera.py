@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.overset import has_donor, overlap
-from cases.registry import case_named
-from cases.zero_sites import BLOCK, block_stations
-from geometry.parameters import Aileron, Fighter
+from sdm_deflect.cases.overset import has_donor, overlap
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.zero_sites import BLOCK, block_stations
+from sdm_deflect.geometry.parameters import Aileron, Fighter
 
 pytestmark = pytest.mark.mesher
 

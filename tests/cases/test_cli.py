@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cases.cli import main
+from sdm_deflect.cases.cli import main
 
 
 @pytest.fixture

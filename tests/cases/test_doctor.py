@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from cases import doctor
-from cases.console import findings
-from cases.report.offscreen import RenderError
+from sdm_deflect.cases import doctor
+from sdm_deflect.cases.console import findings
+from sdm_deflect.cases.report.offscreen import RenderError
 
 
 def test_readme_and_doctor_ask_for_the_same_packages():
@@ -73,7 +73,7 @@ def test_too_little_of_anything_is_found(monkeypatch, examine):
 def test_command_prints_and_fails_when_something_is_not_well(monkeypatch, capsys):
     from click.testing import CliRunner
 
-    from cases.cli import cli
+    from sdm_deflect.cases.cli import cli
 
     ill = doctor.Finding("cache", False, "a [bold]file[/bold]", "rm it")
     monkeypatch.setattr(doctor, "examinations", lambda: (lambda: ill,))

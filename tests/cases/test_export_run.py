@@ -6,15 +6,15 @@ import sys
 import numpy as np
 import pytest
 
-from cases.cli import cli
-from cases.errors import InputError
-from cases.export import export_run
-from meshing.formats.flow import Polyhedra
-from meshing.formats.format import MeshFileError
-from meshing.formats.openfoam import MESH
-from meshing.formats.registry import FORMATS
-from meshing.mesh import TetMesh
-from meshing.vtu import FormatError, write_vtu
+from sdm_deflect.cases.cli import cli
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.export import export_run
+from sdm_deflect.meshing.formats.flow import Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.openfoam import MESH
+from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.vtu import FormatError, write_vtu
 
 CORNERS = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
 TETS = np.array([[0, 1, 2, 4], [1, 3, 2, 7], [4, 6, 7, 2], [4, 7, 5, 1], [1, 2, 4, 7]])

@@ -5,15 +5,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cases.report import aircraft, gap, tail
-from cases.report.colours import QUALITY_RANGE, patch_colour, quality_rgb
-from cases.report.compose import Picture, figure_of
-from cases.report.histograms import histograms
-from cases.report.layers import cells_by_quality, shell
-from cases.report.offscreen import RenderError, rendered
-from cases.report.png import write_png
-from cases.report.scene import MARGIN, Layer, View, decoded, encoded, framed, legible, plain
-from meshing.quality import signed_volumes
+from sdm_deflect.cases.report import aircraft, gap, tail
+from sdm_deflect.cases.report.colours import QUALITY_RANGE, patch_colour, quality_rgb
+from sdm_deflect.cases.report.compose import Picture, figure_of
+from sdm_deflect.cases.report.histograms import histograms
+from sdm_deflect.cases.report.layers import cells_by_quality, shell
+from sdm_deflect.cases.report.offscreen import RenderError, rendered
+from sdm_deflect.cases.report.png import write_png
+from sdm_deflect.cases.report.scene import MARGIN, Layer, View, decoded, encoded, framed, legible, plain
+from sdm_deflect.meshing.quality import signed_volumes
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 FACING = View((plain(TRIANGLE, np.array([[0, 1, 2]]), (255, 0, 0), ambient=1.0),), np.array([0.0, 0.3, 0.3]),
@@ -101,7 +101,7 @@ def test_a_triangle_is_drawn_where_it_is():
 
 def test_missing_graphics_is_a_message():
     with pytest.raises(RenderError, match=r"ended with code 1.*apt-get install .*libegl1"):
-        rendered((FACING,), module="cases.report.no_such_module")
+        rendered((FACING,), module="sdm_deflect.cases.report.no_such_module")
 
 
 def test_png_is_written_small(tmp_path):

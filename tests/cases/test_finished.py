@@ -4,9 +4,9 @@ import shutil
 
 import pytest
 
-from cases.errors import InputError
-from cases.finished import read_run, validate_folder
-from meshing.vtu import read_vtu, write_vtu
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.finished import read_run, validate_folder
+from sdm_deflect.meshing.vtu import read_vtu, write_vtu
 
 
 @pytest.mark.mesher

@@ -14,12 +14,12 @@ import pytest
 from skfem import Basis, ElementTetP1, MeshTet, condense, solve
 from skfem.models.poisson import laplace
 
-from cases.deflect import deflect
-from cases.export import export_run
-from cases.pipeline import combined
-from cases.registry import case_named
-from meshing.formats.openfoam import OpenFoam
-from meshing.vtu import write_vtu
+from sdm_deflect.cases.deflect import deflect
+from sdm_deflect.cases.export import export_run
+from sdm_deflect.cases.pipeline import combined
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.meshing.formats.openfoam import OpenFoam
+from sdm_deflect.meshing.vtu import write_vtu
 
 pytestmark = pytest.mark.mesher
 

@@ -4,8 +4,8 @@ import csv
 
 import pytest
 
-from cases.limit import attempt, find_limits, write_limits
-from cases.registry import case_named
+from sdm_deflect.cases.limit import attempt, find_limits, write_limits
+from sdm_deflect.cases.registry import case_named
 
 pytestmark = pytest.mark.mesher
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cases.overrides import parse_assignments, to_toml, with_overrides
-from cases.registry import CASES, case_named
+from sdm_deflect.cases.overrides import parse_assignments, to_toml, with_overrides
+from sdm_deflect.cases.registry import CASES, case_named
 
 AILERON = CASES["aileron"]
 

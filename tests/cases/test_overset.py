@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from cases.overset import has_donor
-from meshing.mesh import TetMesh
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.overset import has_donor
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import mean_ratio
 
 NOTHING = np.empty(0, dtype=np.intp)
 

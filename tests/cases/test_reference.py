@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from deflected_cad import built
 
-from cases.case import Deflection
-from cases.reference import ReferenceFace, reference, variants
-from cases.registry import case_named
-from geometry.errors import CadError
+from sdm_deflect.cases.case import Deflection
+from sdm_deflect.cases.reference import ReferenceFace, reference, variants
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.geometry.errors import CadError
 
 
 def test_both_processes_build_the_same():

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cases.metrics import metrics
-from cases.report.gallery import Gallery, drawn
-from cases.report.interactive import thinned, turnable
-from cases.report.offscreen import rendering
-from cases.report.page import page, write_report
-from cases.report.story import of_folder, outcome_of
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.metrics import metrics
+from sdm_deflect.cases.report.gallery import Gallery, drawn
+from sdm_deflect.cases.report.interactive import thinned, turnable
+from sdm_deflect.cases.report.offscreen import rendering
+from sdm_deflect.cases.report.page import page, write_report
+from sdm_deflect.cases.report.story import of_folder, outcome_of
+from sdm_deflect.meshing.quality import mean_ratio
 
 EVIL = "</script><script>document.title='broken'</script><img src=x onerror=\"document.title='broken'\">"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -139,8 +139,8 @@ def test_names_cannot_inject_markup(aileron_run, opened, tmp_path):
 
 
 def test_missing_graphics_is_a_sentence(aileron_run, tmp_path, monkeypatch):
-    failing = partial(rendering, module="cases.report.no_such_module")
-    monkeypatch.setattr("cases.report.gallery.rendering", failing)
+    failing = partial(rendering, module="sdm_deflect.cases.report.no_such_module")
+    monkeypatch.setattr("sdm_deflect.cases.report.gallery.rendering", failing)
     story = story_of(aileron_run[0])
     write_report(story, drawn(story, tmp_path / "figures"), tmp_path)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -176,7 +176,7 @@ def test_large_patches_are_thinned_away_from_the_hexahedra(tail_run, monkeypatch
     run, _ = tail_run
     story, mesh = story_of(run), run.mesh
     inside = story.turns[0].region.inside
-    monkeypatch.setattr("cases.report.interactive.MOST_TRIANGLES", 150)
+    monkeypatch.setattr("sdm_deflect.cases.report.interactive.MOST_TRIANGLES", 150)
     for name in ("fuselage", "tail_left", "tail_right"):
         whole = mesh.triangles_of(name)
         shown = thinned(mesh, whole, inside)
@@ -203,7 +203,7 @@ def area(corners):
 def test_dots_are_thinned_and_counted(tail_run, monkeypatch):
     story = story_of(tail_run[0])
     (whole,) = (one for one in turnable(story)["dots"] if one["name"] == "sites on the surface")
-    monkeypatch.setattr("cases.report.interactive.MOST_DOTS", 100)
+    monkeypatch.setattr("sdm_deflect.cases.report.interactive.MOST_DOTS", 100)
     few = turnable(story)["dots"][0]
     assert len(b64decode(few["points"])) <= 100 * 12 < len(b64decode(whole["points"]))
     assert few["count"] == whole["count"]

@@ -8,19 +8,19 @@ from math import isnan
 import numpy as np
 import pytest
 
-from cases.cli import main
-from cases.registry import case_named
-from cases.study.carried import write_study
-from cases.study.loops import DEFAULT, GMRES, GROWN, LAPACK
-from cases.study.measure import initial_centers
-from cases.study.paper import Row, Setting, paper
-from cases.study.study import STUDIES, carry_out
-from cases.study.table1 import mv_twice_as_dear, z_equals_mv
-from cases.study.table2 import monotonic_then_not, six_times_faster
-from cases.study.table3 import larger_angle_more_centers, y_fewest_centers
-from cases.study.table4 import all_at_limit, error_y_then_x_then_z
-from cases.study.text import FIELDS, markdown
-from cases.study.timings import filter_is_cheap, savings
+from sdm_deflect.cases.cli import main
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.study.carried import write_study
+from sdm_deflect.cases.study.loops import DEFAULT, GMRES, GROWN, LAPACK
+from sdm_deflect.cases.study.measure import initial_centers
+from sdm_deflect.cases.study.paper import Row, Setting, paper
+from sdm_deflect.cases.study.study import STUDIES, carry_out
+from sdm_deflect.cases.study.table1 import mv_twice_as_dear, z_equals_mv
+from sdm_deflect.cases.study.table2 import monotonic_then_not, six_times_faster
+from sdm_deflect.cases.study.table3 import larger_angle_more_centers, y_fewest_centers
+from sdm_deflect.cases.study.table4 import all_at_limit, error_y_then_x_then_z
+from sdm_deflect.cases.study.text import FIELDS, markdown
+from sdm_deflect.cases.study.timings import filter_is_cheap, savings
 
 
 def test_paper_has_all_rows():
@@ -173,7 +173,7 @@ def test_files_of_a_study(results, tmp_path):
 
 
 def test_initial_centres_come_from_surface_and_hexahedron():
-    from deform.sites import DataSites
+    from sdm_deflect.deform.sites import DataSites
 
     points = np.random.default_rng(3).random((40, 3))
     sites = DataSites(points, np.zeros((40, 1)), (0,))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from cases.motion import axis_of
-from cases.tail import apex, fuselage_cylinder
-from geometry.datum import ends
-from geometry.parameters import Fighter, Tail
+from sdm_deflect.cases.motion import axis_of
+from sdm_deflect.cases.tail import apex, fuselage_cylinder
+from sdm_deflect.geometry.datum import ends
+from sdm_deflect.geometry.parameters import Fighter, Tail
 
 pytestmark = pytest.mark.mesher
 
@@ -18,7 +18,7 @@ def test_every_check_passes(tail_run):
 
 
 def test_quality_falls_by_less_than_a_tenth(tail_run):
-    from meshing.quality import mean_ratio
+    from sdm_deflect.meshing.quality import mean_ratio
 
     run, _ = tail_run
     before, after = (mean_ratio(m.points, m.tets).min() for m in (run.mesh, run.deflected))

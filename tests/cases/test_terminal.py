@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from cases.console import WIDTH, console, summary, verdict
-from cases.errors import InputError
-from cases.progress import Bars, Lines, Silent, Stopwatch, shown
-from cases.report.story import of_folder
-from cases.validation import Check
+from sdm_deflect.cases.console import WIDTH, console, summary, verdict
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.progress import Bars, Lines, Silent, Stopwatch, shown
+from sdm_deflect.cases.report.story import of_folder
+from sdm_deflect.cases.validation import Check
 
 ESCAPE = "\x1b"
 CHECKS = (

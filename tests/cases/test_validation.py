@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from deflected_cad import built
 
-from cases.case import Deflection
-from cases.deflect import deflect
-from cases.turn import turn_of
-from cases.validate import validate
-from cases.validation import Check, plane_deviation
+from sdm_deflect.cases.case import Deflection
+from sdm_deflect.cases.deflect import deflect
+from sdm_deflect.cases.turn import turn_of
+from sdm_deflect.cases.validate import validate
+from sdm_deflect.cases.validation import Check, plane_deviation
 
 pytestmark = pytest.mark.mesher
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from cases.registry import case_named
-from geometry.parameters import Aileron, Fighter, Fin, Tail, Wing
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.geometry.parameters import Aileron, Fighter, Fin, Tail, Wing
 
 pytestmark = pytest.mark.mesher
 

@@ -5,15 +5,15 @@ from functools import partial
 import numpy as np
 import pytest
 
-from deform.factor import Grown
-from deform.greedy import adapt
-from deform.history import Stop
-from deform.interpolant import SolveError, fit, krylov
-from deform.kernels import Multiquadric, ThinPlateSpline
-from deform.reduction import farthest
-from deform.resolved import Resolved
-from deform.selection import GreedyOptions, Separated, Worst
-from deform.sites import DataSites
+from sdm_deflect.deform.factor import Grown
+from sdm_deflect.deform.greedy import adapt
+from sdm_deflect.deform.history import Stop
+from sdm_deflect.deform.interpolant import SolveError, fit, krylov
+from sdm_deflect.deform.kernels import Multiquadric, ThinPlateSpline
+from sdm_deflect.deform.reduction import farthest
+from sdm_deflect.deform.resolved import Resolved
+from sdm_deflect.deform.selection import GreedyOptions, Separated, Worst
+from sdm_deflect.deform.sites import DataSites
 
 KERNELS = [ThinPlateSpline(), Multiquadric(50.0)]
 
@@ -47,7 +47,7 @@ def test_the_grown_factor_chooses_what_solving_afresh_chooses(kernel, columns, r
 
 @pytest.mark.parametrize("columns", [1, 3])
 def test_looking_ahead_changes_nothing_but_the_time(monkeypatch, columns):
-    monkeypatch.setattr("deform.greedy.WORTH_GUESSING", 0)
+    monkeypatch.setattr("sdm_deflect.deform.greedy.WORTH_GUESSING", 0)
     sites = _sites(columns=columns)
     initial = farthest(sites.points, 10)
     plain, ahead, far = (adapt(sites, KERNELS[0], initial, _options(), rule=Worst(n)) for n in (1, 8, 20))
@@ -61,7 +61,7 @@ def test_looking_ahead_changes_nothing_but_the_time(monkeypatch, columns):
 
 @pytest.mark.parametrize("changes", [{"max_centers": 61}, {"max_iterations": 11}, {"n_add": 40}])
 def test_looking_ahead_stops_where_it_should(monkeypatch, changes):
-    monkeypatch.setattr("deform.greedy.WORTH_GUESSING", 0)
+    monkeypatch.setattr("sdm_deflect.deform.greedy.WORTH_GUESSING", 0)
     sites = _sites(columns=1)
     initial = farthest(sites.points, 10)
     plain, ahead = (adapt(sites, KERNELS[0], initial, _options(**changes), rule=Worst(n)) for n in (1, 8))
@@ -143,7 +143,7 @@ def test_success_is_what_the_interpolant_in_metres_achieves():
 
 @pytest.mark.parametrize("rule", [Worst(), Separated()], ids=repr)
 def test_same_bits_for_any_number_of_threads(monkeypatch, rule):
-    monkeypatch.setattr("deform.threads.SERIAL_PAIRS", 100)
+    monkeypatch.setattr("sdm_deflect.deform.threads.SERIAL_PAIRS", 100)
     sites = _sites()
     initial = farthest(sites.points, 10)
     results = []

@@ -1,7 +1,7 @@
 import numpy as np
 from numba import njit
 
-from deform.logarithm import LOG_UNIT, scaled_log
+from sdm_deflect.deform.logarithm import LOG_UNIT, scaled_log
 
 
 @njit

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from commands import ROOT, mentioned, pages, shown
 
-from cases.cli import cli, main
+from sdm_deflect.cases.cli import cli, main
 
 CI = ".ci/run"
 ELSEWHERE = (

@@ -18,10 +18,10 @@ import point_cloud
 import pytest
 import tail_root
 
-from cases.registry import case_named
-from deform.hexahedron import Hexahedron
-from meshing.quality import mean_ratio, signed_volumes
-from meshing.vtu import write_vtu
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.meshing.quality import mean_ratio, signed_volumes
+from sdm_deflect.meshing.vtu import write_vtu
 
 EXAMPLES = Path(pictures.__file__).parent
 FIGURES = EXAMPLES.parent / "figures"

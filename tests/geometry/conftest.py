@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from geometry.aircraft import build
-from geometry.chimera import BlockParameters
-from geometry.deflected import Deflection
-from geometry.domain import background, chimera_block
-from geometry.parameters import Aileron, Fighter
+from sdm_deflect.geometry.aircraft import build
+from sdm_deflect.geometry.chimera import BlockParameters
+from sdm_deflect.geometry.deflected import Deflection
+from sdm_deflect.geometry.domain import background, chimera_block
+from sdm_deflect.geometry.parameters import Aileron, Fighter
 
 PAPER_GAP = 0.014 * 0.3048
 ALL = {"aileron_left": -12.0, "aileron_right": 12.0, "tail_left": 12.0, "tail_right": -12.0, "rudder": 15.0}

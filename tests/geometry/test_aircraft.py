@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.aircraft import build
-from geometry.deflected import Deflection
-from geometry.errors import CadError
-from geometry.fuselage import fuselage_parts
-from geometry.hinges import ends
-from geometry.parameters import (
+from sdm_deflect.geometry.aircraft import build
+from sdm_deflect.geometry.deflected import Deflection
+from sdm_deflect.geometry.errors import CadError
+from sdm_deflect.geometry.fuselage import fuselage_parts
+from sdm_deflect.geometry.hinges import ends
+from sdm_deflect.geometry.parameters import (
     Aileron,
     Fighter,
     Fin,
@@ -22,8 +22,8 @@ from geometry.parameters import (
     VentralFin,
     Wing,
 )
-from geometry.preflight import preflight
-from geometry.sections import HINGE_LOWER, HINGE_UPPER, TE
+from sdm_deflect.geometry.preflight import preflight
+from sdm_deflect.geometry.sections import HINGE_LOWER, HINGE_UPPER, TE
 
 SIDED = ("fuselage_panel", "strake", "wing", "aileron", "tail", "ventral")
 CENTRED = ("fuselage", "fuselage_rear", "canopy", "inlet", "pedestal", "fin", "rudder")

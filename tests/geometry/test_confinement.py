@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from geometry.datum import SURFACES, BlockParameters, Margins, block_corners, hexahedron_corners, rib_faces
-from geometry.parameters import Aileron, Fighter, Rudder, Tail, Wing
+from sdm_deflect.geometry.datum import SURFACES, BlockParameters, Margins, block_corners, hexahedron_corners, rib_faces
+from sdm_deflect.geometry.parameters import Aileron, Fighter, Rudder, Tail, Wing
 
 FACES = {
     "x-": (0, 4, 6, 2),

@@ -4,7 +4,7 @@ import cadquery as cq
 import pytest
 import trimesh
 
-from geometry.export import write_atomically
+from sdm_deflect.geometry.export import write_atomically
 
 
 def test_step_declares_its_unit_so_that_lengths_survive(tmp_path, plain_model):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geometry.datum import (
+from sdm_deflect.geometry.datum import (
     SURFACES,
     cylinder,
     ends,
@@ -20,14 +20,15 @@ from geometry.datum import (
     rotated,
     trailing_edge,
 )
-from geometry.parameters import Aileron, Fighter, Rudder
-from geometry.sections import MIRROR
+from sdm_deflect.geometry.parameters import Aileron, Fighter, Rudder
+from sdm_deflect.geometry.sections import MIRROR
 
 MOVED = {"aileron": [0.0, 0.0, -1.0], "tail": [0.0, 0.0, -1.0], "rudder": [0.0, -1.0, 0.0]}
 
 
 def test_parameters_and_datum_do_not_import_the_cad_kernel():
-    code = "import geometry.datum, geometry.deflected, sys; sys.exit('cadquery' in sys.modules or 'OCP' in sys.modules)"
+    imports = "import sys; from sdm_deflect.geometry import datum, deflected"
+    code = f"{imports}; sys.exit('cadquery' in sys.modules or 'OCP' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -3,7 +3,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from geometry.quantity import check_quantities, quantity
+from sdm_deflect.geometry.quantity import check_quantities, quantity
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,15 +5,15 @@ import cadquery as cq
 import numpy as np
 import pytest
 
-from geometry.assemble import assemble
-from geometry.fuse import general_fuse
-from geometry.model import CadModel
-from geometry.parts import Part, solid
-from geometry.polyhedron import prism
-from geometry.walls import partitions, skin, walls
-from meshing.generate import Generated, generate
-from meshing.mesh import TetMesh
-from meshing.parameters import MeshParameters
+from sdm_deflect.geometry.assemble import assemble
+from sdm_deflect.geometry.fuse import general_fuse
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.geometry.parts import Part, solid
+from sdm_deflect.geometry.polyhedron import prism
+from sdm_deflect.geometry.walls import partitions, skin, walls
+from sdm_deflect.meshing.generate import Generated, generate
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.parameters import MeshParameters
 
 COARSE = replace(
     MeshParameters(),

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from meshing.boundary import boundary_failures
-from meshing.mesh import TetMesh
+from sdm_deflect.meshing.boundary import boundary_failures
+from sdm_deflect.meshing.mesh import TetMesh
 
 
 def test_the_cube_is_closed(cube: TetMesh) -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pymeshlab
 import pytest
 
-from cases.cad import undeflected_cad
-from cases.registry import case_named
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.cad import undeflected_cad
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.meshing.mesh import TetMesh
 
 FAR = "far_field"
 

@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshing.cache import FOLDER_VARIABLE, MeshCache, cache_key, default_folder
-from meshing.mesh import TetMesh
+from sdm_deflect.meshing.cache import FOLDER_VARIABLE, MeshCache, cache_key, default_folder
+from sdm_deflect.meshing.mesh import TetMesh
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from meshing.closest import ClosestTriangle
-from meshing.exterior import inside_solid, winding_number
-from meshing.mesh import TetMesh
-from meshing.naming import boundary_triangles
-from meshing.surface import Surface
-from meshing.topology import cell_faces
+from sdm_deflect.meshing.closest import ClosestTriangle
+from sdm_deflect.meshing.exterior import inside_solid, winding_number
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.naming import boundary_triangles
+from sdm_deflect.meshing.surface import Surface
+from sdm_deflect.meshing.topology import cell_faces
 
 
 def sphere(count: int = 300) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from meshing.files import replacing
+from sdm_deflect.meshing.files import replacing
 
 
 def test_the_file_appears_only_when_the_block_ends_well(tmp_path: Path) -> None:

@@ -4,14 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.model import CadModel
-from meshing import generate as module
-from meshing.assembly import FAR_FIELD
-from meshing.errors import MeshingError
-from meshing.generate import Generated, generate, harder
-from meshing.naming import unit_normals
-from meshing.parameters import MeshParameters
-from meshing.quality import signed_volumes
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing import generate as module
+from sdm_deflect.meshing.assembly import FAR_FIELD
+from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.generate import Generated, generate, harder
+from sdm_deflect.meshing.naming import unit_normals
+from sdm_deflect.meshing.parameters import MeshParameters
+from sdm_deflect.meshing.quality import signed_volumes
 
 
 def test_the_flow_around_a_body_is_the_box_without_the_body(made: Generated, body: CadModel) -> None:

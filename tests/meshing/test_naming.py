@@ -1,9 +1,9 @@
 import numpy as np
 
-from meshing.mesh import TetMesh
-from meshing.naming import boundary_triangles, cad_faces, unit_normals
-from meshing.surface import Surface
-from meshing.topology import cell_faces
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.naming import boundary_triangles, cad_faces, unit_normals
+from sdm_deflect.meshing.surface import Surface
+from sdm_deflect.meshing.topology import cell_faces
 
 
 def wedge(angle: float, cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,8 +1,8 @@
 import numpy as np
 
-from meshing.octree import CLEARANCE, COARSENESS, background, leaves, seeds
-from meshing.quality import signed_volumes
-from meshing.sizing import size_field
+from sdm_deflect.meshing.octree import CLEARANCE, COARSENESS, background, leaves, seeds
+from sdm_deflect.meshing.quality import signed_volumes
+from sdm_deflect.meshing.sizing import size_field
 
 LOW, HIGH = np.array([-1.0, -1.0, -1.0]), np.array([3.0, 1.0, 1.0])
 FIELD = size_field(np.zeros((1, 3)), np.array([0.1]), 0.4, 1.0)

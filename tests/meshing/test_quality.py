@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from meshing.mesh import TetMesh
-from meshing.quality import BLOCK, mean_ratio, signed_volumes, summarise
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import BLOCK, mean_ratio, signed_volumes, summarise
 
 REGULAR = np.array([[1.0, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]])
 ONE = np.array([[0, 1, 2, 3]])

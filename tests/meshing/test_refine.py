@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from geometry.model import CadModel
-from meshing.boundary import boundary_failures
-from meshing.generate import Generated
-from meshing.mesh import TetMesh
-from meshing.parameters import MeshParameters
-from meshing.quality import mean_ratio, signed_volumes
-from meshing.refine import refined, split
-from meshing.verify import verify
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.boundary import boundary_failures
+from sdm_deflect.meshing.generate import Generated
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.parameters import MeshParameters
+from sdm_deflect.meshing.quality import mean_ratio, signed_volumes
+from sdm_deflect.meshing.refine import refined, split
+from sdm_deflect.meshing.verify import verify
 
 
 def test_eight_positive_children_fill_each_parent(cube: TetMesh) -> None:

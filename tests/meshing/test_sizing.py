@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meshing.sizing import LEVEL_RATIO, size_field
+from sdm_deflect.meshing.sizing import LEVEL_RATIO, size_field
 
 SEEDS = st.integers(0, 1000)
 

@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cases.cad import undeflected_cad
-from cases.registry import case_named
-from geometry.model import CadModel
-from meshing.parameters import MeshParameters
-from meshing.sizing import size_field
-from meshing.sources import sources
+from sdm_deflect.cases.cad import undeflected_cad
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.parameters import MeshParameters
+from sdm_deflect.meshing.sizing import size_field
+from sdm_deflect.meshing.sources import sources
 
 
 def test_each_patch_is_covered_with_its_own_length(body: CadModel, coarse: MeshParameters) -> None:

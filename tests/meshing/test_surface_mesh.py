@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from geometry.model import CadModel
-from meshing import child, surface
-from meshing.errors import MeshingError
-from meshing.octree import background
-from meshing.sizing import size_field
-from meshing.surface import Surface, mesh_surface
-from meshing.topology import TRIANGLE_EDGES, encode
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing import child, surface
+from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.octree import background
+from sdm_deflect.meshing.sizing import size_field
+from sdm_deflect.meshing.surface import Surface, mesh_surface
+from sdm_deflect.meshing.topology import TRIANGLE_EDGES, encode
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meshing.mesh import TetMesh
-from meshing.topology import TET_FACES, cell_faces, decode, edges_of, encode
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.topology import TET_FACES, cell_faces, decode, edges_of, encode
 
 
 def test_outer_faces_of_the_cube_are_its_boundary(cube: TetMesh) -> None:

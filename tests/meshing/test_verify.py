@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.model import CadModel
-from meshing.attachment import attach
-from meshing.exactness import EXACT
-from meshing.generate import Generated
-from meshing.mesh import TetMesh
-from meshing.parameters import MeshParameters
-from meshing.snapping import snapped
-from meshing.verify import verify
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.attachment import attach
+from sdm_deflect.meshing.exactness import EXACT
+from sdm_deflect.meshing.generate import Generated
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.parameters import MeshParameters
+from sdm_deflect.meshing.snapping import snapped
+from sdm_deflect.meshing.verify import verify
 
 
 def failures(mesh: TetMesh, body: CadModel, coarse: MeshParameters) -> str:

@@ -3,9 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshing.mesh import TetMesh
-from meshing.quality import mean_ratio, signed_volumes
-from meshing.vtu import FormatError, read_vtu, read_vtu_arrays, write_vtu
+from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.quality import mean_ratio, signed_volumes
+from sdm_deflect.meshing.vtu import FormatError, read_vtu, read_vtu_arrays, write_vtu
 
 
 def test_a_mesh_survives_the_file_bit_for_bit(cube: TetMesh, tmp_path: Path) -> None:

@@ -7,13 +7,13 @@ from examples import hybrid
 from test_cgns import polyhedral
 from test_examples import grid
 
-from cases.errors import InputError
-from cases.inspection import inspect
-from meshing.formats.cgns import Cgns
-from meshing.formats.flow import Cells, FlowMesh
-from meshing.formats.format import MeshFileError
-from meshing.formats.registry import FORMATS
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.inspection import inspect
+from sdm_deflect.meshing.formats.cgns import Cgns
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.quality import mean_ratio
 
 SHAPES = (("tetrahedra", 4), ("hexahedra", 1), ("prisms", 1), ("pyramids", 1))
 

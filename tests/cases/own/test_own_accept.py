@@ -6,10 +6,10 @@ import pytest
 import pyvista as pv
 from test_examples import KINDS
 
-from cases.errors import InputError
-from cases.own import deflect
-from cases.own.accept import accepted
-from meshing.mesh import TetMesh
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own import deflect
+from sdm_deflect.cases.own.accept import accepted
+from sdm_deflect.meshing.mesh import TetMesh
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.own import Blended, Fitting, OnPatches, Rotation, deflect, sweep
-from cases.own.course import followed, sensitivity
-from cases.own.step import solve
+from sdm_deflect.cases.own import Blended, Fitting, OnPatches, Rotation, deflect, sweep
+from sdm_deflect.cases.own.course import followed, sensitivity
+from sdm_deflect.cases.own.step import solve
 
 FLAP_MOVES = ("flap_*",)
 
@@ -55,7 +55,7 @@ def test_sensitivity_of_the_last_of_several_steps(inboard_wing):
     """The end of the last step varies, the steps before it do not."""
     w, h = inboard_wing, 1e-3
     result = deflect(w.mesh, FLAP_MOVES, w.hinge, 8.0, **options(w))
-    from cases.own.course import _stepped
+    from sdm_deflect.cases.own.course import _stepped
 
     course = _stepped(result.plan, 8.0, 2, report, None)
     boundary, last = result.plan.boundary, course.solutions[-1]

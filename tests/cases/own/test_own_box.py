@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cases.errors import InputError
-from cases.own.box import Automatic, Given, Scene, frame
-from deform.motion import Axis
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own.box import Automatic, Given, Scene, frame
+from sdm_deflect.deform.motion import Axis
 
 rng = np.random.default_rng(2)
 FLAP = rng.uniform([0, 0, -0.05], [1, 3, 0.05], (200, 3))

@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from cases import cli
-from meshing.formats.registry import FORMATS, format_of
+from sdm_deflect.cases import cli
+from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 
 FLAP = ["--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended"]
 HINGE = ["--hinge", "0.7,0.3,0", "0.7,0.7,0"]

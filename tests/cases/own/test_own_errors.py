@@ -7,11 +7,11 @@ import pytest
 from blocks import joined
 from examples import hybrid
 
-from cases.errors import InputError
-from cases.own import deflect
-from cases.own.region import Region
-from cases.own.subject import Subject
-from meshing.formats.flow import Cells, Patch
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own import deflect
+from sdm_deflect.cases.own.region import Region
+from sdm_deflect.cases.own.subject import Subject
+from sdm_deflect.meshing.formats.flow import Cells, Patch
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
@@ -81,7 +81,7 @@ def test_a_mesh_that_is_inverted_already(block):
 
 
 def notes(result):
-    from cases.own.report import notes_of
+    from sdm_deflect.cases.own.report import notes_of
 
     return notes_of(result.plan)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshing.formats.registry import format_of
+from sdm_deflect.meshing.formats.registry import format_of
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from cases.errors import InputError
-from cases.own import Blended, Listed, OnPatches, Rotation, Table, TrailingEdge, deflect
-from cases.own.motion import Moving
-from cases.own.subject import subject_of
-from cases.own.surface import Surface
-from deform.motion import Axis
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own import Blended, Listed, OnPatches, Rotation, Table, TrailingEdge, deflect
+from sdm_deflect.cases.own.motion import Moving
+from sdm_deflect.cases.own.subject import subject_of
+from sdm_deflect.cases.own.surface import Surface
+from sdm_deflect.deform.motion import Axis
 
 rng = np.random.default_rng(11)
 HINGE = Rotation.about([0.7, 0.0, 0.0], [0.7, 1.0, 0.0])
@@ -49,7 +49,7 @@ def test_a_wedge_between_hinge_and_trailing_edge_stays_plane():
     points = np.vstack([top, top * [1, 1, -1]])
     nodes = np.arange(len(points))
     ends = {"wedge": nodes, "hinge": nodes[points[:, 0] == 0.0], "edge": nodes[points[:, 0] == 1.0]}
-    from cases.own.accept import accepted
+    from sdm_deflect.cases.own.accept import accepted
 
     surface = Surface.of(accepted((points, ends)).subject, ("wedge",))
     about = Rotation.about([0, 0, 0], [0, 1, 0])
@@ -106,8 +106,8 @@ def test_a_table_that_is_none(content, match, tmp_path):
 
 
 def test_two_surfaces_turn_by_their_own_angles(hybrid_wing):
-    from cases.own.boundary import Boundary
-    from cases.own.job import Job
+    from sdm_deflect.cases.own.boundary import Boundary
+    from sdm_deflect.cases.own.job import Job
 
     subject = subject_of(hybrid_wing.mesh)
     one, two = Moving(("flap_upper",), HINGE, 10.0), Moving(("flap_base",), HINGE, -5.0)

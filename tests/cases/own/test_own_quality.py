@@ -6,12 +6,12 @@ from examples import hybrid
 from test_examples import KINDS
 from test_examples import grid as vtk_grid
 
-from cases.own.edges import area_vectors, edges_of, polygons_of, sharp_edges
-from cases.own.jacobians import CORNERS, scaled_jacobian, smallest_jacobian
-from cases.own.polyhedra import smallest_pyramid, touching
-from cases.own.quality import Touched
-from cases.own.subject import subject_of
-from meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
+from sdm_deflect.cases.own.edges import area_vectors, edges_of, polygons_of, sharp_edges
+from sdm_deflect.cases.own.jacobians import CORNERS, scaled_jacobian, smallest_jacobian
+from sdm_deflect.cases.own.polyhedra import smallest_pyramid, touching
+from sdm_deflect.cases.own.quality import Touched
+from sdm_deflect.cases.own.subject import subject_of
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
 
 rng = np.random.default_rng(3)
 SHAPES = tuple(CORNERS)

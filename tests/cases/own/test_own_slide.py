@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cases.errors import InputError
-from cases.own import deflect
-from cases.own.walls import Plane, Round, fitted
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own import deflect
+from sdm_deflect.cases.own.walls import Plane, Round, fitted
 
 rng = np.random.default_rng(5)
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from blocks import two_bodies
 
-from cases.errors import InputError
-from cases.own import Job, Moving, Rotation, deflect_job
-from cases.own.config import angles_from, job_from, read_config
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.own import Job, Moving, Rotation, deflect_job
+from sdm_deflect.cases.own.config import angles_from, job_from, read_config
 
 LEFT = Rotation.about([-1.0, 0, 0], [-1.0, 1, 0])
 RIGHT = Rotation.about([1.0, 0, 0], [1.0, 1, 0])
@@ -35,7 +35,7 @@ def test_each_surface_turns_about_its_hinge_in_proportion(both, pair, angle):
 
 def test_sensitivities_of_several_surfaces(both, pair):
     result, h = both[12.0], 1e-3
-    from cases.own.course import followed
+    from sdm_deflect.cases.own.course import followed
 
     ends = [followed(result.plan, 12.0 + d, lambda *_: None, result.course).points for d in (-h, h)]
     np.testing.assert_allclose(result.sensitivity, (ends[1] - ends[0]) / (2.0 * h), atol=1e-8)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_examples import grid as vtk_grid
 
-from cases.own import Blended, Fitting, OnPatches, Rotation, deflect
+from sdm_deflect.cases.own import Blended, Fitting, OnPatches, Rotation, deflect
 
 WHOLE = ("wing_*", "flap_*")
 

@@ -2,13 +2,13 @@
 
 import pytest
 
-from cases.deflect import Deflected, deflect, follow
-from cases.motions import mover
-from cases.output import write_deformation
-from cases.pipeline import combined
-from cases.registry import case_named
-from cases.turn import turn_of
-from cases.view.live import Live
+from sdm_deflect.cases.deflect import Deflected, deflect, follow
+from sdm_deflect.cases.motions import mover
+from sdm_deflect.cases.output import write_deformation
+from sdm_deflect.cases.pipeline import combined
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.turn import turn_of
+from sdm_deflect.cases.view.live import Live
 
 
 def silent(text, fraction):

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.confine import ConfinementError
-from cases.registry import case_named
-from cases.view.live import Live
-from cases.view.span import Spans
-from cases.view.stored import Stored
-from deform.interpolant import fit
-from deform.kernels import ThinPlateSpline
-from meshing.quality import mean_ratio
+from sdm_deflect.cases.confine import ConfinementError
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.view.live import Live
+from sdm_deflect.cases.view.span import Spans
+from sdm_deflect.cases.view.stored import Stored
+from sdm_deflect.deform.interpolant import fit
+from sdm_deflect.deform.kernels import ThinPlateSpline
+from sdm_deflect.meshing.quality import mean_ratio
 
 pytestmark = pytest.mark.mesher
 EQUAL = 1e-11  # m

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cases.registry import case_named
+from sdm_deflect.cases.registry import case_named
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser: pip install playwright")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

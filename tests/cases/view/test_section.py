@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from cases.view.section import Plane, Section
+from sdm_deflect.cases.view.section import Plane, Section
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ import sys
 import numpy as np
 import pytest
 
-from cases.cli import main
-from cases.errors import InputError
-from cases.view.live import Live
-from cases.view.serve import check_free
+from sdm_deflect.cases.cli import main
+from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.view.live import Live
+from sdm_deflect.cases.view.serve import check_free
 
 pytestmark = pytest.mark.mesher
 

@@ -6,13 +6,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from cases.confine import ConfinementError
-from cases.view.control import Control, Wish
-from cases.view.histogram import BINS, histogram
-from cases.view.pieces import RED, Pieces
-from cases.view.section import Plane
-from cases.view.span import Span, Spans
-from cases.view.words import facts, parsed, verdict
+from sdm_deflect.cases.confine import ConfinementError
+from sdm_deflect.cases.view.control import Control, Wish
+from sdm_deflect.cases.view.histogram import BINS, histogram
+from sdm_deflect.cases.view.pieces import RED, Pieces
+from sdm_deflect.cases.view.section import Plane
+from sdm_deflect.cases.view.span import Span, Spans
+from sdm_deflect.cases.view.words import facts, parsed, verdict
 
 pytestmark = pytest.mark.mesher
 SPANS = Spans(Span(-26.5, 36.5, "it leaves its hexahedron", "its root misses the fuselage"), Span(-3.5, 12.0))

@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 
-from meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
 
 
 def rows(block: Cells | Polygons) -> list[tuple[int, ...]]:

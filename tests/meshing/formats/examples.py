@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from meshing.formats.flow import Cells, FlowMesh, Patch, Zone
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Zone
 
 POINTS = np.array(
     [

@@ -6,10 +6,10 @@ import pytest
 from alike import content, rows, tree
 from examples import hybrid
 
-from meshing.formats.cgns import Cgns
-from meshing.formats.cgns_nodes import children, create
-from meshing.formats.faces import FACES, face_keys, node_keys
-from meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra, Zone
+from sdm_deflect.meshing.formats.cgns import Cgns
+from sdm_deflect.meshing.formats.cgns_nodes import children, create
+from sdm_deflect.meshing.formats.faces import FACES, face_keys, node_keys
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra, Zone
 
 COORDINATES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
@@ -280,7 +280,7 @@ def test_polyhedra_are_rewritten(tmp_path):
 
 
 def test_large_counts_take_eight_bytes(tmp_path, monkeypatch):
-    monkeypatch.setattr("meshing.formats.cgns_write.FITS", 10)
+    monkeypatch.setattr("sdm_deflect.meshing.formats.cgns_write.FITS", 10)
     Cgns().write(hybrid(), tmp_path / "mesh.cgns")
     with h5py.File(tmp_path / "mesh.cgns") as file:
         assert zone_of(file)["floor/ElementConnectivity/ data"].dtype == np.int64

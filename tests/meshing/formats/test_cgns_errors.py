@@ -9,9 +9,9 @@ import pytest
 from examples import hybrid
 from test_cgns import polyhedral, replace_data, zone_of
 
-from meshing.formats.cgns import Cgns
-from meshing.formats.cgns_nodes import create, describe
-from meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.cgns import Cgns
+from sdm_deflect.meshing.formats.cgns_nodes import create, describe
+from sdm_deflect.meshing.formats.format import MeshFileError
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from test_cgns import polyhedral
 from test_su2 import with_gmsh
 from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
 
-from meshing.formats.cgns import Cgns
-from meshing.formats.su2 import Su2
+from sdm_deflect.meshing.formats.cgns import Cgns
+from sdm_deflect.meshing.formats.su2 import Su2
 
 needs_tools = pytest.mark.skipif(shutil.which("cgnscheck") is None, reason="Debian's package cgns-convert is not here")
 

@@ -5,11 +5,11 @@ import pytest
 from alike import content
 from examples import hybrid
 
-from meshing.formats.faces import FACES, face_keys, loose_faces, node_keys
-from meshing.formats.flow import Cells, FlowMesh, Patch, Polygons
-from meshing.formats.orientation import MIRRORED, mirrored, oriented
-from meshing.formats.polygons import taken, turned
-from meshing.formats.zones import joined, part
+from sdm_deflect.meshing.formats.faces import FACES, face_keys, loose_faces, node_keys
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons
+from sdm_deflect.meshing.formats.orientation import MIRRORED, mirrored, oriented
+from sdm_deflect.meshing.formats.polygons import taken, turned
+from sdm_deflect.meshing.formats.zones import joined, part
 
 
 def volume(points, cells):

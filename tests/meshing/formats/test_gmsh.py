@@ -7,9 +7,9 @@ import pytest
 from alike import content
 from examples import hybrid
 
-from meshing.formats.flow import Cells, FlowMesh, Patch, Polygons
-from meshing.formats.format import MeshFileError
-from meshing.formats.gmsh import Gmsh
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.gmsh import Gmsh
 
 VARIANTS = [(version, binary) for version in (2.2, 4.1) for binary in (0, 1)]
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from test_examples import grid
 
-from meshing.formats.gmsh import Gmsh
-from meshing.formats.su2 import Su2
+from sdm_deflect.meshing.formats.gmsh import Gmsh
+from sdm_deflect.meshing.formats.su2 import Su2
 
 SCRIPT = Path(__file__).parents[3] / "docs" / "examples" / "naca_wing.py"
 

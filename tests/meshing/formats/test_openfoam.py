@@ -8,12 +8,12 @@ import pytest
 from examples import hybrid
 from wing import wing
 
-from meshing.formats.flow import Polygons
-from meshing.formats.format import MeshFileError
-from meshing.formats.openfoam import MESH, OpenFoam
-from meshing.formats.openfoam_boundary import kind_of, parse
-from meshing.formats.openfoam_file import open_foam
-from meshing.formats.registry import format_of
+from sdm_deflect.meshing.formats.flow import Polygons
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
+from sdm_deflect.meshing.formats.openfoam_boundary import kind_of, parse
+from sdm_deflect.meshing.formats.openfoam_file import open_foam
+from sdm_deflect.meshing.formats.registry import format_of
 
 FILES = ("points", "faces", "owner", "neighbour", "boundary")
 

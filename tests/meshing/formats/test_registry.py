@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from meshing.formats.format import MeshFileError
-from meshing.formats.registry import FORMATS, format_of
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,12 @@ from examples import hybrid
 from test_examples import grid
 from wing import wing
 
-from meshing.formats.flow import FlowMesh, Polygons, Polyhedra
-from meshing.formats.format import MeshFileError
-from meshing.formats.gmsh import Gmsh
-from meshing.formats.openfoam import OpenFoam
-from meshing.formats.standard import standard_cells
-from meshing.formats.su2 import Su2
+from sdm_deflect.meshing.formats.flow import FlowMesh, Polygons, Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.gmsh import Gmsh
+from sdm_deflect.meshing.formats.openfoam import OpenFoam
+from sdm_deflect.meshing.formats.standard import standard_cells
+from sdm_deflect.meshing.formats.su2 import Su2
 
 
 @pytest.mark.parametrize("mesh", [hybrid(), wing(cells=3).mesh], ids=["hybrid", "wing"])

@@ -7,9 +7,9 @@ import pytest
 from alike import content
 from examples import hybrid
 
-from meshing.formats.flow import Cells, FlowMesh, Patch, Polygons
-from meshing.formats.format import MeshFileError
-from meshing.formats.su2 import Su2
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.su2 import Su2
 
 KEPT = b"""% made by hand = not by a mesher
 NMARK=   2
@@ -117,7 +117,7 @@ def test_chunks_may_end_anywhere(kept, tmp_path, monkeypatch):
     moved = Su2().read(kept).points * 3.0
     Su2().rewrite(kept, moved, tmp_path / "whole.su2")
     for size in (1, 7, 40):
-        monkeypatch.setattr("meshing.formats.su2_text.CHUNK", size)
+        monkeypatch.setattr("sdm_deflect.meshing.formats.su2_text.CHUNK", size)
         assert content(Su2().read(kept)) == whole
         Su2().rewrite(kept, moved, tmp_path / "pieces.su2")
         assert (tmp_path / "pieces.su2").read_bytes() == (tmp_path / "whole.su2").read_bytes()

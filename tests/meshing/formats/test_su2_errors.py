@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from examples import hybrid
 
-from meshing.formats.flow import FlowMesh
-from meshing.formats.format import MeshFileError
-from meshing.formats.su2 import Su2
+from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.su2 import Su2
 
 
 @pytest.fixture

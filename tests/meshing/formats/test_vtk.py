@@ -8,10 +8,10 @@ from examples import hybrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 from wing import wing
 
-from meshing.formats.flow import Polyhedra
-from meshing.formats.format import MeshFileError
-from meshing.formats.openfoam import OpenFoam
-from meshing.formats.vtk import Vtu
+from sdm_deflect.meshing.formats.flow import Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.openfoam import OpenFoam
+from sdm_deflect.meshing.formats.vtk import Vtu
 
 NONE, ZLIB, LZ4, LZMA = range(4)
 ENCODINGS = [("Ascii", NONE, 0, 32, 32), ("Binary", ZLIB, 0, 64, 64), ("Binary", LZ4, 0, 32, 32),

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from meshing.formats.flow import Cells, FlowMesh, Patch
-from meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 TIP, END, RADIUS = 1.0, 1.8, 3.0
 RINGS, CUT = 10, 2
