@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.mesh import IntArray
 
 FORMAT_NAMES = ("su2", "cgns")
 
 
-def box_of_tets(cells: int) -> FlowMesh:
+def box_of_tets(cells: int) -> Mesh:
     """The unit cube of cells^3 boxes of six tetrahedra each, its six sides a patch each."""
     n = cells + 1
     points = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, n)] * 3, indexing="ij"), -1).reshape(-1, 3)
@@ -33,7 +33,7 @@ def box_of_tets(cells: int) -> FlowMesh:
         out[:] = corner[:, None] + path[[0, 2, 1, 3] if odd else [0, 1, 2, 3]]
     sides = {f"side {axis}{end}": np.take(index, end, axis) for axis in range(3) for end in (0, -1)}
     patches = tuple(Patch(name, (Cells("triangle", _triangles(side)),)) for name, side in sides.items())
-    return FlowMesh(points, (Cells("tetra", tets.reshape(-1, 4)),), patches)
+    return Mesh(points, (Cells("tetra", tets.reshape(-1, 4)),), patches)
 
 
 def measure(cells: int, folder: Path) -> None:

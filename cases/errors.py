@@ -1,8 +1,9 @@
 """What the command line answers with one line instead of a traceback."""
 
 
-class InputError(ValueError):
-    """A parameter, name or file that the user gave cannot be used."""
+from sdm_deflect.deform.errors import InputError
+
+__all__ = ["InputError", "is_reported"]
 
 
 def is_reported(error: Exception) -> bool:

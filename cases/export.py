@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.export_foam import write_case
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.format import Progress, silent
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.registry import FORMATS
@@ -70,7 +70,7 @@ def export_run(
     return target, known.write(mesh, target, progress)
 
 
-def flow_mesh(mesh: TetMesh) -> FlowMesh:
+def flow_mesh(mesh: TetMesh) -> Mesh:
     """Return the tetrahedra and the triangles of each patch; patches without triangles are left out."""
     patches = tuple(Patch(name, (Cells("triangle", mesh.triangles_of(name)),)) for name in mesh.names[1:])
-    return FlowMesh(mesh.points, (Cells("tetra", mesh.tets),), tuple(patch for patch in patches if len(patch)))
+    return Mesh(mesh.points, (Cells("tetra", mesh.tets),), tuple(patch for patch in patches if len(patch)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.folder import fresh_folder
 from sdm_deflect.meshing.formats.format import Progress
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
@@ -30,7 +30,7 @@ CONDITIONS = {
 """By field and type of patch; a plane of symmetry has its own type's condition."""
 
 
-def write_case(mesh: FlowMesh, out: Path, progress: Progress) -> tuple[str, ...]:
+def write_case(mesh: Mesh, out: Path, progress: Progress) -> tuple[str, ...]:
     """Write the folders ``constant``, ``system`` and ``0``; return what OpenFOAM cannot hold.
 
     The free stream enters and leaves through the patches of type ``patch``, walls slip, the flow is laminar: a start

@@ -11,7 +11,7 @@ import pyvista as pv
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.polyhedra import smallest_pyramid
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polyhedra
+from sdm_deflect.deform.mesh import Cells, Mesh, Polyhedra
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from sdm_deflect.meshing.mesh import FloatArray
 from sdm_deflect.meshing.quality import mean_ratio, signed_volumes
@@ -48,7 +48,7 @@ def inspect(path: Path) -> str:
     return "\n".join(lines)
 
 
-def _read(path: Path) -> FlowMesh:
+def _read(path: Path) -> Mesh:
     known = {suffix for known in FORMATS.values() for suffix in known.suffixes}
     mesh = format_of(path).read(path) if path.is_dir() or path.suffix.lower() in known else _read_other(path)
     if not sum(len(block) for block in mesh.cells):
@@ -56,7 +56,7 @@ def _read(path: Path) -> FlowMesh:
     return mesh
 
 
-def _read_other(path: Path) -> FlowMesh:
+def _read_other(path: Path) -> Mesh:
     """Points and cells of a file that PyVista can read, without patches."""
     try:
         found: Any = pv.read(path)
@@ -65,10 +65,10 @@ def _read_other(path: Path) -> FlowMesh:
     grid = (found.combine() if isinstance(found, pv.MultiBlock) else found).cast_to_unstructured_grid()
     nodes = grid.cells_dict
     cells = tuple(Cells(shape, nodes[kind].astype(np.intp)) for shape, kind in VTK.items() if kind in nodes)
-    return FlowMesh(np.asarray(grid.points, dtype=np.float64), cells, ())
+    return Mesh(np.asarray(grid.points, dtype=np.float64), cells, ())
 
 
-def _qualities(mesh: FlowMesh) -> Iterator[tuple[str, str, FloatArray, int]]:
+def _qualities(mesh: Mesh) -> Iterator[tuple[str, str, FloatArray, int]]:
     """Yield, for each type of cell, its name, the measure, the values (M,) and the number of inverted cells."""
     for shape, name in NAMES.items():
         blocks = [block.nodes for block in mesh.cells if isinstance(block, Cells) and block.shape == shape]

@@ -1,14 +1,14 @@
 """Meshes of other libraries: what we take of them, and how they get their points back."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.own.subject import Subject, subject_of
 from sdm_deflect.deform.kernels import FloatArray
-from sdm_deflect.meshing.formats.flow import CORNERS, VOLUMES, Cells, FlowMesh, Patch, Zone
+from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells, Mesh, Patch
 from sdm_deflect.meshing.mesh import TetMesh
 
 FACES = ("triangle", "quad")
@@ -18,12 +18,12 @@ VTK_SHAPES = {5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedg
 class Accepted(NamedTuple):
     """A mesh as the deformation sees it, and how to make one of its own kind from new points (N, 3)."""
 
-    subject: Subject
+    subject: Mesh
     with_points: Callable[[FloatArray], Any]
 
 
 def accepted(mesh: Any) -> Accepted:
-    """Take a FlowMesh, a TetMesh, a meshio or pyvista mesh, or arrays (points, {patch: nodes}).
+    """Take a Mesh, a TetMesh, a meshio or pyvista mesh, or arrays (points, {patch: nodes}).
 
     meshio: patches are cell sets, or physical groups of Gmsh. pyvista: an unstructured grid whose faces carry the
     cell array ``patch``, named by the field array ``patch_names``.
@@ -33,40 +33,42 @@ def accepted(mesh: Any) -> Accepted:
     InputError
         For anything else, and for meshes without a patch.
     """
-    if isinstance(mesh, FlowMesh):
-        return Accepted(_checked(subject_of(mesh)), mesh.with_points)
+    if isinstance(mesh, Mesh):
+        return Accepted(_checked(mesh), mesh.with_points)
     if isinstance(mesh, TetMesh):
-        return Accepted(_checked(subject_of(_of_tets(mesh))), mesh.with_points)
+        return Accepted(_checked(_of_tets(mesh)), mesh.with_points)
     if isinstance(mesh, tuple) and len(mesh) == 2 and isinstance(mesh[1], Mapping):
         return Accepted(_checked(_of_arrays(*mesh)), lambda points: (points, mesh[1]))
     library = type(mesh).__module__.split(".")[0]
     if library in ADAPTERS:
         flow, with_points = ADAPTERS[library](mesh)
-        return Accepted(_checked(subject_of(flow, f"{library} mesh")), with_points)
+        return Accepted(_checked(replace(flow, name=f"{library} mesh")), with_points)
     raise InputError(
-        f"a {type(mesh).__name__} is no mesh: give a FlowMesh, a TetMesh, a meshio or pyvista mesh, "
+        f"a {type(mesh).__name__} is no mesh: give a Mesh, a TetMesh, a meshio or pyvista mesh, "
         "or (points, {patch: node indices})"
     )
 
 
-def _checked(subject: Subject) -> Subject:
-    if not subject.nodes:
+def _checked(subject: Mesh) -> Mesh:
+    if not subject.patches:
         raise InputError(f"{subject.name} has no named patch, so no surface to move")
     return subject
 
 
-def _of_tets(mesh: TetMesh) -> FlowMesh:
+def _of_tets(mesh: TetMesh) -> Mesh:
     patches = tuple(Patch(name, (Cells("triangle", mesh.triangles_of(name)),)) for name in mesh.names[1:])
-    return FlowMesh(mesh.points, (Cells("tetra", mesh.tets),), patches)
+    return Mesh(mesh.points, (Cells("tetra", mesh.tets),), patches)
 
 
-def _of_arrays(points: Any, patches: Mapping[str, Any]) -> Subject:
-    coordinates = np.asarray(points, dtype=np.float64)
-    nodes = {name: np.unique(np.asarray(own, dtype=np.intp)) for name, own in patches.items()}
-    return Subject(coordinates, nodes, {}, (), (Zone("", 0, len(coordinates)),), "arrays")
+def _of_arrays(points: Any, patches: Mapping[str, Any]) -> Mesh:
+    named = tuple(Patch(name, (), np.unique(np.asarray(own, dtype=np.intp))) for name, own in patches.items())
+    try:
+        return Mesh(np.asarray(points, dtype=np.float64), (), named, name="arrays")
+    except InputError as error:
+        raise InputError(f"arrays: {error}") from None
 
 
-def _of_meshio(mesh: Any) -> tuple[FlowMesh, Callable[[FloatArray], Any]]:
+def _of_meshio(mesh: Any) -> tuple[Mesh, Callable[[FloatArray], Any]]:
     for block in mesh.cells:
         if block.dim == 3 and block.type not in VOLUMES:
             raise InputError(f"meshio mesh: cells of type {block.type} are not supported")
@@ -78,7 +80,7 @@ def _of_meshio(mesh: Any) -> tuple[FlowMesh, Callable[[FloatArray], Any]]:
         copy.points = points
         return copy
 
-    return FlowMesh(np.asarray(mesh.points, dtype=np.float64), cells, patches), with_points
+    return Mesh(np.asarray(mesh.points, dtype=np.float64), cells, patches), with_points
 
 
 def _meshio_patches(mesh: Any) -> dict[str, tuple[Cells, ...]]:
@@ -98,7 +100,7 @@ def _meshio_patches(mesh: Any) -> dict[str, tuple[Cells, ...]]:
     }
 
 
-def _of_pyvista(mesh: Any) -> tuple[FlowMesh, Callable[[FloatArray], Any]]:
+def _of_pyvista(mesh: Any) -> tuple[Mesh, Callable[[FloatArray], Any]]:
     grid = mesh.cast_to_unstructured_grid()
     unknown = sorted({int(kind) for kind in np.unique(grid.celltypes)} - VTK_SHAPES.keys())
     if unknown:
@@ -119,7 +121,7 @@ def _of_pyvista(mesh: Any) -> tuple[FlowMesh, Callable[[FloatArray], Any]]:
         copy.points = points
         return copy
 
-    flow = FlowMesh(np.asarray(grid.points, dtype=np.float64), cells, tuple(p for p in patches if len(p)))
+    flow = Mesh(np.asarray(grid.points, dtype=np.float64), cells, tuple(p for p in patches if len(p)))
     return flow, with_points
 
 
@@ -127,7 +129,7 @@ def _cells(shape: str, nodes: Any) -> Cells:
     return Cells(shape, np.asarray(nodes, dtype=np.intp).reshape(-1, CORNERS[shape]))
 
 
-ADAPTERS: dict[str, Callable[[Any], tuple[FlowMesh, Callable[[FloatArray], Any]]]] = {
+ADAPTERS: dict[str, Callable[[Any], tuple[Mesh, Callable[[FloatArray], Any]]]] = {
     "meshio": _of_meshio,
     "pyvista": _of_pyvista,
 }

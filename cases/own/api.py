@@ -15,10 +15,10 @@ from sdm_deflect.cases.own.job import Fitting, Job, Sliding
 from sdm_deflect.cases.own.motion import Motion, Moving, Rotation
 from sdm_deflect.cases.own.plan import Plan, planned
 from sdm_deflect.cases.own.report import Report, reported
-from sdm_deflect.cases.own.subject import Subject
 from sdm_deflect.cases.progress import Display, Silent, Stopwatch
 from sdm_deflect.deform.interpolant import Interpolant
 from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.mesh import Mesh
 
 
 class Options(TypedDict, total=False):
@@ -75,7 +75,7 @@ def deflect(
     Parameters
     ----------
     mesh
-        FlowMesh, TetMesh, meshio or pyvista mesh, or (points, {patch: node indices}).
+        Mesh, TetMesh, meshio or pyvista mesh, or (points, {patch: node indices}).
     surfaces
         Names of the moving patches; wildcards allowed.
     hinge
@@ -115,7 +115,7 @@ def deflect_job(
 
 
 def run(
-    subject: Subject, job: Job, angles: Sequence[float], watch: Stopwatch
+    subject: Mesh, job: Job, angles: Sequence[float], watch: Stopwatch
 ) -> Iterator[tuple[Plan, Course, Report]]:
     """Plan a job for all angles, and bring the mesh to each: the largest first, the others in their order."""
     plan = planned(subject, job, tuple(angles), watch)

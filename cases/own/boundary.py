@@ -8,10 +8,10 @@ import numpy as np
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.job import Job
 from sdm_deflect.cases.own.sheets import Sheet, check_parts, sheet_of
-from sdm_deflect.cases.own.subject import Subject
 from sdm_deflect.cases.own.surface import BoolArray, Surface
 from sdm_deflect.deform.duplicates import IndexArray
 from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.mesh import Mesh
 
 SAME = 1e-9  # of the moving surfaces' size: lengths below are zero
 ON_WALL = 1e-6  # of it: a moving node this near to a wall is put on it
@@ -41,7 +41,7 @@ class Boundary:
     size: float
 
     @classmethod
-    def of(cls, subject: Subject, job: Job) -> "Boundary":
+    def of(cls, subject: Mesh, job: Job) -> "Boundary":
         """Sort the patches of a mesh; InputError for names that are no patches, or that are given two parts."""
         surfaces = tuple(Surface.of(subject, moving.patches) for moving in job.surfaces)
         fixed = subject.named(job.fixed, "--fixed")
@@ -51,12 +51,12 @@ class Boundary:
         check_parts(subject, moves, fixed, sliding)
         nodes = np.unique(np.concatenate([surface.nodes for surface in surfaces]))
         sheets = tuple(sheet_of(subject, name, shape) for name, shape in sliding.items())
-        still = np.setdiff1d(subject.on(fixed), nodes, assume_unique=True)
+        still = np.setdiff1d(subject.on(*fixed), nodes, assume_unique=True)
         size = float(np.ptp(subject.points[nodes], axis=0).max())
         return cls(job, surfaces, nodes, fixed, still, sheets, size)
 
     @property
-    def subject(self) -> Subject:
+    def subject(self) -> Mesh:
         """The mesh."""
         return self.surfaces[0].subject
 
@@ -103,7 +103,7 @@ class Boundary:
     @property
     def held(self) -> BoolArray:
         """Which of the moving nodes (K,) are shared with a fixed patch."""
-        return np.isin(self.nodes, self.subject.on(self.fixed), assume_unique=True)
+        return np.isin(self.nodes, self.subject.on(*self.fixed), assume_unique=True)
 
     def _on_sheets(self) -> Iterable[tuple[Sheet, IndexArray]]:
         """Yield the sliding patches with the rows of the moving nodes that they share."""
@@ -129,7 +129,7 @@ class Boundary:
     def _check_fixed(self, displacement: FloatArray) -> None:
         moves = np.linalg.norm(displacement, axis=1) > SAME * self.size
         for name in self.fixed:
-            shared = np.isin(self.nodes, self.subject.nodes[name], assume_unique=True)
+            shared = np.isin(self.nodes, self.subject.patch(name).nodes, assume_unique=True)
             count = int(np.count_nonzero(shared & moves))
             if count:
                 raise InputError(

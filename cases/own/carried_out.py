@@ -1,7 +1,7 @@
 """`sdm deflect` carried out: read, deflect, write, all files or none."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,6 @@ from sdm_deflect.cases.own.course import sensitivity
 from sdm_deflect.cases.own.job import Job
 from sdm_deflect.cases.own.plan import Plan, planned
 from sdm_deflect.cases.own.report import Report, notes_of, plan_figures
-from sdm_deflect.cases.own.subject import subject_of
 from sdm_deflect.cases.progress import Stopwatch
 
 
@@ -50,7 +49,7 @@ def dry_run(source: Path, job: Job, angles: Sequence[float], watch: Stopwatch) -
     """Read the mesh and decide everything, but fit and write nothing."""
     with watch.stage("read") as progress:
         mesh = files.read(source, progress)
-    return planned(subject_of(mesh, source.name), job, tuple(angles), watch)
+    return planned(replace(mesh, name=source.name), job, tuple(angles), watch)
 
 
 def carry_out(wanted: Wanted, job: Job, angles: Sequence[float], watch: Stopwatch) -> Done:
@@ -61,7 +60,7 @@ def carry_out(wanted: Wanted, job: Job, angles: Sequence[float], watch: Stopwatc
     names: list[Path] = []
     lost: tuple[str, ...] = ()
     with output_folder(wanted.out.parent) as scratch:
-        for plan, course, report in run(subject_of(mesh, wanted.source.name), job, angles, watch):
+        for plan, course, report in run(replace(mesh, name=wanted.source.name), job, angles, watch):
             name = wanted.out if len(angles) == 1 else files.numbered(wanted.out, report.angle)
             beside = scratch / name.name
             with watch.stage("write") as progress:

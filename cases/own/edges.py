@@ -4,10 +4,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sdm_deflect.cases.own.subject import Faces
 from sdm_deflect.deform.duplicates import IndexArray
 from sdm_deflect.deform.kernels import FloatArray
-from sdm_deflect.meshing.formats.flow import Polygons
+from sdm_deflect.deform.mesh import Faces, Polygons
 
 
 def polygons_of(faces: Sequence[Faces]) -> Polygons:

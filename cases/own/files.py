@@ -11,13 +11,13 @@ from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.vectors import write_vectors
 from sdm_deflect.cases.progress import Report
 from sdm_deflect.deform.kernels import FloatArray
-from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.registry import format_of
 
 SENSITIVITY = "d_points_d_angle"
 
 
-def read(path: Path, progress: Report) -> FlowMesh:
+def read(path: Path, progress: Report) -> Mesh:
     """Read a mesh file; MeshFileError, an error of one line, if that is impossible."""
     return format_of(path).read(path, progress)
 
@@ -44,7 +44,7 @@ def numbered(out: Path, angle: float) -> Path:
     return out.with_name(f"{out.stem}_{angle:+g}{out.suffix}")
 
 
-def write_mesh(source: Path, mesh: FlowMesh, points: FloatArray, out: Path, progress: Report) -> tuple[str, ...]:
+def write_mesh(source: Path, mesh: Mesh, points: FloatArray, out: Path, progress: Report) -> tuple[str, ...]:
     """Write the mesh with new points; return what the format of `out` cannot hold.
 
     In the format of the source only coordinates change; all else in the file stays, byte by byte.
@@ -56,7 +56,7 @@ def write_mesh(source: Path, mesh: FlowMesh, points: FloatArray, out: Path, prog
     return other.write(mesh.with_points(points), out, progress)
 
 
-def write_sensitivity(mesh: FlowMesh, points: FloatArray, rates: FloatArray, out: Path, unit: str) -> None:
+def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: Path, unit: str) -> None:
     """Write d(points)/d(angle) beside `out`: an .npz with the points, and a .vtu to look at."""
     base = out.with_name(f"{out.stem}-sensitivity")
     np.savez_compressed(

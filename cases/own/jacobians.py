@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sdm_deflect.cases.own.edges import rows_of
 from sdm_deflect.deform.duplicates import IndexArray
 from sdm_deflect.deform.kernels import FloatArray
-from sdm_deflect.meshing.formats.flow import Cells
+from sdm_deflect.deform.mesh import Cells
 
 BLOCK = 1 << 13  # cells at a time: temporaries stay in the processor's cache
 CORNERS = {

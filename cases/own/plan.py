@@ -9,9 +9,9 @@ from sdm_deflect.cases.own.job import TOLERANCE_EDGES, Job
 from sdm_deflect.cases.own.quality import Touched
 from sdm_deflect.cases.own.region import Region
 from sdm_deflect.cases.own.sites import Sites
-from sdm_deflect.cases.own.subject import Subject
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.mesh import Mesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +25,7 @@ class Plan:
     angles: tuple[float, ...]
 
     @property
-    def subject(self) -> Subject:
+    def subject(self) -> Mesh:
         """The mesh."""
         return self.boundary.subject
 
@@ -40,7 +40,7 @@ class Plan:
         return np.union1d(self.sites.nodes, self.sites.still)
 
 
-def planned(subject: Subject, job: Job, angles: tuple[float, ...], watch: Stopwatch) -> Plan:
+def planned(subject: Mesh, job: Job, angles: tuple[float, ...], watch: Stopwatch) -> Plan:
     """Decide motion, box and sites, and judge the mesh as it is.
 
     Raises

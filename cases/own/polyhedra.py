@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from sdm_deflect.cases.own.edges import area_vectors
 from sdm_deflect.deform.duplicates import IndexArray
 from sdm_deflect.deform.kernels import FloatArray
-from sdm_deflect.meshing.formats.flow import Polygons, Polyhedra
+from sdm_deflect.deform.mesh import Polygons, Polyhedra
 
 
 def touching(cells: Polyhedra, moved: NDArray[np.bool_]) -> IndexArray:

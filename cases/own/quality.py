@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own import jacobians, polyhedra
-from sdm_deflect.cases.own.subject import Subject, Volume
 from sdm_deflect.deform.duplicates import IndexArray
 from sdm_deflect.deform.kernels import FloatArray
-from sdm_deflect.meshing.formats.flow import Polyhedra
+from sdm_deflect.deform.mesh import Mesh, Polyhedra, Volume
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +36,13 @@ class Touched:
     inverted : number of inverted cells of the whole mesh before, for each block.
     """
 
-    subject: Subject
+    subject: Mesh
     rows: tuple[IndexArray, ...] = field(repr=False)
     hand: tuple[float, ...]
     inverted: tuple[int, ...]
 
     @classmethod
-    def of(cls, subject: Subject, inside: IndexArray) -> "Touched":
+    def of(cls, subject: Mesh, inside: IndexArray) -> "Touched":
         """Find the cells that have a node of `inside`, and judge all cells as they are."""
         moved = np.zeros(len(subject.points), dtype=bool)
         moved[inside] = True

@@ -8,10 +8,9 @@ from scipy.spatial import cKDTree
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.boundary import SAME, Boundary
 from sdm_deflect.cases.own.box import Scene
-from sdm_deflect.cases.own.subject import Subject
 from sdm_deflect.deform.duplicates import IndexArray
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.meshing.formats.flow import Zone
+from sdm_deflect.deform.mesh import Mesh, Zone
 
 POSES = 4  # positions between rest and the full angle that the box has to hold
 
@@ -68,7 +67,7 @@ def _zones(boundary: Boundary) -> tuple[Zone, ...]:
     return tuple(z for z in subject.zones if moves(z) or z.name in wanted or "*" in wanted)
 
 
-def _inside(subject: Subject, zones: tuple[Zone, ...], hexahedron: Hexahedron) -> IndexArray:
+def _inside(subject: Mesh, zones: tuple[Zone, ...], hexahedron: Hexahedron) -> IndexArray:
     parts = [
         zone.start + np.flatnonzero(hexahedron.contains(subject.points[zone.start : zone.stop])) for zone in zones
     ]
@@ -82,8 +81,8 @@ def _scene(boundary: Boundary, zones: tuple[Zone, ...], angles: tuple[float, ...
     moves = [boundary.displacement(angle * share) for angle in set(angles) for share in shares]
     largest = max(float(np.linalg.norm(move, axis=1).max()) for move in moves)
     axes = [moving.motion.axis for moving in boundary.job.surfaces if moving.motion.axis is not None]
-    others = [name for name in subject.nodes if name not in boundary.declared]
-    nodes = _of_zones(subject.on(others), zones)
+    others = [name for name in subject.names if name not in boundary.declared]
+    nodes = _of_zones(subject.on(*others), zones)
     return Scene(
         moving, np.vstack([moving + move for move in moves]), largest, axes[0] if axes else None, subject.points[nodes]
     )
@@ -113,7 +112,8 @@ def _check_moving(boundary: Boundary, region: Region, angles: tuple[float, ...])
 def _check_clear(boundary: Boundary, region: Region) -> None:
     """Raise if the box contains nodes of a patch that is neither moving, fixed nor sliding."""
     subject, tol = boundary.subject, SAME * boundary.size
-    for name, nodes in subject.nodes.items():
+    for patch in subject.patches:
+        name, nodes = patch.name, patch.nodes
         if name in boundary.declared:
             continue
         own = np.intersect1d(nodes, region.inside, assume_unique=True)

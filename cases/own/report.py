@@ -91,7 +91,7 @@ def plan_figures(plan: Plan) -> Json:
         "mesh": {
             "name": plan.subject.name, "points": len(plan.subject.points),
             "cells": sum(len(block) for block in plan.subject.cells),
-            "patches": {name: len(nodes) for name, nodes in plan.subject.nodes.items()},
+            "patches": {patch.name: len(patch.nodes) for patch in plan.subject.patches},
             "zones": list(region.zones),
         },
         "box": {"corners": region.hexahedron.corners.tolist(), "why": region.why, "inside": len(region.inside)},

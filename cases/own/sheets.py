@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.own.subject import Subject
 from sdm_deflect.cases.own.walls import Wall, fitted
 from sdm_deflect.deform.duplicates import IndexArray
+from sdm_deflect.deform.mesh import Mesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,13 +17,13 @@ class Sheet:
     nodes: IndexArray = field(repr=False)
 
 
-def sheet_of(subject: Subject, name: str, shape: str) -> Sheet:
+def sheet_of(subject: Mesh, name: str, shape: str) -> Sheet:
     """Fit a shape to a patch; InputError if it has another."""
-    nodes = subject.nodes[name]
+    nodes = subject.patch(name).nodes
     return Sheet(name, fitted(shape, subject.points[nodes], name), nodes)
 
 
-def check_parts(subject: Subject, moves: list[str], fixed: tuple[str, ...], sliding: dict[str, str]) -> None:
+def check_parts(subject: Mesh, moves: list[str], fixed: tuple[str, ...], sliding: dict[str, str]) -> None:
     """Raise if a patch is given two parts."""
     for one, other, what in (
         (moves, fixed, "moving and fixed"),

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.edges import polygons_of, sharp_edges
-from sdm_deflect.cases.own.subject import Subject
 from sdm_deflect.deform.duplicates import IndexArray
 from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.motion import Axis
 
 BoolArray = NDArray[np.bool_]
@@ -33,13 +33,13 @@ class Surface:
 
     patches: tuple[str, ...]
     nodes: IndexArray = field(repr=False)
-    subject: Subject = field(repr=False)
+    subject: Mesh = field(repr=False)
 
     @classmethod
-    def of(cls, subject: Subject, names: Sequence[str]) -> "Surface":
+    def of(cls, subject: Mesh, names: Sequence[str]) -> "Surface":
         """Collect the nodes of patches; InputError for a name that is none, and where there are no nodes."""
         patches = subject.named(names, "the surface")
-        nodes = subject.on(patches)
+        nodes = subject.on(*patches)
         if not len(nodes):
             raise InputError(f"{subject.name}: {', '.join(patches)} has no nodes")
         return cls(patches, nodes, subject)
@@ -51,12 +51,12 @@ class Surface:
 
     def on(self, names: Sequence[str]) -> BoolArray:
         """Return which of the nodes (K,) also lie on the named patches."""
-        return np.isin(self.nodes, self.subject.on(names), assume_unique=True)
+        return np.isin(self.nodes, self.subject.on(*names), assume_unique=True)
 
     @property
     def neighbours(self) -> tuple[str, ...]:
         """Other patches that share nodes with it."""
-        others = [name for name in self.subject.nodes if name not in self.patches]
+        others = [name for name in self.subject.names if name not in self.patches]
         return tuple(name for name in others if self.on([name]).any())
 
 

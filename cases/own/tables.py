@@ -18,7 +18,8 @@ def plan_table(plan: Plan) -> Group:
     """Return patches with their part, the box, and what will be computed."""
     table = _table(f"{plan.subject.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
     inside = plan.region.inside
-    for name, nodes in plan.subject.nodes.items():
+    for patch in plan.subject.patches:
+        name, nodes = patch.name, patch.nodes
         count = len(np.intersect1d(nodes, inside, assume_unique=True))
         table.add_row(Text(name), Text(_part(plan, name)), str(len(nodes)), str(count))
     return Group(table, *_texts(_lines(plan)))

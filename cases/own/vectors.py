@@ -7,12 +7,12 @@ import numpy as np
 
 from sdm_deflect.deform.duplicates import IndexArray
 from sdm_deflect.deform.kernels import FloatArray
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh
+from sdm_deflect.deform.mesh import Cells, Mesh
 
 VTK_TYPES = {"tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
 
 
-def write_vectors(path: Path, mesh: FlowMesh, points: FloatArray, vectors: Mapping[str, FloatArray]) -> None:
+def write_vectors(path: Path, mesh: Mesh, points: FloatArray, vectors: Mapping[str, FloatArray]) -> None:
     """Write cells on `points` (N, 3) with vectors (N, 3) by name; polyhedra are left out, their points stay."""
     import pyvista as pv
 

@@ -13,9 +13,9 @@ from typing import Any
 import h5py
 import numpy as np
 
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.cgns_read import coordinate_data, read_base, zones
 from sdm_deflect.meshing.formats.cgns_write import write_base
-from sdm_deflect.meshing.formats.flow import FlowMesh
 from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
 from sdm_deflect.meshing.formats.guard import about, check_points, fresh
 from sdm_deflect.meshing.mesh import FloatArray
@@ -34,7 +34,7 @@ class Cgns:
     name: str = "cgns"
     suffixes: tuple[str, ...] = (".cgns",)
 
-    def read(self, path: Path, progress: Progress = silent) -> FlowMesh:
+    def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
         with about(path), _opened(path, "r") as file:
             return read_base(file, partial(progress, f"reading {path.name}"))
@@ -53,7 +53,7 @@ class Cgns:
                     start += _overwrite(coordinate_data(zone), points[start:])
             progress(f"writing {out.name}", 1.0)
 
-    def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; each patch is a family and a boundary condition that its family specifies."""
         with fresh(out) as beside, about(out), h5py.File(beside, "w", track_order=True) as file:
             return write_base(file, mesh, partial(progress, f"writing {out.name}"))

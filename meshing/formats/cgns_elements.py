@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, data, integers
-from sdm_deflect.meshing.formats.flow import CORNERS, VOLUMES, Cells
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.orientation import mirrored
 from sdm_deflect.meshing.mesh import IntArray

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sdm_deflect.deform.mesh import Polygons, Polyhedra
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, connectivity, starts
 from sdm_deflect.meshing.formats.cgns_nodes import child, integers
-from sdm_deflect.meshing.formats.flow import Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.polygons import polygons, taken, turned
 from sdm_deflect.meshing.mesh import BoolArray, IntArray

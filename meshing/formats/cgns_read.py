@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.deform.mesh import Cells, Mesh, Polyhedra
 from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, sections
 from sdm_deflect.meshing.formats.cgns_nodes import Array, child, children, data, integers, text
 from sdm_deflect.meshing.formats.cgns_polyhedra import read_polyhedra
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.guard import check_faces
 from sdm_deflect.meshing.formats.orientation import oriented
@@ -21,7 +21,7 @@ from sdm_deflect.meshing.mesh import FloatArray
 AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
 
-def read_base(file: Any, report: Callable[[float], None]) -> FlowMesh:
+def read_base(file: Any, report: Callable[[float], None]) -> Mesh:
     """Return the mesh of an open file, its zones one after another.
 
     Raises
@@ -86,7 +86,7 @@ def coordinate_data(zone: Any) -> list[Any]:
     return found
 
 
-def _zone(base: Any, zone: Any) -> FlowMesh:
+def _zone(base: Any, zone: Any) -> Mesh:
     points = _points(coordinate_data(zone))
     found = sections(zone)
     if not found:
@@ -94,7 +94,7 @@ def _zone(base: Any, zone: Any) -> FlowMesh:
     polyhedral = any(section.kind in (NGON, NFACE) for section in found)
     cells, faces = (_polyhedral if polyhedral else _shaped)(found, points)
     named = patches(conditions(base, zone), faces, found[-1].last)
-    mesh = FlowMesh(points, cells, tuple(named))
+    mesh = Mesh(points, cells, tuple(named))
     check_faces(mesh)
     return mesh
 

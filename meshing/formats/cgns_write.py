@@ -9,10 +9,10 @@ from typing import Any
 import h5py
 import numpy as np
 
+from sdm_deflect.deform.mesh import Mesh, Polyhedra
 from sdm_deflect.meshing.formats.cgns_nodes import Integer, create, describe, node_names
 from sdm_deflect.meshing.formats.cgns_read import AXES
 from sdm_deflect.meshing.formats.cgns_write_elements import write_polyhedra, write_shapes
-from sdm_deflect.meshing.formats.flow import FlowMesh, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.zones import part
 from sdm_deflect.meshing.mesh import IntArray
@@ -31,7 +31,7 @@ KINDS = (
 """Kind of boundary condition by the first pattern that is in the patch's name; all others are walls."""
 
 
-def write_base(file: Any, mesh: FlowMesh, report: Callable[[float], None]) -> tuple[str, ...]:
+def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[str, ...]:
     """Write a mesh to an empty file, and return a sentence for each thing that is not as in the mesh.
 
     Raises
@@ -69,7 +69,7 @@ def _library() -> str:
     return "HDF5 Version " + ".".join(map(str, h5py.h5.get_libversion()))
 
 
-def _write_zone(base: Any, name: str, mesh: FlowMesh, families: dict[str, str]) -> list[str]:
+def _write_zone(base: Any, name: str, mesh: Mesh, families: dict[str, str]) -> list[str]:
     polyhedra = [block for block in mesh.cells if isinstance(block, Polyhedra)]
     if polyhedra and len(mesh.cells) > 1:
         raise MeshFileError(
@@ -100,7 +100,7 @@ def _write_condition(conditions: Any, family: str, numbers: IntArray) -> None:
     create(condition, "FamilyName", "FamilyName_t", family)
 
 
-def _integer(mesh: FlowMesh) -> Integer:
+def _integer(mesh: Mesh) -> Integer:
     """Four bytes where every count and index fits."""
     sizes = [len(mesh.points), *(block.faces.nodes.size * 2 for block in mesh.cells if isinstance(block, Polyhedra))]
     elements = sum(len(block) for block in (*mesh.cells, *mesh.patches))

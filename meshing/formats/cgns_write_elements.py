@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, SHAPES
 from sdm_deflect.meshing.formats.cgns_nodes import Integer, create, create_sized, node_names
 from sdm_deflect.meshing.formats.faces import face_keys, node_keys
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.orientation import mirrored
 from sdm_deflect.meshing.formats.polygons import polygons, simple_faces
@@ -21,7 +21,7 @@ ROWS = 1 << 18
 KINDS = {shape: kind for kind, shape in SHAPES.items()}
 
 
-def write_shapes(zone: Any, mesh: FlowMesh, names: Mapping[str, str], kind: Integer) -> dict[str, IntArray]:
+def write_shapes(zone: Any, mesh: Mesh, names: Mapping[str, str], kind: Integer) -> dict[str, IntArray]:
     """Write cells and boundary faces, and return the numbers of each patch's faces.
 
     There is a section for each block of cells, then one for each patch by the patch's name (`names` gives it as nodes
@@ -43,7 +43,7 @@ def write_shapes(zone: Any, mesh: FlowMesh, names: Mapping[str, str], kind: Inte
     return numbers
 
 
-def write_polyhedra(zone: Any, mesh: FlowMesh, cells: Polyhedra, kind: Integer) -> dict[str, IntArray]:
+def write_polyhedra(zone: Any, mesh: Mesh, cells: Polyhedra, kind: Integer) -> dict[str, IntArray]:
     """Write all faces and the cells by their faces; return the numbers of each patch's faces.
 
     Raises

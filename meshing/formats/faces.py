@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
@@ -40,7 +40,7 @@ def face_keys(faces: Cells | Polygons, keys: Keys) -> Keys:
     return np.concatenate([np.empty(0, np.uint64), *(np.add.reduceat(keys[b.nodes], b.offsets[:-1]) for b in blocks)])
 
 
-def loose_faces(mesh: FlowMesh) -> dict[str, int]:
+def loose_faces(mesh: Mesh) -> dict[str, int]:
     """Count, by patch, the faces that are of no cell (patches without such faces are left out).
 
     Only cells with three nodes on the boundary are looked at, some at a time: the memory is that of the boundary.
@@ -57,7 +57,7 @@ def loose_faces(mesh: FlowMesh) -> dict[str, int]:
     return {name: count for name, count in counts.items() if count}
 
 
-def _cell_face_keys(mesh: FlowMesh, keys: Keys) -> Iterator[Keys]:
+def _cell_face_keys(mesh: Mesh, keys: Keys) -> Iterator[Keys]:
     on_boundary = np.zeros(len(mesh.points), dtype=np.bool_)
     on_boundary[mesh.on(*(patch.name for patch in mesh.patches))] = True
     for block in mesh.cells:

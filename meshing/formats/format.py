@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.mesh import FloatArray
 
 Progress = Callable[[str, float], None]
@@ -32,7 +32,7 @@ class Format(Protocol):
         """The suffixes of its files, such as ``(".su2",)``; an OpenFOAM case is a folder."""
         ...
 
-    def read(self, path: Path, progress: Progress = silent) -> FlowMesh:
+    def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """Return the mesh in a file.
 
         Raises
@@ -49,6 +49,6 @@ class Format(Protocol):
         """
         ...
 
-    def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """Write a mesh that came from elsewhere; return a sentence for each thing that the format cannot hold."""
         ...

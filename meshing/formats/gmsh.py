@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
 from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
 from sdm_deflect.meshing.formats.gmsh_file import GmshFile, opened
@@ -38,7 +38,7 @@ class Gmsh:
     name: str = "gmsh"
     suffixes: tuple[str, ...] = (".msh",)
 
-    def read(self, path: Path, progress: Progress = silent) -> FlowMesh:
+    def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
         with about(path):
             file = opened(path.read_bytes())
@@ -62,14 +62,14 @@ class Gmsh:
         with fresh(out, source) as beside:
             beside.write_bytes(data)
 
-    def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
         progress(f"writing {out.name}", 0.0)
         with fresh(out) as beside, about(out):
             return write_mesh(mesh, beside)
 
 
-def _mesh(file: GmshFile) -> FlowMesh:
+def _mesh(file: GmshFile) -> Mesh:
     if "PartitionedEntities" in file.sections:
         raise MeshFileError("is partitioned; save it in one part: gmsh -save -part 0")
     own = nodes(file)
@@ -80,7 +80,7 @@ def _mesh(file: GmshFile) -> FlowMesh:
     rows = {kind: _indices(np.concatenate([b.nodes for b in parts]), own.tags) for kind, parts in blocks.items()}
     solids = [Cells(SOLIDS[kind], mirrored("wedge", r) if kind == 6 else r) for kind, r in rows.items() if kind > 3]
     patches = _patches({kind: (rows[kind], blocks[kind]) for kind in rows if kind in FACES}, _names(file))
-    mesh = FlowMesh(own.points, tuple(oriented(own.points, block) for block in solids), patches)
+    mesh = Mesh(own.points, tuple(oriented(own.points, block) for block in solids), patches)
     check_faces(mesh)
     return mesh
 

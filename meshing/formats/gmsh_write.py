@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.orientation import mirrored
 from sdm_deflect.meshing.formats.polygons import simple_faces
 from sdm_deflect.meshing.formats.standard import standard_cells
@@ -14,7 +14,7 @@ from sdm_deflect.meshing.formats.standard import standard_cells
 VOLUME = "volume"
 
 
-def write_mesh(mesh: FlowMesh, out: Path) -> tuple[str, ...]:
+def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     """Write boundary faces, then cells; patch i is physical group i + 1, the cells are the group ``volume`` after them.
 
     Raises

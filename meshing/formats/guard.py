@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.files import replacing
 from sdm_deflect.meshing.formats.faces import loose_faces
-from sdm_deflect.meshing.formats.flow import FlowMesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import FloatArray
 
@@ -65,7 +65,7 @@ def check_points(points: FloatArray, count: int) -> None:
         raise ValueError(f"{bad} of the {count} points to write are not finite")
 
 
-def check_faces(mesh: FlowMesh) -> None:
+def check_faces(mesh: Mesh) -> None:
     """Refuse boundary faces that are of no cell.
 
     Raises

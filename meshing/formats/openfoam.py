@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import FlowMesh, Patch, Polyhedra
+from sdm_deflect.deform.mesh import Mesh, Patch, Polyhedra
 from sdm_deflect.meshing.formats.folder import copied, fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
 from sdm_deflect.meshing.formats.guard import about, check_points
@@ -38,7 +38,7 @@ class OpenFoam:
     name: str = "openfoam"
     suffixes: tuple[str, ...] = (".foam",)
 
-    def read(self, path: Path, progress: Progress = silent) -> FlowMesh:
+    def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
         folder = mesh_folder(path)
         with about(folder / "points"):
@@ -60,7 +60,7 @@ class OpenFoam:
             for patch in patches:
                 _check_range(patch.name, patch.start, patch.count, len(polygons))
             named = [Patch(p.name, (polygons.rows(p.start, p.start + p.count),)) for p in patches]
-            return FlowMesh(points, (cells,), tuple(named))
+            return Mesh(points, (cells,), tuple(named))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; `out` is a copy of the case (of the folder ``polyMesh`` if `source` is one)."""
@@ -71,7 +71,7 @@ class OpenFoam:
             progress(f"writing {out.name}", 0.5)
             _move(mesh, points, beside / mesh.relative_to(case))
 
-    def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; types of patches follow from their names, the case can be read by checkMesh.
 
         A name that begins with ``sym`` is a plane of symmetry; one with ``far``, ``inlet``, ``outlet``,

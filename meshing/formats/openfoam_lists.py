@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import Polygons
+from sdm_deflect.deform.mesh import Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam_file import FoamFile
 from sdm_deflect.meshing.formats.polygons import polygons

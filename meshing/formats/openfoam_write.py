@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.openfoam_boundary import FoamPatch, kind_of, words, written
 from sdm_deflect.meshing.formats.polyhedral import Bounded, bounded
 from sdm_deflect.meshing.mesh import FloatArray
@@ -29,7 +29,7 @@ def header(kind: str, name: str, folder: str = "constant/polyMesh", form: str = 
     return "FoamFile\n{\n" + "".join(f"    {line};\n" for line in lines) + "}\n" + BANNER + "\n"
 
 
-def write_mesh(mesh: FlowMesh, folder: Path) -> tuple[str, ...]:
+def write_mesh(mesh: Mesh, folder: Path) -> tuple[str, ...]:
     """Write points, faces, owner, neighbour (binary) and boundary (text); return what could not be kept.
 
     Raises
@@ -55,7 +55,7 @@ def write_mesh(mesh: FlowMesh, folder: Path) -> tuple[str, ...]:
     return (*whole.lost, *renamed)
 
 
-def _patches(mesh: FlowMesh, whole: Bounded) -> tuple[list[FoamPatch], list[str]]:
+def _patches(mesh: Mesh, whole: Bounded) -> tuple[list[FoamPatch], list[str]]:
     names = words([name for name, _, _ in whole.patches])
     patches = []
     for name, start, count in whole.patches:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import Cells
+from sdm_deflect.deform.mesh import Cells
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 MIRRORED = {

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import Cells, Patch, Polygons
+from sdm_deflect.deform.mesh import Cells, Patch, Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.faces import FACES, Keys, face_keys, node_keys
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.polygons import polygons, taken, turned
 from sdm_deflect.meshing.mesh import IntArray
@@ -35,7 +35,7 @@ class Bounded:
     lost: tuple[str, ...]
 
 
-def bounded(mesh: FlowMesh) -> Bounded:
+def bounded(mesh: Mesh) -> Bounded:
     """Return the cells of a mesh as polyhedra, in the same order.
 
     Raises
@@ -62,7 +62,7 @@ def bounded(mesh: FlowMesh) -> Bounded:
     return Bounded(cells, ranges, tuple(lost))
 
 
-def _paired(mesh: FlowMesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
+def _paired(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
     """Every face once, its owner (the lower cell, whose outward normal it has) and its neighbour or -1."""
     if len(mesh.cells) == 1 and isinstance(mesh.cells[0], Polyhedra):
         return _lower_first(mesh.cells[0])
@@ -107,7 +107,7 @@ def _lower_first(cells: Polyhedra) -> tuple[Polygons, IntArray, IntArray]:
     return turned(cells.faces, swap), owner, other
 
 
-def _faces_of_cells(mesh: FlowMesh) -> tuple[Polygons, IntArray]:
+def _faces_of_cells(mesh: Mesh) -> tuple[Polygons, IntArray]:
     nodes, sizes, cell, first = [], [], [], 0
     for block in mesh.cells:
         if isinstance(block, Polyhedra):
@@ -122,7 +122,7 @@ def _faces_of_cells(mesh: FlowMesh) -> tuple[Polygons, IntArray]:
     return polygons(np.concatenate(nodes), np.concatenate(sizes)), np.concatenate(cell)
 
 
-def _patch_of(mesh: FlowMesh, key: Keys, keys: Keys) -> tuple[IntArray, list[str]]:
+def _patch_of(mesh: Mesh, key: Keys, keys: Keys) -> tuple[IntArray, list[str]]:
     """Index (B,) of the patch of each boundary face; one past the last for faces on no patch."""
     found = np.full(len(key), len(mesh.patches), dtype=np.intp)
     order = np.argsort(key)

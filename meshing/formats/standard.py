@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import CORNERS, Cells, FlowMesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.polygons import taken
 from sdm_deflect.meshing.formats.polyhedral import faces_by_cell
@@ -14,7 +14,7 @@ SIDES = {"tetra": (4, 0), "pyramid": (4, 1), "wedge": (2, 3), "hexahedron": (0, 
 """Numbers of triangles and quadrilaterals of each shape."""
 
 
-def standard_cells(mesh: FlowMesh) -> tuple[Cells, ...]:
+def standard_cells(mesh: Mesh) -> tuple[Cells, ...]:
     """Return the cells of a mesh, with a block of each shape in place of each block of polyhedra.
 
     The order within a shape is that of the polyhedra.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.format import Progress, silent
 from sdm_deflect.meshing.formats.guard import about, fresh
 from sdm_deflect.meshing.formats.standard import standard_cells
@@ -27,7 +27,7 @@ class Su2:
     name: str = "su2"
     suffixes: tuple[str, ...] = (".su2",)
 
-    def read(self, path: Path, progress: Progress = silent) -> FlowMesh:
+    def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
         with about(path), path.open("rb") as file:
             return read_zones(Su2File.opened(file, partial(progress, f"reading {path.name}")))
@@ -37,7 +37,7 @@ class Su2:
         with fresh(out, source) as beside, about(source), source.open("rb") as file, beside.open("wb") as copy:
             copy_moved(Su2File.opened(file, partial(progress, f"writing {out.name}")), points, copy)
 
-    def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
         with fresh(out) as beside, about(out), beside.open("wb") as file:
             usual = replace(mesh, cells=standard_cells(mesh))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import CORNERS, Cells, FlowMesh, Patch
+from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.guard import check_faces
 from sdm_deflect.meshing.formats.orientation import oriented
@@ -21,7 +21,7 @@ PARALLEL = "SEND_RECEIVE"
 """Marker of points that other processes hold; it is no boundary."""
 
 
-def read_zones(source: Su2File) -> FlowMesh:
+def read_zones(source: Su2File) -> Mesh:
     """Return the mesh of an open file.
 
     Raises
@@ -53,10 +53,10 @@ def _zones(found: Sequence[Section]) -> dict[str, list[Section]]:
     return zones
 
 
-def _zone(source: Su2File, own: Sequence[Section]) -> FlowMesh:
+def _zone(source: Su2File, own: Sequence[Section]) -> Mesh:
     points = _points(source, _only(own, "NPOIN"))
     cells = _elements(source, _only(own, "NELEM"), SOLIDS, len(points))
-    mesh = FlowMesh(points, tuple(oriented(points, block) for block in cells), _patches(source, own, len(points)))
+    mesh = Mesh(points, tuple(oriented(points, block) for block in cells), _patches(source, own, len(points)))
     check_faces(mesh)
     return mesh
 

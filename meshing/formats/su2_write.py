@@ -8,7 +8,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import FlowMesh, Polyhedra
+from sdm_deflect.deform.mesh import Mesh, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.guard import check_points
 from sdm_deflect.meshing.formats.polygons import simple_faces
@@ -43,7 +43,7 @@ def copy_moved(source: Su2File, points: FloatArray, out: BinaryIO) -> None:
     _copy(source.file, at, source.sections[-1].end, out)
 
 
-def write_mesh(mesh: FlowMesh, out: BinaryIO, report: Callable[[float], None]) -> dict[str, str]:
+def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> dict[str, str]:
     """Write a mesh of shapes that SU2 has; return the markers of patches whose names SU2 cannot read.
 
     Raises
@@ -99,7 +99,7 @@ def _moved(text: bytes, lines: Lines, points: FloatArray) -> bytes:
     return b"".join(pieces)
 
 
-def _zone(mesh: FlowMesh, names: dict[str, str]) -> Iterator[tuple[str, float]]:
+def _zone(mesh: Mesh, names: dict[str, str]) -> Iterator[tuple[str, float]]:
     """Text of one zone, and the fraction of it that is written."""
     yield f"NDIME= 3\nNELEM= {sum(len(block) for block in mesh.cells)}\n", 0.0
     number = 0

@@ -10,7 +10,7 @@ from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
 from sdm_deflect.meshing.formats.guard import about, check_points, fresh
 from sdm_deflect.meshing.formats.vtk_grid import mesh_of
@@ -35,7 +35,7 @@ class Vtu:
     name: str = "vtu"
     suffixes: tuple[str, ...] = (".vtu",)
 
-    def read(self, path: Path, progress: Progress = silent) -> FlowMesh:
+    def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
         progress(f"reading {path.name}", 0.0)
         grid = _grid(path)
@@ -59,7 +59,7 @@ class Vtu:
         with fresh(out, source) as beside:
             _write(writer, grid, beside, out)
 
-    def write(self, mesh: FlowMesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; zones become one grid."""
         progress(f"writing {out.name}", 0.0)
         with fresh(out) as beside:

@@ -25,7 +25,7 @@ from vtkmodules.vtkCommonDataModel import (
     vtkUnstructuredGrid,
 )  # fmt: skip
 
-from sdm_deflect.meshing.formats.flow import CORNERS, Cells, FlowMesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.guard import check_faces
 from sdm_deflect.meshing.formats.orientation import oriented
@@ -46,7 +46,7 @@ LABELS = (
 NAMES = "patch_names"
 
 
-def mesh_of(grid: vtkUnstructuredGrid) -> FlowMesh:
+def mesh_of(grid: vtkUnstructuredGrid) -> Mesh:
     """Return points, cells and patches of a grid.
 
     Raises
@@ -63,7 +63,7 @@ def mesh_of(grid: vtkUnstructuredGrid) -> FlowMesh:
         raise MeshFileError(f"{len(other)} cells are of VTK's type {other[0]}, which is not linear or not known")
     points = vtk_to_numpy(grid.GetPoints().GetData()).astype(np.float64)
     all_cells = _polygons(grid.GetCells(), len(points))
-    mesh = FlowMesh(points, _solids(grid, all_cells, types, points), _patches(grid, all_cells, types))
+    mesh = Mesh(points, _solids(grid, all_cells, types, points), _patches(grid, all_cells, types))
     check_faces(mesh)
     return mesh
 

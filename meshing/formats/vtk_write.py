@@ -11,7 +11,7 @@ from vtkmodules.vtkCommonCore import VTK_ID_TYPE, vtkPoints
 from vtkmodules.vtkCommonDataModel import VTK_POLYGON, VTK_POLYHEDRON, vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.polyhedral import faces_by_cell
 from sdm_deflect.meshing.formats.vtk_grid import FACES, NAMES, SOLIDS
 from sdm_deflect.meshing.mesh import IntArray
@@ -22,7 +22,7 @@ NO_CELL = "volume"
 """Name of patch 0, the cells."""
 
 
-def grid_of(mesh: FlowMesh) -> vtkUnstructuredGrid:
+def grid_of(mesh: Mesh) -> vtkUnstructuredGrid:
     """Return cells, then boundary faces, with the cell array ``patch`` and the field array ``patch_names``."""
     faces = [(block, i) for i, patch in enumerate(mesh.patches, 1) for block in patch.faces]
     parts = [_part(block) for block in (*mesh.cells, *(block for block, _ in faces))]

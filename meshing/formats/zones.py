@@ -9,14 +9,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra, Zone
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone
 from sdm_deflect.meshing.formats.polygons import taken
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 Faces = TypeVar("Faces", bound=Cells | Polygons)
 
 
-def joined(names: Sequence[str], parts: Sequence[FlowMesh]) -> FlowMesh:
+def joined(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:
     """Put zones one after another into one mesh.
 
     A patch keeps its name where no other zone has a patch of that name, and is called ``"zone/patch"`` otherwise.
@@ -35,10 +35,10 @@ def joined(names: Sequence[str], parts: Sequence[FlowMesh]) -> FlowMesh:
         for patch in part.patches
     ]
     cells = [_shifted_cells(block, zone.start) for zone, part in zip(zones, parts, strict=True) for block in part.cells]
-    return FlowMesh(np.concatenate([part.points for part in parts]), tuple(cells), tuple(patches), zones)
+    return Mesh(np.concatenate([part.points for part in parts]), tuple(cells), tuple(patches), zones)
 
 
-def part(mesh: FlowMesh, zone: Zone) -> FlowMesh:
+def part(mesh: Mesh, zone: Zone) -> Mesh:
     """Return one zone's points, cells and patches (``"zone/patch"`` is ``"patch"`` again), nodes counted from 0.
 
     Raises
@@ -54,7 +54,7 @@ def part(mesh: FlowMesh, zone: Zone) -> FlowMesh:
         faces = [_inside(f, zone, f"faces of patch {patch.name}") for f in patch.faces]
         if any(len(f) for f in faces):
             patches.append(_unprefixed(Patch(patch.name, tuple(f for f in faces if len(f))), zone))
-    return FlowMesh(mesh.points[zone.start : zone.stop], tuple(cells), tuple(patches))
+    return Mesh(mesh.points[zone.start : zone.stop], tuple(cells), tuple(patches))
 
 
 def _unprefixed(patch: Patch, zone: Zone) -> Patch:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Zone
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Zone
 
 
 def grid(low, high, counts):
@@ -35,7 +35,7 @@ def block_with_body(n=8):
     for name, (axis, upper) in SIDES.items():
         on = np.abs(centre[:, axis] - (2.0 if upper else -2.0)) < 1e-9
         patches.append(Patch(name, (Cells("quad", faces[on]),)))
-    return FlowMesh(points, (Cells("hexahedron", cells),), tuple(patches))
+    return Mesh(points, (Cells("hexahedron", cells),), tuple(patches))
 
 
 def joined(one, other, names=("near", "far")):
@@ -47,7 +47,7 @@ def joined(one, other, names=("near", "far")):
 
     patches = (*one.patches, *(Patch(p.name + "'", moved(p.faces)) for p in other.patches))
     zones = (Zone(names[0], 0, n), Zone(names[1], n, n + len(other.points)))
-    return FlowMesh(np.vstack([one.points, other.points]), (*one.cells, *moved(other.cells)), patches, zones)
+    return Mesh(np.vstack([one.points, other.points]), (*one.cells, *moved(other.cells)), patches, zones)
 
 
 def annulus_with_fin():
@@ -73,7 +73,7 @@ def annulus_with_fin():
     body = ~on_round & ~outer
     parts = {"body": body, "round": on_round, "rest": outer}
     patches = tuple(Patch(name, (Cells("quad", faces[own]),)) for name, own in parts.items())
-    return FlowMesh(points, (Cells("hexahedron", cells),), patches)
+    return Mesh(points, (Cells("hexahedron", cells),), patches)
 
 
 def two_bodies():
@@ -90,4 +90,4 @@ def two_bodies():
     inner = (np.abs(centre) < [3.0, 1.0, 1.0]).all(axis=1)
     parts = {"left": inner & (centre[:, 0] < 0), "right": inner & (centre[:, 0] > 0), "wall": ~inner}
     patches = tuple(Patch(name, (Cells("quad", faces[own]),)) for name, own in parts.items())
-    return FlowMesh(points, (Cells("hexahedron", cells),), patches)
+    return Mesh(points, (Cells("hexahedron", cells),), patches)

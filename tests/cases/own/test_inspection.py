@@ -9,8 +9,8 @@ from test_examples import grid
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.inspection import inspect
+from sdm_deflect.deform.mesh import Cells, Mesh
 from sdm_deflect.meshing.formats.cgns import Cgns
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.quality import mean_ratio
@@ -44,7 +44,7 @@ def test_inverted_cells_of_every_shape_are_counted(tmp_path):
     mesh = hybrid(5)
     points = mesh.points.copy()
     points[:14, 2] = -points[:14, 2]
-    flat = FlowMesh(points, tuple(gathered(mesh)), ())
+    flat = Mesh(points, tuple(gathered(mesh)), ())
     FORMATS["su2"].write(flat, tmp_path / "mesh.su2")
     text = inspect(tmp_path / "mesh.su2")
     for shape, count in SHAPES:

@@ -80,7 +80,7 @@ def test_a_tet_mesh():
         (meshio.Mesh(np.eye(10, 3), [("tetra10", [list(range(10))])]), "cells of type tetra10 are not supported"),
         (pv.ImageData(dimensions=(2, 2, 2)), "cells of type 11 are not supported"),
         ((np.zeros((3, 2)), {"a": [0]}), r"points \(3, 2\) must be \(N, 3\)"),
-        ((np.zeros((3, 3)), {"a": [0, 9]}), "patch a names nodes 0 to 9 of 3 points"),
+        ((np.zeros((3, 3)), {"a": [0, 9]}), "patch a: nodes 0 to 9, but there are 3 points"),
     ],
 )
 def test_what_cannot_be_taken_is_said(mesh, words):

@@ -10,8 +10,7 @@ from examples import hybrid
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own import deflect
 from sdm_deflect.cases.own.region import Region
-from sdm_deflect.cases.own.subject import Subject
-from sdm_deflect.meshing.formats.flow import Cells, Patch
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
@@ -179,7 +178,7 @@ def test_zones_that_fit_must_deform_together():
 def test_a_wildcard_stands_for_a_patch_in_every_zone_and_a_plain_name_does_not():
     names = ("block/wing_left", "background/wing_left", "wing_right", "tail")
     points = np.zeros((1, 3))
-    subject = Subject(points, {name: np.array([0]) for name in names}, {}, (), (), "pair.cgns")
+    subject = Mesh(points, (), tuple(Patch(name, (), np.array([0])) for name in names), name="pair.cgns")
     assert subject.named(["wing*"], "--fixed") == names[:3]
     assert subject.named(["block/*"], "--fixed") == names[:1]
     with pytest.raises(InputError, match=r"'wing_left' is no patch; did you mean .*block/wing_left"):

@@ -6,7 +6,6 @@ import pytest
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own import Blended, Listed, OnPatches, Rotation, Table, TrailingEdge, deflect
 from sdm_deflect.cases.own.motion import Moving
-from sdm_deflect.cases.own.subject import subject_of
 from sdm_deflect.cases.own.surface import Surface
 from sdm_deflect.deform.motion import Axis
 
@@ -16,7 +15,7 @@ HINGE = Rotation.about([0.7, 0.0, 0.0], [0.7, 1.0, 0.0])
 
 @pytest.fixture(scope="module")
 def flap(hybrid_wing, flap_names):
-    return Surface.of(subject_of(hybrid_wing.mesh), flap_names)
+    return Surface.of(hybrid_wing.mesh, flap_names)
 
 
 def test_a_positive_angle_is_right_handed_from_the_first_hinge_point_to_the_second():
@@ -109,7 +108,7 @@ def test_two_surfaces_turn_by_their_own_angles(hybrid_wing):
     from sdm_deflect.cases.own.boundary import Boundary
     from sdm_deflect.cases.own.job import Job
 
-    subject = subject_of(hybrid_wing.mesh)
+    subject = hybrid_wing.mesh
     one, two = Moving(("flap_upper",), HINGE, 10.0), Moving(("flap_base",), HINGE, -5.0)
     boundary = Boundary.of(subject, Job((one, two)))
     with pytest.raises(InputError, match=r"\d+ nodes of flap_base also belong to another moving surface"):

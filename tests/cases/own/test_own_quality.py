@@ -10,8 +10,7 @@ from sdm_deflect.cases.own.edges import area_vectors, edges_of, polygons_of, sha
 from sdm_deflect.cases.own.jacobians import CORNERS, scaled_jacobian, smallest_jacobian
 from sdm_deflect.cases.own.polyhedra import smallest_pyramid, touching
 from sdm_deflect.cases.own.quality import Touched
-from sdm_deflect.cases.own.subject import subject_of
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
 
 rng = np.random.default_rng(3)
 SHAPES = tuple(CORNERS)
@@ -81,9 +80,9 @@ def test_pyramids_of_a_cube_are_a_sixth_and_turn_negative(block):
 
 
 def test_polyhedra_are_judged_like_the_cells_they_are(block):
-    poly = FlowMesh(block.points, (as_polyhedra(block),), block.patches)
+    poly = Mesh(block.points, (as_polyhedra(block),), block.patches)
     moved = np.flatnonzero(np.abs(block.points).max(axis=1) < 1.2)
-    one, other = (Touched.of(subject_of(mesh), moved) for mesh in (block, poly))
+    one, other = (Touched.of(mesh, moved) for mesh in (block, poly))
     assert one.count == other.count
     assert one.hand == other.hand == (1.0,)
     assert other.quality(block.points)[0].shape == "polyhedron"

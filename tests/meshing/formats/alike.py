@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
 
 
 def rows(block: Cells | Polygons) -> list[tuple[int, ...]]:
@@ -13,7 +13,7 @@ def rows(block: Cells | Polygons) -> list[tuple[int, ...]]:
     return [tuple(part.tolist()) for part in np.split(block.nodes, block.offsets[1:-1])]
 
 
-def content(mesh: FlowMesh) -> dict[str, object]:
+def content(mesh: Mesh) -> dict[str, object]:
     """Cells by shape and faces by patch, in order, as plain lists."""
     cells: dict[str, list] = {}
     for block in mesh.cells:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Zone
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Zone
 
 POINTS = np.array(
     [
@@ -28,7 +28,7 @@ PATCHES = {
 }
 
 
-def hybrid(zones: int = 1) -> FlowMesh:
+def hybrid(zones: int = 1) -> Mesh:
     """A hexahedron, a pyramid, four tetrahedra and a wedge with shared faces, in six patches.
 
     Every cell has a positive volume by VTK's order of nodes, every boundary face is on one patch and its normal
@@ -45,7 +45,7 @@ def hybrid(zones: int = 1) -> FlowMesh:
         for name, faces in PATCHES.items()
     )
     parts = tuple(Zone(f"block {i + 1}", 14 * i, 14 * (i + 1)) for i in range(zones)) if zones > 1 else ()
-    return FlowMesh(np.vstack(points), tuple(block for zone in cells for block in zone), patches, parts)
+    return Mesh(np.vstack(points), tuple(block for zone in cells for block in zone), patches, parts)
 
 
 def _cells(blocks: dict[str, list[list[int]]], first: int) -> tuple[Cells, ...]:

@@ -6,10 +6,10 @@ import pytest
 from alike import content, rows, tree
 from examples import hybrid
 
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import children, create
 from sdm_deflect.meshing.formats.faces import FACES, face_keys, node_keys
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons, Polyhedra, Zone
 
 COORDINATES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
@@ -88,7 +88,7 @@ def test_patches_of_equal_names_in_two_zones_are_told_apart(tmp_path):
     mesh = hybrid(2)
     names = {"floor": "block 1/floor", "floor 2": "block 2/floor"}
     named = [Patch(names.get(patch.name, patch.name), patch.faces) for patch in mesh.patches]
-    mesh = FlowMesh(mesh.points, mesh.cells, tuple(named), mesh.zones)
+    mesh = Mesh(mesh.points, mesh.cells, tuple(named), mesh.zones)
     assert Cgns().write(mesh, tmp_path / "mesh.cgns") == ()
     assert content(Cgns().read(tmp_path / "mesh.cgns")) == content(mesh)
 
@@ -97,7 +97,7 @@ def test_names_that_nodes_cannot_have_are_changed_and_said(tmp_path):
     mesh = hybrid()
     names = ["a/b", "a_b", "x" * 33, "x" * 34, "Zone", "ü" * 17]
     patches = tuple(Patch(name, patch.faces) for name, patch in zip(names, mesh.patches, strict=True))
-    lost = Cgns().write(FlowMesh(mesh.points, mesh.cells, patches), tmp_path / "mesh.cgns")
+    lost = Cgns().write(Mesh(mesh.points, mesh.cells, patches), tmp_path / "mesh.cgns")
     again = [patch.name for patch in Cgns().read(tmp_path / "mesh.cgns").patches]
     assert again == ["a_b", "a_b 2", "x" * 32, "x" * 30 + " 2", "Zone 2", "ü" * 16]
     assert lost == tuple(f"patch {old} is named {new}" for old, new in zip(names, again, strict=True) if old != new)
@@ -105,7 +105,7 @@ def test_names_that_nodes_cannot_have_are_changed_and_said(tmp_path):
 
 def test_an_empty_patch_is_left_out_and_said(tmp_path):
     mesh = hybrid()
-    lost = Cgns().write(FlowMesh(mesh.points, mesh.cells, (Patch("nothing", ()),)), tmp_path / "mesh.cgns")
+    lost = Cgns().write(Mesh(mesh.points, mesh.cells, (Patch("nothing", ()),)), tmp_path / "mesh.cgns")
     assert lost == ("patch nothing has no faces and is left out",)
     assert Cgns().read(tmp_path / "mesh.cgns").patches == ()
 
@@ -206,7 +206,7 @@ def test_mixed_sections_of_new_and_old_files_are_read(offsets, path):
     assert {n: sorted(f) for n, f in found["patches"].items()} == {n: sorted(f) for n, f in expected["patches"].items()}
 
 
-def polyhedral(mesh: FlowMesh) -> FlowMesh:
+def polyhedral(mesh: Mesh) -> Mesh:
     """The same cells as polyhedra."""
     cells = [(block.shape, row) for block in mesh.cells for row in block.nodes]
     pairs: dict[frozenset, list] = {}
@@ -218,10 +218,10 @@ def polyhedral(mesh: FlowMesh) -> FlowMesh:
     faces = Polygons(np.concatenate([pair[0][1] for pair in ordered]), np.cumsum([0, *sizes]))
     owner = np.array([pair[0][0] for pair in ordered])
     neighbour = np.array([pair[1][0] for pair in ordered if len(pair) == 2])
-    return FlowMesh(mesh.points, (Polyhedra(faces, owner, neighbour),), mesh.patches, (Zone("Zone", 0, 14),))
+    return Mesh(mesh.points, (Polyhedra(faces, owner, neighbour),), mesh.patches, (Zone("Zone", 0, 14),))
 
 
-def same_polyhedra(mesh: FlowMesh, other: FlowMesh) -> bool:
+def same_polyhedra(mesh: Mesh, other: Mesh) -> bool:
     (a,), (b,) = mesh.cells, other.cells
     return all(np.array_equal(x, y) for x, y in zip(pieces(a), pieces(b), strict=True))
 
@@ -289,7 +289,7 @@ def test_large_counts_take_eight_bytes(tmp_path, monkeypatch):
 
 def test_shapes_beside_polyhedra_are_refused(tmp_path):
     mesh = polyhedral(hybrid())
-    both = FlowMesh(mesh.points, (*mesh.cells, Cells("tetra", np.array([[0, 1, 2, 4]]))), ())
+    both = Mesh(mesh.points, (*mesh.cells, Cells("tetra", np.array([[0, 1, 2, 4]]))), ())
     with pytest.raises(RuntimeError, match="either one block of polyhedra or cells of simple shapes"):
         Cgns().write(both, tmp_path / "mesh.cgns")
 

@@ -5,8 +5,8 @@ import pytest
 from alike import content
 from examples import hybrid
 
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons
 from sdm_deflect.meshing.formats.faces import FACES, face_keys, loose_faces, node_keys
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons
 from sdm_deflect.meshing.formats.orientation import MIRRORED, mirrored, oriented
 from sdm_deflect.meshing.formats.polygons import taken, turned
 from sdm_deflect.meshing.formats.zones import joined, part
@@ -61,7 +61,7 @@ def test_faces_of_no_cell_are_counted_by_patch():
     mesh = hybrid()
     assert loose_faces(mesh) == {}
     wrong = Cells("triangle", np.array([[0, 1, 2], [1, 2, 8], [12, 13, 8]]))
-    assert loose_faces(FlowMesh(mesh.points, mesh.cells, (*mesh.patches, Patch("wrong", (wrong,))))) == {"wrong": 2}
+    assert loose_faces(Mesh(mesh.points, mesh.cells, (*mesh.patches, Patch("wrong", (wrong,))))) == {"wrong": 2}
 
 
 def test_zones_apart_and_together_are_the_mesh():
@@ -77,11 +77,11 @@ def test_blocks_across_zones_are_divided_and_torn_cells_refused():
     mesh = hybrid(2)
     tets = np.concatenate([mesh.cells[2].nodes, mesh.cells[6].nodes])
     both = Polygons(np.array([0, 3, 2, 1, 14, 17, 16, 15]), np.array([0, 4, 8]))
-    whole = FlowMesh(mesh.points, (Cells("tetra", tets),), (Patch("floor", (both,)),), mesh.zones)
+    whole = Mesh(mesh.points, (Cells("tetra", tets),), (Patch("floor", (both,)),), mesh.zones)
     second = part(whole, mesh.zones[1])
     np.testing.assert_array_equal(second.cells[0].nodes, mesh.cells[2].nodes)
     np.testing.assert_array_equal(second.patch("floor").nodes, [0, 1, 2, 3])
-    torn = FlowMesh(mesh.points, (Cells("tetra", np.array([[0, 1, 2, 14], [0, 1, 2, 4]])),), (), mesh.zones)
+    torn = Mesh(mesh.points, (Cells("tetra", np.array([[0, 1, 2, 14], [0, 1, 2, 4]])),), (), mesh.zones)
     with pytest.raises(ValueError, match="1 tetra cells join zone block 1 to another zone"):
         part(torn, mesh.zones[0])
 

@@ -7,7 +7,7 @@ import pytest
 from alike import content
 from examples import hybrid
 
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 
@@ -162,7 +162,7 @@ def test_second_order_elements_are_refused(variants, tmp_path):
 
 def test_pentagons_cannot_be_written(tmp_path):
     pentagon = Patch("wall", (Polygons(np.arange(5), np.array([0, 5])),))
-    mesh = FlowMesh(hybrid().points[:5], (Cells("tetra", np.array([[0, 1, 2, 3]])),), (pentagon,))
+    mesh = Mesh(hybrid().points[:5], (Cells("tetra", np.array([[0, 1, 2, 3]])),), (pentagon,))
     with pytest.raises(MeshFileError, match=r"out\.msh: patch wall: 1 faces have more than four corners"):
         Gmsh().write(mesh, tmp_path / "out.msh")
     assert not list(tmp_path.iterdir())

@@ -8,7 +8,7 @@ import pytest
 from examples import hybrid
 from wing import wing
 
-from sdm_deflect.meshing.formats.flow import Polygons
+from sdm_deflect.deform.mesh import Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_boundary import kind_of, parse

@@ -7,7 +7,7 @@ from examples import hybrid
 from test_examples import grid
 from wing import wing
 
-from sdm_deflect.meshing.formats.flow import FlowMesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
@@ -19,7 +19,7 @@ from sdm_deflect.meshing.formats.su2 import Su2
 def test_cells_of_an_openfoam_case_are_the_cells_that_were_written(mesh, tmp_path):
     OpenFoam().write(mesh, tmp_path / "case")
     source = OpenFoam().read(tmp_path / "case")
-    found = FlowMesh(source.points, standard_cells(source), ())
+    found = Mesh(source.points, standard_cells(source), ())
     for expected in mesh.cells:
         block = next(block for block in found.cells if block.shape == expected.shape)
         np.testing.assert_array_equal(np.sort(block.nodes, axis=1), np.sort(expected.nodes, axis=1))
@@ -47,4 +47,4 @@ def test_other_polyhedra_are_counted():
         Polygons(np.concatenate(faces), np.concatenate([[0], np.cumsum(sizes)])), np.zeros(7, int), np.zeros(0, int)
     )
     with pytest.raises(MeshFileError, match="1 of 1 polyhedra are no tetrahedra"):
-        standard_cells(FlowMesh(np.random.default_rng(0).random((10, 3)), (prism,), ()))
+        standard_cells(Mesh(np.random.default_rng(0).random((10, 3)), (prism,), ()))

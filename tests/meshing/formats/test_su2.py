@@ -7,7 +7,7 @@ import pytest
 from alike import content
 from examples import hybrid
 
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch, Polygons
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.su2 import Su2
 
@@ -136,7 +136,7 @@ def test_wedges_of_either_hand_are_read_in_vtk_order(tmp_path):
 def test_polygons_of_three_and_four_corners_become_triangles_and_quads(tmp_path):
     mesh = hybrid()
     floor = Polygons(np.array([1, 2, 8, 0, 3, 2, 1, 2, 9, 8]), np.array([0, 3, 7, 10]))
-    Su2().write(FlowMesh(mesh.points, mesh.cells, (Patch("floor", (floor,)),)), tmp_path / "mesh.su2")
+    Su2().write(Mesh(mesh.points, mesh.cells, (Patch("floor", (floor,)),)), tmp_path / "mesh.su2")
     found = content(Su2().read(tmp_path / "mesh.su2"))["patches"]
     assert found == {"floor": [(1, 2, 8), (2, 9, 8), (0, 3, 2, 1)]}
 
@@ -145,7 +145,7 @@ def test_faces_of_five_corners_are_an_error_that_names_the_patch(tmp_path):
     mesh = hybrid()
     face = Polygons(np.arange(5), np.array([0, 5]))
     with pytest.raises(MeshFileError, match="patch cap: 1 faces have more than four corners"):
-        Su2().write(FlowMesh(mesh.points, mesh.cells, (Patch("cap", (face,)),)), tmp_path / "mesh.su2")
+        Su2().write(Mesh(mesh.points, mesh.cells, (Patch("cap", (face,)),)), tmp_path / "mesh.su2")
     assert not list(tmp_path.iterdir())
 
 
@@ -203,7 +203,7 @@ def with_gmsh(*paths):
 def test_cells_are_one_block_of_each_shape(tmp_path):
     mesh = hybrid()
     halves = tuple(Cells("tetra", part) for part in np.split(mesh.cells[2].nodes, 2))
-    Su2().write(FlowMesh(mesh.points, (halves[0], *mesh.cells[:2], halves[1], mesh.cells[3]), ()), tmp_path / "m.su2")
+    Su2().write(Mesh(mesh.points, (halves[0], *mesh.cells[:2], halves[1], mesh.cells[3]), ()), tmp_path / "m.su2")
     again = Su2().read(tmp_path / "m.su2")
     assert [block.shape for block in again.cells] == ["tetra", "hexahedron", "pyramid", "wedge"]
     np.testing.assert_array_equal(again.cells[0].nodes, mesh.cells[2].nodes)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from examples import hybrid
 
-from sdm_deflect.meshing.formats.flow import FlowMesh
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.su2 import Su2
 
@@ -126,7 +126,7 @@ def test_a_folder_that_cannot_be_written_is_named(text, tmp_path):
 
 
 def test_a_mesh_without_cells_is_refused(tmp_path):
-    Su2().write(FlowMesh(hybrid().points, (), ()), tmp_path / "mesh.su2")
+    Su2().write(Mesh(hybrid().points, (), ()), tmp_path / "mesh.su2")
     assert "no volume cells" in complaint(tmp_path / "mesh.su2")
 
 

@@ -8,7 +8,7 @@ from examples import hybrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 from wing import wing
 
-from sdm_deflect.meshing.formats.flow import Polyhedra
+from sdm_deflect.deform.mesh import Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.vtk import Vtu

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sdm_deflect.meshing.formats.flow import Cells, FlowMesh, Patch
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 TIP, END, RADIUS = 1.0, 1.8, 3.0
@@ -40,7 +40,7 @@ class Wing:
         Distance of ``columns[:, 1]`` from ``columns[:, 0]``.
     """
 
-    mesh: FlowMesh
+    mesh: Mesh
     hinge: FloatArray
     columns: IntArray
     first_height: float
@@ -66,7 +66,7 @@ def wing(
     grid = np.arange(points[..., 0].size).reshape(points.shape[:3])
     blocks, corners = _volume(grid, span, points.reshape(-1, 3))
     wall = grid[0][:, span <= TIP + 1e-9].ravel()
-    mesh = FlowMesh(corners, blocks, _patches(corners, blocks, wall, flap, hinge))
+    mesh = Mesh(corners, blocks, _patches(corners, blocks, wall, flap, hinge))
     ends = np.array([[hinge, flap[0], 0.0], [hinge, flap[1], 0.0]])
     columns = grid[: layers + 1][:, :, span <= TIP + 1e-9].reshape(layers + 1, -1).T
     return Wing(mesh, ends, columns, first_height)

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
+from sdm_deflect.deform.errors import InputError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 
 CORNERS = {
     "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,
@@ -103,17 +110,32 @@ class Polyhedra:
         return int(max(self.owner.max(initial=-1), self.neighbour.max(initial=-1))) + 1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+Faces = Cells | Polygons
+Volume = Cells | Polyhedra
+
+
+@dataclass(frozen=True, eq=False)
 class Patch:
-    """A named part of the boundary."""
+    """A named part of the boundary, given by its faces, or by its nodes alone.
+
+    Parameters
+    ----------
+    name
+        Its name, distinct within a mesh.
+    faces
+        Blocks of faces of one shape, or polygons.
+    loose
+        (K,) node indices that belong to it beside those of its faces.
+    """
 
     name: str
-    faces: tuple[Cells | Polygons, ...]
+    faces: tuple[Faces, ...]
+    loose: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
 
-    @property
+    @cached_property
     def nodes(self) -> IntArray:
         """Sorted, distinct indices (K,) of its nodes."""
-        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(f.nodes.ravel() for f in self.faces)]))
+        return np.unique(np.concatenate([self.loose, *(f.nodes.ravel() for f in self.faces)]))
 
     def __len__(self) -> int:
         return sum(len(f) for f in self.faces)
@@ -129,45 +151,51 @@ class Zone:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FlowMesh:
-    """Points, cells of every type and named boundary patches.
+class Mesh:
+    """Points, cells of every type and named boundary patches: all that a deformation needs to know.
 
     Parameters
     ----------
     points
-        (N, 3) node coordinates, in the file's unit of length.
+        (N, 3) node coordinates, in the mesh's own unit of length.
     cells
-        Volume cells, in the file's order: blocks of one shape, or polyhedra.
+        Volume cells, in the file's order: blocks of one shape, or polyhedra. There may be none.
     patches
         Named parts of the boundary; names are distinct.
     zones
         Parts with points of their own, which cover all points in order. One unless the file says otherwise.
+    name
+        The file or kind of mesh, for messages.
 
     Raises
     ------
-    ValueError
+    InputError
         For coordinates that are not finite, indices out of range, names given twice.
     """
 
     points: FloatArray = field(repr=False)
-    cells: tuple[Cells | Polyhedra, ...]
+    cells: tuple[Volume, ...]
     patches: tuple[Patch, ...]
     zones: tuple[Zone, ...] = ()
+    name: str = "mesh"
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
-            raise ValueError(f"points {self.points.shape} must be (N, 3)")
+            raise InputError(f"points {self.points.shape} must be (N, 3)")
         bad = ~np.isfinite(self.points).all(axis=1)
         if bad.any():
-            raise ValueError(f"{int(bad.sum())} points are not finite, the first is point {int(np.argmax(bad))}")
+            raise InputError(
+                f"{int(bad.sum())} points are not finite, the first is point {int(np.argmax(bad))}"
+            )
         names = [patch.name for patch in self.patches]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise ValueError(f"patch names must be distinct; given twice: {', '.join(twice)}")
+            raise InputError(f"patch names must be distinct; given twice: {', '.join(twice)}")
         for nodes, what in self._indices():
             if len(nodes) and (nodes.min() < 0 or nodes.max() >= len(self.points)):
-                raise ValueError(
-                    f"{what} name nodes {nodes.min()} to {nodes.max()}, but there are {len(self.points)} points"
+                raise InputError(
+                    f"{what}: nodes {nodes.min()} to {nodes.max()}, but there are "
+                    f"{len(self.points)} points"
                 )
         if not self.zones:
             object.__setattr__(self, "zones", (Zone("", 0, len(self.points)),))
@@ -178,7 +206,13 @@ class FlowMesh:
             nodes = block.faces.nodes if isinstance(block, Polyhedra) else block.nodes
             found.append((nodes, "polyhedra" if isinstance(block, Polyhedra) else block.shape))
         found += [(faces.nodes, f"patch {patch.name}") for patch in self.patches for faces in patch.faces]
+        found += [(patch.loose, f"patch {patch.name}") for patch in self.patches]
         return found
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the patches."""
+        return tuple(patch.name for patch in self.patches)
 
     def patch(self, name: str) -> Patch:
         """Return the patch of that name; KeyError if there is none."""
@@ -191,8 +225,40 @@ class FlowMesh:
         """Sorted, distinct indices (K,) of the nodes on the union of the named patches."""
         return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(self.patch(name).nodes for name in names)]))
 
-    def with_points(self, points: FloatArray) -> FlowMesh:
+    def faces_of(self, names: Sequence[str]) -> tuple[Faces, ...]:
+        """Return the faces on the union of patches."""
+        return tuple(faces for name in names for faces in self.patch(name).faces)
+
+    def named(self, wanted: Sequence[str], what: str) -> tuple[str, ...]:
+        """Return the patches that names and wildcards (``wing*``, in any zone) stand for.
+
+        Raises
+        ------
+        InputError
+            If a name stands for no patch; the message suggests the nearest ones.
+        """
+        found: list[str] = []
+        for text in wanted:
+            some = [text] if text in self.names else [name for name in self.names if meant(text, name)]
+            if not some:
+                raise InputError(f"{self.name}: {what} {text!r} is no patch; {self._nearest(text)}")
+            found += [name for name in some if name not in found]
+        return tuple(found)
+
+    def _nearest(self, text: str) -> str:
+        close = get_close_matches(text, self.names, n=3, cutoff=0.5)
+        if close:
+            return f"did you mean {', '.join(close)}?"
+        return f"the patches are {', '.join(self.names) or 'none'}"
+
+    def with_points(self, points: FloatArray) -> Mesh:
         """Return the same cells and patches on moved points (N, 3)."""
         if points.shape != self.points.shape:
-            raise ValueError(f"points {points.shape} must be {self.points.shape}")
+            raise InputError(f"{self.name}: points {points.shape} must be {self.points.shape}")
         return replace(self, points=points)
+
+
+def meant(wildcard: str, patch: str) -> bool:
+    """True if the wildcard stands for the patch, or for its name without that of its zone."""
+    own = patch.rpartition("/")[2]
+    return fnmatchcase(patch, wildcard) or (wildcard != own and fnmatchcase(own, wildcard))
