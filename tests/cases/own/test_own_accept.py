@@ -69,7 +69,7 @@ def test_a_tet_mesh():
     tets, triangles = np.array([[0, 1, 2, 3], [1, 2, 3, 4]]), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 4]])
     mesh = TetMesh(points, tets, triangles, np.array([1, 1, 2]), np.full(3, -1), ("volume", "flap", "rest"))
     found, with_points = accepted(mesh)
-    assert found.nodes["flap"].tolist() == [0, 1, 2, 3]
+    assert found.patch("flap").nodes.tolist() == [0, 1, 2, 3]
     assert isinstance(with_points(points + 1.0), TetMesh)
 
 
