@@ -10,11 +10,11 @@ from benchmarks.lapack import best_solve
 from benchmarks.measure import Times, exponent, side_by_side, warm
 from benchmarks.results import Result
 from benchmarks.workloads import Workload, aileron, chimera, tail
-from sdm_deflect.deform.greedy import Adaptation, adapt
-from sdm_deflect.deform.interpolant import krylov
-from sdm_deflect.deform.kernels import ThinPlateSpline
-from sdm_deflect.deform.resolved import Resolved
-from sdm_deflect.deform.selection import GreedyOptions, Rule, Separated, Worst
+from sdm_deflect.deform.rbf.bases import Resolved
+from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
+from sdm_deflect.deform.rbf.interpolant import krylov
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
 
 UNREACHABLE = 1e-12  # m: the adaptation ends at its limit of centres
 Z = 2  # the direction that needs most centres

@@ -12,8 +12,8 @@ PROGRAM = """
 from time import perf_counter
 start = perf_counter()
 import numpy as np
-from sdm_deflect.deform.interpolant import Interpolant
-from sdm_deflect.deform.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 imported = perf_counter()
 x = np.zeros((5, 3))
 Interpolant(ThinPlateSpline(), x, np.zeros((5, 3)), np.zeros((4, 3)))(x)

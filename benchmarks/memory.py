@@ -9,8 +9,8 @@ from time import perf_counter
 
 import numpy as np
 
-from sdm_deflect.deform.interpolant import Interpolant
-from sdm_deflect.deform.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 
 DIRECTIONS = 3
 RESET = Path("/proc/self/clear_refs")

@@ -23,8 +23,8 @@ from benchmarks.results import machine
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.deflect import Deflected, deflect
 from sdm_deflect.cases.registry import case_named
-from sdm_deflect.deform.interpolant import Interpolant
-from sdm_deflect.deform.volume import fused
+from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.volume.fused import fused
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.meshing.child import peak_bytes
 from sdm_deflect.meshing.generate import generate

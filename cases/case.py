@@ -5,8 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.selection import GreedyOptions, Rule, Separated, Worst
+from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
+from sdm_deflect.deform.volume.hexahedron import Hexahedron
 from sdm_deflect.geometry.chimera import BlockParameters
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.geometry.quantity import check_quantities, quantity

@@ -9,8 +9,8 @@ import numpy as np
 from sdm_deflect.cases.case import Case, Strategy
 from sdm_deflect.cases.motion import BoolArray, IndexArray, SurfaceMotion
 from sdm_deflect.cases.zero_sites import BLOCK, ON_FACE, on_gap_faces, zero_sites
-from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.sites import DataSites, multivariate, univariate
+from sdm_deflect.deform.rbf.sites import DataSites, multivariate, univariate
+from sdm_deflect.deform.volume.hexahedron import Hexahedron
 from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.confinement import hexahedron_corners
 from sdm_deflect.meshing.mesh import TetMesh

@@ -12,9 +12,9 @@ from sdm_deflect.cases.motion import FloatArray, IndexArray
 from sdm_deflect.cases.motions import mover
 from sdm_deflect.cases.progress import Report
 from sdm_deflect.cases.turn import Turn, turn_of
-from sdm_deflect.deform.greedy import Adaptation
-from sdm_deflect.deform.sites import DataSites
-from sdm_deflect.deform.volume import fused
+from sdm_deflect.deform.rbf.greedy import Adaptation
+from sdm_deflect.deform.rbf.sites import DataSites
+from sdm_deflect.deform.volume.fused import fused
 from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.quality import QualitySummary, mean_ratio, signed_volumes, summarise
 

@@ -10,7 +10,7 @@ def is_reported(error: Exception) -> bool:
     """True for errors whose message tells the user what is wrong; any other exception is a defect of ours."""
     from sdm_deflect.cases.confine import ConfinementError
     from sdm_deflect.cases.output import OutputError
-    from sdm_deflect.deform.interpolant import SolveError
+    from sdm_deflect.deform.rbf.interpolant import SolveError
     from sdm_deflect.geometry.errors import CadError
     from sdm_deflect.meshing.errors import MeshingError
     from sdm_deflect.meshing.formats.format import MeshFileError

@@ -7,13 +7,12 @@ import numpy as np
 from sdm_deflect.cases.case import RULES, AdaptationSettings
 from sdm_deflect.cases.confine import DIRECTIONS
 from sdm_deflect.cases.progress import Report
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.factor import Grown
-from sdm_deflect.deform.greedy import Adaptation, Basis, adapt
-from sdm_deflect.deform.kernels import ThinPlateSpline
-from sdm_deflect.deform.problem import Problem
-from sdm_deflect.deform.reduction import farthest
-from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.deform.rbf.factor import Grown
+from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, adapt
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.points import IndexArray, farthest
+from sdm_deflect.deform.rbf.problem import Problem
+from sdm_deflect.deform.rbf.sites import DataSites
 
 Start = Callable[[Problem, IndexArray], Basis]
 """Makes the first interpolant of an adaptation: the problem, and the rows of the initial centres."""

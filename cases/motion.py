@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.cases.case import Case
-from sdm_deflect.deform.kernels import Multiquadric
-from sdm_deflect.deform.motion import Axis
-from sdm_deflect.deform.surface import blend, blend_strip
+from sdm_deflect.deform.rbf.kernels import Multiquadric
+from sdm_deflect.deform.surface.appendix import blend, blend_strip
+from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.mesh import TetMesh

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from sdm_deflect.cases.confine import ConfinementError, Region
-from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.volume.hexahedron import Hexahedron
 
 TOUCHING = 1e-9
 """Hexahedra that share less than this depth (m) only touch."""

@@ -18,8 +18,8 @@ from sdm_deflect.cases.overlap import check_disjoint
 from sdm_deflect.cases.progress import Report, Stopwatch
 from sdm_deflect.cases.reference import reference
 from sdm_deflect.cases.run import MeshOrigin, Run
-from sdm_deflect.deform.sites import pinned
-from sdm_deflect.deform.volume import fused
+from sdm_deflect.deform.rbf.sites import pinned
+from sdm_deflect.deform.volume.fused import fused
 from sdm_deflect.meshing.cache import MeshCache, cache_key, default_folder
 from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.quality import QualitySummary

@@ -5,10 +5,10 @@ import numpy as np
 from sdm_deflect.cases.case import AdaptationSettings, Blending, Case, Confinement, Deflection
 from sdm_deflect.cases.confine import ConfinementError, hexahedron_of
 from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray, SurfaceMotion, axis_of
-from sdm_deflect.deform.hexahedron import Hexahedron, box
-from sdm_deflect.deform.kernels import Multiquadric
-from sdm_deflect.deform.motion import Axis, Cylinder
-from sdm_deflect.deform.surface import elongate, slide_panel
+from sdm_deflect.deform.rbf.kernels import Multiquadric
+from sdm_deflect.deform.surface.appendix import elongate, slide_panel
+from sdm_deflect.deform.surface.axis import Axis, Cylinder
+from sdm_deflect.deform.volume.hexahedron import Hexahedron, box
 from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.mesh import TetMesh

@@ -12,7 +12,7 @@ from sdm_deflect.cases.reference import Faces, Reference
 from sdm_deflect.cases.tail import fuselage_cylinder, panel_of
 from sdm_deflect.cases.turn import Turn
 from sdm_deflect.cases.validation import Check, plane_deviation, plane_normal, worst
-from sdm_deflect.deform.motion import Axis
+from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.mesh import TetMesh
 

@@ -6,9 +6,8 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.motion import FloatArray
-from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.polygon import polygon_sites
-from sdm_deflect.deform.sites import DataSites, pinned
+from sdm_deflect.deform.rbf.sites import DataSites, pinned
+from sdm_deflect.deform.volume.hexahedron import Hexahedron, polygon_sites
 from sdm_deflect.geometry.confinement import inward_face, rib_faces
 from sdm_deflect.geometry.datum import gap_faces, hinged
 

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.deform.kernels import FloatArray
 from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells, Mesh, Patch
+from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.meshing.mesh import TetMesh
 
 FACES = ("triangle", "quad")

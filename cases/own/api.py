@@ -16,9 +16,9 @@ from sdm_deflect.cases.own.motion import Motion, Moving, Rotation
 from sdm_deflect.cases.own.plan import Plan, planned
 from sdm_deflect.cases.own.report import Report, reported
 from sdm_deflect.cases.progress import Display, Silent, Stopwatch
-from sdm_deflect.deform.interpolant import Interpolant
-from sdm_deflect.deform.kernels import FloatArray
 from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.rbf.kernels import FloatArray
 
 
 class Options(TypedDict, total=False):

@@ -7,11 +7,10 @@ import numpy as np
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.motion import Motion
 from sdm_deflect.cases.own.surface import BoolArray, NodeSet, OnPatches, Surface, TrailingEdge
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray, Multiquadric
-from sdm_deflect.deform.motion import Axis
-from sdm_deflect.deform.reduction import farthest
-from sdm_deflect.deform.surface import blend, blend_strip
+from sdm_deflect.deform.rbf.kernels import FloatArray, Multiquadric
+from sdm_deflect.deform.rbf.points import IndexArray, farthest
+from sdm_deflect.deform.surface.appendix import blend, blend_strip
+from sdm_deflect.deform.surface.axis import Axis
 
 MOST = 800  # nodes of either kind that a direct solve takes in a moment
 NEAR = 0.35  # of the largest distance from the hinge: held nodes beyond are on a rib

@@ -9,9 +9,9 @@ from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.job import Job
 from sdm_deflect.cases.own.sheets import Sheet, check_parts, sheet_of
 from sdm_deflect.cases.own.surface import BoolArray, Surface
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
 from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
 
 SAME = 1e-9  # of the moving surfaces' size: lengths below are zero
 ON_WALL = 1e-6  # of it: a moving node this near to a wall is put on it

@@ -8,9 +8,9 @@ import numpy as np
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.overrides import read_toml
-from sdm_deflect.deform.hexahedron import FACES, Hexahedron, box
-from sdm_deflect.deform.kernels import FloatArray
-from sdm_deflect.deform.motion import Axis
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.volume.hexahedron import FACES, Hexahedron, box
 
 GROWTH = 3.0  # margins are at least this multiple of the largest displacement
 GAP = 0.9  # a face that gives way to a patch stops at this share of the distance to it

@@ -9,7 +9,7 @@ from sdm_deflect.cases.own.rates import rate
 from sdm_deflect.cases.own.start import Start
 from sdm_deflect.cases.own.step import Solution, solve
 from sdm_deflect.cases.progress import Report
-from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.rbf.kernels import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

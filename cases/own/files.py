@@ -10,8 +10,8 @@ import numpy as np
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.vectors import write_vectors
 from sdm_deflect.cases.progress import Report
-from sdm_deflect.deform.kernels import FloatArray
 from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.meshing.formats.registry import format_of
 
 SENSITIVITY = "d_points_d_angle"

@@ -10,16 +10,16 @@ from sdm_deflect.cases.confine import GROUPINGS
 from sdm_deflect.cases.fitting import fit_from, initial_centers
 from sdm_deflect.cases.own.job import Fitting
 from sdm_deflect.cases.progress import Report
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.factor import Grown
-from sdm_deflect.deform.greedy import Adaptation, Basis
-from sdm_deflect.deform.interpolant import Interpolant
-from sdm_deflect.deform.kernels import FloatArray
-from sdm_deflect.deform.problem import Problem
-from sdm_deflect.deform.reuse import Kept, with_values
-from sdm_deflect.deform.sites import DataSites, pinned
-from sdm_deflect.deform.threads import single_threaded_blas
-from sdm_deflect.deform.volume import fused
+from sdm_deflect.deform.rbf.bases import Kept, with_values
+from sdm_deflect.deform.rbf.factor import Grown
+from sdm_deflect.deform.rbf.greedy import Adaptation, Basis
+from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
+from sdm_deflect.deform.rbf.problem import Problem
+from sdm_deflect.deform.rbf.sites import DataSites, pinned
+from sdm_deflect.deform.rbf.threads import single_threaded_blas
+from sdm_deflect.deform.volume.fused import fused
 
 INITIAL = 30  # centres on the surface, and on all else
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.cases.own.edges import rows_of
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
 from sdm_deflect.deform.mesh import Cells
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
 
 BLOCK = 1 << 13  # cells at a time: temporaries stay in the processor's cache
 CORNERS = {

@@ -7,9 +7,9 @@ import numpy as np
 from sdm_deflect.cases.own.edges import rows_of
 from sdm_deflect.cases.own.quality import Touched
 from sdm_deflect.cases.own.surface import BoolArray
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
 from sdm_deflect.deform.mesh import Cells, Polyhedra
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
 
 BASES = {
     "wedge": (((0, 1, 2), (3, 4, 5)), ((3, 4, 5), (0, 1, 2))),

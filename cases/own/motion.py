@@ -10,8 +10,8 @@ import numpy as np
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.surface import Surface
-from sdm_deflect.deform.kernels import FloatArray
-from sdm_deflect.deform.motion import Axis
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.surface.axis import Axis
 
 LARGEST_ANGLE = 90.0
 """Degrees: beyond, a surface has passed its parent."""

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
 
 NEAR, FAR = 0.1, 0.5  # edges of the surface: companions are as far from it, so only meshes with layers have any
 ALONE = 0.5  # of the distance to another part of the boundary: companions are nearer to their own

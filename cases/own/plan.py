@@ -10,8 +10,8 @@ from sdm_deflect.cases.own.quality import Touched
 from sdm_deflect.cases.own.region import Region
 from sdm_deflect.cases.own.sites import Sites
 from sdm_deflect.cases.progress import Stopwatch
-from sdm_deflect.deform.duplicates import IndexArray
 from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.rbf.points import IndexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

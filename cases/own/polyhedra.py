@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.cases.own.edges import area_vectors
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
 from sdm_deflect.deform.mesh import Polygons, Polyhedra
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
 
 
 def touching(cells: Polyhedra, moved: NDArray[np.bool_]) -> IndexArray:

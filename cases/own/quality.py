@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own import jacobians, polyhedra
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
 from sdm_deflect.deform.mesh import Mesh, Polyhedra, Volume
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
 
 
 @dataclass(frozen=True, slots=True)

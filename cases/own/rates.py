@@ -5,7 +5,7 @@ import numpy as np
 from sdm_deflect.cases.own.fits import on_same_centers
 from sdm_deflect.cases.own.start import Start
 from sdm_deflect.cases.own.step import Solution, carried_along, rounds, sheets_of
-from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.rbf.kernels import FloatArray
 
 
 def rate(start: Start, solution: Solution, move: FloatArray, speed: FloatArray) -> FloatArray:

@@ -8,9 +8,9 @@ from scipy.spatial import cKDTree
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.boundary import SAME, Boundary
 from sdm_deflect.cases.own.box import Scene
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh import Mesh, Zone
+from sdm_deflect.deform.rbf.points import IndexArray
+from sdm_deflect.deform.volume.hexahedron import Hexahedron
 
 POSES = 4  # positions between rest and the full angle that the box has to hold
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.walls import Wall, fitted
-from sdm_deflect.deform.duplicates import IndexArray
 from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.rbf.points import IndexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,8 +13,8 @@ from sdm_deflect.cases.own.edges import edges_of, polygons_of
 from sdm_deflect.cases.own.region import Region
 from sdm_deflect.cases.own.spacing import in_front, spacing_for, surface_edge
 from sdm_deflect.cases.zero_sites import APART, apart_from
-from sdm_deflect.deform.duplicates import IndexArray, first_coincident
-from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray, first_coincident
 
 NEIGHBOURS = 7
 REACH = 1.0  # median edges

@@ -8,8 +8,8 @@ from sdm_deflect.cases.own.boundary import SAME, Boundary
 from sdm_deflect.cases.own.edges import median_edge
 from sdm_deflect.cases.own.region import Region
 from sdm_deflect.cases.own.walls import Plane
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
 
 MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
 

@@ -10,8 +10,8 @@ from sdm_deflect.cases.own.fits import Known
 from sdm_deflect.cases.own.near import Carried, Nearby, Nearest, companions
 from sdm_deflect.cases.own.sites import Sites
 from sdm_deflect.cases.own.turns import Rings
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,8 +7,8 @@ import numpy as np
 from sdm_deflect.cases.own.fits import Fits, fitted, fitted_again
 from sdm_deflect.cases.own.start import Start
 from sdm_deflect.cases.progress import Report
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
 
 ROUNDS = 8  # of putting nodes on several walls, one after another
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.edges import polygons_of, sharp_edges
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
 from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.motion import Axis
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
+from sdm_deflect.deform.surface.axis import Axis
 
 BoolArray = NDArray[np.bool_]
 FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are the trailing edge

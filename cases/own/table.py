@@ -7,11 +7,10 @@ import numpy as np
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.surface import Surface
-from sdm_deflect.deform.duplicates import first_coincident
-from sdm_deflect.deform.interpolant import Interpolant, fit
-from sdm_deflect.deform.kernels import FloatArray, ThinPlateSpline
-from sdm_deflect.deform.motion import Axis
-from sdm_deflect.deform.reduction import farthest
+from sdm_deflect.deform.rbf.interpolant import Interpolant, fit
+from sdm_deflect.deform.rbf.kernels import FloatArray, ThinPlateSpline
+from sdm_deflect.deform.rbf.points import farthest, first_coincident
+from sdm_deflect.deform.surface.axis import Axis
 
 MOST = 3000  # points of a table that a direct solve takes
 

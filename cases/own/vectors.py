@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
 from sdm_deflect.deform.mesh import Cells, Mesh
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
 
 VTK_TYPES = {"tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
 

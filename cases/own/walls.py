@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.deform.kernels import FloatArray
-from sdm_deflect.deform.motion import Axis, Cylinder
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.surface.axis import Axis, Cylinder
 
 RESIDUAL = 1e-5  # of the patch's size: files with six digits keep this
 SNAP = 1e-6  # a normal nearer to a coordinate axis than this is the axis

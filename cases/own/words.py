@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.rbf.kernels import FloatArray
 
 
 def points(value: Any, count: int, what: str) -> FloatArray:

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.factor import Grown
-from sdm_deflect.deform.greedy import Basis
-from sdm_deflect.deform.interpolant import krylov
-from sdm_deflect.deform.problem import Problem
-from sdm_deflect.deform.resolved import Resolved
-from sdm_deflect.deform.selection import Rule, Separated, Worst
+from sdm_deflect.deform.rbf.bases import Resolved
+from sdm_deflect.deform.rbf.factor import Grown
+from sdm_deflect.deform.rbf.greedy import Basis
+from sdm_deflect.deform.rbf.interpolant import krylov
+from sdm_deflect.deform.rbf.points import IndexArray
+from sdm_deflect.deform.rbf.problem import Problem
+from sdm_deflect.deform.rbf.selection import Rule, Separated, Worst
 
 
 @dataclass(frozen=True, slots=True)

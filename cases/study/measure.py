@@ -11,13 +11,13 @@ from sdm_deflect.cases.fitting import initial_centers
 from sdm_deflect.cases.study.loops import Loop
 from sdm_deflect.cases.study.paper import Evaluation, Row, Setting, Table
 from sdm_deflect.cases.turn import turn_of
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.greedy import Adaptation, Step, Stop, adapt
-from sdm_deflect.deform.interpolant import Interpolant
-from sdm_deflect.deform.kernels import ThinPlateSpline
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.selection import GreedyOptions
-from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.deform.rbf.greedy import Adaptation, Step, Stop, adapt
+from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.points import IndexArray
+from sdm_deflect.deform.rbf.selection import GreedyOptions
+from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.meshing.mesh import TetMesh
 
 REPETITIONS = 7

@@ -7,11 +7,10 @@ import numpy as np
 from scipy.linalg import LinAlgError, lu_factor, lu_solve
 
 from sdm_deflect.cases.motion import FloatArray, IndexArray
-from sdm_deflect.deform.interpolant import SolveError, coefficient_matrix
-from sdm_deflect.deform.kernels import Kernel
-from sdm_deflect.deform.sums import kernel_matrix
-from sdm_deflect.deform.threads import single_threaded_blas
-from sdm_deflect.deform.unitbox import UnitBox
+from sdm_deflect.deform.rbf.interpolant import SolveError, UnitBox, coefficient_matrix
+from sdm_deflect.deform.rbf.kernels import Kernel
+from sdm_deflect.deform.rbf.sums import kernel_matrix
+from sdm_deflect.deform.rbf.threads import single_threaded_blas
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from sdm_deflect.cases.motions import Move, mover
 from sdm_deflect.cases.turn import turn_of
 from sdm_deflect.cases.view.stage import Group, Moved, Stage
 from sdm_deflect.cases.view.stored import Stored
-from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.geometry import datum
 from sdm_deflect.meshing.mesh import TetMesh
 

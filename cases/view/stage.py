@@ -8,8 +8,8 @@ import numpy as np
 from sdm_deflect.cases.confine import Region
 from sdm_deflect.cases.motion import FloatArray, IndexArray
 from sdm_deflect.cases.view.factored import Factored
-from sdm_deflect.deform.kernels import ThinPlateSpline
-from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.sites import DataSites
 
 
 class Moved(NamedTuple):

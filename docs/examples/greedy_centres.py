@@ -3,11 +3,11 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from sdm_deflect.deform.greedy import Adaptation, GreedyOptions, adapt
-from sdm_deflect.deform.kernels import FloatArray, ThinPlateSpline
-from sdm_deflect.deform.reduction import farthest
-from sdm_deflect.deform.selection import Worst
-from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, adapt
+from sdm_deflect.deform.rbf.kernels import FloatArray, ThinPlateSpline
+from sdm_deflect.deform.rbf.points import farthest
+from sdm_deflect.deform.rbf.selection import Worst
+from sdm_deflect.deform.rbf.sites import DataSites
 
 BLUE, RED = "#0072B2", "#D55E00"
 COUNTS = (4, 8, 16)

@@ -1,7 +1,7 @@
 """A kernel of one's own: the cubic r^3, conditionally positive definite of order 2 like the thin plate spline.
 
 Compiled loops know a kernel by the type of the named tuple that `compiled()` returns, and find its formula in
-`sdm_deflect.deform.kernels.FORMULAS`:
+`sdm_deflect.deform.rbf.kernels.FORMULAS`:
 
     python docs/examples/own_kernel.py
 """
@@ -11,10 +11,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.greedy import Adaptation, GreedyOptions, adapt
-from sdm_deflect.deform.kernels import FORMULAS, FloatArray, Kernel, Rescaling, ThinPlateSpline
-from sdm_deflect.deform.reduction import farthest
-from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, adapt
+from sdm_deflect.deform.rbf.kernels import FORMULAS, FloatArray, Kernel, Rescaling, ThinPlateSpline
+from sdm_deflect.deform.rbf.points import farthest
+from sdm_deflect.deform.rbf.sites import DataSites
 
 
 class CubicCode(NamedTuple):

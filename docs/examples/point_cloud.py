@@ -7,13 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sdm_deflect.deform.greedy import Adaptation, GreedyOptions, adapt
-from sdm_deflect.deform.hexahedron import Hexahedron, box
-from sdm_deflect.deform.kernels import FloatArray, ThinPlateSpline
-from sdm_deflect.deform.motion import Axis
-from sdm_deflect.deform.reduction import farthest
-from sdm_deflect.deform.sites import DataSites, pinned, univariate
-from sdm_deflect.deform.volume import displacement, fused, inside
+from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, adapt
+from sdm_deflect.deform.rbf.kernels import FloatArray, ThinPlateSpline
+from sdm_deflect.deform.rbf.points import farthest
+from sdm_deflect.deform.rbf.sites import DataSites, pinned, univariate
+from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.volume.fused import displacement, fused, inside
+from sdm_deflect.deform.volume.hexahedron import Hexahedron, box
 
 CHORD, SPAN = 0.10, 0.30
 HINGE = Axis(np.zeros(3), np.array([0.0, 1.0, 0.0]))

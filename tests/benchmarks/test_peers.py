@@ -6,8 +6,8 @@ from benchmarks.lapack import best_solve
 from benchmarks.memory import main
 from benchmarks.peers import MAIN_PEERS, PEERS, UnavailableError, available
 from benchmarks.roofline import multiply_adds
-from sdm_deflect.deform.interpolant import fit
-from sdm_deflect.deform.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.interpolant import fit
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 
 
 def test_peers_compute_the_same_sum():

@@ -10,7 +10,7 @@ from sdm_deflect.cases.confine import ConfinementError
 from sdm_deflect.cases.deflect import deflect
 from sdm_deflect.cases.overlap import check_disjoint, shared_depth
 from sdm_deflect.cases.registry import case_named
-from sdm_deflect.deform.hexahedron import box
+from sdm_deflect.deform.volume.hexahedron import box
 
 
 @pytest.mark.parametrize(("gap", "depth"), [(-0.4, 0.2), (0.0, 0.0), (0.6, -0.3)])

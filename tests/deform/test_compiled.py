@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.compiled import for_code
-from sdm_deflect.deform.kernels import FORMULAS, MultiquadricCode, ThinPlateSplineCode
-from sdm_deflect.deform.sums import _sum_rows, kernel_matrix, kernel_sum
+from sdm_deflect.deform.rbf.compiled import for_code
+from sdm_deflect.deform.rbf.kernels import FORMULAS, MultiquadricCode, ThinPlateSplineCode
+from sdm_deflect.deform.rbf.sums import _sum_rows, kernel_matrix, kernel_sum
 
 FOREIGN = """
 from typing import Any, NamedTuple
 import numpy as np
-from sdm_deflect.deform.kernels import FORMULAS
+from sdm_deflect.deform.rbf.kernels import FORMULAS
 
 class CubicCode(NamedTuple):
     pass
@@ -33,7 +33,7 @@ FORMULAS[CubicCode] = cubic
 """
 PROGRAM = """
 import numpy as np
-from sdm_deflect.deform.sums import kernel_matrix, kernel_sum, _matrix_rows, _sum_rows
+from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum, _matrix_rows, _sum_rows
 from {module} import {kernel}
 x, zero = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), np.zeros((4, 1))
 print(kernel_sum({kernel}(), x, x, np.array([[1.0], [0.0]]), zero)[1, 0], kernel_matrix({kernel}(), x, x)[0, 1])
@@ -63,8 +63,8 @@ def test_a_foreign_kernel_leaves_nothing_that_stops_others(results, tmp_path):
     (own / "foreign.py").write_text(FOREIGN)
     assert results("foreign", "Cubic", own) == ([8.0, 8.0], [0, 0])
     spline = pytest.approx([2.7725887222397811] * 2)  # 4 log 2
-    assert results("sdm_deflect.deform.kernels", "ThinPlateSpline") == (spline, [0, 0])
-    assert results("sdm_deflect.deform.kernels", "ThinPlateSpline") == (spline, [1, 1])
+    assert results("sdm_deflect.deform.rbf.kernels", "ThinPlateSpline") == (spline, [0, 0])
+    assert results("sdm_deflect.deform.rbf.kernels", "ThinPlateSpline") == (spline, [1, 1])
     (own / "foreign.py").write_text(FOREIGN.replace("r2 * np.sqrt(r2)", "np.sqrt(r2)"))
     assert results("foreign", "Cubic", own) == ([2.0, 2.0], [0, 0])
 

@@ -5,15 +5,14 @@ from functools import partial
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.factor import Grown
-from sdm_deflect.deform.greedy import adapt
-from sdm_deflect.deform.history import Stop
-from sdm_deflect.deform.interpolant import SolveError, fit, krylov
-from sdm_deflect.deform.kernels import Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.reduction import farthest
-from sdm_deflect.deform.resolved import Resolved
-from sdm_deflect.deform.selection import GreedyOptions, Separated, Worst
-from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.deform.rbf.bases import Resolved
+from sdm_deflect.deform.rbf.factor import Grown
+from sdm_deflect.deform.rbf.greedy import Stop, adapt
+from sdm_deflect.deform.rbf.interpolant import SolveError, fit, krylov
+from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
+from sdm_deflect.deform.rbf.points import farthest
+from sdm_deflect.deform.rbf.selection import GreedyOptions, Separated, Worst
+from sdm_deflect.deform.rbf.sites import DataSites
 
 KERNELS = [ThinPlateSpline(), Multiquadric(50.0)]
 
@@ -47,7 +46,7 @@ def test_the_grown_factor_chooses_what_solving_afresh_chooses(kernel, columns, r
 
 @pytest.mark.parametrize("columns", [1, 3])
 def test_looking_ahead_changes_nothing_but_the_time(monkeypatch, columns):
-    monkeypatch.setattr("sdm_deflect.deform.greedy.WORTH_GUESSING", 0)
+    monkeypatch.setattr("sdm_deflect.deform.rbf.greedy.WORTH_GUESSING", 0)
     sites = _sites(columns=columns)
     initial = farthest(sites.points, 10)
     plain, ahead, far = (adapt(sites, KERNELS[0], initial, _options(), rule=Worst(n)) for n in (1, 8, 20))
@@ -61,7 +60,7 @@ def test_looking_ahead_changes_nothing_but_the_time(monkeypatch, columns):
 
 @pytest.mark.parametrize("changes", [{"max_centers": 61}, {"max_iterations": 11}, {"n_add": 40}])
 def test_looking_ahead_stops_where_it_should(monkeypatch, changes):
-    monkeypatch.setattr("sdm_deflect.deform.greedy.WORTH_GUESSING", 0)
+    monkeypatch.setattr("sdm_deflect.deform.rbf.greedy.WORTH_GUESSING", 0)
     sites = _sites(columns=1)
     initial = farthest(sites.points, 10)
     plain, ahead = (adapt(sites, KERNELS[0], initial, _options(**changes), rule=Worst(n)) for n in (1, 8))
@@ -143,7 +142,7 @@ def test_success_is_what_the_interpolant_in_metres_achieves():
 
 @pytest.mark.parametrize("rule", [Worst(), Separated()], ids=repr)
 def test_same_bits_for_any_number_of_threads(monkeypatch, rule):
-    monkeypatch.setattr("sdm_deflect.deform.threads.SERIAL_PAIRS", 100)
+    monkeypatch.setattr("sdm_deflect.deform.rbf.threads.SERIAL_PAIRS", 100)
     sites = _sites()
     initial = farthest(sites.points, 10)
     results = []

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import RBFInterpolator
 
-from sdm_deflect.deform.interpolant import Interpolant, SolveError, direct, fit, krylov
-from sdm_deflect.deform.kernels import Multiquadric, ThinPlateSpline
+from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError, direct, fit, krylov
+from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 
 KERNELS = [ThinPlateSpline(), Multiquadric(1.0), Multiquadric(1e4)]
 SOLVERS = [direct, krylov(1e-12)]

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sdm_deflect.deform.kernels import Multiquadric, ThinPlateSpline, phi
-from sdm_deflect.deform.sums import kernel_matrix
+from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline, phi
+from sdm_deflect.deform.rbf.sums import kernel_matrix
 
 KERNELS = [ThinPlateSpline(), Multiquadric(0.7), Multiquadric(1e4)]
 

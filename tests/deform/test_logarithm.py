@@ -1,7 +1,7 @@
 import numpy as np
 from numba import njit
 
-from sdm_deflect.deform.logarithm import LOG_UNIT, scaled_log
+from sdm_deflect.deform.rbf.kernels import LOG_UNIT, scaled_log
 
 
 @njit

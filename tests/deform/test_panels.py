@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_triangular
 
-from sdm_deflect.deform.panels import Factor, NotPositiveDefiniteError
+from sdm_deflect.deform.rbf.factor import Factor, NotPositiveDefiniteError
 
 
 def _matrix(n, seed=0):

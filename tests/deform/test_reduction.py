@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from sdm_deflect.deform.reduction import farthest
+from sdm_deflect.deform.rbf.points import farthest
 
 
 @settings(deadline=None, max_examples=30)

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from sdm_deflect.deform.factor import Grown
-from sdm_deflect.deform.greedy import adapt
-from sdm_deflect.deform.kernels import ThinPlateSpline
-from sdm_deflect.deform.problem import Problem
-from sdm_deflect.deform.reuse import Kept, with_values
-from sdm_deflect.deform.selection import GreedyOptions
-from sdm_deflect.deform.sites import DataSites
+from sdm_deflect.deform.rbf.bases import Kept, with_values
+from sdm_deflect.deform.rbf.factor import Grown
+from sdm_deflect.deform.rbf.greedy import adapt
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.problem import Problem
+from sdm_deflect.deform.rbf.selection import GreedyOptions
+from sdm_deflect.deform.rbf.sites import DataSites
 
 rng = np.random.default_rng(8)
 POINTS = rng.random((400, 3))

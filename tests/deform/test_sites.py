@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdm_deflect.deform.duplicates import first_coincident
-from sdm_deflect.deform.sites import DataSites, joined, multivariate, pinned, univariate
+from sdm_deflect.deform.rbf.points import first_coincident
+from sdm_deflect.deform.rbf.sites import DataSites, joined, multivariate, pinned, univariate
 
 GRID = np.stack(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 

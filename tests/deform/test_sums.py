@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.kernels import Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.sums import kernel_matrix, kernel_sum
+from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
+from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
 
 KERNELS = [ThinPlateSpline(), Multiquadric(30.0)]
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.box import Automatic, Given, Scene, frame
-from sdm_deflect.deform.motion import Axis
+from sdm_deflect.deform.surface.axis import Axis
 
 rng = np.random.default_rng(2)
 FLAP = rng.uniform([0, 0, -0.05], [1, 3, 0.05], (200, 3))

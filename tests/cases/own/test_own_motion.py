@@ -7,7 +7,7 @@ from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own import Blended, Listed, OnPatches, Rotation, Table, TrailingEdge, deflect
 from sdm_deflect.cases.own.motion import Moving
 from sdm_deflect.cases.own.surface import Surface
-from sdm_deflect.deform.motion import Axis
+from sdm_deflect.deform.surface.axis import Axis
 
 rng = np.random.default_rng(11)
 HINGE = Rotation.about([0.7, 0.0, 0.0], [0.7, 1.0, 0.0])

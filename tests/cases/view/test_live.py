@@ -10,8 +10,8 @@ from sdm_deflect.cases.registry import case_named
 from sdm_deflect.cases.view.live import Live
 from sdm_deflect.cases.view.span import Spans
 from sdm_deflect.cases.view.stored import Stored
-from sdm_deflect.deform.interpolant import fit
-from sdm_deflect.deform.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.interpolant import fit
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.meshing.quality import mean_ratio
 
 pytestmark = pytest.mark.mesher

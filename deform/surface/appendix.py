@@ -6,13 +6,12 @@ All functions take and return displacements of nodes in metres; none knows a mes
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.duplicates import first_coincident
-from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.interpolant import fit
-from sdm_deflect.deform.kernels import FloatArray, Kernel, Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.motion import Cylinder
-from sdm_deflect.deform.reduction import farthest
-from sdm_deflect.deform.sites import DataSites, joined, pinned
+from sdm_deflect.deform.rbf.interpolant import fit
+from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel, Multiquadric, ThinPlateSpline
+from sdm_deflect.deform.rbf.points import farthest, first_coincident
+from sdm_deflect.deform.rbf.sites import DataSites, joined, pinned
+from sdm_deflect.deform.surface.axis import Cylinder
+from sdm_deflect.deform.volume.hexahedron import Hexahedron
 
 LINEAR = Multiquadric(1e4)  # the paper's: linear in r down to 0.1 mm
 DEFAULT_PANEL = ThinPlateSpline()

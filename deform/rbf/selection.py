@@ -1,4 +1,4 @@
-"""Which sites become centres next: step (5) of the algorithm (paper section 4), as a value that `adapt` is given."""
+"""Which sites become centres next: step (5) of the algorithm (paper section 4), as a value that 'adapt' is given."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
@@ -6,9 +6,9 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.compiled import compiled
-from sdm_deflect.deform.duplicates import IndexArray
-from sdm_deflect.deform.kernels import FloatArray
+from sdm_deflect.deform.rbf.compiled import compiled
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
 
 TIE = 1e-6  # residuals that differ by less than this share of tol_stop are equal: rounding does not choose
 

@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.duplicates import IndexArray, first_coincident
-from sdm_deflect.deform.greedy import Adaptation
-from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.interpolant import Interpolant
-from sdm_deflect.deform.kernels import FloatArray
 from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.rbf.greedy import Adaptation
+from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray, first_coincident
+from sdm_deflect.deform.volume.hexahedron import Hexahedron
 
 
 def fused(fits: Sequence[Adaptation]) -> Interpolant:

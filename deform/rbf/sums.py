@@ -1,18 +1,14 @@
-"""Compiled kernel sums and kernel matrices: the inner loop of everything (paper eq. 7).
-
-The logarithm is the cost of a (point, centre) pair, so it is taken once and used for all columns. A point's
-value depends on nothing but that point: it has the same bits whatever the number of threads.
-"""
+"""Kernel sums and matrices, compiled (paper eqs. 6 and 7)."""
 
 from typing import Any
 
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 
-from sdm_deflect.deform.compiled import compiled, for_code, prefer_wide_vectors
-from sdm_deflect.deform.kernels import FloatArray, Kernel, phi
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.threads import in_chunks
+from sdm_deflect.deform.rbf.compiled import compiled, for_code, prefer_wide_vectors
+from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel, phi
+from sdm_deflect.deform.rbf.threads import in_chunks
 
 WIDTHS = (1, 3, 8)  # columns of one pass: one machine code for each, the narrowest that fits is taken
 PADDING = 32  # centres are filled up to a multiple of this with weight zero: whole vectors, no remainder loop

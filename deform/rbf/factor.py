@@ -1,0 +1,178 @@
+"""The product's way: the Cholesky factor of the reduced kernel grows with the centres and is never computed again.
+
+The matrix is R' R with R upper triangular, kept in panels of some hundred columns: in triangular solves all but the
+small corners of the panels is then matrix products. One factor serves all columns. A block of m further centres costs
+one forward solve for m columns and one backward solve for each column of values: C**2 where solving afresh costs C**3.
+Mueller and Schaback (2009) and Pazouki and Schaback (2011) describe the Newton basis behind it.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtri
+
+from sdm_deflect.deform.rbf.interpolant import SolveError
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.rbf.points import IndexArray
+from sdm_deflect.deform.rbf.problem import Coefficients, Problem, ReducedKernel
+
+WIDTH = 256  # columns of a panel, unless one block is larger
+
+
+class NotPositiveDefiniteError(ArithmeticError):
+    """A further row of the matrix depends on the others to rounding error."""
+
+
+class Panel(NamedTuple):
+    """Columns start to start + used of R; the arrays have room for more."""
+
+    start: int
+    used: int
+    above: FloatArray  # (WIDTH, start): transpose of R's rows above the corner
+    corner: FloatArray  # (WIDTH, WIDTH): inverse of R's triangle on the diagonal
+
+    @property
+    def stop(self) -> int:
+        """End of the columns in use."""
+        return self.start + self.used
+
+    def rows(self) -> tuple[FloatArray, FloatArray]:
+        """Return the parts of `above` and `corner` that are in use."""
+        return self.above[: self.used], self.corner[: self.used, : self.used]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factor:
+    """The factor R (n, n).
+
+    A factor and those extended from it share memory, each seeing its own part. One may go back to an earlier factor
+    and extend it otherwise; those that were extended from it before are then void.
+    """
+
+    panels: tuple[Panel, ...] = ()
+
+    def __len__(self) -> int:
+        return self.panels[-1].stop if self.panels else 0
+
+    def forward(self, right: FloatArray) -> FloatArray:
+        """Solve R' x = right for right (n, m)."""
+        x = np.empty_like(right)
+        for panel in self.panels:
+            above, corner = panel.rows()
+            rest = right[panel.start : panel.stop] - above @ x[: panel.start]
+            x[panel.start : panel.stop] = corner.T @ rest
+        return x
+
+    def backward(self, right: FloatArray) -> FloatArray:
+        """Solve R x = right for right (n, k)."""
+        x = np.array(right)
+        for panel in reversed(self.panels):
+            above, corner = panel.rows()
+            x[panel.start : panel.stop] = corner @ x[panel.start : panel.stop]
+            x[: panel.start] -= above.T @ x[panel.start : panel.stop]
+        return x
+
+    def extended(self, above: FloatArray, corner: FloatArray) -> tuple["Factor", FloatArray]:
+        """Return the factor with m further columns, and the inverse (m, m) of its further triangle.
+
+        Parameters
+        ----------
+        above
+            (n, m) solution of R' x = further columns of the matrix, in its first n rows.
+        corner
+            (m, m) the matrix in the further rows and columns.
+
+        Raises
+        ------
+        NotPositiveDefiniteError
+            If the extended matrix is not positive definite to rounding.
+        """
+        upper, info = dpotrf(corner - above.T @ above, lower=0, clean=1)
+        if info != 0:
+            raise NotPositiveDefiniteError(f"row {len(self) + info - 1}")
+        inverse, _ = dtrtri(upper, lower=0)
+        m = len(corner)
+        if self.panels and self.panels[-1].used + m <= len(self.panels[-1].corner):
+            return Factor((*self.panels[:-1], _joined(self.panels[-1], above, inverse))), inverse
+        width = max(WIDTH, m)
+        panel = Panel(len(self), m, np.zeros((width, len(self))), np.zeros((width, width)))
+        panel.above[:m], panel.corner[:m, :m] = above.T, inverse
+        return Factor((*self.panels, panel)), inverse
+
+
+def _joined(panel: Panel, above: FloatArray, inverse: FloatArray) -> Panel:
+    """Put m further columns into a panel with room for them."""
+    start, used, m = panel.start, panel.used, len(inverse)
+    new = slice(used, used + m)
+    panel.above[new] = above[:start].T
+    panel.corner[new, :used] = 0.0
+    panel.corner[:used, new] = -(panel.corner[:used, :used] @ above[start:]) @ inverse
+    panel.corner[new, new] = inverse
+    return panel._replace(used=used + m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grown:
+    """Interpolants on growing centres; memory C**2 plus the sites.
+
+    One may go back to an earlier basis and extend it otherwise; see `Factor`.
+    """
+
+    kernel: ReducedKernel
+    chosen: IndexArray  # (C,) rows of the sites: the centres
+    anchor_places: IndexArray  # where in `chosen` the anchors stand
+    beside: IndexArray  # where in `chosen` the other centres stand
+    factor: Factor  # of the reduced kernel there
+    z: FloatArray  # (n, k) solution of R' z = values there
+
+    @classmethod
+    def of(cls, problem: Problem, initial: IndexArray) -> Self:
+        """Start from the rows `initial` of the sites: at least four that span a volume."""
+        kernel = ReducedKernel.of(problem, initial)
+        places = np.array([np.flatnonzero(initial == anchor)[0] for anchor in kernel.anchors])
+        beside = np.setdiff1d(np.arange(len(initial)), places)
+        none = np.empty(0, dtype=np.intp)
+        empty = cls(kernel, none, places, none, Factor(), np.empty((0, problem.values.shape[1])))
+        return empty._grown(np.array(initial, dtype=np.intp), beside)
+
+    def extended(self, block: IndexArray) -> Self:
+        """Return the basis with these rows of the sites as further centres."""
+        return self._grown(np.append(self.chosen, block), len(self.chosen) + np.arange(len(block)))
+
+    def coefficients(self) -> Coefficients:
+        """Return the coefficients of the interpolant on the chosen centres."""
+        return self._completed(self.factor.backward(self.z))
+
+    def refined(self) -> Coefficients:
+        """Return the coefficients after one step of iterative refinement on the residual at the centres."""
+        first = self.coefficients()
+        errors = self.kernel.problem.errors(self.chosen, [first], self.chosen)[0]
+        rows = self.chosen[self.beside]
+        missing = self.kernel.lagrange[rows] @ errors[self.anchor_places] - errors[self.beside]
+        correction = self.factor.backward(self.factor.forward(missing))
+        return self._completed(self.factor.backward(self.z) + correction)
+
+    def _grown(self, chosen: IndexArray, new: IndexArray) -> Self:
+        """Extend the factor by the centres that stand at the places `new` of `chosen`."""
+        rows, further = self.chosen[self.beside], chosen[new]
+        columns = self.kernel.matrix(np.append(rows, further), further)
+        above = self.factor.forward(columns[: len(rows)])
+        try:
+            factor, inverse = self.factor.extended(above, columns[len(rows) :])
+        except NotPositiveDefiniteError:
+            raise SolveError(
+                f"one of {len(new)} further centres depends on the others to rounding error: do data sites lie "
+                "closer together than the coordinates resolve?"
+            ) from None
+        z = inverse.T @ (self.kernel.values[further] - above.T @ self.z)
+        beside, z = np.append(self.beside, new), np.vstack([self.z, z])
+        return replace(self, chosen=chosen, beside=beside, factor=factor, z=z)
+
+    def _completed(self, gamma: FloatArray) -> Coefficients:
+        """Add the coefficients of the anchors and of the polynomial."""
+        alpha, at_anchors, others = self.kernel.completed(self.chosen[self.beside], gamma)
+        beta = np.empty((len(self.chosen), others.shape[1]))
+        beta[self.anchor_places] = at_anchors
+        beta[self.beside] = others
+        return Coefficients(alpha, beta)

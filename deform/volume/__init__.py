@@ -1,0 +1,1 @@
+"""The volume around a moving surface: box, sites, steps, deflections."""
