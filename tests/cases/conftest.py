@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from deflected_cad import built
 from filelock import FileLock
 
 from sdm_deflect.cases.deflect import deflect
@@ -13,6 +12,7 @@ from sdm_deflect.cases.pipeline import background_mesh, combined, run_case
 from sdm_deflect.cases.progress import Silent, Stopwatch
 from sdm_deflect.cases.registry import case_named
 from sdm_deflect.cases.validate import validate
+from tests.cases.deflected_cad import built
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,6 @@ without them.
 import re
 from dataclasses import replace
 
-import foam
 import numpy as np
 import pytest
 from skfem import Basis, ElementTetP1, MeshTet, condense, solve
@@ -20,6 +19,7 @@ from sdm_deflect.cases.pipeline import combined
 from sdm_deflect.cases.registry import case_named
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.vtu import write_vtu
+from tests.cases import foam
 
 pytestmark = pytest.mark.mesher
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from deflected_cad import built
 
 from sdm_deflect.cases.case import Deflection
 from sdm_deflect.cases.reference import ReferenceFace, reference, variants
 from sdm_deflect.cases.registry import case_named
 from sdm_deflect.geometry.errors import CadError
+from tests.cases.deflected_cad import built
 
 
 def test_both_processes_build_the_same():

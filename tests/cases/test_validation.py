@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from deflected_cad import built
 
 from sdm_deflect.cases.case import Deflection
 from sdm_deflect.cases.deflect import deflect
 from sdm_deflect.cases.turn import turn_of
 from sdm_deflect.cases.validate import validate
 from sdm_deflect.cases.validation import Check, plane_deviation
+from tests.cases.deflected_cad import built
 
 pytestmark = pytest.mark.mesher
 

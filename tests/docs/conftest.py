@@ -1,16 +1,11 @@
 """A deflected aileron that the tests of the guide share."""
 
-import sys
-from pathlib import Path
-
 import pytest
 
 from sdm_deflect.cases.deflect import deflect
 from sdm_deflect.cases.output import write_interpolants
 from sdm_deflect.cases.registry import case_named
 from sdm_deflect.meshing.vtu import write_vtu
-
-sys.path[:0] = [str(Path(__file__).parents[2] / "docs" / folder) for folder in ("examples", "_ext")]
 
 
 @pytest.fixture(scope="session")

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import ROOT, mentioned, pages, shown
 
 from sdm_deflect.cases.cli import cli, main
+from tests.docs.commands import ROOT, mentioned, pages, shown
 
 CI = ".ci/run"
 ELSEWHERE = (

@@ -3,10 +3,11 @@
 import re
 
 import pytest
-from commands import ROOT
 from docstrings import escaped, rewritten
 from mathml import rendered
 from signatures import shorten
+
+from tests.docs.commands import ROOT
 
 PICTURE = re.compile(r"!\[([^\]]*)\]\((figures/[^)]+)\)")
 

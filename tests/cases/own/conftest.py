@@ -1,15 +1,9 @@
 """Meshes that the tests of this folder share."""
 
-import sys
-from pathlib import Path
-
 import pytest
 
-FORMATS = Path(__file__).parents[2] / "meshing" / "formats"
-sys.path[:0] = [str(FORMATS), str(Path(__file__).parent)]
-
-from blocks import annulus_with_fin, block_with_body  # noqa: E402
-from wing import FLAP, wing  # noqa: E402
+from tests.cases.own.blocks import annulus_with_fin, block_with_body
+from tests.meshing.formats.wing import FLAP, wing
 
 
 @pytest.fixture(scope="session")

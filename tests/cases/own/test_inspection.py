@@ -3,9 +3,6 @@
 import numpy as np
 import pytest
 import pyvista as pv
-from examples import hybrid
-from test_cgns import polyhedral
-from test_examples import grid
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.inspection import inspect
@@ -14,6 +11,7 @@ from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.quality import mean_ratio
+from tests.meshing.formats.examples import grid, hybrid, polyhedral
 
 SHAPES = (("tetrahedra", 4), ("hexahedra", 1), ("prisms", 1), ("pyramids", 1))
 

@@ -4,12 +4,12 @@ import meshio
 import numpy as np
 import pytest
 import pyvista as pv
-from test_examples import KINDS
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own import deflect
 from sdm_deflect.cases.own.accept import accepted
 from sdm_deflect.meshing.mesh import TetMesh
+from tests.meshing.formats.examples import KINDS
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 

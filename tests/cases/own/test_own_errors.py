@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from blocks import joined
-from examples import hybrid
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own import deflect
 from sdm_deflect.cases.own.region import Region
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from tests.cases.own.blocks import joined
+from tests.meshing.formats.examples import hybrid
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 

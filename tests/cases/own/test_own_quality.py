@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-from examples import hybrid
-from test_examples import KINDS
-from test_examples import grid as vtk_grid
 
 from sdm_deflect.cases.own.edges import area_vectors, edges_of, polygons_of, sharp_edges
 from sdm_deflect.cases.own.jacobians import CORNERS, scaled_jacobian, smallest_jacobian
 from sdm_deflect.cases.own.polyhedra import smallest_pyramid, touching
 from sdm_deflect.cases.own.quality import Touched
 from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
+from tests.meshing.formats.examples import KINDS, hybrid
+from tests.meshing.formats.examples import grid as vtk_grid
 
 rng = np.random.default_rng(3)
 SHAPES = tuple(CORNERS)

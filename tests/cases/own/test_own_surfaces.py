@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from blocks import two_bodies
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own import Job, Moving, Rotation, deflect_job
 from sdm_deflect.cases.own.config import angles_from, job_from, read_config
+from tests.cases.own.blocks import two_bodies
 
 LEFT = Rotation.about([-1.0, 0, 0], [-1.0, 1, 0])
 RIGHT = Rotation.about([1.0, 0, 0], [1.0, 1, 0])

@@ -36,3 +36,12 @@ def tree(path) -> dict[str, tuple]:
         visit("", file)
         file.visititems(visit)
     return found
+
+
+def zone_of(file, name="Zone"):
+    return file["Base"][name]
+
+
+def replace_data(node, values):
+    del node[" data"]
+    node.create_dataset(" data", data=values)

@@ -1,8 +1,12 @@
 """Small meshes of several cell types, made by hand."""
 
+import gmsh
 import numpy as np
+import pyvista as pv
+from vtkmodules.vtkCommonDataModel import VTK_HEXAHEDRON, VTK_PYRAMID, VTK_TETRA, VTK_WEDGE
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Zone
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone
+from sdm_deflect.meshing.formats.faces import FACES
 
 POINTS = np.array(
     [
@@ -26,6 +30,7 @@ PATCHES = {
     "right wall": {"quad": [[3, 7, 6, 2]], "triangle": [[2, 6, 11], [2, 11, 9]]},
     "roof": {"quad": [[4, 5, 13, 12], [7, 12, 13, 6]], "triangle": [[5, 6, 13], [5, 10, 11], [5, 11, 6]]},
 }
+KINDS = {"hexahedron": VTK_HEXAHEDRON, "pyramid": VTK_PYRAMID, "tetra": VTK_TETRA, "wedge": VTK_WEDGE}
 
 
 def hybrid(zones: int = 1) -> Mesh:
@@ -50,3 +55,45 @@ def hybrid(zones: int = 1) -> Mesh:
 
 def _cells(blocks: dict[str, list[list[int]]], first: int) -> tuple[Cells, ...]:
     return tuple(Cells(shape, np.array(nodes, dtype=np.intp) + first) for shape, nodes in blocks.items())
+
+
+def grid(mesh: Mesh) -> pv.UnstructuredGrid:
+    """The same mesh for VTK."""
+    return pv.UnstructuredGrid({KINDS[block.shape]: block.nodes for block in mesh.cells}, mesh.points)
+
+
+def polyhedral(mesh: Mesh) -> Mesh:
+    """The same cells as polyhedra."""
+    cells = [(block.shape, row) for block in mesh.cells for row in block.nodes]
+    pairs: dict[frozenset, list] = {}
+    for i, (shape, row) in enumerate(cells):
+        for face in FACES[shape]:
+            pairs.setdefault(frozenset(row[list(face)].tolist()), []).append((i, row[list(face)]))
+    ordered = sorted(pairs.values(), key=len, reverse=True)
+    sizes = [len(pair[0][1]) for pair in ordered]
+    faces = Polygons(np.concatenate([pair[0][1] for pair in ordered]), np.cumsum([0, *sizes]))
+    owner = np.array([pair[0][0] for pair in ordered])
+    neighbour = np.array([pair[1][0] for pair in ordered if len(pair) == 2])
+    return Mesh(mesh.points, (Polyhedra(faces, owner, neighbour),), mesh.patches, (Zone("Zone", 0, 14),))
+
+
+def with_gmsh(*paths):
+    """A box of tetrahedra under a box of prisms."""
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.MeshSizeMin", 0.7)
+        box = gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        top = max(gmsh.model.getEntities(2), key=lambda face: gmsh.model.occ.getCenterOfMass(*face)[2])
+        layers = [tag for dim, tag in gmsh.model.occ.extrude([top], 0, 0, 0.2, [2], recombine=True) if dim == 3]
+        gmsh.model.occ.synchronize()
+        outer = [tag for _, tag in gmsh.model.getBoundary([(3, box), (3, layers[0])], oriented=False)]
+        gmsh.model.addPhysicalGroup(3, [box, *layers], name="fluid")
+        gmsh.model.addPhysicalGroup(2, outer[:2], name="wing")
+        gmsh.model.addPhysicalGroup(2, outer[2:], name="far_field")
+        gmsh.model.mesh.generate(3)
+        for path in paths:
+            gmsh.write(str(path))
+    finally:
+        gmsh.finalize()

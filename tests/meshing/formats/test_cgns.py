@@ -3,24 +3,15 @@
 import h5py
 import numpy as np
 import pytest
-from alike import content, rows, tree
-from examples import hybrid
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import children, create
-from sdm_deflect.meshing.formats.faces import FACES, face_keys, node_keys
+from sdm_deflect.meshing.formats.faces import face_keys, node_keys
+from tests.meshing.formats.alike import content, replace_data, rows, tree, zone_of
+from tests.meshing.formats.examples import hybrid, polyhedral
 
 COORDINATES = ("CoordinateX", "CoordinateY", "CoordinateZ")
-
-
-def zone_of(file, name="Zone"):
-    return file["Base"][name]
-
-
-def replace_data(node, values):
-    del node[" data"]
-    node.create_dataset(" data", data=values)
 
 
 @pytest.fixture
@@ -204,21 +195,6 @@ def test_mixed_sections_of_new_and_old_files_are_read(offsets, path):
     found = content(Cgns().read(path))
     assert found["cells"] == expected["cells"]
     assert {n: sorted(f) for n, f in found["patches"].items()} == {n: sorted(f) for n, f in expected["patches"].items()}
-
-
-def polyhedral(mesh: Mesh) -> Mesh:
-    """The same cells as polyhedra."""
-    cells = [(block.shape, row) for block in mesh.cells for row in block.nodes]
-    pairs: dict[frozenset, list] = {}
-    for i, (shape, row) in enumerate(cells):
-        for face in FACES[shape]:
-            pairs.setdefault(frozenset(row[list(face)].tolist()), []).append((i, row[list(face)]))
-    ordered = sorted(pairs.values(), key=len, reverse=True)
-    sizes = [len(pair[0][1]) for pair in ordered]
-    faces = Polygons(np.concatenate([pair[0][1] for pair in ordered]), np.cumsum([0, *sizes]))
-    owner = np.array([pair[0][0] for pair in ordered])
-    neighbour = np.array([pair[1][0] for pair in ordered if len(pair) == 2])
-    return Mesh(mesh.points, (Polyhedra(faces, owner, neighbour),), mesh.patches, (Zone("Zone", 0, 14),))
 
 
 def same_polyhedra(mesh: Mesh, other: Mesh) -> bool:

@@ -6,12 +6,12 @@ import subprocess
 import h5py
 import numpy as np
 import pytest
-from examples import hybrid
-from test_cgns import polyhedral, replace_data, zone_of
 
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import create, describe
 from sdm_deflect.meshing.formats.format import MeshFileError
+from tests.meshing.formats.alike import replace_data, zone_of
+from tests.meshing.formats.examples import hybrid, polyhedral
 
 
 @pytest.fixture

@@ -7,14 +7,12 @@ import gmsh
 import numpy as np
 import pytest
 import pyvista as pv
-from alike import content
-from examples import hybrid
-from test_cgns import polyhedral
-from test_su2 import with_gmsh
 from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
 
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.su2 import Su2
+from tests.meshing.formats.alike import content
+from tests.meshing.formats.examples import hybrid, polyhedral, with_gmsh
 
 needs_tools = pytest.mark.skipif(shutil.which("cgnscheck") is None, reason="Debian's package cgns-convert is not here")
 

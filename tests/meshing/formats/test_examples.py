@@ -3,15 +3,8 @@
 from collections import Counter
 
 import pytest
-import pyvista as pv
-from examples import hybrid
-from vtkmodules.vtkCommonDataModel import VTK_HEXAHEDRON, VTK_PYRAMID, VTK_TETRA, VTK_WEDGE
 
-KINDS = {"hexahedron": VTK_HEXAHEDRON, "pyramid": VTK_PYRAMID, "tetra": VTK_TETRA, "wedge": VTK_WEDGE}
-
-
-def grid(mesh) -> pv.UnstructuredGrid:
-    return pv.UnstructuredGrid({KINDS[block.shape]: block.nodes for block in mesh.cells}, mesh.points)
+from tests.meshing.formats.examples import grid, hybrid
 
 
 def outward_faces(mesh) -> Counter:

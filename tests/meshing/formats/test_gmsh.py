@@ -4,12 +4,12 @@ import gmsh
 import meshio
 import numpy as np
 import pytest
-from alike import content
-from examples import hybrid
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
+from tests.meshing.formats.alike import content
+from tests.meshing.formats.examples import hybrid
 
 VARIANTS = [(version, binary) for version in (2.2, 4.1) for binary in (0, 1)]
 

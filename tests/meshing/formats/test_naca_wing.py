@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_examples import grid
 
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.su2 import Su2
+from tests.meshing.formats.examples import grid
 
 SCRIPT = Path(__file__).parents[3] / "docs" / "examples" / "naca_wing.py"
 

@@ -5,8 +5,6 @@ import shutil
 
 import numpy as np
 import pytest
-from examples import hybrid
-from wing import wing
 
 from sdm_deflect.deform.mesh import Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -14,6 +12,8 @@ from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_boundary import kind_of, parse
 from sdm_deflect.meshing.formats.openfoam_file import open_foam
 from sdm_deflect.meshing.formats.registry import format_of
+from tests.meshing.formats.examples import hybrid
+from tests.meshing.formats.wing import wing
 
 FILES = ("points", "faces", "owner", "neighbour", "boundary")
 

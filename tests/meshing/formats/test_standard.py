@@ -2,10 +2,6 @@
 
 import numpy as np
 import pytest
-from alike import content
-from examples import hybrid
-from test_examples import grid
-from wing import wing
 
 from sdm_deflect.deform.mesh import Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -13,6 +9,9 @@ from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.standard import standard_cells
 from sdm_deflect.meshing.formats.su2 import Su2
+from tests.meshing.formats.alike import content
+from tests.meshing.formats.examples import grid, hybrid
+from tests.meshing.formats.wing import wing
 
 
 @pytest.mark.parametrize("mesh", [hybrid(), wing(cells=3).mesh], ids=["hybrid", "wing"])

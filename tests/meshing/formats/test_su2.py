@@ -1,15 +1,14 @@
 """SU2 files: a round trip loses nothing, a rewritten file differs in coordinates alone, others read what we write."""
 
-import gmsh
 import meshio
 import numpy as np
 import pytest
-from alike import content
-from examples import hybrid
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.su2 import Su2
+from tests.meshing.formats.alike import content
+from tests.meshing.formats.examples import hybrid, with_gmsh
 
 KEPT = b"""% made by hand = not by a mesher
 NMARK=   2
@@ -176,28 +175,6 @@ def test_gmsh_writes_what_we_read_and_what_we_write(tmp_path):
         np.testing.assert_array_equal(a.get_cells_type(shape), b.get_cells_type(shape))
     for shape in ("triangle", "quad"):
         np.testing.assert_array_equal(a.get_cell_data("su2:tag", shape), b.get_cell_data("su2:tag", shape))
-
-
-def with_gmsh(*paths):
-    """A box of tetrahedra under a box of prisms."""
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber("Mesh.MeshSizeMin", 0.7)
-        box = gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
-        gmsh.model.occ.synchronize()
-        top = max(gmsh.model.getEntities(2), key=lambda face: gmsh.model.occ.getCenterOfMass(*face)[2])
-        layers = [tag for dim, tag in gmsh.model.occ.extrude([top], 0, 0, 0.2, [2], recombine=True) if dim == 3]
-        gmsh.model.occ.synchronize()
-        outer = [tag for _, tag in gmsh.model.getBoundary([(3, box), (3, layers[0])], oriented=False)]
-        gmsh.model.addPhysicalGroup(3, [box, *layers], name="fluid")
-        gmsh.model.addPhysicalGroup(2, outer[:2], name="wing")
-        gmsh.model.addPhysicalGroup(2, outer[2:], name="far_field")
-        gmsh.model.mesh.generate(3)
-        for path in paths:
-            gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
 
 
 def test_cells_are_one_block_of_each_shape(tmp_path):

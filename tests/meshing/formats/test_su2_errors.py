@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from examples import hybrid
 
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.su2 import Su2
+from tests.meshing.formats.examples import hybrid
 
 
 @pytest.fixture

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 import pyvista as pv
-from alike import content
-from examples import hybrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
-from wing import wing
 
 from sdm_deflect.deform.mesh import Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.vtk import Vtu
+from tests.meshing.formats.alike import content
+from tests.meshing.formats.examples import hybrid
+from tests.meshing.formats.wing import wing
 
 NONE, ZLIB, LZ4, LZMA = range(4)
 ENCODINGS = [("Ascii", NONE, 0, 32, 32), ("Binary", ZLIB, 0, 64, 64), ("Binary", LZ4, 0, 32, 32),

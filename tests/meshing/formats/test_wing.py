@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from test_examples import grid
-from wing import FLAP, boundary_faces, wing
+
+from tests.meshing.formats.examples import grid
+from tests.meshing.formats.wing import FLAP, boundary_faces, wing
 
 
 @pytest.fixture(scope="module")
