@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, nearest
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -241,15 +240,10 @@ class Mesh:
         for text in wanted:
             some = [text] if text in self.names else [name for name in self.names if meant(text, name)]
             if not some:
-                raise InputError(f"{self.name}: {what} {text!r} is no patch; {self._nearest(text)}")
+                hint = nearest(text, self.names, "the patches are")
+                raise InputError(f"{self.name}: {what} {text!r} is no patch; {hint}")
             found += [name for name in some if name not in found]
         return tuple(found)
-
-    def _nearest(self, text: str) -> str:
-        close = get_close_matches(text, self.names, n=3, cutoff=0.5)
-        if close:
-            return f"did you mean {', '.join(close)}?"
-        return f"the patches are {', '.join(self.names) or 'none'}"
 
     def with_points(self, points: FloatArray) -> Mesh:
         """Return the same cells and patches on moved points (N, 3)."""
