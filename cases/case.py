@@ -7,7 +7,7 @@ import numpy as np
 
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
 from sdm_deflect.deform.volume.hexahedron import Hexahedron
-from sdm_deflect.geometry.chimera import BlockParameters
+from sdm_deflect.geometry.confinement import BlockParameters
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.geometry.quantity import check_quantities, quantity
 from sdm_deflect.meshing.parameters import SCALES, MeshParameters

@@ -11,8 +11,7 @@ from sdm_deflect.cases.motion import BoolArray, IndexArray, SurfaceMotion
 from sdm_deflect.cases.zero_sites import BLOCK, ON_FACE, on_gap_faces, zero_sites
 from sdm_deflect.deform.rbf.sites import DataSites, multivariate, univariate
 from sdm_deflect.deform.volume.hexahedron import Hexahedron
-from sdm_deflect.geometry import datum
-from sdm_deflect.geometry.confinement import hexahedron_corners
+from sdm_deflect.geometry.confinement import Margins, hexahedron_corners
 from sdm_deflect.meshing.mesh import TetMesh
 
 DIRECTIONS = ("x", "y", "z")
@@ -83,7 +82,7 @@ def hexahedron_of(case: Case, surface: str) -> Hexahedron:
     settings = case.confinement
     if settings.corners:
         return Hexahedron(np.array(settings.corners, dtype=np.float64))
-    margins = datum.Margins(settings.aft, settings.outboard, settings.up, settings.down)
+    margins = Margins(settings.aft, settings.outboard, settings.up, settings.down)
     return Hexahedron(hexahedron_corners(case.fighter, surface, margins))
 
 

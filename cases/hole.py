@@ -4,7 +4,8 @@ import numpy as np
 
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.motion import FloatArray
-from sdm_deflect.geometry.datum import ends, gap_faces, ribs
+from sdm_deflect.geometry.confinement import gap_faces
+from sdm_deflect.geometry.datum import ends, ribs
 
 ROOM = 0.6
 """Half height of the hole by the longest chord: an aileron turned by up to 36 deg stays inside."""

@@ -8,8 +8,8 @@ from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.motion import FloatArray
 from sdm_deflect.deform.rbf.sites import DataSites, pinned
 from sdm_deflect.deform.volume.hexahedron import Hexahedron, polygon_sites
-from sdm_deflect.geometry.confinement import inward_face, rib_faces
-from sdm_deflect.geometry.datum import gap_faces, hinged
+from sdm_deflect.geometry.confinement import gap_faces, inward_face, rib_faces
+from sdm_deflect.geometry.datum import hinged
 
 BLOCK = "chimera"
 """Patch of a Chimera block's outer faces."""

@@ -6,8 +6,16 @@ from itertools import pairwise
 from math import cos, radians
 from typing import TYPE_CHECKING
 
-from sdm_deflect.geometry.layout import MIN_FEATURE, MIN_GAP, aileron_span, rudder_span
-from sdm_deflect.geometry.sections import LE, TE, fin_section, tail_section
+from sdm_deflect.geometry.sections import (
+    LE,
+    MIN_FEATURE,
+    MIN_GAP,
+    TE,
+    aileron_span,
+    fin_section,
+    rudder_span,
+    tail_section,
+)
 
 if TYPE_CHECKING:
     from sdm_deflect.geometry.parameters import Fighter

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from sdm_deflect.geometry.polyhedron import FloatArray, Loops, prism
+from sdm_deflect.geometry.polyhedra import Loops, prism
 from sdm_deflect.geometry.quantity import check_quantities, quantity
-from sdm_deflect.geometry.rotation import rotated
-from sdm_deflect.geometry.sections import HINGE_LOWER, HINGE_UPPER, TE
+from sdm_deflect.geometry.sections import HINGE_LOWER, HINGE_UPPER, TE, FloatArray
 
 # How far a rigid wedge's nose reaches ahead of the hinge line, by its local half thickness: it closes the
 # slot that opens when the wedge turns about a line inside the wing.
@@ -31,6 +31,13 @@ class Deflection:
         check_quantities(self, "deflection")
         if self.mode not in ("rigid", "blended"):
             raise ValueError(f"deflection.mode = {self.mode!r} must be 'rigid' or 'blended'")
+
+
+def rotated(points: FloatArray, axis: FloatArray, degrees: float) -> FloatArray:
+    """Points (..., 3) turned right-handed about the line from `axis[0]` to `axis[1]`, (2, 3)."""
+    direction = axis[1] - axis[0]
+    turn = Rotation.from_rotvec(np.radians(degrees) * direction / np.linalg.norm(direction)).as_matrix()
+    return np.asarray((points - axis[0]) @ turn.T + axis[0], dtype=np.float64)
 
 
 def wedge(inner: FloatArray, outer: FloatArray) -> Loops:

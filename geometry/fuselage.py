@@ -5,8 +5,8 @@ from math import cos, radians, sin
 
 import cadquery as cq
 
+from sdm_deflect.geometry.fuse import Part
 from sdm_deflect.geometry.parameters import Canopy, Fuselage, Inlet
-from sdm_deflect.geometry.parts import Part
 
 _ORIGIN = cq.Vector(0, 0, 0)
 _AXIS = cq.Vector(1, 0, 0)

@@ -7,10 +7,15 @@ import numpy as np
 from cadquery import Edge, Face, Solid
 from numpy.typing import NDArray
 
-from sdm_deflect.geometry.curves import curve_of
-from sdm_deflect.geometry.export import write_atomically, write_brep, write_step, write_stl
-from sdm_deflect.geometry.surfaces import CylinderSurface, FloatArray, FreeFormSurface, PlaneSurface, surface_of
-from sdm_deflect.geometry.tessellation import tessellate
+from sdm_deflect.geometry.export import tessellate, write_atomically, write_brep, write_step, write_stl
+from sdm_deflect.geometry.projection import (
+    CylinderSurface,
+    FloatArray,
+    FreeFormSurface,
+    PlaneSurface,
+    curve_of,
+    surface_of,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

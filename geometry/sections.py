@@ -1,10 +1,12 @@
-"""Hexagonal sections (modified double wedges) of wing, tail and fin as six points each.
+"""Hexagonal sections of wing, tail and fin, and the stations between which the movable surfaces lie.
 
-With thickness and bevels in constant proportion to the chord, every face between two sections is planar.
+Sections are modified double wedges of six points. With thickness and bevels in constant proportion to the chord,
+every face between two of them is planar.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import cos, radians, sin, tan
 from typing import TYPE_CHECKING
 
@@ -12,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from sdm_deflect.geometry.parameters import Fin, Fuselage, Tail, Wing
+    from sdm_deflect.geometry.parameters import Fighter, Fin, Fuselage, Tail, Wing
 
 FloatArray = NDArray[np.float64]
 
@@ -21,6 +23,19 @@ LE, FRONT_UPPER, HINGE_UPPER, TE, HINGE_LOWER, FRONT_LOWER = range(6)
 
 # The port side is the starboard side times this.
 MIRROR = np.array([1.0, -1.0, 1.0])
+
+# How far inside the fuselage a root lies, by its radius: deep enough for a tail turned by 30 degrees.
+BURIED = 0.42
+
+# Metres. Shorter edges cost the volume mesher its quality; narrower gaps hold no cell at all.
+MIN_FEATURE = 0.003
+MIN_GAP = 0.0005
+
+# Metres. Stations closer than this are meant to be one.
+SAME_STATION = 1e-4
+
+# The paper's spanwise gap by half-span (section 5).
+PAPER_GAP_RATIO = 0.014
 
 
 def hexagon(leading: FloatArray, chord: float, bevel: float, half_thickness: float, up: FloatArray) -> FloatArray:
@@ -69,3 +84,37 @@ def fin_section(fin: Fin, z: float) -> FloatArray:
     leading = np.array([fin.x_le + above * sweep, 0.0, z])
     up = np.array([0.0, 1.0, 0.0])
     return hexagon(leading, chord, fin.bevel_ratio * chord, 0.5 * fin.thickness_ratio * chord, up)
+
+
+@dataclass(frozen=True, slots=True)
+class AileronSpan:
+    """Span stations (y >= 0, metres) of an aileron and of the wing's ribs that face it.
+
+    Without a gap a rib and the aileron's end coincide; `outer_rib` is the tip where the aileron reaches it.
+    """
+
+    wing_rib: float
+    inboard: float
+    outboard: float
+    outer_rib: float
+
+
+def aileron_span(fighter: Fighter) -> AileronSpan:
+    """Resolve the stations; a rib within a tenth of a millimetre of the wing's kink is put on it."""
+    wing, aileron = fighter.wing, fighter.aileron
+    offset = aileron.gap or PAPER_GAP_RATIO * wing.half_span
+    inboard = aileron.y_inboard or wing.y_kink + offset
+    rib = _snapped(inboard - aileron.gap, wing.y_kink)
+    outboard = _snapped(aileron.y_outboard or wing.half_span, wing.half_span)
+    outer = outboard if outboard == wing.half_span else _snapped(outboard + aileron.gap, wing.half_span)
+    return AileronSpan(rib, inboard, outboard, outer)
+
+
+def rudder_span(fighter: Fighter) -> tuple[float, float]:
+    """Heights z of the rudder's lower and upper end."""
+    tip = fighter.fin.z_tip
+    return fighter.rudder.z_inboard, _snapped(fighter.rudder.z_outboard or tip, tip)
+
+
+def _snapped(station: float, target: float) -> float:
+    return target if abs(station - target) < SAME_STATION else station

@@ -6,7 +6,7 @@ from sdm_deflect.cases.report.layers import box, patches
 from sdm_deflect.cases.report.scene import View, framed, plain
 from sdm_deflect.cases.run import Run
 from sdm_deflect.cases.zero_sites import BLOCK
-from sdm_deflect.geometry.datum import block_corners
+from sdm_deflect.geometry.confinement import block_corners
 from sdm_deflect.meshing.mesh import TetMesh
 
 FAR_FIELD = "far_field"

@@ -11,7 +11,8 @@ from sdm_deflect.cases.report.compose import Picture
 from sdm_deflect.cases.report.layers import box, cells_by_quality, centroids, patches
 from sdm_deflect.cases.report.scene import View
 from sdm_deflect.cases.run import Run
-from sdm_deflect.geometry.datum import ends, gap_faces, ribs
+from sdm_deflect.geometry.confinement import gap_faces
+from sdm_deflect.geometry.datum import ends, ribs
 
 PIXELS = (900, 700)
 OUTBOARD, ALONG = 4.0, 4.5

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.geometry.aircraft import build
-from sdm_deflect.geometry.chimera import BlockParameters
+from sdm_deflect.geometry.aircraft import background, build, chimera_block
+from sdm_deflect.geometry.confinement import BlockParameters
 from sdm_deflect.geometry.deflected import Deflection
-from sdm_deflect.geometry.domain import background, chimera_block
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 
 PAPER_GAP = 0.014 * 0.3048

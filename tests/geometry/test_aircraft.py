@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from sdm_deflect.geometry.aircraft import build
+from sdm_deflect.geometry.assemble import preflight
+from sdm_deflect.geometry.datum import ends
 from sdm_deflect.geometry.deflected import Deflection
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.fuselage import fuselage_parts
-from sdm_deflect.geometry.hinges import ends
 from sdm_deflect.geometry.parameters import (
     Aileron,
     Fighter,
@@ -22,7 +23,6 @@ from sdm_deflect.geometry.parameters import (
     VentralFin,
     Wing,
 )
-from sdm_deflect.geometry.preflight import preflight
 from sdm_deflect.geometry.sections import HINGE_LOWER, HINGE_UPPER, TE
 
 SIDED = ("fuselage_panel", "strake", "wing", "aileron", "tail", "ventral")

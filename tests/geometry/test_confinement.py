@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.geometry.datum import SURFACES, BlockParameters, Margins, block_corners, hexahedron_corners, rib_faces
+from sdm_deflect.geometry.confinement import BlockParameters, Margins, block_corners, hexahedron_corners, rib_faces
+from sdm_deflect.geometry.datum import SURFACES
 from sdm_deflect.geometry.parameters import Aileron, Fighter, Rudder, Tail, Wing
 
 FACES = {

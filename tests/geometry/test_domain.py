@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.geometry.chimera import BlockParameters, block_corners, gap_faces
-from sdm_deflect.geometry.domain import chimera_block
+from sdm_deflect.geometry.aircraft import chimera_block
+from sdm_deflect.geometry.confinement import BlockParameters, block_corners, gap_faces
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 
 SHORT = Fighter(aileron=Aileron(gap=0.004, y_outboard=0.22))

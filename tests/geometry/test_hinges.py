@@ -17,9 +17,9 @@ from sdm_deflect.geometry.datum import (
     panel_border,
     parent_ribs,
     ribs,
-    rotated,
     trailing_edge,
 )
+from sdm_deflect.geometry.deflected import rotated
 from sdm_deflect.geometry.parameters import Aileron, Fighter, Rudder
 from sdm_deflect.geometry.sections import MIRROR
 

@@ -8,8 +8,7 @@ from OCP.BRep import BRep_Tool
 from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
 from OCP.gp import gp_Pnt
 
-from sdm_deflect.geometry.curves import Segment
-from sdm_deflect.geometry.surfaces import CylinderSurface, PlaneSurface
+from sdm_deflect.geometry.projection import CylinderSurface, PlaneSurface, Segment
 
 coordinate = st.floats(-1.0, 1.0)
 point = st.tuples(coordinate, coordinate, coordinate).map(lambda p: np.array([p]))

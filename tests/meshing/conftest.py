@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from sdm_deflect.geometry.assemble import assemble
-from sdm_deflect.geometry.fuse import general_fuse
+from sdm_deflect.geometry.fuse import Part, general_fuse, partitions, skin, solid, walls
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.geometry.parts import Part, solid
-from sdm_deflect.geometry.polyhedron import prism
-from sdm_deflect.geometry.walls import partitions, skin, walls
+from sdm_deflect.geometry.polyhedra import prism
 from sdm_deflect.meshing.generate import Generated, generate
 from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.parameters import MeshParameters

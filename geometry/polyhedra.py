@@ -1,20 +1,69 @@
-"""Strake, ventral fin and pedestal: plates with bevelled edges and a block, as polyhedra (starboard side)."""
+"""Components with plane faces as polyhedra (starboard side), corner by corner: no lofts, no booleans on thin parts."""
 
 from collections.abc import Sequence
 from itertools import pairwise
 from math import cos, radians, sin, tan
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sdm_deflect.geometry.parameters import Fuselage, Pedestal, Strake, VentralFin
-from sdm_deflect.geometry.polyhedron import Loops
+from sdm_deflect.geometry.parameters import Fighter, Fuselage, Pedestal, Strake, VentralFin
+from sdm_deflect.geometry.sections import (
+    BURIED,
+    FRONT_LOWER,
+    FRONT_UPPER,
+    HINGE_LOWER,
+    HINGE_UPPER,
+    LE,
+    TE,
+    FloatArray,
+    aileron_span,
+    fin_section,
+    rudder_span,
+    wing_section,
+)
 
-FloatArray = NDArray[np.float64]
+# Planar polygons (n, 3), each a closed loop of corners.
+Loops = tuple[FloatArray, ...]
+
+# A section without its trailing-edge wedge, and the wedge alone.
+BOX = [LE, FRONT_UPPER, HINGE_UPPER, HINGE_LOWER, FRONT_LOWER]
+WEDGE = [HINGE_UPPER, TE, HINGE_LOWER]
 
 # Where plates end inside the fuselage, by its radius.
 STRAKE_ROOT = 0.45
 VENTRAL_ROOT = 0.67
+
+
+def prism(first: FloatArray, last: FloatArray) -> Loops:
+    """Faces between two rings of corners (n, 3) of equal length, with both ends closed."""
+    following = np.roll(np.arange(len(first)), -1)
+    strips = [np.array([first[i], first[j], last[j], last[i]]) for i, j in enumerate(following.tolist())]
+    return (first[::-1], last, *strips)
+
+
+def wing_polyhedra(fighter: Fighter) -> list[Loops]:
+    """The wing without its aileron: inboard of the kink, the box outboard of it, the rest of the wedge."""
+    wing, span = fighter.wing, aileron_span(fighter)
+    root = wing_section(wing, BURIED * fighter.fuselage.radius)
+    kink, tip = wing_section(wing, wing.y_kink), wing_section(wing, wing.half_span)
+    polyhedra = [prism(root, kink), prism(kink[BOX], tip[BOX])]
+    for inner, outer in ((wing.y_kink, span.wing_rib), (span.outer_rib, wing.half_span)):
+        if inner < outer:
+            polyhedra.append(prism(wing_section(wing, inner)[WEDGE], wing_section(wing, outer)[WEDGE]))
+    return polyhedra
+
+
+def fin_polyhedra(fighter: Fighter) -> list[Loops]:
+    """The fin without its rudder: the box down into the pedestal, and the rest of the wedge."""
+    fin = fighter.fin
+    lower, upper = rudder_span(fighter)
+    buried = 0.75 * fighter.fuselage.radius
+    foot, tip = fin_section(fin, buried), fin_section(fin, fin.z_tip)
+    polyhedra = [prism(foot[BOX], tip[BOX])]
+    for low, high in ((buried, lower), (upper, fin.z_tip)):
+        if low < high:
+            polyhedra.append(prism(fin_section(fin, low)[WEDGE], fin_section(fin, high)[WEDGE]))
+    return polyhedra
 
 
 def strake_polyhedra(strake: Strake, fuselage: Fuselage) -> list[Loops]:
