@@ -43,8 +43,9 @@ def study(name: str, scale: str, out: Path | None, cache: bool, quiet: bool) -> 
 def _written(name: str, scale: str, folder: Path, display: "Display", cache: bool) -> str:
     """Write the files of a study into `folder` and return its text."""
     from sdm_deflect.cases.progress import Stopwatch
-    from sdm_deflect.cases.study.carried import run_study, write_study
     from sdm_deflect.cases.study.page import write_page
+    from sdm_deflect.cases.study.study import run_study
+    from sdm_deflect.cases.study.text import write_study
 
     if name == PAGE:
         write_page(scale, folder, display, cache)

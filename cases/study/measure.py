@@ -1,22 +1,27 @@
-"""One adaptation with given settings on the data sites of a case, timed."""
+"""Adaptations, filter and evaluation with the paper's settings on the data sites of a case, timed."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from statistics import median
+from time import perf_counter
 from typing import Self
 
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.confine import DIRECTIONS, GROUPINGS, Region
 from sdm_deflect.cases.fitting import initial_centers
-from sdm_deflect.cases.study.loops import Loop
 from sdm_deflect.cases.study.paper import Evaluation, Row, Setting, Table
+from sdm_deflect.cases.study.trends import Finding
 from sdm_deflect.cases.turn import turn_of
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.rbf.greedy import Adaptation, Step, Stop, adapt
-from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.rbf.bases import Resolved
+from sdm_deflect.deform.rbf.factor import Grown
+from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Step, Stop, adapt
+from sdm_deflect.deform.rbf.interpolant import Interpolant, krylov
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.points import IndexArray
-from sdm_deflect.deform.rbf.selection import GreedyOptions
+from sdm_deflect.deform.rbf.problem import Problem
+from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.meshing.mesh import TetMesh
 
@@ -24,10 +29,51 @@ REPETITIONS = 7
 """At most so many runs of one adaptation, of which the median time counts..."""
 ENOUGH_SECONDS = 1.0
 """...and no further run once they have taken this long."""
+ALIKE = 1.5
+"""Time may fall short of the number of points by this factor: measured times vary that much."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """How the centres are chosen and how their coefficients are found.
+
+    Attributes
+    ----------
+    name : short, for files and legends.
+    meaning : one phrase.
+    """
+
+    name: str
+    meaning: str
+    rule: Rule
+    basis: Callable[[Problem, IndexArray], Basis]
+
+    @property
+    def chooses_as_paper(self) -> bool:
+        """True if the centres are those of the paper's rule, whatever the time they take."""
+        return isinstance(self.rule, Worst)
+
+
+GROWN = Loop(
+    "grown", "the paper's rule, with one factor for all directions that grows with the centres", Worst(), Grown.of
+)
+LAPACK = Loop(
+    "lapack",
+    "the paper's rule, factorised again in every iteration by LAPACK, once for all directions",
+    Worst(look_ahead=1),
+    Resolved.of,
+)
+GMRES = Loop(
+    "gmres",
+    "the paper's loop: its rule, solved again in every iteration by GMRES, for each direction anew",
+    Worst(look_ahead=1),
+    partial(Resolved.of, solve=krylov()),
+)
+DEFAULT = Loop("default", "what `sdm run` does: blocks of separated sites, growing factor", Separated(), Grown.of)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sites:
+class SiteGroups:
     """The data sites of one deflection of a case.
 
     Attributes
@@ -65,17 +111,17 @@ class Measured:
     repetitions: int
 
 
-def sites_of(case: Case, mesh: TetMesh) -> Sites:
+def sites_of(case: Case, mesh: TetMesh) -> SiteGroups:
     """Collect the data sites of a case's first control surface at its whole angle, as the paper does in one step."""
     turn = turn_of(case, mesh, case.deflections[0])
     moving = DataSites(mesh.points[turn.motion.nodes], turn.motion.displacements)
     parts = [moving, *turn.region.zero]
     groups = {_name(group): group for grouping in GROUPINGS.values() for group in grouping(parts)}
-    return Sites(len(moving), groups, turn.region)
+    return SiteGroups(len(moving), groups, turn.region)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Job:
+class Task:
     """One adaptation to be timed: what `adapt` is given."""
 
     setting: Setting
@@ -85,7 +131,7 @@ class Job:
     options: GreedyOptions
 
     @classmethod
-    def of(cls, sites: Sites, setting: Setting, demand: Table | Evaluation, loop: Loop) -> Self:
+    def of(cls, sites: SiteGroups, setting: Setting, demand: Table | Evaluation, loop: Loop) -> Self:
         """Prepare a row; `demand` says when to stop."""
         group = sites.groups[setting.columns]
         tolerance, most = demand.tolerance, demand.max_centers
@@ -104,7 +150,7 @@ class Job:
         return Measured(row, self.loop, len(self.group), fit.history, fit.interpolant, converged, len(seconds))
 
 
-def measure(jobs: Sequence[Job], report: Progress = silent) -> tuple[Measured, ...]:
+def measure(jobs: Sequence[Task], report: Progress = silent) -> tuple[Measured, ...]:
     """Run all jobs in turn, several times where that is cheap: a busy moment of the machine then hits all alike."""
     for loop in dict.fromkeys(job.loop for job in jobs):
         warm = next(job for job in jobs if job.loop == loop)
@@ -123,3 +169,40 @@ def measure(jobs: Sequence[Job], report: Progress = silent) -> tuple[Measured, .
 
 def _name(group: DataSites) -> str:
     return "".join(DIRECTIONS[c] for c in group.components)
+
+
+def timed(theirs: Evaluation, case: Case, mesh: TetMesh) -> Evaluation:
+    """Find the interpolant as the paper did and time filter and evaluation, medians of several runs."""
+    sites = sites_of(replace(case, angle=theirs.setting.angle), mesh)
+    region, fit = sites.region, measure([Task.of(sites, theirs.setting, theirs, GROWN)])[0]
+    inside = mesh.points[region.inside]
+    return replace(
+        theirs,
+        centers=fit.row.centers,
+        inside=len(inside),
+        filter_seconds=_median_seconds(lambda: region.hexahedron.contains(mesh.points)),
+        inside_seconds=_median_seconds(lambda: fit.interpolant(inside)),
+        whole_seconds=_median_seconds(lambda: fit.interpolant(mesh.points)),
+    )
+
+
+def savings(one: Evaluation, points: int) -> Finding:
+    """Judge whether confined evaluation is faster at least by the ratio of the numbers of points."""
+    time, share = one.whole_seconds / one.inside_seconds, points / one.inside
+    return Finding(time * ALIKE >= share, f"{time:.3g} times faster, {share:.3g} times fewer points")
+
+
+def filter_is_cheap(one: Evaluation) -> Finding:
+    """Judge whether filter and evaluation inside together take less time than evaluation on the whole mesh."""
+    confined = one.filter_seconds + one.inside_seconds
+    return Finding(confined < one.whole_seconds, f"{confined:.3g} s against {one.whole_seconds:.3g} s")
+
+
+def _median_seconds(work: Callable[[], object]) -> float:
+    work()  # loads compiled code
+    spent: list[float] = []
+    while len(spent) < REPETITIONS and sum(spent) < ENOUGH_SECONDS:
+        start = perf_counter()
+        work()
+        spent.append(perf_counter() - start)
+    return median(spent)

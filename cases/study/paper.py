@@ -1,4 +1,4 @@
-"""The paper's numbers, read from `cases/paper.toml`: nothing in here is ours."""
+"""The paper's numbers, read from `paper.toml` beside this file: nothing in here is ours."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -126,7 +126,7 @@ class Paper:
 @cache
 def paper() -> Paper:
     """Read the data file of the package."""
-    data = loads(files("cases").joinpath("paper.toml").read_text(encoding="utf-8"))
+    data = loads(files(__package__).joinpath("paper.toml").read_text(encoding="utf-8"))
     return Paper(
         machine=data["machine"]["text"],
         tables={name: _table(data[name]) for name in sorted(data) if name.startswith("table")},

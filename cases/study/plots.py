@@ -9,10 +9,9 @@ mpl.use("Agg")
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.study.loops import DEFAULT, GMRES, GROWN, Loop
-from sdm_deflect.cases.study.measure import Measured
+from sdm_deflect.cases.study.measure import DEFAULT, GMRES, GROWN, Loop, Measured
 from sdm_deflect.cases.study.study import Result
-from sdm_deflect.cases.study.trend import title
+from sdm_deflect.cases.study.trends import title
 
 COLOURS = {"x": "#0072b2", "y": "#d55e00", "z": "#009e73", "xyz": "0.6"}
 LOOP_COLOURS = {"grown": "#0072b2", "lapack": "#e69f00", "gmres": "#d55e00", "default": "#009e73"}
@@ -25,8 +24,11 @@ def table1(result: Result, figure: Figure) -> str:
     """Figure 2: residual against centres, and against time with the uni-variate adaptations one after the other."""
     loop = GMRES if result.by(GMRES) else GROWN
     fewest = min(one.row.setting.initial for one in result.measured)
-    chosen = {one.row.setting.columns: one for one in result.measured
-              if one.loop == loop and one.row.setting.initial == fewest}  # fmt: skip
+    chosen = {
+        one.row.setting.columns: one
+        for one in result.measured
+        if one.loop == loop and one.row.setting.initial == fewest
+    }
     left, right = figure.subplots(1, 2, sharey=True)
     start = 0.0
     for columns in ("xyz", "x", "y", "z"):
@@ -112,7 +114,14 @@ def finish(axes: Axes, result: Result, label: str) -> None:
     """Mark the tolerance and label the abscissa."""
     tolerance = result.study.table.tolerance
     axes.axhline(tolerance, color="0.3", lw=1, ls=":")
-    axes.annotate(f"tolerance {tolerance:g} m", (0.98, tolerance), xycoords=("axes fraction", "data"),
-                  ha="right", va="top", color="0.3", fontsize="small")  # fmt: skip
+    axes.annotate(
+        f"tolerance {tolerance:g} m",
+        (0.98, tolerance),
+        xycoords=("axes fraction", "data"),
+        ha="right",
+        va="top",
+        color="0.3",
+        fontsize="small",
+    )
     axes.set_xlabel(label)
     axes.grid(alpha=0.3)

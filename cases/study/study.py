@@ -4,15 +4,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from sdm_deflect.cases.case import Case
-from sdm_deflect.cases.progress import Report
-from sdm_deflect.cases.study.loops import DEFAULT, GMRES, GROWN, LAPACK, Loop
-from sdm_deflect.cases.study.measure import Job, Measured, Sites, measure, sites_of
+from sdm_deflect.cases.pipeline import meshed
+from sdm_deflect.cases.progress import Report, Stopwatch
+from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.study.measure import (
+    DEFAULT,
+    GMRES,
+    GROWN,
+    LAPACK,
+    Loop,
+    Measured,
+    SiteGroups,
+    Task,
+    measure,
+    sites_of,
+)
 from sdm_deflect.cases.study.paper import Row, Setting, Table, paper
-from sdm_deflect.cases.study.table1 import TRENDS as TRENDS1
-from sdm_deflect.cases.study.table2 import TRENDS as TRENDS2
-from sdm_deflect.cases.study.table3 import TRENDS as TRENDS3
-from sdm_deflect.cases.study.table4 import TRENDS as TRENDS4
-from sdm_deflect.cases.study.trend import Finding, Trend
+from sdm_deflect.cases.study.trends import TRENDS, Finding, Trend
 from sdm_deflect.meshing.mesh import TetMesh
 
 Chosen = Callable[[Table, Setting], tuple[Loop, ...]]
@@ -20,16 +28,20 @@ Chosen = Callable[[Table, Setting], tuple[Loop, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Which loops to time for each row of a table, and what the paper reads off it."""
+    """Which loops to time for each row of a table."""
 
     name: str
     loops: Chosen
-    trends: tuple[Trend, ...]
 
     @property
     def table(self) -> Table:
         """The paper's table."""
         return paper().tables[self.name]
+
+    @property
+    def trends(self) -> tuple[Trend, ...]:
+        """What the paper reads off it."""
+        return TRENDS[self.name]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +60,7 @@ class Result:
     case: Case
     points: int
     cells: int
-    sites: dict[float, Sites]
+    sites: dict[float, SiteGroups]
     measured: tuple[Measured, ...]
 
     def by(self, loop: Loop) -> list[Row]:
@@ -84,13 +96,10 @@ def direct_loops(_table: Table, _setting: Setting) -> tuple[Loop, ...]:
 
 
 STUDIES = {
-    study.name: study
-    for study in (
-        Study("table1", gmres_once, TRENDS1),
-        Study("table2", every_loop, TRENDS2),
-        Study("table3", direct_loops, TRENDS3),
-        Study("table4", direct_loops, TRENDS4),
-    )
+    "table1": Study("table1", gmres_once),
+    "table2": Study("table2", every_loop),
+    "table3": Study("table3", direct_loops),
+    "table4": Study("table4", direct_loops),
 }
 
 
@@ -100,5 +109,25 @@ def carry_out(study: Study, case: Case, mesh: TetMesh, report: Report) -> Result
     angles = dict.fromkeys(row.setting.angle for row in table.rows)
     sites = {angle: sites_of(replace(case, angle=angle), mesh) for angle in angles}
     settings = [row.setting for row in table.rows]
-    jobs = [Job.of(sites[one.angle], one, table, loop) for one in settings for loop in study.loops(table, one)]
+    jobs = [Task.of(sites[one.angle], one, table, loop) for one in settings for loop in study.loops(table, one)]
     return Result(study, case, len(mesh.points), len(mesh.tets), sites, measure(jobs, report))
+
+
+def case_of(study: Study, scale: str) -> Case:
+    """Return the case of a study at the angle of its first row.
+
+    Raises
+    ------
+    ValueError
+        If there is no such case or scale.
+    """
+    return replace(case_named(study.table.case, scale), angle=study.table.rows[0].setting.angle)
+
+
+def run_study(name: str, scale: str, watch: Stopwatch, cache: bool = True) -> Result:
+    """Mesh the case of a study (or take the mesh from the cache) and measure every row."""
+    study = STUDIES[name]
+    case = case_of(study, scale)
+    mesh, _ = meshed(case, watch, cache)
+    with watch.stage(name) as tell:
+        return carry_out(study, case, mesh, tell)

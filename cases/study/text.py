@@ -6,17 +6,41 @@ from math import isnan
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from sdm_deflect.cases.study.loops import DEFAULT, GROWN, Loop
-from sdm_deflect.cases.study.measure import REPETITIONS, Sites
+from sdm_deflect.cases.report.png import write_png
+from sdm_deflect.cases.study.measure import DEFAULT, GROWN, REPETITIONS, Loop, SiteGroups
 from sdm_deflect.cases.study.paper import Row, Setting, Size, paper
+from sdm_deflect.cases.study.plots import DRAW
 from sdm_deflect.cases.study.study import Result
-from sdm_deflect.cases.study.trend import listed, title
+from sdm_deflect.cases.study.trends import listed, title
 
 FIELDS = (
-    "source", "columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_add", "sites", "iterations",
-    "centers", "seconds", "max_error", "converged", "repetitions",
-)  # fmt: skip
+    "source",
+    "columns",
+    "angle_deg",
+    "initial_surface",
+    "initial_hexahedron",
+    "n_add",
+    "sites",
+    "iterations",
+    "centers",
+    "seconds",
+    "max_error",
+    "converged",
+    "repetitions",
+)
+
+
+def write_study(result: Result, folder: Path) -> str:
+    """Write <name>.csv, <name>.md and <name>.png into `folder`; return the text alternative of the picture."""
+    name = result.study.name
+    write_csv(result, folder / f"{name}.csv")
+    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
+    alternative = DRAW[name](result, figure)
+    write_png(figure, folder / f"{name}.png")
+    (folder / f"{name}.md").write_text(f"{markdown(result)}\n![{alternative}]({name}.png)\n", encoding="utf-8")
+    return alternative
 
 
 def write_csv(result: Result, path: Path) -> None:
@@ -27,10 +51,8 @@ def write_csv(result: Result, path: Path) -> None:
         for row in result.study.table.rows:
             out.writerow(["paper", *_setting(row.setting), "", *_results(row), "", ""])
         for one in result.measured:
-            out.writerow(
-                [one.loop.name, *_setting(one.row.setting), one.sites, *_results(one.row), one.converged,
-                 one.repetitions]
-            )  # fmt: skip
+            counted = (one.converged, one.repetitions)
+            out.writerow([one.loop.name, *_setting(one.row.setting), one.sites, *_results(one.row), *counted])
 
 
 def markdown(result: Result) -> str:
@@ -51,8 +73,8 @@ def markdown(result: Result) -> str:
 def sizes(result: Result) -> str:
     """Say on what the study was carried out, ours and theirs, and how far the sites move."""
     theirs, sites = paper().size(result.study.table.case), next(iter(result.sites.values()))
-    ours = Size(theirs.case, result.points, result.cells, sites.surface,
-                tuple(sites.region.zero_sites(c) for c in range(3)))  # type: ignore[arg-type]  # fmt: skip
+    x, y, z = (sites.region.zero_sites(c) for c in range(3))
+    ours = Size(theirs.case, result.points, result.cells, sites.surface, (x, y, z))
     return (
         f"Here (scale `{result.case.scale}`): {_size(ours)}. The paper: {_size(theirs)}. "
         f"Largest prescribed displacement in x, y, z: {'; '.join(map(_largest, result.sites.items()))}."
@@ -70,11 +92,11 @@ def rows(result: Result) -> list[str]:
         setting = theirs.setting
         times = [_seconds(ours.get((setting, loop))) for loop in loops]
         row, own = ours[setting, loops[0]], ours[setting, DEFAULT]
-        lines.append(_line([
-            f"{title(setting.columns)} at {setting.angle:+g}°", "{} + {}".format(*setting.initial), str(setting.n_add),
-            str(theirs.iterations), str(row.iterations), str(theirs.centers), str(row.centers),
-            _errors(theirs, row), _seconds(theirs), *times, f"{own.iterations}, {own.centers}, {_seconds(own)}",
-        ]))  # fmt: skip
+        what = f"{title(setting.columns)} at {setting.angle:+g}°"
+        counts = map(str, (setting.n_add, theirs.iterations, row.iterations, theirs.centers, row.centers))
+        times += [f"{own.iterations}, {own.centers}, {_seconds(own)}"]
+        initial = "{} + {}".format(*setting.initial)
+        lines.append(_line([what, initial, *counts, _errors(theirs, row), _seconds(theirs), *times]))
     return lines
 
 
@@ -112,7 +134,7 @@ def verdicts(result: Result) -> list[str]:
     return lines
 
 
-def _largest(entry: tuple[float, Sites]) -> str:
+def _largest(entry: tuple[float, SiteGroups]) -> str:
     angle, sites = entry
     largest = (1e3 * float(np.abs(sites.groups[d].values).max()) for d in "xyz")
     return f"{listed(largest)} mm at {angle:+g}°"

@@ -10,24 +10,30 @@ import pytest
 
 from sdm_deflect.cases.cli import main
 from sdm_deflect.cases.registry import case_named
-from sdm_deflect.cases.study.carried import write_study
-from sdm_deflect.cases.study.loops import DEFAULT, GMRES, GROWN, LAPACK
-from sdm_deflect.cases.study.measure import initial_centers
+from sdm_deflect.cases.study.measure import DEFAULT, GMRES, GROWN, LAPACK, filter_is_cheap, initial_centers, savings
 from sdm_deflect.cases.study.paper import Row, Setting, paper
 from sdm_deflect.cases.study.study import STUDIES, carry_out
-from sdm_deflect.cases.study.table1 import mv_twice_as_dear, z_equals_mv
-from sdm_deflect.cases.study.table2 import monotonic_then_not, six_times_faster
-from sdm_deflect.cases.study.table3 import larger_angle_more_centers, y_fewest_centers
-from sdm_deflect.cases.study.table4 import all_at_limit, error_y_then_x_then_z
-from sdm_deflect.cases.study.text import FIELDS, markdown
-from sdm_deflect.cases.study.timings import filter_is_cheap, savings
+from sdm_deflect.cases.study.text import FIELDS, markdown, write_study
+from sdm_deflect.cases.study.trends import (
+    all_at_limit,
+    error_y_then_x_then_z,
+    larger_angle_more_centers,
+    monotonic_then_not,
+    mv_twice_as_dear,
+    six_times_faster,
+    y_fewest_centers,
+    z_equals_mv,
+)
 
 
 def test_paper_has_all_rows():
     tables = paper().tables
     assert {name: len(table.rows) for name, table in tables.items()} == {
-        "table1": 16, "table2": 12, "table3": 6, "table4": 3,
-    }  # fmt: skip
+        "table1": 16,
+        "table2": 12,
+        "table3": 6,
+        "table4": 3,
+    }
     assert sum(row.seconds for row in tables["table3"].rows) == pytest.approx(1681.73)
     assert all(isnan(row.max_error) == (name != "table4") for name, table in tables.items() for row in table.rows)
     assert tables["table1"].rows[12].setting == tables["table2"].rows[0].setting

@@ -1,0 +1,284 @@
+"""The trends that the paper reads off its tables, as tests that any table, the paper's own included, passes or fails.
+
+Table 1: the number of initial centres, for MV and SQUV, one centre added at a time. Table 2: the number of centres
+added in an iteration, M_add, for f_z. Table 3: SQUV for two deflections in a Chimera block, whose face carries further
+sites for f_y. Table 4: SQUV for the horizontal tail, with a limit on the number of centres.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from sdm_deflect.cases.study.paper import Row, Table
+
+HARDLY = 1.25
+"""Times that differ by less than this factor differ hardly: in the paper's table 1 it is at most 1.21."""
+TWICE = 2.0
+SPEED_UP = 6.0
+MONOTONIC_TO = 25
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Whether a trend holds in some rows, and the numbers that say so."""
+
+    holds: bool
+    evidence: str
+
+    @property
+    def verdict(self) -> str:
+        """In words."""
+        return "holds" if self.holds else "does not hold"
+
+
+Rows = Sequence[Row]
+Test = Callable[[Rows, Table], Finding | None]
+"""Judges the rows that one loop gave; None if they do not suffice."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """What the paper says, and the test of it.
+
+    Attributes
+    ----------
+    of_time : True if it is about time: then every loop is judged, else only the centres that the paper's rule gives.
+    """
+
+    statement: str
+    test: Test
+    of_time: bool = False
+
+
+def among(rows: Iterable[Row], columns: str) -> list[Row]:
+    """Return the rows of one direction (or of all, "xyz")."""
+    return [row for row in rows if row.setting.columns == columns]
+
+
+def columns_of(rows: Iterable[Row]) -> list[str]:
+    """Return the directions that occur, in order."""
+    return list(dict.fromkeys(row.setting.columns for row in rows))
+
+
+def title(columns: str) -> str:
+    """Return how the paper calls it: MV or f_x."""
+    return "MV" if columns == "xyz" else f"f_{columns}"
+
+
+def listed(values: Iterable[float]) -> str:
+    """Join numbers with few digits."""
+    return ", ".join(f"{value:.3g}" if isinstance(value, float) else str(value) for value in values)
+
+
+def rising(values: Sequence[float]) -> tuple[int, int]:
+    """Return how many steps of a sequence rise, and how many there are."""
+    return sum(b > a for a, b in pairwise(values)), max(len(values) - 1, 0)
+
+
+def spread(values: Sequence[float]) -> float:
+    """Return the largest value over the smallest."""
+    return max(values) / min(values)
+
+
+def ascending(values: Sequence[float]) -> bool:
+    """Return True if every value is larger than the one before."""
+    return all(a < b for a, b in pairwise(values))
+
+
+def fewer_iterations(rows: Rows, _table: Table) -> Finding | None:
+    """The final iteration number falls, or is zero throughout, as the initial centres grow."""
+    counts = {columns: [row.iterations for row in among(rows, columns)] for columns in columns_of(rows)}
+    if max(map(len, counts.values())) < 2:
+        return None
+    holds = all(ascending([-n for n in group]) or not any(group) for group in counts.values())
+    return Finding(holds, "; ".join(f"{title(columns)} {listed(group)}" for columns, group in counts.items()))
+
+
+def mostly_more_centers(rows: Rows, _table: Table) -> Finding | None:
+    """The final number of centres rises in more than half of the steps to more initial centres."""
+    steps = [rising([row.centers for row in among(rows, columns)]) for columns in columns_of(rows)]
+    up, total = (sum(counts) for counts in zip(*steps, strict=True))
+    return Finding(2 * up > total, f"it rises in {up} of {total} steps") if total else None
+
+
+def same_time(rows: Rows, _table: Table) -> Finding | None:
+    """The time of an adaptation hardly depends on its initial centres."""
+    groups = {columns: [row.seconds for row in among(rows, columns)] for columns in columns_of(rows)}
+    if max(map(len, groups.values())) < 2:
+        return None
+    holds = all(spread(group) <= HARDLY for group in groups.values())
+    text = ", ".join(f"{title(columns)} {spread(group):.2f}" for columns, group in groups.items())
+    return Finding(holds, f"longest over shortest time: {text}")
+
+
+def y_then_x_then_z(rows: Rows, _table: Table) -> Finding | None:
+    """For every number of initial centres f_y needs the fewest centres, then f_x, then f_z."""
+    groups = [[row.centers for row in among(rows, columns)] for columns in "yxz"]
+    holds = all(ascending(counts) for counts in zip(*groups, strict=True))
+    text = "; ".join(f"f_{columns} {listed(counts)}" for columns, counts in zip("yxz", groups, strict=True))
+    return Finding(holds, f"centres: {text}")
+
+
+def z_equals_mv(rows: Rows, _table: Table) -> Finding | None:
+    """SQUV for f_z ends with as many iterations and centres as MV."""
+    pairs = list(zip(among(rows, "z"), among(rows, "xyz"), strict=True))
+    same = sum((a.iterations, a.centers) == (b.iterations, b.centers) for a, b in pairs)
+    return Finding(same == len(pairs), f"equal iterations and centres in {same} of {len(pairs)} rows")
+
+
+def mv_twice_as_dear(rows: Rows, _table: Table) -> Finding | None:
+    """MV takes more than twice the time of the three uni-variate adaptations together."""
+    ratios = [mv.seconds / squv_seconds(rows, mv) for mv in among(rows, "xyz")]
+    return Finding(min(ratios) > TWICE, f"time of MV over that of SQUV: {listed(ratios)}")
+
+
+def squv_seconds(rows: Rows, mv: Row) -> float:
+    """Return the time of the three uni-variate adaptations with the initial centres of a multi-variate one."""
+    return sum(
+        row.seconds for row in rows if row.setting.columns != "xyz" and row.setting.initial == mv.setting.initial
+    )
+
+
+TABLE1 = (
+    Trend("More initial centres mean fewer iterations.", fewer_iterations),
+    Trend("More initial centres mostly mean more centres in the end.", mostly_more_centers),
+    Trend("The initial centres hardly influence the time.", same_time, of_time=True),
+    Trend("f_y needs the fewest centres, followed by f_x and f_z.", y_then_x_then_z),
+    Trend("SQUV for f_z ends with the same iterations and centres as MV.", z_equals_mv),
+    Trend("MV is dearer than SQUV by more than a factor of two.", mv_twice_as_dear, of_time=True),
+)
+
+
+def mostly_fewer_iterations(rows: Rows, _table: Table) -> Finding:
+    """The final iteration number falls in more than half of the steps to a larger M_add."""
+    down, total = rising([-row.iterations for row in rows])
+    return Finding(
+        2 * down > total, f"it falls in {down} of {total} steps, from {rows[0].iterations} to {rows[-1].iterations}"
+    )
+
+
+def more_centers(rows: Rows, _table: Table) -> Finding:
+    """The final number of centres rises in more than half of the steps to a larger M_add."""
+    up, total = rising([row.centers for row in rows])
+    return Finding(2 * up > total, f"it rises in {up} of {total} steps, from {rows[0].centers} to {rows[-1].centers}")
+
+
+def always_faster(rows: Rows, _table: Table) -> Finding:
+    """Every M_add above one takes less time than one."""
+    slowest = max(rows[1:], key=lambda row: row.seconds)
+    return Finding(
+        slowest.seconds < rows[0].seconds,
+        f"{rows[0].seconds:.3g} s with 1, at most {slowest.seconds:.3g} s with more (M_add = {slowest.setting.n_add})",
+    )
+
+
+def six_times_faster(rows: Rows, _table: Table) -> Finding:
+    """Some M_add is faster than one by more than a factor of six."""
+    best = min(rows, key=lambda row: row.seconds)
+    factor = rows[0].seconds / best.seconds
+    return Finding(factor > SPEED_UP, f"a factor of {factor:.1f} with M_add = {best.setting.n_add}")
+
+
+def monotonic_then_not(rows: Rows, _table: Table) -> Finding:
+    """The time falls monotonically up to M_add = 25, and rises again at least once after that."""
+    small = [row.seconds for row in rows if row.setting.n_add <= MONOTONIC_TO]
+    large = [row.seconds for row in rows if row.setting.n_add >= MONOTONIC_TO]
+    up, total = rising(large)
+    holds = ascending([-seconds for seconds in small]) and up > 0
+    return Finding(holds, f"{listed(small)} s up to 25; then it rises in {up} of {total} steps")
+
+
+TABLE2 = (
+    Trend("A larger M_add generally means fewer iterations.", mostly_fewer_iterations),
+    Trend("A larger M_add generally means more centres.", more_centers),
+    Trend("Any M_add above one takes less time than one.", always_faster, of_time=True),
+    Trend("The time falls by a factor of more than 6 at best.", six_times_faster, of_time=True),
+    Trend("It falls monotonically up to M_add = 25 only, then often rises again.", monotonic_then_not, of_time=True),
+)
+
+
+def by_angle(rows: Rows) -> dict[float, dict[str, Row]]:
+    """Sort rows by angle (smaller deflections first) and direction."""
+    angles = sorted({row.setting.angle for row in rows}, key=abs)
+    return {angle: {row.setting.columns: row for row in rows if row.setting.angle == angle} for angle in angles}
+
+
+def y_fewest_centers(rows: Rows, _table: Table) -> Finding:
+    """At each angle f_y ends with the fewest centres."""
+    sorted_rows = by_angle(rows)
+    holds = all(min(three, key=lambda d: three[d].centers) == "y" for three in sorted_rows.values())
+    text = (
+        f"{angle:+g} deg: " + ", ".join(f"f_{d} {three[d].centers}" for d in "yxz")
+        for angle, three in sorted_rows.items()
+    )
+    return Finding(holds, "; ".join(text))
+
+
+def y_least_time(rows: Rows, _table: Table) -> Finding:
+    """At each angle f_y takes the least time."""
+    sorted_rows = by_angle(rows)
+    holds = all(min(three, key=lambda d: three[d].seconds) == "y" for three in sorted_rows.values())
+    text = (
+        f"{angle:+g} deg: " + ", ".join(f"f_{d} {three[d].seconds:.3g} s" for d in "yxz")
+        for angle, three in sorted_rows.items()
+    )
+    return Finding(holds, "; ".join(text))
+
+
+def larger_angle_more_centers(rows: Rows, _table: Table) -> Finding:
+    """In each direction the larger deflection needs more centres."""
+    small, large = by_angle(rows).values()
+    factors = [large[d].centers / small[d].centers for d in "xyz"]
+    return Finding(min(factors) > 1.0, f"by factors of {listed(factors)} in x, y, z")
+
+
+def larger_angle_more_time(rows: Rows, _table: Table) -> Finding:
+    """In each direction the larger deflection takes more time."""
+    small, large = by_angle(rows).values()
+    factors = [large[d].seconds / small[d].seconds for d in "xyz"]
+    return Finding(min(factors) > 1.0, f"by factors of {listed(factors)} in x, y, z")
+
+
+TABLE3 = (
+    Trend("f_y needs the fewest centres, although it has the most sites.", y_fewest_centers),
+    Trend("f_y takes the least time.", y_least_time, of_time=True),
+    Trend("A larger deflection needs more centres in every direction.", larger_angle_more_centers),
+    Trend("A larger deflection takes more time in every direction.", larger_angle_more_time, of_time=True),
+)
+
+
+def all_at_limit(rows: Rows, table: Table) -> Finding:
+    """Every direction ends at the limit on the centres, after the same iterations, above the tolerance."""
+    holds = (
+        all(row.centers == table.max_centers and row.max_error > table.tolerance for row in rows)
+        and len({row.iterations for row in rows}) == 1
+    )
+    text = "; ".join(
+        f"f_{row.setting.columns} {row.centers} centres after {row.iterations} iterations, {row.max_error:.2e} m"
+        for row in rows
+    )
+    return Finding(holds, text)
+
+
+def error_y_then_x_then_z(rows: Rows, table: Table) -> Finding | None:
+    """The largest error is smallest for f_y, followed by f_x and f_z; once all are converged there is no order."""
+    errors = [among(rows, d)[0].max_error for d in "yxz"]
+    if max(errors) < table.tolerance:
+        return None
+    return Finding(ascending(errors), f"{listed(errors)} m in y, x, z")
+
+
+def hardly_different_times(rows: Rows, _table: Table) -> Finding:
+    """The three directions take nearly the same time."""
+    seconds = [row.seconds for row in rows]
+    return Finding(spread(seconds) <= HARDLY, f"longest over shortest: {spread(seconds):.2f}")
+
+
+TABLE4 = (
+    Trend("No direction reaches the tolerance; all end at the limit after the same iterations.", all_at_limit),
+    Trend("The largest error is smallest for f_y, followed by f_x.", error_y_then_x_then_z),
+    Trend("The times differ little.", hardly_different_times, of_time=True),
+)
+
+
+TRENDS = {"table1": TABLE1, "table2": TABLE2, "table3": TABLE3, "table4": TABLE4}
