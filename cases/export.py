@@ -1,14 +1,16 @@
-"""Meshes of finished runs in the files that flow solvers read."""
+"""Meshes of finished runs in the files that flow solvers read; for OpenFOAM a case that it can start from."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from pathlib import Path
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.export_foam import write_case
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.meshing.formats.folder import fresh_folder
 from sdm_deflect.meshing.formats.format import Progress, silent
-from sdm_deflect.meshing.formats.openfoam import OpenFoam
+from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
+from sdm_deflect.meshing.formats.openfoam_boundary import parse
+from sdm_deflect.meshing.formats.openfoam_file import open_foam
+from sdm_deflect.meshing.formats.openfoam_write import header
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.zones import joined
 from sdm_deflect.meshing.mesh import TetMesh
@@ -17,6 +19,21 @@ from sdm_deflect.meshing.vtu import read_vtu
 WHICH = ("deflected", "undeflected")
 WITH_ZONES = ("cgns",)
 """Formats in which the background of a Chimera block is a second zone of the same file."""
+SPEED = 10.0
+"""Speed (m/s) of the free stream along x."""
+VISCOSITY = 1.5e-5
+"""Kinematic viscosity (m2/s) of air."""
+FIELDS = {
+    "U": ("volVectorField", "[0 1 -1 0 0 0 0]", f"({SPEED:g} 0 0)"),
+    "p": ("volScalarField", "[0 2 -2 0 0 0 0]", "0"),
+}
+CONDITIONS = {
+    ("U", "patch"): f"type freestreamVelocity; freestreamValue uniform ({SPEED:g} 0 0);",
+    ("p", "patch"): "type freestreamPressure; freestreamValue uniform 0;",
+    ("U", "wall"): "type slip;",
+    ("p", "wall"): "type zeroGradient;",
+}
+"""By field and type of patch; a plane of symmetry has its own type's condition."""
 
 
 def export_run(
@@ -74,3 +91,41 @@ def flow_mesh(mesh: TetMesh) -> Mesh:
     """Return the tetrahedra and the triangles of each patch; patches without triangles are left out."""
     patches = tuple(Patch(name, (Cells("triangle", mesh.triangles_of(name)),)) for name in mesh.names[1:])
     return Mesh(mesh.points, (Cells("tetra", mesh.tets),), tuple(patch for patch in patches if len(patch)))
+
+
+def write_case(mesh: Mesh, out: Path, progress: Progress) -> tuple[str, ...]:
+    """Write the folders ``constant``, ``system`` and ``0``; return what OpenFOAM cannot hold.
+
+    The free stream enters and leaves through the patches of type ``patch``, walls slip, the flow is laminar: a start
+    for settings of one's own. ``potentialFoam`` and ``simpleFoam`` run as it is.
+
+    Raises
+    ------
+    MeshFileError
+        If `out` is there and not empty, or cannot be written.
+    """
+    with fresh_folder(out) as beside:
+        lost = OpenFoam().write(mesh, beside, progress)
+        patches = {patch.name: patch.type for patch in parse(open_foam(beside / MESH, "boundary").text())}
+        (beside / "0").mkdir()
+        for name in FIELDS:
+            (beside / "0" / name).write_text(_field(name, patches), encoding="utf-8")
+        properties = {
+            "transportProperties": f"transportModel Newtonian;\nnu {VISCOSITY:g};\n",
+            "turbulenceProperties": "simulationType laminar;\n",
+        }
+        for name, content in properties.items():
+            (beside / "constant" / name).write_text(header("dictionary", name, "constant") + content, encoding="utf-8")
+    return lost
+
+
+def _field(name: str, patches: Mapping[str, str]) -> str:
+    kind, dimensions, value = FIELDS[name]
+    conditions = (
+        f"    {patch}\n    {{\n        {CONDITIONS.get((name, form), f'type {form};')}\n    }}\n"
+        for patch, form in patches.items()
+    )
+    return (
+        f"{header(kind, name, '0')}dimensions {dimensions};\ninternalField uniform {value};\n"
+        f"boundaryField\n{{\n{''.join(conditions)}}}\n"
+    )

@@ -11,13 +11,13 @@ import numpy as np
 
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.deflect import Deflected, carried_out, deflect, inside_quality
-from sdm_deflect.cases.hole import finer_background
 from sdm_deflect.cases.metrics import metrics
 from sdm_deflect.cases.output import write_deformation, write_metrics
 from sdm_deflect.cases.overlap import check_disjoint
 from sdm_deflect.cases.progress import Report, Stopwatch
 from sdm_deflect.cases.reference import reference
 from sdm_deflect.cases.run import MeshOrigin, Run
+from sdm_deflect.cases.sdm.overset import finer_background
 from sdm_deflect.deform.rbf.sites import pinned
 from sdm_deflect.deform.volume.fused import fused
 from sdm_deflect.meshing.cache import MeshCache, cache_key, default_folder

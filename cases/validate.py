@@ -7,8 +7,8 @@ import numpy as np
 
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.motion import FloatArray, IndexArray, axis_of
-from sdm_deflect.cases.overset import overset_checks
 from sdm_deflect.cases.reference import Reference
+from sdm_deflect.cases.sdm.overset import overset_checks
 from sdm_deflect.cases.turn import Turn
 from sdm_deflect.cases.validate_surface import Shape, surface_checks
 from sdm_deflect.cases.validation import Check, worst

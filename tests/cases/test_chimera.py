@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.overset import has_donor, overlap
 from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.overset import has_donor, overlap
 from sdm_deflect.cases.zero_sites import BLOCK, block_stations
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from sdm_deflect.cases.overset import has_donor
+from sdm_deflect.cases.sdm.overset import has_donor
 from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.quality import mean_ratio
 
