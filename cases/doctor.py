@@ -13,7 +13,7 @@ from tempfile import TemporaryFile
 import numpy as np
 
 from sdm_deflect.cases.report.offscreen import RenderError, rendered
-from sdm_deflect.cases.report.scene import View, plain
+from sdm_deflect.cases.report.scene3d import View, plain
 from sdm_deflect.cases.surroundings import blas, usable_cores, versions
 from sdm_deflect.meshing.cache import MeshCache, default_folder
 

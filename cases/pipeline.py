@@ -32,9 +32,9 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> 
     """Run a case and write its files into `folder`."""
     with reference(case) as deflected_cad:
         # Matplotlib, pyvista and trimesh load while the CAD is being built.
-        from sdm_deflect.cases.report.gallery import drawn
+        from sdm_deflect.cases.report.data import report_data_of
         from sdm_deflect.cases.report.page import write_report
-        from sdm_deflect.cases.report.story import outcome_of
+        from sdm_deflect.cases.report.pictures import drawn
         from sdm_deflect.cases.validate import validate
 
         mesh, origin = meshed(case, watch, cache)
@@ -47,19 +47,19 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> 
             stiff = pinned_quality(case, mesh, results[0], tell) if case.domain == "block" else None
             tell(adapted(results), 1.0)
         with watch.stage("pictures") as tell:
-            outcome = outcome_of(case, mesh, deflected, results)
-            gallery = drawn(outcome, folder / "figures")
+            shown = report_data_of(case, mesh, deflected, results)
+            gallery = drawn(shown, folder / "figures")
             tell(f"{len(gallery.exhibits)} pictures", 1.0)
         with watch.stage("files") as tell:
             write_deformation(folder, case, mesh, deflected, results, background)
             tell(f"{sum(path.stat().st_size for path in folder.glob('*.*')) / 1e6:.1f} MB", 1.0)
         with watch.stage("validation") as tell:
             tell("waiting for the deflected CAD", nan)
-            checks = validate(case, mesh, deflected, outcome.turns, deflected_cad(), background)
+            checks = validate(case, mesh, deflected, shown.turns, deflected_cad(), background)
             tell(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
     run = Run(case, mesh, origin, deflected, results, whole, checks, watch.seconds, background, stiff)
     with watch.stage("report") as tell:
-        write_report(outcome.judged(checks, metrics(run)), gallery, folder)
+        write_report(shown.judged(checks, metrics(run)), gallery, folder)
         tell(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
     write_metrics(run, folder)
     return run

@@ -1,16 +1,42 @@
-"""Figure 1: the aircraft's surfaces by component, and the two overlapping Chimera blocks."""
+"""The paper's figures of the aircraft: its patches and blocks (1), the gap beside an aileron (5), the tail (6, 8)."""
 
-from sdm_deflect.cases.report.colours import COMPONENTS, MAGENTA, components_of
-from sdm_deflect.cases.report.compose import Picture
-from sdm_deflect.cases.report.layers import box, patches
-from sdm_deflect.cases.report.scene import View, framed, plain
+from collections.abc import Sequence
+
+import numpy as np
+
+from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
+from sdm_deflect.cases.report.pictures import Picture
+from sdm_deflect.cases.report.scene3d import (
+    BLUE,
+    COMPONENTS,
+    DARK,
+    GREY,
+    MAGENTA,
+    ORANGE,
+    View,
+    box,
+    cells_by_quality,
+    centroids,
+    components_of,
+    dots,
+    framed,
+    patches,
+    plain,
+    walls,
+)
 from sdm_deflect.cases.run import Run
+from sdm_deflect.cases.tail import panel_of
 from sdm_deflect.cases.zero_sites import BLOCK
-from sdm_deflect.geometry.confinement import block_corners
+from sdm_deflect.geometry.confinement import block_corners, gap_faces
+from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.mesh import TetMesh
 
-FAR_FIELD = "far_field"
-PIXELS = (900, 620)
+WHOLE, GAP, TAIL = (900, 620), (900, 700), (900, 640)
+"""Width and height in pixels of each view."""
+OUTBOARD, ALONG = 4.0, 4.5
+"""Extent of the portion outboard of the aileron's end, and above and below it, by the distance to the block's face."""
+CUT = 0.35
+"""Where the mesh is cut for figure 8: share of the span from root to tip."""
 
 
 def blocks(aircraft: Run, chimera: Run) -> Picture:
@@ -34,15 +60,10 @@ def blocks(aircraft: Run, chimera: Run) -> Picture:
     )
 
 
-def walls(mesh: TetMesh) -> list[str]:
-    """Return the patches of the aircraft itself."""
-    return [name for name in mesh.names[1:] if name not in (FAR_FIELD, BLOCK)]
-
-
 def whole(mesh: TetMesh) -> View:
     """Look at the aircraft from ahead, port and above."""
     layers = patches(mesh, walls(mesh), edge=(70, 70, 70), width=0.6)
-    return framed(layers, mesh.points[mesh.on(*walls(mesh))], (-1.0, -1.1, 0.9), PIXELS)
+    return framed(layers, mesh.points[mesh.on(*walls(mesh))], (-1.0, -1.1, 0.9), WHOLE)
 
 
 def overlapping(run: Run, background: TetMesh) -> View:
@@ -51,4 +72,114 @@ def overlapping(run: Run, background: TetMesh) -> View:
     around = patches(background, walls(background), edge=(120, 120, 120), width=0.4)
     own = patches(run.mesh, walls(run.mesh), edge=(60, 60, 60), width=0.6)
     outside = plain(run.mesh.points, run.mesh.triangles_of(BLOCK), MAGENTA, opacity=0.12)
-    return framed((*around, *own, outside, box(corners)), corners, (0.9, -1.0, 0.9), PIXELS)
+    return framed((*around, *own, outside, box(corners)), corners, (0.9, -1.0, 0.9), WHOLE)
+
+
+def gaps(runs: Sequence[Run]) -> Picture:
+    """Draw the gap of each run as deflected, seen from behind."""
+    return Picture(
+        tuple(gap(run) for run in runs),
+        tuple(f"{run.case.angle:+g} deg" for run in runs),
+        "Cells around the end of the deflected aileron, cut near its trailing edge and seen from behind; the straight "
+        "face on the right is the Chimera block's, on which nodes slide. Colours show the mean ratio; aileron and wing "
+        "are dark grey, the hexahedron has magenta edges.",
+        columns=len(runs),
+        quality=True,
+    )
+
+
+def gap(run: Run) -> View:
+    """Look at the gap from behind and a little from above and inboard."""
+    turn, mesh = run.deflections[0].turn, run.deflected
+    own, face, end = stations(run)
+    width = abs(face - own)
+    grey = patches(mesh, walls(mesh), DARK)
+    cells = cells_by_quality(mesh, in_gap(run), width=1.2)
+    focus = np.array([end[1, 0], own - np.sign(face - own) * width, 2.0 * width])
+    return View((*grey, cells, box(turn.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 14.0 * width, GAP)
+
+
+def stations(run: Run) -> tuple[float, float, FloatArray]:
+    """Return y of the aileron's end and of the block's face in the gap, and the aileron's section (3, 3) there."""
+    surface, fighter = run.deflections[0].turn.surface, run.case.fighter
+    section = ends(fighter, surface)[0][2:5]
+    return float(ribs(fighter, surface)[0]), float(gap_faces(fighter, run.case.block, surface)[0]), section
+
+
+def in_gap(run: Run) -> BoolArray:
+    """True for cells (M,) ahead of the trailing edge, from the block's face to some gaps outboard.
+
+    They are chosen by where they were before the deflection, so that every angle shows the same cells.
+    """
+    own, face, section = stations(run)
+    x, y, z = centroids(run.mesh).T
+    width, outboard = abs(face - own), np.sign(own - face) * (y - own)
+    ahead = (x > section[0, 0]) & (x < section[1, 0] - 0.25 * np.ptp(section[:, 0]))
+    return np.asarray(ahead & (outboard < OUTBOARD * width) & (np.abs(z) < ALONG * width))
+
+
+def confinement(run: Run) -> Picture:
+    """Figure 6: surface meshes of tail and panel, the hexahedron and the zero sites on its faces."""
+    region, mesh = run.deflections[0].turn.region, run.mesh
+    surface = region.surface
+    shown = patches(mesh, (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
+    rest = patches(mesh, (name for name in walls(mesh) if name not in run.deflections[0].turn.motion.patches), GREY,
+                   opacity=0.25)  # fmt: skip
+    zero = tuple(dots(part.points, BLUE, 10.0) for part in region.zero)
+    corners = region.hexahedron.corners
+    view = framed((*rest, *shown, *zero, box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
+    return Picture(
+        (view,), (f"{len(region.zero[0])} sites at zero, {len(run.deflections[0].turn.motion.nodes)} on the surface",),
+        "Surface mesh of the left tail and of the fuselage panel on which it turns; the hexahedron in magenta and the "
+        "data sites of zero displacement on its faces as blue dots.", columns=1,
+    )  # fmt: skip
+
+
+def around(run: Run) -> Picture:
+    """Figure 8: cells around the tail by quality, and the panel's surface mesh, before and after."""
+    pair = ((run.mesh, "undeflected"), (run.deflected, f"{run.case.angle:+g} deg"))
+    return Picture(
+        (*(section(run, mesh) for mesh, _ in pair), *(panel(run, mesh) for mesh, _ in pair)),
+        (*(f"cells around the tail, {text}" for _, text in pair), *(f"fuselage panel, {text}" for _, text in pair)),
+        "Top: cells cut across the span of the tail, coloured by mean ratio, before and after the deflection, with the "
+        "tail in grey. Bottom: surface meshes of the fuselage panels; only the one beside the tail follows it.",
+        quality=True,
+    )
+
+
+def section(run: Run, mesh: TetMesh) -> View:
+    """Look from the tip at the cells inboard of a cut across the tail."""
+    span, region = ends(run.case.fighter, run.deflections[0].turn.surface), run.deflections[0].turn.region
+    middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
+    grey = patches(mesh, (region.surface,), GREY)
+    cells = cells_by_quality(mesh, cut(run, middle), width=0.8)
+    return View((*grey, cells, box(region.hexahedron.corners, 2.0)), middle, (0.12, -1.0, 0.3), 0.16, TAIL)
+
+
+def cut(run: Run, middle: FloatArray) -> BoolArray:
+    """True for cells (M,) that touch the hexahedron and lie inboard of the cut; chosen before the deflection."""
+    region, centre = run.deflections[0].turn.region, centroids(run.mesh)
+    return np.asarray(run.mesh.touching(region.inside) & (np.abs(centre[:, 1]) < abs(middle[1])))
+
+
+def panel(run: Run, mesh: TetMesh) -> View:
+    """Look from behind at the fuselage panels with their surface meshes; all else is shaded."""
+    surface = run.deflections[0].turn.surface
+    meshed = [name for name in walls(mesh) if name.startswith("fuselage_")]
+    shaded = [name for name in walls(mesh) if name not in meshed and not name.startswith("wing")]
+    layers = (
+        *patches(mesh, shaded, GREY),
+        *patches(mesh, meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
+        plain(run.mesh.points, border(run.mesh, surface), ORANGE, width=5.0),
+    )
+    focus = mesh.points[mesh.on(panel_of(surface))].mean(axis=0)
+    return View(layers, focus, (0.55, -1.0, 0.5), 0.2, TAIL)
+
+
+def border(mesh: TetMesh, surface: str) -> IndexArray:
+    """Return the edges (E, 2) at which the panel of a tail meets patches other than the tail."""
+    triangles = mesh.triangles_of(panel_of(surface))
+    edges = np.sort(np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    distinct, count = np.unique(edges, axis=0, return_counts=True)
+    outer = distinct[count == 1]
+    return np.asarray(outer[~np.isin(outer, mesh.on(surface)).all(axis=1)])

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
-from sdm_deflect.cases.report.story import Story
+from sdm_deflect.cases.report.data import ReportData
 from sdm_deflect.cases.turn import Turn
 
 MAP = "viridis"
@@ -18,10 +18,10 @@ LEAST, TOP = 1e-17, 1e2
 MEASURED = ("surface_to_cad", "root_on_cylinder")
 
 
-def cad_distances(story: Story, turn: Turn) -> FloatArray:
+def cad_distances(data: ReportData, turn: Turn) -> FloatArray:
     """Distance (N,) of each mesh node from the deflected CAD, nan where none was measured."""
-    distance = np.full(len(story.mesh.points), np.nan)
-    for check in story.checks:
+    distance = np.full(len(data.mesh.points), np.nan)
+    for check in data.checks:
         name, _, surface = check.name.partition(":")
         own = surface in ("", turn.surface)
         if name in MEASURED and own and check.nodes is not None and check.distances is not None:
@@ -29,11 +29,11 @@ def cad_distances(story: Story, turn: Turn) -> FloatArray:
     return distance
 
 
-def cad_map(story: Story, turn: Turn) -> tuple[Figure, str]:
+def cad_map(data: ReportData, turn: Turn) -> tuple[Figure, str]:
     """Draw the map of a control surface and say what is seen."""
-    distance, limit = cad_distances(story, turn), story.case.limits.surface_to_cad
-    triangles = story.deflected.triangles_of(turn.surface)
-    points = story.deflected.points
+    distance, limit = cad_distances(data, turn), data.case.limits.surface_to_cad
+    triangles = data.deflected.triangles_of(turn.surface)
+    points = data.deflected.points
     seen, up, sides = views(points, triangles)
     norm = LogNorm(LEAST, max(TOP * LEAST, float(np.nanmax(distance, initial=LEAST))))
     flat = 1e3 * points[:, seen]

@@ -1,4 +1,7 @@
-"""Plots of one run: convergence and quality histograms, one panel for each control surface."""
+"""Plots: convergence and quality histograms, of one run's control surfaces and of several runs."""
+
+from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 
@@ -8,7 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.report.story import Course, Outcome
+from sdm_deflect.cases.motion import FloatArray
+from sdm_deflect.cases.report.data import Course, ReportData
+from sdm_deflect.cases.run import Run
 from sdm_deflect.cases.turn import Turn
 from sdm_deflect.meshing.quality import mean_ratio
 
@@ -36,12 +41,12 @@ def panels(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]
     return figure, axes[:count]
 
 
-def convergence(outcome: Outcome) -> tuple[Figure, str]:
+def convergence(data: ReportData) -> tuple[Figure, str]:
     """Largest residual against the number of centres, per direction (the paper's figure 2), and what is seen."""
-    figure, axes = panels(len(outcome.turns), 4.6, 3.5)
-    tolerance, texts = outcome.case.adaptation.tolerance, []
-    for one, turn in zip(axes, outcome.turns, strict=True):
-        courses = [course for course in outcome.courses if course.surface == turn.surface and course.step == 1]
+    figure, axes = panels(len(data.turns), 4.6, 3.5)
+    tolerance, texts = data.case.adaptation.tolerance, []
+    for one, turn in zip(axes, data.turns, strict=True):
+        courses = [course for course in data.courses if course.surface == turn.surface and course.step == 1]
         for course in courses:
             _course(one, course)
         one.axhline(tolerance, color="0.4", lw=1, label=f"tolerance {tolerance:g} m")
@@ -59,20 +64,20 @@ def _course(axes: Axes, course: Course) -> None:
     axes.semilogy(course.centres, errors, label=f"$f_{{{course.directions}}}$", lw=1.8, ms=4.5, **style)
 
 
-def quality(outcome: Outcome) -> tuple[Figure, str]:
+def quality(data: ReportData) -> tuple[Figure, str]:
     """Mean ratio of the cells that touch each hexahedron, before and after on common bins, and what is seen."""
-    figure, axes = panels(len(outcome.turns), 4.6, 3.5)
-    texts = [histogram(outcome, turn, one) for one, turn in zip(axes, outcome.turns, strict=True)]
+    figure, axes = panels(len(data.turns), 4.6, 3.5)
+    texts = [histogram(data, turn, one) for one, turn in zip(axes, data.turns, strict=True)]
     return figure, "Histograms of the mean ratio before and after the deflection. " + " ".join(texts)
 
 
-def histogram(outcome: Outcome, turn: Turn, axes: Axes) -> str:
+def histogram(data: ReportData, turn: Turn, axes: Axes) -> str:
     """Draw the histograms of one control surface's hexahedron and say what is seen."""
-    cells = outcome.mesh.tets[outcome.touching(turn)]
-    before, after = (mean_ratio(mesh.points, cells) for mesh in (outcome.mesh, outcome.deflected))
+    cells = data.mesh.tets[data.touching(turn)]
+    before, after = (mean_ratio(mesh.points, cells) for mesh in (data.mesh, data.deflected))
     axes.stairs(np.histogram(after, BINS)[0], BINS, label="deflected", color="#e0a36a", fill=True)
     axes.stairs(np.histogram(before, BINS)[0], BINS, label="undeflected", color="black", lw=1.4)
-    limit = outcome.case.limits.quality_min
+    limit = data.case.limits.quality_min
     axes.axvline(limit, color="0.35", lw=1, ls="--", label=f"limit {limit:g}")
     axes.set(xlabel="mean ratio of a cell", ylabel="cells (log above 1)", yscale="symlog", xlim=(0.0, 1.0))
     axes.set_title(f"{turn.surface}: smallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")
@@ -82,3 +87,33 @@ def histogram(outcome: Outcome, turn: Turn, axes: Axes) -> str:
         f"{turn.surface}: {len(cells)} cells that touch the hexahedron; smallest {before.min():.3f} before and "
         f"{after.min():.3f} after, mean {before.mean():.3f} before and {after.mean():.3f} after."
     )
+
+
+def histograms(runs: Sequence[Run], titles: Sequence[str]) -> tuple[Figure, str]:
+    """Draw one pair of histograms of all cells of the mesh for each run, and say what is seen."""
+    figure = Figure(figsize=(4.6 * len(runs), 3.6), layout="constrained")
+    axes = figure.subplots(1, len(runs), sharey=True, squeeze=False)[0]
+    texts = [pair(run, one, title) for run, one, title in zip(runs, axes, titles, strict=True)]
+    axes[0].set_ylabel("cells (log above 1)")
+    axes[0].legend(loc="upper left", fontsize="small")
+    return figure, "Histograms of the mean ratio before and after the deflection. " + " ".join(texts)
+
+
+def pair(run: Run, axes: Axes, title: str) -> str:
+    """Draw the histograms of one run: of the whole mesh as in the paper, and of the cells that touch the hexahedron."""
+    before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
+    region = run.deflections[0].turn.region
+    near = run.mesh.touching(region.inside)
+    bars(axes, after, "deflected", color="#d55e00", alpha=0.5, fill=True)
+    bars(axes, before, "undeflected", color="black", lw=1.4)
+    bars(axes, after[near], "deflected, at the hexahedron", color="#0072b2", lw=1.8)
+    bars(axes, before[near], "undeflected, at the hexahedron", color="black", lw=1.2, ls=":")
+    axes.set(xlabel="mean ratio", yscale="symlog", xlim=(0.0, 1.0), ylim=(0.0, None))
+    axes.set_title(f"{title}\nsmallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")
+    axes.grid(alpha=0.3)
+    return f"{title}: smallest {before.min():.3f} before and {after.min():.3f} after."
+
+
+def bars(axes: Axes, quality: FloatArray, label: str, **looks: Any) -> None:
+    """Draw one histogram on the common bins."""
+    axes.stairs(np.histogram(quality, BINS)[0], BINS, label=label, **looks)

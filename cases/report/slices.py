@@ -10,8 +10,8 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 from sdm_deflect.cases.motion import FloatArray
-from sdm_deflect.cases.report.colours import QUALITY_MAP, QUALITY_RANGE
-from sdm_deflect.cases.report.story import Outcome
+from sdm_deflect.cases.report.data import ReportData
+from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
 from sdm_deflect.cases.turn import Turn
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.mesh import TetMesh
@@ -52,9 +52,9 @@ class Plane:
         return f"{self.what}, {AXES[self.axis]} = {1e3 * self.station:.1f} mm"
 
 
-def planes(outcome: Outcome, turn: Turn) -> tuple[Plane, Plane]:
+def planes(data: ReportData, turn: Turn) -> tuple[Plane, Plane]:
     """The two planes of a control surface: a chord at half span; across the chord, close to the root or gap."""
-    points, corners = outcome.mesh.points[outcome.mesh.on(turn.surface)], turn.region.hexahedron.corners
+    points, corners = data.mesh.points[data.mesh.on(turn.surface)], turn.region.hexahedron.corners
     span = int(np.ptp(points, axis=0)[1:].argmax()) + 1
     outwards = np.abs(points[:, span])
     inner = points[outwards <= outwards.min() + ROOT * np.ptp(outwards)]
@@ -71,9 +71,9 @@ def planes(outcome: Outcome, turn: Turn) -> tuple[Plane, Plane]:
     )
 
 
-def slices(outcome: Outcome, turn: Turn) -> tuple[Figure, str]:
+def slices(data: ReportData, turn: Turn) -> tuple[Figure, str]:
     """Draw both planes of a control surface before and after the deflection, and say what is seen."""
-    chosen = planes(outcome, turn)
+    chosen = planes(data, turn)
     figure = Figure(figsize=(9.6, 9.0))
     figure.subplots_adjust(left=0.08, right=0.85, bottom=0.06, top=0.91, wspace=0.22, hspace=0.25)
     axes, texts = figure.subplots(2, 2), []
@@ -81,7 +81,7 @@ def slices(outcome: Outcome, turn: Turn) -> tuple[Figure, str]:
         smallest = [
             draw(one, mesh, turn, plane, state)
             for one, mesh, state in zip(
-                row, (outcome.mesh, outcome.deflected), ("undeflected", f"{turn.angle:+g} deg"), strict=True
+                row, (data.mesh, data.deflected), ("undeflected", f"{turn.angle:+g} deg"), strict=True
             )
         ]
         before, after = smallest
@@ -91,8 +91,7 @@ def slices(outcome: Outcome, turn: Turn) -> tuple[Figure, str]:
     figure.suptitle(turn.surface, fontsize="medium")
     return figure, (
         f"Plane slices through the cells around {turn.surface}, coloured by mean ratio, before (left) and after "
-        "(right); walls are black, the hexahedron is dashed. "
-        + " ".join(texts)
+        "(right); walls are black, the hexahedron is dashed. " + " ".join(texts)
     )
 
 

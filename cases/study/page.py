@@ -15,11 +15,10 @@ from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.pipeline import meshed, run_case
 from sdm_deflect.cases.progress import Display, Stopwatch
 from sdm_deflect.cases.registry import case_named
-from sdm_deflect.cases.report import aircraft, gap, tail
-from sdm_deflect.cases.report.compose import figure_of
-from sdm_deflect.cases.report.histograms import histograms
+from sdm_deflect.cases.report import aircraft
+from sdm_deflect.cases.report.figures import histograms
 from sdm_deflect.cases.report.offscreen import RenderError
-from sdm_deflect.cases.report.png import write_png
+from sdm_deflect.cases.report.pictures import figure_of, write_png
 from sdm_deflect.cases.run import Run
 from sdm_deflect.cases.study.measure import filter_is_cheap, savings, timed
 from sdm_deflect.cases.study.paper import QualityStatement, paper
@@ -147,7 +146,7 @@ def figure4(runs: Sources, folder: Path) -> str:
 def figure5(runs: Sources, folder: Path) -> str:
     """The gap at both angles, and the checks that the paper does by eye."""
     pair = [runs.run("aileron-chimera", angle) for angle in (-12.0, -30.0)]
-    picture = gap.gaps(pair)
+    picture = aircraft.gaps(pair)
     names = ("outside_moved", "fixed_surfaces_moved", "planarity", "inverted_cells")
     checks = [line for run in pair for line in _checks(run, names)]
     return (
@@ -163,7 +162,7 @@ def figure5(runs: Sources, folder: Path) -> str:
 def figure6(runs: Sources, folder: Path) -> str:
     """The tail with its hexahedron and sites."""
     run = runs.run("tail", 12.0)
-    picture, theirs, turn = tail.confinement(run), paper().size("tail"), run.deflections[0].turn
+    picture, theirs, turn = aircraft.confinement(run), paper().size("tail"), run.deflections[0].turn
     return _shown(figure_of(picture), picture.alternative, folder / "figure6.png") + (
         f"\n\n- Sites: here {len(turn.motion.nodes)} on the surface and {turn.region.zero_sites(0)} on the hexahedron; "
         f"the paper: {theirs.surface} and {theirs.zero_sites[0]}.\n"
@@ -181,7 +180,7 @@ def figure7(runs: Sources, folder: Path) -> str:
 def figure8(runs: Sources, folder: Path) -> str:
     """The mesh around the tail, and the checks that the paper does by eye."""
     run = runs.run("tail", 12.0)
-    picture = tail.around(run)
+    picture = aircraft.around(run)
     names = ("planarity", "cylindricity", "root_on_cylinder", "fixed_surfaces_moved", "outside_moved")
     return (
         _shown(figure_of(picture), picture.alternative, folder / "figure8.png")

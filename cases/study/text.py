@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.report.png import write_png
+from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.study.measure import DEFAULT, GROWN, REPETITIONS, Loop, SiteGroups
 from sdm_deflect.cases.study.paper import Row, Setting, Size, paper
 from sdm_deflect.cases.study.plots import DRAW

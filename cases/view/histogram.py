@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdm_deflect.cases.motion import FloatArray, IndexArray
-from sdm_deflect.cases.report.colours import quality_rgb
+from sdm_deflect.cases.report.scene3d import quality_rgb
 
 BINS = np.linspace(0.0, 1.0, 41)
 WIDTH, HEIGHT, LEFT, BASE = 340.0, 126.0, 38.0, 96.0

@@ -6,7 +6,7 @@ import numpy as np
 from trame.ui.vuetify3 import VAppLayout
 from trame.widgets import client, html, vtk, vuetify3
 
-from sdm_deflect.cases.report.colours import QUALITY_RANGE, quality_rgb
+from sdm_deflect.cases.report.scene3d import QUALITY_RANGE, quality_rgb
 
 PANEL = "width:384px;min-width:384px;height:100vh;overflow-y:auto;border-right:1px solid #ddd;background:#fafafa"
 HEADING = "font:600 11px sans-serif;letter-spacing:.04em;color:#555;margin:9px 0 2px"

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
-from sdm_deflect.cases.report.colours import quality_rgb
+from sdm_deflect.cases.report.scene3d import quality_rgb
 from sdm_deflect.cases.view.live import Frame, Live
 from sdm_deflect.cases.view.section import Plane, Section
 from sdm_deflect.cases.zero_sites import BLOCK

@@ -5,14 +5,26 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.report import aircraft, gap, tail
-from sdm_deflect.cases.report.colours import QUALITY_RANGE, patch_colour, quality_rgb
-from sdm_deflect.cases.report.compose import Picture, figure_of
-from sdm_deflect.cases.report.histograms import histograms
-from sdm_deflect.cases.report.layers import cells_by_quality, shell
+from sdm_deflect.cases.report import aircraft
+from sdm_deflect.cases.report.figures import histograms
 from sdm_deflect.cases.report.offscreen import RenderError, rendered
-from sdm_deflect.cases.report.png import write_png
-from sdm_deflect.cases.report.scene import MARGIN, Layer, View, decoded, encoded, framed, legible, plain
+from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
+from sdm_deflect.cases.report.scene3d import (
+    MARGIN,
+    QUALITY_RANGE,
+    Layer,
+    View,
+    cells_by_quality,
+    decoded,
+    encoded,
+    framed,
+    legible,
+    patch_colour,
+    plain,
+    quality_rgb,
+    shell,
+    walls,
+)
 from sdm_deflect.meshing.quality import signed_volumes
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -88,7 +100,7 @@ def test_better_cells_are_brighter():
 def test_sides_have_one_colour_and_all_components_have_one(aileron_mesh):
     assert patch_colour("tail_left") == patch_colour("tail_right") != patch_colour("wing_left")
     assert patch_colour("fuselage_panel_left") == patch_colour("fuselage_rear") == patch_colour("fuselage")
-    for name in aircraft.walls(aileron_mesh[0]):
+    for name in walls(aileron_mesh[0]):
         assert max(patch_colour(name)) <= 255
 
 
@@ -124,12 +136,12 @@ def test_histograms_hold_every_cell_before_and_after(tail_run):
 @pytest.mark.mesher
 def test_tail_is_drawn_before_and_after(tail_run, tmp_path):
     run, _ = tail_run
-    border = tail.border(run.mesh, "tail_left")
+    border = aircraft.border(run.mesh, "tail_left")
     panel = run.mesh.on("fuselage_panel_left")
     np.testing.assert_array_equal(run.deflected.points[border], run.mesh.points[border])
     assert np.isin(border, panel).all()
-    write_png(figure_of(tail.confinement(run)), tmp_path / "figure6.png")
-    write_png(figure_of(tail.around(run)), tmp_path / "figure8.png")
+    write_png(figure_of(aircraft.confinement(run)), tmp_path / "figure6.png")
+    write_png(figure_of(aircraft.around(run)), tmp_path / "figure8.png")
     for name in ("figure6", "figure8"):
         assert 20_000 < (tmp_path / f"{name}.png").stat().st_size < 300_000
 
@@ -137,15 +149,15 @@ def test_tail_is_drawn_before_and_after(tail_run, tmp_path):
 @pytest.mark.mesher
 def test_gap_shows_cells_at_the_block_face_alone_that_moved(chimera_run, tmp_path):
     run, _ = chimera_run
-    chosen = gap.in_gap(run)
-    own, face, _ = gap.stations(run)
+    chosen = aircraft.in_gap(run)
+    own, face, _ = aircraft.stations(run)
     inboard = np.sign(face - own) * (run.mesh.points[run.mesh.tets[chosen]][..., 1] - own)
     assert 50 < chosen.sum() < len(chosen) / 4
     assert inboard.max() == pytest.approx(abs(face - own))
     before, after = (cells_by_quality(mesh, chosen) for mesh in (run.mesh, run.deflected))
     assert (before.rgb != after.rgb).any()
     np.testing.assert_array_equal(before.cells, after.cells)
-    write_png(figure_of(gap.gaps([run])), tmp_path / "figure5.png")
+    write_png(figure_of(aircraft.gaps([run])), tmp_path / "figure5.png")
     assert 20_000 < (tmp_path / "figure5.png").stat().st_size < 300_000
 
 

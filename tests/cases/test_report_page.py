@@ -13,11 +13,11 @@ import pytest
 from PIL import Image
 
 from sdm_deflect.cases.metrics import metrics
-from sdm_deflect.cases.report.gallery import Gallery, drawn
-from sdm_deflect.cases.report.interactive import thinned, turnable
+from sdm_deflect.cases.report.data import report_data_of, report_data_of_folder
 from sdm_deflect.cases.report.offscreen import rendering
 from sdm_deflect.cases.report.page import page, write_report
-from sdm_deflect.cases.report.story import of_folder, outcome_of
+from sdm_deflect.cases.report.pictures import Gallery, drawn
+from sdm_deflect.cases.report.turnable import thinned, turnable
 from sdm_deflect.meshing.quality import mean_ratio
 
 EVIL = "</script><script>document.title='broken'</script><img src=x onerror=\"document.title='broken'\">"
@@ -31,9 +31,9 @@ DRAWN = "#turnable[data-state={}]"
 pytestmark = pytest.mark.mesher
 
 
-def story_of(run):
-    """The story of a run that has just ended."""
-    return outcome_of(run.case, run.mesh, run.deflected, run.deflections).judged(run.checks, metrics(run))
+def data_of(run):
+    """What the page of a run shows, of one that has just ended."""
+    return report_data_of(run.case, run.mesh, run.deflected, run.deflections).judged(run.checks, metrics(run))
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_threshold_shows_the_cells_below_it(aileron_run, opened):
     before = seen(tab)
     tab.locator("#scene-threshold").fill("0.8")
     assert changed(before, seen(tab)) > 500
-    near = story_of(run).touching(run.deflections[0].turn)
+    near = data_of(run).touching(run.deflections[0].turn)
     expected = np.count_nonzero(mean_ratio(run.deflected.points, run.mesh.tets[near]) < 0.8)
     said = f"{expected} of {np.count_nonzero(near)} cells below 0.80, 0 inverted"
     assert tab.locator("#scene-count").inner_text() == said
@@ -128,8 +128,8 @@ def test_names_cannot_inject_markup(aileron_run, opened, tmp_path):
     run, _ = aileron_run
     names = tuple(EVIL if name == "fin" else name for name in run.mesh.names)
     mesh, deflected = (replace(one, names=names) for one in (run.mesh, run.deflected))
-    story = story_of(replace(run, case=replace(run.case, title=EVIL, name=EVIL), mesh=mesh, deflected=deflected))
-    (tmp_path / "report.html").write_text(page(story, Gallery((), EVIL)), encoding="utf-8")
+    data = data_of(replace(run, case=replace(run.case, title=EVIL, name=EVIL), mesh=mesh, deflected=deflected))
+    (tmp_path / "report.html").write_text(page(data, Gallery((), EVIL)), encoding="utf-8")
     tab, _, complaints = opened(tmp_path / "report.html")
     assert "broken" not in tab.title().replace(EVIL, "")
     assert tab.locator("img").count() == 0
@@ -140,9 +140,9 @@ def test_names_cannot_inject_markup(aileron_run, opened, tmp_path):
 
 def test_missing_graphics_is_a_sentence(aileron_run, tmp_path, monkeypatch):
     failing = partial(rendering, module="sdm_deflect.cases.report.no_such_module")
-    monkeypatch.setattr("sdm_deflect.cases.report.gallery.rendering", failing)
-    story = story_of(aileron_run[0])
-    write_report(story, drawn(story, tmp_path / "figures"), tmp_path)
+    monkeypatch.setattr("sdm_deflect.cases.report.pictures.rendering", failing)
+    data = data_of(aileron_run[0])
+    write_report(data, drawn(data, tmp_path / "figures"), tmp_path)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "No picture of the surface meshes could be drawn" in text
     assert "apt-get install" in text
@@ -152,7 +152,7 @@ def test_missing_graphics_is_a_sentence(aileron_run, tmp_path, monkeypatch):
 
 def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
     run, folder = aileron_run
-    fresh, stored = story_of(run), of_folder(folder)
+    fresh, stored = data_of(run), report_data_of_folder(folder)
     assert stored.checks == fresh.checks
     assert [(c.surface, c.directions, c.centres) for c in stored.courses] == [
         (c.surface, c.directions, c.centres) for c in fresh.courses
@@ -163,7 +163,7 @@ def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
 
 def test_turnable_picture_holds_the_meshes(tail_run):
     run, _ = tail_run
-    scene = turnable(story_of(run))
+    scene = turnable(data_of(run))
     triangles = {name: len(run.mesh.triangles_of(name)) for name in run.mesh.names[1:] if name != "far_field"}
     assert {one["name"]: len(b64decode(one["faces"])) // 12 for one in scene["patches"]} == triangles
     assert {one["name"] for one in scene["patches"] if one["moved"]} == {"tail_left", "fuselage_panel_left"}
@@ -174,9 +174,9 @@ def test_turnable_picture_holds_the_meshes(tail_run):
 
 def test_large_patches_are_thinned_away_from_the_hexahedra(tail_run, monkeypatch):
     run, _ = tail_run
-    story, mesh = story_of(run), run.mesh
-    inside = story.turns[0].region.inside
-    monkeypatch.setattr("sdm_deflect.cases.report.interactive.MOST_TRIANGLES", 150)
+    data, mesh = data_of(run), run.mesh
+    inside = data.turns[0].region.inside
+    monkeypatch.setattr("sdm_deflect.cases.report.turnable.MOST_TRIANGLES", 150)
     for name in ("fuselage", "tail_left", "tail_right"):
         whole = mesh.triangles_of(name)
         shown = thinned(mesh, whole, inside)
@@ -188,7 +188,7 @@ def test_large_patches_are_thinned_away_from_the_hexahedra(tail_run, monkeypatch
         assert set(map(tuple, fixed)) <= set(map(tuple, shown))
         assert (len(shown) < 0.8 * len(whole)) == (name != "tail_left")
         assert area(mesh.points[shown]) == pytest.approx(area(mesh.points[whole]), rel=0.1)
-    names = {one["name"] for one in turnable(story)["patches"]}
+    names = {one["name"] for one in turnable(data)["patches"]}
     assert {"fuselage (thinned)", "tail_left"} <= names
 
 
@@ -201,10 +201,10 @@ def area(corners):
 
 
 def test_dots_are_thinned_and_counted(tail_run, monkeypatch):
-    story = story_of(tail_run[0])
-    (whole,) = (one for one in turnable(story)["dots"] if one["name"] == "sites on the surface")
-    monkeypatch.setattr("sdm_deflect.cases.report.interactive.MOST_DOTS", 100)
-    few = turnable(story)["dots"][0]
+    data = data_of(tail_run[0])
+    (whole,) = (one for one in turnable(data)["dots"] if one["name"] == "sites on the surface")
+    monkeypatch.setattr("sdm_deflect.cases.report.turnable.MOST_DOTS", 100)
+    few = turnable(data)["dots"][0]
     assert len(b64decode(few["points"])) <= 100 * 12 < len(b64decode(whole["points"]))
     assert few["count"] == whole["count"]
     assert few["name"].startswith("sites on the surface, 1 in ")

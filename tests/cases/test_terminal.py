@@ -10,7 +10,7 @@ from rich.console import Console
 from sdm_deflect.cases.console import WIDTH, console, summary, verdict
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.progress import Bars, Lines, Silent, Stopwatch, shown
-from sdm_deflect.cases.report.story import of_folder
+from sdm_deflect.cases.report.data import report_data_of_folder
 from sdm_deflect.cases.validation import Check
 
 ESCAPE = "\x1b"
@@ -71,7 +71,7 @@ def test_switches_choose_what_is_shown(quiet, verbose, kind):
 
 def test_report_of_no_run_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match="is not the output folder of a run"):
-        of_folder(tmp_path)
+        report_data_of_folder(tmp_path)
 
 
 @pytest.mark.mesher

@@ -3,7 +3,7 @@
 import csv
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
 
@@ -39,13 +39,16 @@ class Course:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
-    """What a run has to show before it is judged.
+class ReportData:
+    """Everything that the page of a run shows.
 
     Attributes
     ----------
     mesh, deflected : before and after; same cells, same order.
     turns : what each control surface was to do.
+    courses, centres : the adaptations.
+    checks : the validation; empty until the run is judged.
+    figures : the content of metrics.json; empty until then.
     """
 
     case: Case
@@ -54,38 +57,24 @@ class Outcome:
     turns: tuple[Turn, ...]
     courses: tuple[Course, ...]
     centres: Centres
-
-    def touching(self, turn: Turn) -> BoolArray:
-        """True for cells (M,) with a node inside the hexahedron of a control surface."""
-        return self.mesh.touching(turn.region.inside)
-
-    def judged(self, checks: tuple[Check, ...], figures: Json) -> "Story":
-        """Return the story with the validation and the content of metrics.json."""
-        return Story(
-            self.case, self.mesh, self.deflected, self.turns, self.courses, self.centres, checks, figures
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Story(Outcome):
-    """Everything that the page of a run shows.
-
-    Attributes
-    ----------
-    checks : the validation.
-    figures : the content of metrics.json.
-    """
-
-    checks: tuple[Check, ...]
-    figures: Json
+    checks: tuple[Check, ...] = ()
+    figures: Json = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:
         """True if every check passed."""
         return all(check.passed for check in self.checks)
 
+    def touching(self, turn: Turn) -> BoolArray:
+        """True for cells (M,) with a node inside the hexahedron of a control surface."""
+        return self.mesh.touching(turn.region.inside)
 
-def outcome_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflected]) -> Outcome:
+    def judged(self, checks: tuple[Check, ...], figures: Json) -> "ReportData":
+        """Return the data with the validation and the content of metrics.json."""
+        return replace(self, checks=checks, figures=figures)
+
+
+def report_data_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflected]) -> ReportData:
     """Return what a run has to show once its surfaces are deflected."""
     courses = [
         Course(
@@ -95,16 +84,14 @@ def outcome_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Seque
         for one in deflections for k, step in enumerate(one.steps, 1) for fit in step.fits
     ]  # fmt: skip
     centres = {
-        one.turn.surface: {
-            DIRECTIONS[c]: fit.interpolant.centers for fit in one.steps[0].fits for c in fit.components
-        }
+        one.turn.surface: {DIRECTIONS[c]: fit.interpolant.centers for fit in one.steps[0].fits for c in fit.components}
         for one in deflections
     }
-    return Outcome(case, mesh, deflected, tuple(one.turn for one in deflections), tuple(courses), centres)
+    return ReportData(case, mesh, deflected, tuple(one.turn for one in deflections), tuple(courses), centres)
 
 
-def of_folder(folder: Path) -> Story:
-    """Return the story of a finished run from its folder; the validation is made again.
+def report_data_of_folder(folder: Path) -> ReportData:
+    """Return what the report of a finished run shows from its folder; the validation is made again.
 
     Raises
     ------
@@ -122,7 +109,7 @@ def of_folder(folder: Path) -> Story:
         raise InputError(f"{folder} is not the whole output folder of a run: {error}") from None
     with reference(case) as deflected_cad:
         checks = validate(case, mesh, deflected, turns, deflected_cad(), background)
-    return Story(case, mesh, deflected, turns, courses, centres, checks, figures)
+    return ReportData(case, mesh, deflected, turns, courses, centres, checks, figures)
 
 
 def read_courses(path: Path) -> tuple[Course, ...]:

@@ -9,11 +9,18 @@ from matplotlib.colors import to_hex
 
 from sdm_deflect.cases.metrics import Json
 from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
-from sdm_deflect.cases.report.aircraft import FAR_FIELD
-from sdm_deflect.cases.report.colours import BLUE, ORANGE, QUALITY_MAP, QUALITY_RANGE, hexadecimal, patch_colour
-from sdm_deflect.cases.report.layers import BOX_EDGES
-from sdm_deflect.cases.report.scene import Colour
-from sdm_deflect.cases.report.story import Story
+from sdm_deflect.cases.report.data import ReportData
+from sdm_deflect.cases.report.scene3d import (
+    BLUE,
+    BOX_EDGES,
+    FAR_FIELD,
+    ORANGE,
+    QUALITY_MAP,
+    QUALITY_RANGE,
+    Colour,
+    hexadecimal,
+    patch_colour,
+)
 from sdm_deflect.cases.turn import Turn
 from sdm_deflect.cases.zero_sites import BLOCK
 from sdm_deflect.meshing.mesh import TetMesh
@@ -30,31 +37,31 @@ MARGIN = 0.2
 SHADES = 9
 
 
-def turnable(story: Story) -> Json:
+def turnable(data: ReportData) -> Json:
     """Return patches, hexahedra, sites, centres and cells of a run, before and after."""
     return {
-        "patches": list(patches(story)),
-        "boxes": [box(turn) for turn in story.turns],
-        "dots": list(dots(story)),
-        "cells": cells(story),
-        "views": list(views(story)),
+        "patches": list(patches(data)),
+        "boxes": [box(turn) for turn in data.turns],
+        "dots": list(dots(data)),
+        "cells": cells(data),
+        "views": list(views(data)),
         "colours": {"range": [QUALITY_RANGE.vmin, QUALITY_RANGE.vmax], "shades": shades()},
     }
 
 
-def patches(story: Story) -> Iterator[Json]:
+def patches(data: ReportData) -> Iterator[Json]:
     """Yield the surface meshes; the far field is left out, a block's outer faces are hidden at first.
 
     Triangles point out of the body, as lighting wants them. The name of a thinned patch says that it is.
     """
-    inside = np.concatenate([turn.region.inside for turn in story.turns])
-    for name in story.mesh.names[1:]:
+    inside = np.concatenate([turn.region.inside for turn in data.turns])
+    for name in data.mesh.names[1:]:
         if name != FAR_FIELD:
             colour = hexadecimal(patch_colour(name))
-            whole = story.mesh.triangles_of(name)
-            shown = thinned(story.mesh, whole, inside) if len(whole) > MOST_TRIANGLES else whole
+            whole = data.mesh.triangles_of(name)
+            shown = thinned(data.mesh, whole, inside) if len(whole) > MOST_TRIANGLES else whole
             label = name if len(shown) == len(whole) else f"{name} (thinned)"
-            yield {"name": label, "colour": colour, "hidden": name == BLOCK, **_both(story, shown[:, ::-1])}
+            yield {"name": label, "colour": colour, "hidden": name == BLOCK, **_both(data, shown[:, ::-1])}
 
 
 def thinned(mesh: TetMesh, triangles: IndexArray, keep: IndexArray) -> IndexArray:
@@ -85,37 +92,37 @@ def box(turn: Turn) -> Json:
     return {"name": turn.surface, "segments": single(turn.region.hexahedron.corners[BOX_EDGES])}
 
 
-def dots(story: Story) -> Iterator[Json]:
+def dots(data: ReportData) -> Iterator[Json]:
     """Yield data sites of all surfaces, and the centres of each direction."""
-    sites = [story.mesh.points[turn.motion.nodes] for turn in story.turns]
-    zero = [part.points for turn in story.turns for part in turn.region.zero]
+    sites = [data.mesh.points[turn.motion.nodes] for turn in data.turns]
+    zero = [part.points for turn in data.turns for part in turn.region.zero]
     yield _dots("sites", "sites on the surface", sites, ORANGE)
     yield _dots("sites", "sites of zero displacement", zero, BLUE)
     for direction, colour in zip("xyz", (BLUE, ORANGE, (30, 30, 30)), strict=True):
-        own = [centres[direction] for centres in story.centres.values()]
+        own = [centres[direction] for centres in data.centres.values()]
         yield _dots("centres", f"centres for {direction}", own, colour)
 
 
-def cells(story: Story) -> Json:
+def cells(data: ReportData) -> Json:
     """Return the worst cells that touch a hexahedron, by their quality before or after, and how many there are."""
-    near = np.flatnonzero(np.any([story.touching(turn) for turn in story.turns], axis=0))
-    quality = np.array([mean_ratio(mesh.points, mesh.tets[near]) for mesh in (story.mesh, story.deflected)])
+    near = np.flatnonzero(np.any([data.touching(turn) for turn in data.turns], axis=0))
+    quality = np.array([mean_ratio(mesh.points, mesh.tets[near]) for mesh in (data.mesh, data.deflected)])
     kept = np.sort(np.argsort(quality.min(axis=0), kind="stable")[:MOST_CELLS])
     return {
         "all": len(near),
         "before": single(quality[0, kept]),
         "after": single(quality[1, kept]),
-        **_both(story, story.mesh.tets[near[kept]]),
+        **_both(data, data.mesh.tets[near[kept]]),
     }
 
 
-def views(story: Story) -> Iterator[Json]:
+def views(data: ReportData) -> Iterator[Json]:
     """Yield names and boxes (low, high) of what can be looked at: each control surface, then everything."""
-    for turn in story.turns:
+    for turn in data.turns:
         corners = turn.region.hexahedron.corners
         yield _view(turn.surface, corners, MARGIN * float(np.ptp(corners, axis=0).max()))
-    names = [name for name in story.mesh.names[1:] if name != FAR_FIELD]
-    yield _view("everything", story.mesh.points[story.mesh.on(*names)], 0.0)
+    names = [name for name in data.mesh.names[1:] if name != FAR_FIELD]
+    yield _view("everything", data.mesh.points[data.mesh.on(*names)], 0.0)
 
 
 def shades() -> list[list[object]]:
@@ -128,10 +135,10 @@ def single(values: FloatArray) -> str:
     return b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 
-def _both(story: Story, faces: IndexArray) -> Json:
+def _both(data: ReportData, faces: IndexArray) -> Json:
     """Return cells or triangles (F, k) with their own nodes before and after (None where none of them moves)."""
     nodes, local = np.unique(faces, return_inverse=True)
-    before, after = (_at(mesh, nodes) for mesh in (story.mesh, story.deflected))
+    before, after = (_at(mesh, nodes) for mesh in (data.mesh, data.deflected))
     return {
         "points": single(before),
         "moved": None if np.array_equal(before, after) else single(after),
