@@ -17,8 +17,8 @@ from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.generate import generate
-from sdm_deflect.meshing.parameters import SCALES, MeshParameters
+from sdm_deflect.meshing.generate.generation import generate
+from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 
 
 @dataclass(frozen=True, slots=True)

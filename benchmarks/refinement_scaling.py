@@ -27,11 +27,11 @@ from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.fused import fused
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.meshing.child import peak_bytes
-from sdm_deflect.meshing.generate import generate
+from sdm_deflect.meshing.generate.generation import generate
+from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
+from sdm_deflect.meshing.generate.refine import refined
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.parameters import SCALES, MeshParameters
 from sdm_deflect.meshing.quality import mean_ratio
-from sdm_deflect.meshing.refine import refined
 
 T = TypeVar("T")
 

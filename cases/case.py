@@ -10,7 +10,7 @@ from sdm_deflect.deform.volume.hexahedron import Hexahedron
 from sdm_deflect.geometry.confinement import BlockParameters
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.geometry.quantity import check_quantities, quantity
-from sdm_deflect.meshing.parameters import SCALES, MeshParameters
+from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 
 Domain = Literal["aircraft", "block"]
 """What is meshed: the flow around the aircraft, or a Chimera block around the (one) aileron."""

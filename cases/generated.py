@@ -4,8 +4,8 @@ from sdm_deflect.cases.cad import background_cad, undeflected_cad
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing.generate import Finer, Generated, generate
-from sdm_deflect.meshing.parameters import MeshParameters
+from sdm_deflect.meshing.generate.generation import Finer, Generated, generate
+from sdm_deflect.meshing.generate.parameters import MeshParameters
 
 
 def undeflected(case: Case, watch: Stopwatch) -> Generated:

@@ -25,7 +25,7 @@ from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.quality import QualitySummary
 
 if TYPE_CHECKING:
-    from sdm_deflect.meshing.generate import Generated
+    from sdm_deflect.meshing.generate.generation import Generated
 
 
 def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> Run:

@@ -9,7 +9,7 @@ from sdm_deflect.cases.all import ALL
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.rudder import RUDDER
 from sdm_deflect.cases.tail import TAIL
-from sdm_deflect.meshing.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
+from sdm_deflect.meshing.generate.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
 
 CASES: dict[str, Case] = {case.name: case for case in (AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
 

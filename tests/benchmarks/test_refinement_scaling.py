@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.refinement_scaling import Size, fastest, measured, table
+from sdm_deflect.meshing.generate.refine import split
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.refine import split
 
 
 @pytest.fixture

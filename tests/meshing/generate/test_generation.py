@@ -1,16 +1,21 @@
+"""Whole meshes: the box without the body, named faces; MeshLab, which made none of it, judges one."""
+
 import math
 from dataclasses import replace
 
 import numpy as np
+import pymeshlab
 import pytest
 
+from sdm_deflect.cases.cad import undeflected_cad
+from sdm_deflect.cases.registry import case_named
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing import generate as module
-from sdm_deflect.meshing.assembly import FAR_FIELD
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.generate import Generated, generate, harder
-from sdm_deflect.meshing.naming import unit_normals
-from sdm_deflect.meshing.parameters import MeshParameters
+from sdm_deflect.meshing.generate import generation
+from sdm_deflect.meshing.generate.assembly import FAR_FIELD, unit_normals
+from sdm_deflect.meshing.generate.generation import Generated, generate, harder
+from sdm_deflect.meshing.generate.parameters import MeshParameters
+from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.quality import signed_volumes
 
 
@@ -68,7 +73,7 @@ def test_a_mesh_that_fails_is_never_returned(
 ) -> None:
     impossible = replace(coarse, accept_min=0.99, max_attempts=2)
     aims: list[float] = []
-    fill = module.fill
+    fill = generation.fill
 
     def watched(surface, field, box, parameters):
         aims.append(parameters.aim)
@@ -76,7 +81,7 @@ def test_a_mesh_that_fails_is_never_returned(
             raise MeshingError("the mesher crashed")
         return fill(surface, field, box, parameters)
 
-    monkeypatch.setattr(module, "fill", watched)
+    monkeypatch.setattr(generation, "fill", watched)
     with pytest.raises(
         MeshingError, match=r"no usable mesh in 2 attempts: attempt 1: smallest mean ratio .* attempt 2: the mesher"
     ):
@@ -95,3 +100,40 @@ def test_each_attempt_aims_higher_up_to_a_limit(coarse: MeshParameters) -> None:
     assert aims[0] == coarse.aim
     assert (np.diff(aims) >= 0.0).all()
     assert aims[-1] <= 0.5
+
+
+FAR = "far_field"
+
+
+def meshlab(mesh: TetMesh, triangles: np.ndarray) -> pymeshlab.MeshSet:
+    nodes, corners = np.unique(triangles, return_inverse=True)
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(mesh.points[nodes], corners.reshape(-1, 3)))
+    return meshes
+
+
+@pytest.mark.mesher
+def test_body_and_far_field_are_closed_two_manifold_spheres(aileron_mesh):
+    mesh = aileron_mesh[0]
+    far = mesh.patch == mesh.names.index(FAR)
+    for triangles in (mesh.triangles[far], mesh.triangles[~far]):
+        measures = meshlab(mesh, triangles).get_topological_measures()
+        assert measures["is_mesh_two_manifold"]
+        assert measures["boundary_edges"] == measures["number_holes"] == 0
+        assert measures["connected_components_number"] == 1
+        assert measures["genus"] == 0
+        assert measures["unreferenced_vertices"] == 0
+
+
+@pytest.mark.mesher
+def test_the_body_has_the_area_and_volume_of_the_cad(aileron_mesh):
+    mesh = aileron_mesh[0]
+    body = mesh.triangles[mesh.patch != mesh.names.index(FAR)]
+    measured = meshlab(mesh, body[:, ::-1]).get_geometric_measures()
+    cad = undeflected_cad(case_named("aileron"))
+    faces = [face.tessellation(1e-5) for face in cad.faces]
+    corners = np.concatenate([points[triangles] for points, triangles in faces])
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    volume = abs(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6
+    assert measured["surface_area"] == pytest.approx(area, rel=0.01)
+    assert abs(measured["mesh_volume"]) == pytest.approx(volume, rel=0.01)

@@ -1,16 +1,22 @@
-"""Graded octrees: cubes as fine as a size field asks, and what the mesh generators need of them."""
+"""Target edge lengths as a function of position, and the graded octrees that carry them to the mesh generators.
+
+h(x) = min over sources of (h_i + growth |x - p_i|).
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.meshing.quality import signed_volumes
-from sdm_deflect.meshing.sizing import SizeField
+
+# Sources whose sizes differ by less than this factor share a search tree.
+LEVEL_RATIO = 1.12
 
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
 ROOTS = 4
@@ -23,6 +29,47 @@ SPACING = 1.9
 JITTER = 0.05
 # How far seed points stay from the surface and from the box's sides, in target lengths.
 CLEARANCE = 0.7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SizeField:
+    """A graded field of target edge lengths; `levels` are search trees of source points with their length."""
+
+    levels: tuple[tuple[cKDTree, float], ...]
+    growth: float
+    largest: float
+
+    @property
+    def smallest(self) -> float:
+        """The smallest target edge length anywhere, in metres."""
+        return min(self.levels[0][1], self.largest) if self.levels else self.largest
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Target edge lengths (N,) in metres at points (N, 3)."""
+        lengths = np.full(len(points), self.largest)
+        for tree, length in self.levels:
+            open_points = np.flatnonzero(lengths > length)
+            if len(open_points):
+                reach = (lengths[open_points].max() - length) / self.growth
+                distance, _ = tree.query(points[open_points], distance_upper_bound=reach * 1.0001)
+                grown = length + self.growth * distance
+                lengths[open_points] = np.minimum(lengths[open_points], grown)
+        return lengths
+
+
+def size_field(points: FloatArray, lengths: FloatArray, growth: float, largest: float) -> SizeField:
+    """Build the field of sources at points (S, 3) with target edge lengths (S,) in metres.
+
+    Lengths are rounded down by at most LEVEL_RATIO; sources that others make superfluous are left out.
+    """
+    level = np.floor(np.log(lengths / lengths.min()) / np.log(LEVEL_RATIO) + 1e-9).astype(np.intp)
+    field = SizeField((), growth, largest)
+    for index in np.unique(level):
+        members, length = points[level == index], float(lengths[level == index].min())
+        needed = members[field(members) > length]
+        if len(needed):
+            field = SizeField((*field.levels, (cKDTree(needed), length)), growth, largest)
+    return field
 
 
 def leaves(

@@ -10,12 +10,11 @@ import numpy as np
 
 from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.generate.parameters import MeshParameters
+from sdm_deflect.meshing.generate.sizing import SizeField, background, seeds
+from sdm_deflect.meshing.generate.surface import Surface
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
-from sdm_deflect.meshing.octree import background, seeds
-from sdm_deflect.meshing.parameters import MeshParameters
 from sdm_deflect.meshing.quality import signed_volumes
-from sdm_deflect.meshing.sizing import SizeField
-from sdm_deflect.meshing.surface import Surface
 
 # fTetWild gains nothing from more.
 MOST_THREADS = 8
@@ -57,7 +56,7 @@ def fill(surface: Surface, field: SizeField, box: tuple[FloatArray, FloatArray],
         "energy": np.array(3.0 / parameters.aim),
         "threads": np.array(min(MOST_THREADS, os.cpu_count() or 1)),
     }
-    answer = child.call("sdm_deflect.meshing.volume_worker", question, parameters.max_seconds)
+    answer = child.call("sdm_deflect.meshing.generate.volume_worker", question, parameters.max_seconds)
     nodes, cells = answer["points"].astype(np.float64), answer["tets"].astype(np.intp)
     if signed_volumes(nodes, cells).min(initial=0.0) < 0.0:
         raise MeshingError("the volume mesher returned an inverted cell")

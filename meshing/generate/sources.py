@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.geometry.model import CadFace, CadModel
+from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
-from sdm_deflect.meshing.parameters import MeshParameters
 
 # Chord error in metres of the triangulation that samples are drawn from, and samples per squared edge length.
 DEFLECTION = 5e-4

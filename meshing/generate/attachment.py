@@ -1,4 +1,4 @@
-"""Which CAD vertex, edge or face each boundary node belongs to."""
+"""Which CAD vertex, edge or face each boundary node belongs to, and the nodes' places on them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.generate.topology import decode, encode
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
-from sdm_deflect.meshing.topology import decode, encode
 
 # Nodes within this distance (metres) beyond the nearest one compete for a CAD vertex, so many at most: on
 # needle-shaped faces the mesher pulls the right node up to 4 mm away.
@@ -90,3 +90,17 @@ def _edges(points: FloatArray, nodes: IntArray, incidence: IntArray, model: CadM
         better = distance < nearest[rows]
         edge[rows[better]], nearest[rows[better]] = index, distance[better]
     return edge
+
+
+def snapped(points: FloatArray, attachment: Attachment, model: CadModel) -> FloatArray:
+    """Points (N, 3) with each attached node moved to the nearest point of its CAD vertex, edge or face."""
+    moved = points.copy()
+    on_vertex = attachment.vertex >= 0
+    moved[attachment.nodes[on_vertex]] = model.vertices[attachment.vertex[on_vertex]]
+    for index in np.unique(attachment.edge[attachment.edge >= 0]):
+        nodes = attachment.nodes[attachment.edge == index]
+        moved[nodes] = model.edges[index].project(points[nodes])[0]
+    for index in np.unique(attachment.face[attachment.face >= 0]):
+        nodes = attachment.nodes[attachment.face == index]
+        moved[nodes] = model.faces[index].project(points[nodes])
+    return moved

@@ -62,7 +62,7 @@ def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatA
         brep = Path(folder) / "faces.brep"
         model.write_faces(brep)
         question = {"brep": np.array(str(brep)), "points": points, "tets": tets, "lengths": lengths}
-        answer = child.call("sdm_deflect.meshing.gmsh_worker", question, SECONDS)
+        answer = child.call("sdm_deflect.meshing.generate.gmsh_worker", question, SECONDS)
     nodes = answer["points"].astype(np.float64)
     triangles, face = answer["triangles"].astype(np.intp), answer["face"].astype(np.intp)
     expected = len(model.faces) + len(model.sheets)

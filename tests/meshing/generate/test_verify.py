@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing.attachment import attach
-from sdm_deflect.meshing.exactness import EXACT
-from sdm_deflect.meshing.generate import Generated
+from sdm_deflect.meshing.generate.attachment import attach, snapped
+from sdm_deflect.meshing.generate.generation import Generated
+from sdm_deflect.meshing.generate.parameters import MeshParameters
+from sdm_deflect.meshing.generate.verify import EXACT, verify
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.parameters import MeshParameters
-from sdm_deflect.meshing.snapping import snapped
-from sdm_deflect.meshing.verify import verify
 
 
 def failures(mesh: TetMesh, body: CadModel, coarse: MeshParameters) -> str:

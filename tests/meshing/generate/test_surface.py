@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing import child, surface
+from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.octree import background
-from sdm_deflect.meshing.sizing import size_field
-from sdm_deflect.meshing.surface import Surface, mesh_surface
-from sdm_deflect.meshing.topology import TRIANGLE_EDGES, encode
+from sdm_deflect.meshing.generate import surface
+from sdm_deflect.meshing.generate.sizing import background, size_field
+from sdm_deflect.meshing.generate.surface import Surface, mesh_surface
+from sdm_deflect.meshing.generate.topology import TRIANGLE_EDGES, encode
 
 
 @pytest.fixture(scope="module")

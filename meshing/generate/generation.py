@@ -9,17 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing.assembly import assemble
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.generate.assembly import assemble
+from sdm_deflect.meshing.generate.parameters import FAR_EDGE, MeshParameters
+from sdm_deflect.meshing.generate.refine import refined
+from sdm_deflect.meshing.generate.sizing import SizeField, background, size_field
+from sdm_deflect.meshing.generate.sources import sources
+from sdm_deflect.meshing.generate.surface import Surface, mesh_surface
+from sdm_deflect.meshing.generate.verify import Verification, verify
+from sdm_deflect.meshing.generate.volume import PADDING, fill
 from sdm_deflect.meshing.mesh import FloatArray, TetMesh
-from sdm_deflect.meshing.octree import background
-from sdm_deflect.meshing.parameters import FAR_EDGE, MeshParameters
-from sdm_deflect.meshing.refine import refined
-from sdm_deflect.meshing.sizing import SizeField, size_field
-from sdm_deflect.meshing.sources import sources
-from sdm_deflect.meshing.surface import Surface, mesh_surface
-from sdm_deflect.meshing.verify import Verification, verify
-from sdm_deflect.meshing.volume import PADDING, fill
 
 # By how much the mesher's aim is raised after a failure, and where that ends.
 EFFORT = 0.05

@@ -6,9 +6,9 @@ from scipy.spatial import cKDTree
 from sdm_deflect.cases.cad import undeflected_cad
 from sdm_deflect.cases.registry import case_named
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing.parameters import MeshParameters
-from sdm_deflect.meshing.sizing import size_field
-from sdm_deflect.meshing.sources import sources
+from sdm_deflect.meshing.generate.parameters import MeshParameters
+from sdm_deflect.meshing.generate.sizing import size_field
+from sdm_deflect.meshing.generate.sources import sources
 
 
 def test_each_patch_is_covered_with_its_own_length(body: CadModel, coarse: MeshParameters) -> None:

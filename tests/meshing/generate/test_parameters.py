@@ -2,7 +2,7 @@ from dataclasses import asdict, fields
 
 import pytest
 
-from sdm_deflect.meshing.parameters import BACKGROUND_SCALES, BLOCK_SCALES, COMPONENTS, SCALES, MeshParameters
+from sdm_deflect.meshing.generate.parameters import BACKGROUND_SCALES, BLOCK_SCALES, COMPONENTS, SCALES, MeshParameters
 
 
 def test_every_component_is_a_field_and_left_and_right_are_alike() -> None:

@@ -1,0 +1,1 @@
+"""From named CAD to a CAD-exact tetrahedral mesh; `generation` is the way in."""

@@ -1,0 +1,217 @@
+"""From the mesher's tetrahedra, which fill a whole box, to the named flow mesh on the exact CAD."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonCore import VTK_ID_TYPE, reference, vtkPoints
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkGenericCell, vtkPolyData, vtkStaticCellLocator
+
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.generate.attachment import attach, snapped
+from sdm_deflect.meshing.generate.surface import Surface
+from sdm_deflect.meshing.generate.topology import TRIANGLE_EDGES, CellFaces, cell_faces
+from sdm_deflect.meshing.generate.volume import Filling
+from sdm_deflect.meshing.mesh import VOLUME, BoolArray, FloatArray, IntArray, TetMesh
+from sdm_deflect.meshing.quality import signed_volumes
+
+FAR_FIELD = "far_field"
+
+# The mesher keeps its surface within one envelope of the input; faces within this many may be surface.
+MARGIN = 1.5
+
+# What disagreement of normals counts for, beside distance, in units of the triangle's edge.
+NORMAL_WEIGHT = 0.5
+
+
+def inside_solid(points: FloatArray, tets: IntArray, faces: CellFaces, surface: Surface, envelope: float) -> BoolArray:
+    """True (M,) for tetrahedra inside the solid.
+
+    Every face of the surface lies in its envelope, so regions that connect without crossing the envelope are
+    on one side of it: one winding number per region decides, taken in the region's largest cell.
+    """
+    blocked = _within(points, faces.nodes, surface, MARGIN * envelope)
+    through = ~blocked & (faces.second >= 0)
+    links = (np.ones(through.sum(), dtype=bool), (faces.first[through], faces.second[through]))
+    count, region = connected_components(coo_array(links, shape=(len(tets), len(tets))), directed=False)
+    by_volume = np.argsort(signed_volumes(points, tets), kind="stable")
+    largest = np.empty(count, dtype=np.intp)
+    largest[region[by_volume]] = by_volume
+    winding = winding_number(points[tets[largest]].mean(axis=1), surface.points, surface.outer)
+    return np.asarray(winding[region] > 0.5)
+
+
+def winding_number(queries: FloatArray, points: FloatArray, triangles: IntArray) -> FloatArray:
+    """How often a closed surface (T, 3), oriented outward, winds around each query point (Q, 3).
+
+    The solid angle of a triangle follows van Oosterom and Strackee (1983).
+    """
+    winding = np.empty(len(queries))
+    for i, query in enumerate(queries):
+        a, b, c = (points[triangles[:, j]] - query for j in range(3))
+        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+        over = np.einsum("ij,ij->i", a, np.cross(b, c))
+        under = la * lb * lc + _dots(a, b) * lc + _dots(b, c) * la + _dots(c, a) * lb
+        winding[i] = np.arctan2(over, under).sum() / (2.0 * np.pi)
+    return winding
+
+
+def _within(points: FloatArray, nodes: IntArray, surface: Surface, tolerance: float) -> BoolArray:
+    """True (F,) for faces (F, 3) whose nodes, edge midpoints and centre lie within the tolerance."""
+    closest = ClosestTriangle(surface.points, surface.outer)
+    used = np.flatnonzero(_in_box(points, surface.points, tolerance))
+    near = np.zeros(len(points), dtype=bool)
+    near[used] = closest(points[used])[0] <= tolerance
+    within: BoolArray = np.all(near[nodes], axis=1, keepdims=False)
+    for part in (np.arange(3), *TRIANGLE_EDGES):
+        candidates = np.flatnonzero(within)
+        middle = points[nodes[candidates][:, part]].mean(axis=1)
+        within[candidates] = closest(middle)[0] <= tolerance
+    return within
+
+
+def _in_box(points: FloatArray, around: FloatArray, margin: float) -> BoolArray:
+    low, high = around.min(axis=0) - margin, around.max(axis=0) + margin
+    return np.asarray(((points >= low) & (points <= high)).all(axis=1))
+
+
+def _dots(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("ij,ij->i", a, b))
+
+
+def boundary_triangles(faces: CellFaces, fluid: BoolArray) -> tuple[IntArray, BoolArray]:
+    """Triangles (B, 3) between flow and anything else, oriented out of the flow.
+
+    Returns
+    -------
+    The triangles, and which of them (B,) lie on the outside of the mesher's box.
+    """
+    outermost = faces.second < 0
+    first = fluid[faces.first]
+    second = fluid[faces.second] & ~outermost
+    boundary = first != second
+    triangles = faces.nodes[boundary].copy()
+    backward = second[boundary]
+    triangles[backward] = triangles[backward][:, ::-1]
+    return triangles, outermost[boundary]
+
+
+def cad_faces(points: FloatArray, triangles: IntArray, surface: Surface) -> IntArray:
+    """Index (B,) of the CAD face of each triangle (B, 3), oriented out of the solid; -1 where none is near.
+
+    The face of the nearest input triangle, where disagreeing normals count as distance. The normals' sign
+    matters: at a thin trailing edge the upper and the lower side are equally near.
+    """
+    corners = points[triangles]
+    centres = corners.mean(axis=1)
+    edges = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+    normals = unit_normals(points, triangles)
+    best, chosen = np.full(len(triangles), np.inf), np.full(len(triangles), -1)
+    for face in np.unique(surface.face):
+        own = surface.outer[surface.face == face]
+        extent = surface.points[own].reshape(-1, 3)
+        low, high = (
+            centres + edges[:, None] > extent.min(axis=0),
+            centres - edges[:, None] < extent.max(axis=0),
+        )
+        near = np.flatnonzero((low & high).all(axis=1))
+        distance, index = ClosestTriangle(surface.points, own)(centres[near])
+        agreement = np.einsum("ij,ij->i", unit_normals(surface.points, own)[index], normals[near])
+        cost = distance + NORMAL_WEIGHT * edges[near] * (1.0 - agreement)
+        better = cost < best[near]
+        best[near[better]], chosen[near[better]] = cost[better], face
+    return chosen
+
+
+def unit_normals(points: FloatArray, triangles: IntArray) -> FloatArray:
+    """Unit normals (T, 3) of triangles (T, 3), right-handed in the order of their nodes."""
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def assemble(filling: Filling, surface: Surface, model: CadModel, envelope: float) -> TetMesh:
+    """Select the flow, name its boundary and put that on the CAD.
+
+    Parameters
+    ----------
+    envelope
+        How far (metres) the filling's surface strays from the surface mesh.
+
+    Raises
+    ------
+    MeshingError
+        If the boundary cannot be matched with the CAD.
+    """
+    faces = cell_faces(filling.tets)
+    solid = inside_solid(filling.points, filling.tets, faces, surface, envelope)
+    fluid = solid if model.fluid_inside else ~solid
+    triangles, outermost = boundary_triangles(faces, fluid)
+    if model.fluid_inside and outermost.any():
+        raise MeshingError("the flow inside the solid leaks to the outside")
+    body = triangles[~outermost]
+    out_of_solid = body if model.fluid_inside else body[:, ::-1]
+    face = cad_faces(filling.points, out_of_solid, surface)
+    if (face < 0).any():
+        raise MeshingError(f"{np.count_nonzero(face < 0)} boundary triangles are near no CAD face")
+    points = snapped(filling.points, attach(filling.points, body, face, model), model)
+    return _named(points, filling.tets[fluid], (body, face), triangles[outermost], model)
+
+
+def _named(
+    points: FloatArray,
+    tets: IntArray,
+    body: tuple[IntArray, IntArray],
+    far: IntArray,
+    model: CadModel,
+) -> TetMesh:
+    """Mesh of the used points, its patches in the order of the CAD faces, the far field last."""
+    patches = list(dict.fromkeys(face.patch for face in model.faces))
+    names = (VOLUME, *patches, *([FAR_FIELD] if len(far) else []))
+    patch_of_face = np.array([names.index(face.patch) for face in model.faces])
+    triangles, face = body
+    used, compact = np.unique(np.concatenate([tets.ravel(), triangles.ravel(), far.ravel()]), return_inverse=True)
+    cells, skin = compact[: tets.size].reshape(-1, 4), compact[tets.size :].reshape(-1, 3)
+    return TetMesh(
+        points=points[used],
+        tets=cells,
+        triangles=skin,
+        patch=np.concatenate([patch_of_face[face], np.full(len(far), len(names) - 1)]),
+        face=np.concatenate([face, np.full(len(far), -1)]),
+        names=names,
+    )
+
+
+class ClosestTriangle:
+    """Finds the nearest of some triangles (T, 3) on points (N, 3)."""
+
+    def __init__(self, points: FloatArray, triangles: IntArray) -> None:
+        used, compact = np.unique(triangles, return_inverse=True)
+        nodes = vtkPoints()
+        nodes.SetData(numpy_to_vtk(np.ascontiguousarray(points[used]), True))
+        offsets = 3 * np.arange(len(triangles) + 1)
+        cells = vtkCellArray()
+        cells.SetData(numpy_to_vtk(offsets, True, VTK_ID_TYPE), numpy_to_vtk(compact.ravel(), True, VTK_ID_TYPE))
+        surface = vtkPolyData()
+        surface.SetPoints(nodes)
+        surface.SetPolys(cells)
+        self._locator = vtkStaticCellLocator()
+        self._locator.SetDataSet(surface)
+        self._locator.BuildLocator()
+
+    def __call__(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Distance (P,) in metres from each point (P, 3) and index (P,) of the nearest triangle."""
+        squared, index = np.empty(len(points)), np.empty(len(points), dtype=np.intp)
+        cell, spot = vtkGenericCell(), [0.0, 0.0, 0.0]
+        found: Any = reference(0)
+        part: Any = reference(0)
+        away: Any = reference(0.0)
+        for i, point in enumerate(points.tolist()):
+            self._locator.FindClosestPoint(point, spot, cell, found, part, away)
+            squared[i], index[i] = away, found
+        return np.sqrt(squared), index
