@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.folder import fresh_folder
 from sdm_deflect.meshing.formats.format import Progress, silent
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
@@ -13,7 +13,6 @@ from sdm_deflect.meshing.formats.openfoam_file import open_foam
 from sdm_deflect.meshing.formats.openfoam_write import header
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.zones import joined
-from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.vtu import read_vtu
 
 WHICH = ("deflected", "undeflected")
@@ -78,19 +77,13 @@ def export_run(
     if own:
         raise InputError(f"--out {target} is a file of the run; export to another name")
     progress(f"reading {source.name}", 0.0)
-    mesh = flow_mesh(read_vtu(source))
+    mesh = read_vtu(source).as_mesh()
     background = run / "background.vtu"
     if background.is_file() and form in WITH_ZONES:
-        mesh = joined(("block", "background"), (mesh, flow_mesh(read_vtu(background))))
+        mesh = joined(("block", "background"), (mesh, read_vtu(background).as_mesh()))
     if isinstance(known, OpenFoam):
         return target, write_case(mesh, target, progress)
     return target, known.write(mesh, target, progress)
-
-
-def flow_mesh(mesh: TetMesh) -> Mesh:
-    """Return the tetrahedra and the triangles of each patch; patches without triangles are left out."""
-    patches = tuple(Patch(name, (Cells("triangle", mesh.triangles_of(name)),)) for name in mesh.names[1:])
-    return Mesh(mesh.points, (Cells("tetra", mesh.tets),), tuple(patch for patch in patches if len(patch)))
 
 
 def write_case(mesh: Mesh, out: Path, progress: Progress) -> tuple[str, ...]:

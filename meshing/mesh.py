@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
@@ -95,6 +97,24 @@ class TetMesh:
         if points.shape != self.points.shape:
             raise ValueError(f"points have shape {points.shape}, expected {self.points.shape}")
         return replace(self, points=points)
+
+    def as_mesh(self, name: str = "mesh") -> Mesh:
+        """The tetrahedra and each patch's triangles as the engine sees a mesh of any cells.
+
+        Points and tetrahedra are shared, not copied; the labels of CAD faces are lost.
+
+        Parameters
+        ----------
+        name
+            What messages call the mesh.
+
+        Returns
+        -------
+        One block of tetrahedra (M, 4), and a patch of triangles (K, 3) for each name that has any.
+        """
+        triangles = {patch: self.triangles_of(patch) for patch in self.names[1:]}
+        patches = tuple(Patch(patch, (Cells("triangle", own),)) for patch, own in triangles.items() if len(own))
+        return Mesh(self.points, (Cells("tetra", self.tets),), patches, name=name)
 
     def _index(self, name: str) -> int:
         if name not in self.names[1:]:

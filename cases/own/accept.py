@@ -36,7 +36,7 @@ def accepted(mesh: Any) -> Accepted:
     if isinstance(mesh, Mesh):
         return Accepted(_checked(mesh), mesh.with_points)
     if isinstance(mesh, TetMesh):
-        return Accepted(_checked(_of_tets(mesh)), mesh.with_points)
+        return Accepted(_checked(mesh.as_mesh()), mesh.with_points)
     if isinstance(mesh, tuple) and len(mesh) == 2 and isinstance(mesh[1], Mapping):
         return Accepted(_checked(_of_arrays(*mesh)), lambda points: (points, mesh[1]))
     library = type(mesh).__module__.split(".")[0]
@@ -53,11 +53,6 @@ def _checked(subject: Mesh) -> Mesh:
     if not subject.patches:
         raise InputError(f"{subject.name} has no named patch, so no surface to move")
     return subject
-
-
-def _of_tets(mesh: TetMesh) -> Mesh:
-    patches = tuple(Patch(name, (Cells("triangle", mesh.triangles_of(name)),)) for name in mesh.names[1:])
-    return Mesh(mesh.points, (Cells("tetra", mesh.tets),), patches)
 
 
 def _of_arrays(points: Any, patches: Mapping[str, Any]) -> Mesh:

@@ -47,6 +47,17 @@ def test_unknown_patch_is_named(cube: TetMesh) -> None:
         cube.triangles_of("volume")
 
 
+def test_the_engine_sees_the_same_cells_and_the_patches_that_have_triangles(cube: TetMesh) -> None:
+    mesh = replace(cube, names=("volume", "low", "rest", "none")).as_mesh("cube")
+    assert (mesh.name, mesh.names) == ("cube", ("low", "rest"))
+    assert mesh.points is cube.points
+    assert [(block.shape, block.nodes.tolist()) for block in mesh.cells] == [("tetra", cube.tets.tolist())]
+    for name in mesh.names:
+        (faces,) = mesh.patch(name).faces
+        assert np.array_equal(faces.nodes, cube.triangles_of(name))
+        assert np.array_equal(mesh.on(name), cube.on(name))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
