@@ -1,0 +1,97 @@
+"""What pip installs: one import name, with all its files, and nothing beside it."""
+
+import csv
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path, PurePosixPath
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ("sdm_deflect", "cases", "deform", "geometry", "meshing")
+FILES = ("pyproject.toml", "README.md", "LICENSE")
+BUILD = "import sys; from setuptools import build_meta; print(getattr(build_meta, sys.argv[1])(sys.argv[2]))"
+DATA = (".html", ".css", ".js", ".toml")
+
+
+def built(what: str, source: Path, out: Path) -> Path:
+    """Build a distribution (``build_wheel`` or ``build_sdist``) of a source folder as pip does."""
+    done = subprocess.run(
+        [sys.executable, "-c", BUILD, what, str(out)], cwd=source, capture_output=True, text=True, check=True
+    )
+    return out / done.stdout.split()[-1]
+
+
+def recorded(wheel: Path) -> set[str]:
+    """Return the names in the RECORD of a wheel."""
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/RECORD"))
+        return {row[0] for row in csv.reader(archive.read(name).decode().splitlines())}
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    """A copy of the checkout, its links kept as links: a build leaves files in its source."""
+    folder = tmp_path_factory.mktemp("source")
+    for name in FOLDERS:
+        shutil.copytree(ROOT / name, folder / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in FILES:
+        shutil.copy(ROOT / name, folder)
+    for name in ("tests", "benchmarks", "docs"):
+        (folder / name).mkdir()
+        (folder / name / "__init__.py").touch()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(source, tmp_path_factory):
+    return built("build_wheel", source, tmp_path_factory.mktemp("wheel"))
+
+
+def test_the_package_is_the_only_name_at_top_level(wheel):
+    names = {PurePosixPath(name).parts[0] for name in recorded(wheel)}
+    assert {name for name in names if not name.endswith(".dist-info")} == {"sdm_deflect"}
+    assert len(names) == 2
+
+
+def test_every_module_and_data_file_of_the_checkout_is_inside(wheel):
+    files = {
+        f"sdm_deflect/{path.relative_to(ROOT).as_posix()}"
+        for folder in FOLDERS[1:]
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in (".py", *DATA) or path.name == "py.typed"
+    }
+    assert {Path(name).suffix for name in files} >= {".py", *DATA}
+    assert files | {"sdm_deflect/__init__.py", "sdm_deflect/py.typed"} <= recorded(wheel)
+
+
+def test_a_wheel_from_the_source_distribution_is_the_same(source, wheel, tmp_path):
+    archive = built("build_sdist", source, tmp_path)
+    with tarfile.open(archive) as content:
+        content.extractall(tmp_path, filter="data")
+    (tmp_path / "again").mkdir()
+    again = built("build_wheel", tmp_path / archive.name.removesuffix(".tar.gz"), tmp_path / "again")
+    assert recorded(again) == recorded(wheel)
+
+
+def test_the_unpacked_wheel_works_away_from_the_checkout(wheel, tmp_path):
+    """Modules import, data files are found beside them, and the command answers."""
+    zipfile.ZipFile(wheel).extractall(tmp_path)
+    work = f"""
+import sys
+sys.path.insert(0, {str(tmp_path)!r})
+import sdm_deflect
+from sdm_deflect.cases.report import page
+from sdm_deflect.cases.study.paper import paper
+assert len(paper().tables) == 4
+print(sdm_deflect.__file__)
+"""
+    isolated = [sys.executable, "-c", work]
+    done = subprocess.run(isolated, cwd=tmp_path, env={}, capture_output=True, text=True, check=True)
+    assert Path(done.stdout.strip()).is_relative_to(tmp_path)
+    command = [sys.executable, "-m", "sdm_deflect", "list"]
+    done = subprocess.run(command, cwd=tmp_path, env={}, capture_output=True, text=True, check=True)
+    assert "aileron-chimera" in done.stdout
