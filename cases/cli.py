@@ -39,7 +39,7 @@ def list_cases() -> None:
 
 @cli.command()
 @click.argument("case", default="")
-@click.option("--scale", default="small", show_default=True, help="small, medium or paper.")
+@click.option("--scale", help="small (default), medium or paper.")
 @angle_option
 @click.option("--strategy", help="squv (centres per direction) or mv (common centres).")
 @click.option("--out", type=FILE, help="Output folder (default runs/CASE).")
@@ -51,7 +51,7 @@ def list_cases() -> None:
 @click.option("--verbose", is_flag=True, help="Progress as lines instead of bars: all that is reported.")
 def run(case: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any) -> int:
     """Run a case: geometry, mesh, deformation, validation, report."""
-    from sdm_deflect.cases.resolve import resolve
+    from sdm_deflect.cases.settings import resolve
 
     resolved = resolve(case, **given)
 
@@ -79,7 +79,7 @@ def run(case: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, ve
 def geometry(out: Path, case: str, angle: float | None, assignments: tuple[str, ...]) -> None:
     """Write the CAD alone, deflected by --angle (default 0)."""
     from sdm_deflect.cases.errors import InputError
-    from sdm_deflect.cases.resolve import resolve
+    from sdm_deflect.cases.settings import resolve
 
     resolved = resolve(case, angle=angle or 0.0, assignments=assignments)
     if out.suffix not in (".step", ".brep", ".stl"):
@@ -119,7 +119,7 @@ def validate(folder: Path) -> int:
 def limit(case: str, scale: str, threshold: float, resolution: float, out: Path | None, **given: Any) -> None:
     """Find the largest angle of each sign that inverts no cell and keeps a quality, by bisection."""
     from sdm_deflect.cases.errors import InputError
-    from sdm_deflect.cases.resolve import resolve
+    from sdm_deflect.cases.settings import resolve
 
     resolved = resolve(case, scale, **given)
     for name, value, high in (("quality", threshold, 1.0), ("resolution", resolution, 30.0)):

@@ -7,7 +7,7 @@ import numpy as np
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.reference import reference
-from sdm_deflect.cases.resolve import resolve
+from sdm_deflect.cases.settings import resolve
 from sdm_deflect.cases.turn import turn_of
 from sdm_deflect.cases.validate import validate
 from sdm_deflect.cases.validation import Check

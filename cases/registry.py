@@ -1,7 +1,6 @@
 """The cases by name."""
 
 from dataclasses import replace
-from difflib import get_close_matches
 
 from sdm_deflect.cases.aileron import AILERON
 from sdm_deflect.cases.aileron_chimera import AILERON_CHIMERA
@@ -9,6 +8,7 @@ from sdm_deflect.cases.all import ALL
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.rudder import RUDDER
 from sdm_deflect.cases.tail import TAIL
+from sdm_deflect.deform.errors import InputError, nearest
 from sdm_deflect.meshing.generate.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
 
 CASES: dict[str, Case] = {case.name: case for case in (AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
@@ -18,13 +18,10 @@ PAPER_SPACING = {"aileron-chimera": 8.0, "tail": 3.25}
 
 
 def case_named(name: str, scale: str = "small") -> Case:
-    """Return a case at a scale; ValueError with the nearest name if there is none."""
-    if name not in CASES:
-        close = get_close_matches(name, list(CASES), n=1)
-        hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(CASES)}"
-        raise ValueError(f"unknown case {name!r}; {hint}")
-    if scale not in SCALES:
-        raise ValueError(f"unknown scale {scale!r}; there are {', '.join(SCALES)}")
+    """Return a case at a scale; InputError with the nearest name if there is none."""
+    for what, given, known in (("case", name, CASES), ("scale", scale, SCALES)):
+        if given not in known:
+            raise InputError(f"unknown {what} {given!r}; {nearest(given, known, 'there are')}")
     case = CASES[name]
     sizes = BLOCK_SCALES if case.domain == "block" else SCALES
     case = replace(case, scale=scale, mesh=sizes[scale], background=BACKGROUND_SCALES[scale])

@@ -10,5 +10,5 @@ class InputError(ValueError):
 
 def nearest(name: str, known: Collection[str], noun: str = "known are") -> str:
     """Return the end of a sentence about a name that is not known: those that come near it, else all."""
-    close = get_close_matches(name, list(known), n=3, cutoff=0.5)
+    close = get_close_matches(name, list(known), n=3)
     return f"did you mean {', '.join(close)}?" if close else f"{noun} {', '.join(known) or 'none'}"

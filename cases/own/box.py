@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.overrides import read_toml
+from sdm_deflect.cases.settings import read_toml
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.volume.hexahedron import FACES, Hexahedron, box

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.overrides import read_toml
 from sdm_deflect.cases.own.blended import Blended
 from sdm_deflect.cases.own.box import Automatic, BoxRule, Given
 from sdm_deflect.cases.own.job import Fitting, Job, Sliding
@@ -15,6 +14,7 @@ from sdm_deflect.cases.own.motion import LARGEST_ANGLE, Motion, Moving, Rotation
 from sdm_deflect.cases.own.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from sdm_deflect.cases.own.table import Table
 from sdm_deflect.cases.own.words import check_keys, number, points, texts
+from sdm_deflect.cases.settings import read_toml
 
 Nested = dict[str, Any]
 SURFACE = ("patches", "hinge", "angle", "motion", "held", "driven", "strip", "table", "amount")

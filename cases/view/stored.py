@@ -12,7 +12,7 @@ from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.confine import DIRECTIONS
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.motion import FloatArray, IndexArray
-from sdm_deflect.cases.resolve import resolve
+from sdm_deflect.cases.settings import resolve
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.vtu import FormatError, read_vtu
