@@ -23,6 +23,7 @@ from benchmarks.results import machine
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.deflect import Deflected, deflect
 from sdm_deflect.cases.registry import case_named
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.fused import fused
 from sdm_deflect.geometry.aircraft import build
@@ -31,7 +32,6 @@ from sdm_deflect.meshing.generate.generation import generate
 from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 from sdm_deflect.meshing.generate.refine import refined
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio
 
 T = TypeVar("T")
 

@@ -9,6 +9,8 @@ import numpy as np
 from sdm_deflect.cases.case import Case, Strategy
 from sdm_deflect.cases.motion import BoolArray, IndexArray, SurfaceMotion
 from sdm_deflect.cases.zero_sites import BLOCK, ON_FACE, on_gap_faces, zero_sites
+from sdm_deflect.deform.edges import median_edge
+from sdm_deflect.deform.mesh import Cells
 from sdm_deflect.deform.rbf.sites import DataSites, multivariate, univariate
 from sdm_deflect.deform.volume.hexahedron import Hexahedron
 from sdm_deflect.geometry.confinement import Margins, hexahedron_corners
@@ -71,7 +73,8 @@ def confine(case: Case, mesh: TetMesh, motion: SurfaceMotion) -> Region:
     seconds = perf_counter() - start
     check_inside(mesh, hexahedron, motion)
     check_clear(case, mesh, hexahedron, motion)
-    spacing = case.confinement.spacing or case.confinement.spacing_edges * median_edge(mesh, surface)
+    triangles = Cells("triangle", mesh.triangles_of(surface))
+    spacing = case.confinement.spacing or case.confinement.spacing_edges * median_edge(mesh.points, [triangles])
     zero = zero_sites(case, surface, hexahedron, mesh.points[motion.nodes], spacing)
     held, components = held_nodes(case, mesh, inside, motion)
     return Region(surface, hexahedron, inside, held, components, zero, spacing, seconds)
@@ -98,13 +101,6 @@ def held_nodes(case: Case, mesh: TetMesh, inside: IndexArray, motion: SurfaceMot
         walls = mesh.on(*(name for name in mesh.names[1:] if name != BLOCK))
         components[~np.isin(held, walls, assume_unique=True)] = (False, True, False)
     return held, components
-
-
-def median_edge(mesh: TetMesh, patch: str) -> float:
-    """Median edge length (m) of the triangles of a patch."""
-    corners = mesh.points[mesh.triangles_of(patch)]
-    edges = corners - np.roll(corners, 1, axis=1)
-    return float(np.median(np.linalg.norm(edges, axis=2)))
 
 
 def check_inside(mesh: TetMesh, hexahedron: Hexahedron, motion: SurfaceMotion) -> None:

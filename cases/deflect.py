@@ -12,11 +12,11 @@ from sdm_deflect.cases.motion import FloatArray, IndexArray
 from sdm_deflect.cases.motions import mover
 from sdm_deflect.cases.progress import Report
 from sdm_deflect.cases.turn import Turn, turn_of
+from sdm_deflect.deform.quality import Quality, mean_ratio, signed_volumes, summarise
 from sdm_deflect.deform.rbf.greedy import Adaptation
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.volume.fused import fused
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import QualitySummary, mean_ratio, signed_volumes, summarise
 
 MAX_STEPS = 8
 
@@ -67,7 +67,7 @@ def carried_out(mesh: TetMesh, case: Case, turn: Turn, report: Report) -> Deflec
         count *= 2
 
 
-def inside_quality(mesh: TetMesh, region: Region, points: FloatArray) -> QualitySummary:
+def inside_quality(mesh: TetMesh, region: Region, points: FloatArray) -> Quality:
     """Quality of the cells that touch the hexahedron, with the nodes of the mesh at `points` (N, 3)."""
     return summarise(mean_ratio(points, mesh.tets[mesh.touching(region.inside)]))
 

@@ -11,8 +11,8 @@ from sdm_deflect.cases.case import LARGEST_ANGLE, Case
 from sdm_deflect.cases.confine import ConfinementError
 from sdm_deflect.cases.deflect import deflect
 from sdm_deflect.cases.progress import Report
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio
 
 
 @dataclass(frozen=True, slots=True)

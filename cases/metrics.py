@@ -9,7 +9,7 @@ from typing import Any
 from sdm_deflect.cases.confine import DIRECTIONS
 from sdm_deflect.cases.deflect import Deflected, inside_quality
 from sdm_deflect.cases.run import Run
-from sdm_deflect.meshing.quality import QualitySummary, mean_ratio, summarise
+from sdm_deflect.deform.quality import Quality, mean_ratio, summarise
 
 Json = dict[str, Any]
 
@@ -48,7 +48,7 @@ def peak_rss_bytes() -> int:
     return 1024 * max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
-def _mesh(run: Run, before: QualitySummary) -> Json:
+def _mesh(run: Run, before: Quality) -> Json:
     mesh = run.mesh
     return {
         "points": len(mesh.points),
@@ -115,5 +115,5 @@ def _evaluation(run: Run) -> Json:
     }
 
 
-def _quality(summary: QualitySummary) -> Json:
+def _quality(summary: Quality) -> Json:
     return {name: getattr(summary, name) for name in ("min", "p01", "mean", "below_0_2", "below_0_4")}

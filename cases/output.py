@@ -15,8 +15,8 @@ from sdm_deflect.cases.deflect import Deflected
 from sdm_deflect.cases.metrics import metrics
 from sdm_deflect.cases.run import Run
 from sdm_deflect.cases.settings import to_toml
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio
 from sdm_deflect.meshing.vtu import write_vtu
 
 

@@ -18,11 +18,11 @@ from sdm_deflect.cases.progress import Report, Stopwatch
 from sdm_deflect.cases.reference import reference
 from sdm_deflect.cases.run import MeshOrigin, Run
 from sdm_deflect.cases.sdm.overset import finer_background
+from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.rbf.sites import pinned
 from sdm_deflect.deform.volume.fused import fused
 from sdm_deflect.meshing.cache import MeshCache, cache_key, default_folder
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import QualitySummary
 
 if TYPE_CHECKING:
     from sdm_deflect.meshing.generate.generation import Generated
@@ -119,7 +119,7 @@ def adapted(results: tuple[Deflected, ...]) -> str:
     return f"{centres} centres, residual {residual:.1e} m"
 
 
-def pinned_quality(case: Case, mesh: TetMesh, sliding: Deflected, tell: Report) -> QualitySummary:
+def pinned_quality(case: Case, mesh: TetMesh, sliding: Deflected, tell: Report) -> Quality:
     """Quality inside the hexahedron if the Chimera face were pinned instead of sliding: what sliding is worth."""
     region = sliding.turn.region
     zero, held = tuple(pinned(part.points) for part in region.zero), np.ones_like(region.held_components)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.deflect import Deflected
 from sdm_deflect.cases.validation import Check
+from sdm_deflect.deform.quality import Quality
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import QualitySummary
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Run:
     checks: tuple[Check, ...]
     seconds: dict[str, float] = field(default_factory=dict)
     background: TetMesh | None = None
-    pinned: QualitySummary | None = None
+    pinned: Quality | None = None
 
     @property
     def passed(self) -> bool:

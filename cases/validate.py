@@ -13,8 +13,8 @@ from sdm_deflect.cases.turn import Turn
 from sdm_deflect.cases.validate_surface import Shape, surface_checks
 from sdm_deflect.cases.validation import Check, worst
 from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.deform.quality import mean_ratio, signed_volumes
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio, signed_volumes
 
 
 def validate(

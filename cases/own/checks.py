@@ -3,10 +3,10 @@
 import numpy as np
 
 from sdm_deflect.cases.own.course import Course
-from sdm_deflect.cases.own.layers import Layers
 from sdm_deflect.cases.own.plan import Plan
 from sdm_deflect.cases.validation import Check
 from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.touched import Layers
 
 LAYER_CHANGE = 0.01  # of the first layer's height
 ON_WALL = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid

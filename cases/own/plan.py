@@ -6,12 +6,12 @@ import numpy as np
 
 from sdm_deflect.cases.own.boundary import Boundary
 from sdm_deflect.cases.own.job import TOLERANCE_EDGES, Job
-from sdm_deflect.cases.own.quality import Touched
 from sdm_deflect.cases.own.region import Region
 from sdm_deflect.cases.own.sites import Sites
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.rbf.points import IndexArray
+from sdm_deflect.deform.touched import TouchedCells
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +21,7 @@ class Plan:
     boundary: Boundary
     region: Region
     sites: Sites
-    touched: Touched
+    touched: TouchedCells
     angles: tuple[float, ...]
 
     @property
@@ -56,7 +56,6 @@ def planned(subject: Mesh, job: Job, angles: tuple[float, ...], watch: Stopwatch
         sites = Sites.of(boundary, region, TOLERANCE_EDGES)
     with watch.stage("cells") as report:
         report("inverted cells", float("nan"))
-        touched = Touched.of(subject, region.inside)
-        if not job.allow_inverted:
-            touched.check()
+        touched = TouchedCells.of(subject, region.inside)
+        touched.check(job.allow_inverted)
     return Plan(boundary, region, sites, touched, angles)

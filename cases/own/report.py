@@ -7,10 +7,10 @@ from typing import Any
 from sdm_deflect.cases.confine import DIRECTIONS
 from sdm_deflect.cases.own.checks import checks_of
 from sdm_deflect.cases.own.course import Course
-from sdm_deflect.cases.own.layers import Layers, first_layer
 from sdm_deflect.cases.own.plan import Plan
-from sdm_deflect.cases.own.quality import Quality
 from sdm_deflect.cases.validation import Check
+from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.touched import Layers, first_layer
 
 Json = dict[str, Any]
 
@@ -109,7 +109,7 @@ def notes_of(plan: Plan) -> tuple[str, ...]:
     notes = []
     if plan.sites.coincident:
         notes.append(f"{plan.sites.coincident} moving nodes coincide with others; they move as one")
-    if min(plan.touched.hand, default=1.0) < 0.0:
+    if min(plan.touched.orientation, default=1.0) < 0.0:
         notes.append("the file counts the nodes of cells left-handed; judged accordingly")
     inverted = sum(plan.touched.inverted)
     if inverted:

@@ -9,10 +9,10 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.boundary import SAME, Boundary
-from sdm_deflect.cases.own.edges import edges_of, polygons_of
 from sdm_deflect.cases.own.region import Region
 from sdm_deflect.cases.own.spacing import in_front, spacing_for, surface_edge
 from sdm_deflect.cases.zero_sites import APART, apart_from
+from sdm_deflect.deform.edges import edges_of, polygons_of
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.deform.rbf.points import IndexArray, first_coincident
 

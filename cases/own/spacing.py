@@ -5,9 +5,9 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own.boundary import SAME, Boundary
-from sdm_deflect.cases.own.edges import median_edge
 from sdm_deflect.cases.own.region import Region
 from sdm_deflect.cases.own.walls import Plane
+from sdm_deflect.deform.edges import median_edge
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.deform.rbf.points import IndexArray
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.own.edges import polygons_of, sharp_edges
+from sdm_deflect.deform.edges import polygons_of, sharp_edges
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.deform.rbf.points import IndexArray

@@ -48,17 +48,17 @@ def result_table(plan: Plan, reports: Sequence[Report], files: Sequence[Path], l
 
 def quality_table(report: Report) -> Table:
     """Return the quality of the touched cells before and after, by type."""
-    title = "cells with a node in the box: scaled Jacobian before, after"
-    table = _table(title, ("type",), ("cells", "min", "1 %", "mean", "inverted"))
+    title = "cells with a node in the box: quality before, after"
+    table = _table(title, ("type", "measure"), ("cells", "min", "1 %", "mean", "inverted"))
     for old, new in zip(report.before, report.after, strict=True):
         pairs = [f"{a:.3f}, {b:.3f}" for a, b in ((old.min, new.min), (old.p01, new.p01), (old.mean, new.mean))]
-        table.add_row(old.shape, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
+        table.add_row(old.shape, old.measure, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
     return table
 
 
 def sweep_table(reports: Sequence[Report], title: str) -> Table:
     """Return one row for each angle."""
-    headings = ("angle", "steps", "centres", "site error", "smallest Jacobian", "seconds", "verdict")
+    headings = ("angle", "steps", "centres", "site error", "smallest quality", "seconds", "verdict")
     table = _table(title, (), headings)
     for one in reports:
         centers = ", ".join(f"{name}: {count}" for name, (count, _) in one.centers.items())

@@ -15,7 +15,7 @@ from sdm_deflect.cases.motion import FloatArray
 from sdm_deflect.cases.report.data import Course, ReportData
 from sdm_deflect.cases.run import Run
 from sdm_deflect.cases.turn import Turn
-from sdm_deflect.meshing.quality import mean_ratio
+from sdm_deflect.deform.quality import mean_ratio
 
 STYLES = (
     {"color": "#0072b2", "ls": "-", "marker": "o"},

@@ -12,8 +12,10 @@ from matplotlib.colors import Normalize, to_rgb
 from numpy.typing import NDArray
 
 from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.deform.edges import median_edge
+from sdm_deflect.deform.mesh import Cells
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray, TetMesh
-from sdm_deflect.meshing.quality import mean_ratio
 
 Array = NDArray[np.generic]
 Colour = tuple[int, int, int]
@@ -93,15 +95,13 @@ def framed(
 def legible(view: View) -> View:
     """Return the view without the edges of triangles so small in it that they would blacken it."""
     pixel = view.height / view.pixels[1]
-    layers = (replace(one, edge=None) if one.edge and median_edge(one) < FINEST * pixel else one for one in view.layers)
+    layers = (replace(one, edge=None) if one.edge and _edge(one) < FINEST * pixel else one for one in view.layers)
     return replace(view, layers=tuple(layers))
 
 
-def median_edge(layer: Layer) -> float:
-    """Median length (m) of the triangles' edges; 0 without triangles."""
-    corners = layer.points[layer.cells]
-    lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    return float(np.median(lengths)) if lengths.size else 0.0
+def _edge(layer: Layer) -> float:
+    """Return the median length (m) of the triangles' edges."""
+    return median_edge(layer.points, [Cells("triangle", layer.cells)])
 
 
 def plain(points: FloatArray, cells: IntArray, colour: Colour, **looks: Any) -> Layer:

@@ -13,9 +13,9 @@ from sdm_deflect.cases.motion import FloatArray
 from sdm_deflect.cases.report.data import ReportData
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
 from sdm_deflect.cases.turn import Turn
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio
 
 AXES = "xyz"
 AROUND = 0.06

@@ -23,8 +23,8 @@ from sdm_deflect.cases.report.scene3d import (
 )
 from sdm_deflect.cases.turn import Turn
 from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio
 
 MOST_CELLS = 40_000
 """So many of the worst cells of all hexahedra are in the page: a browser has to draw them."""

@@ -26,8 +26,8 @@ from sdm_deflect.cases.study.study import run_study
 from sdm_deflect.cases.study.text import markdown, write_study
 from sdm_deflect.cases.study.trends import Finding
 from sdm_deflect.cases.validation import Check
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio
 
 INTRODUCTION = """# The paper's section 5, measured here
 

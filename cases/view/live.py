@@ -10,8 +10,8 @@ from sdm_deflect.cases.case import LARGEST_ANGLE, Case
 from sdm_deflect.cases.motion import FloatArray, IndexArray
 from sdm_deflect.cases.view.part import Part
 from sdm_deflect.cases.view.stored import Stored
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio
 
 SAME_MESH = 1e-6
 """The mesh at the run's angle is no further (m) from that of the run."""

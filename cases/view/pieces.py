@@ -11,8 +11,8 @@ from sdm_deflect.cases.report.scene3d import quality_rgb
 from sdm_deflect.cases.view.live import Frame, Live
 from sdm_deflect.cases.view.section import Plane, Section
 from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio
 
 Colours = NDArray[np.uint8]
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdm_deflect.deform.quality import Quality, mean_ratio, summarise
 from sdm_deflect.geometry.model import CadEdge, CadModel
 from sdm_deflect.meshing.generate.attachment import Attachment, attach
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.topology import boundary_failures, edges_of, encode
 from sdm_deflect.meshing.mesh import FloatArray, IntArray, TetMesh
-from sdm_deflect.meshing.quality import QualitySummary, mean_ratio, summarise
 
 # Largest allowed distance in metres.
 EXACT = 1e-7
@@ -49,7 +49,7 @@ class Verification:
         One sentence for each violated requirement; empty for a usable mesh.
     """
 
-    quality: QualitySummary
+    quality: Quality
     worst: dict[str, Worst]
     exact_distance: float
     edge_distance: float
@@ -130,7 +130,7 @@ def _worst(mesh: TetMesh, quality: FloatArray) -> dict[str, Worst]:
     return found
 
 
-def _quality_failures(summary: QualitySummary, parameters: MeshParameters) -> list[str]:
+def _quality_failures(summary: Quality, parameters: MeshParameters) -> list[str]:
     failures = []
     if summary.inverted:
         failures.append(f"{summary.inverted} cells are inverted")

@@ -25,7 +25,7 @@ from sdm_deflect.cases.report.scene3d import (
     shell,
     walls,
 )
-from sdm_deflect.meshing.quality import signed_volumes
+from sdm_deflect.deform.quality import signed_volumes
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 FACING = View((plain(TRIANGLE, np.array([[0, 1, 2]]), (255, 0, 0), ambient=1.0),), np.array([0.0, 0.3, 0.3]),

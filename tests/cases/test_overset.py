@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial import Delaunay
 
 from sdm_deflect.cases.sdm.overset import has_donor
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio
 
 NOTHING = np.empty(0, dtype=np.intp)
 

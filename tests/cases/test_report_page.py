@@ -18,7 +18,7 @@ from sdm_deflect.cases.report.offscreen import rendering
 from sdm_deflect.cases.report.page import page, write_report
 from sdm_deflect.cases.report.pictures import Gallery, drawn
 from sdm_deflect.cases.report.turnable import thinned, turnable
-from sdm_deflect.meshing.quality import mean_ratio
+from sdm_deflect.deform.quality import mean_ratio
 
 EVIL = "</script><script>document.title='broken'</script><img src=x onerror=\"document.title='broken'\">"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

@@ -18,7 +18,7 @@ def test_every_check_passes(tail_run):
 
 
 def test_quality_falls_by_less_than_a_tenth(tail_run):
-    from sdm_deflect.meshing.quality import mean_ratio
+    from sdm_deflect.deform.quality import mean_ratio
 
     run, _ = tail_run
     before, after = (mean_ratio(m.points, m.tets).min() for m in (run.mesh, run.deflected))

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.quality import signed_volumes
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import signed_volumes
 
 
 def test_nodes_on_patches_are_sorted_distinct_and_the_union(cube: TetMesh) -> None:

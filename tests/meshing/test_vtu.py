@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.quality import mean_ratio, signed_volumes
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio, signed_volumes
 from sdm_deflect.meshing.vtu import FormatError, read_vtu, read_vtu_arrays, write_vtu
 
 

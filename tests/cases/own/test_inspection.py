@@ -7,10 +7,10 @@ import pyvista as pv
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.inspection import inspect
 from sdm_deflect.deform.mesh import Cells, Mesh
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import FORMATS
-from sdm_deflect.meshing.quality import mean_ratio
 from tests.meshing.formats.examples import grid, hybrid, polyhedral
 
 SHAPES = (("tetrahedra", 4), ("hexahedra", 1), ("prisms", 1), ("pyramids", 1))
@@ -57,7 +57,7 @@ def gathered(mesh):
 
 def test_polyhedra_are_judged_by_their_pyramids(tmp_path):
     Cgns().write(polyhedral(hybrid()), tmp_path / "mesh.cgns")
-    assert "7 polyhedra, 0 inverted; smallest pyramid over volume" in inspect(tmp_path / "mesh.cgns")
+    assert "7 polyhedra, 0 inverted; smallest face pyramid over volume" in inspect(tmp_path / "mesh.cgns")
 
 
 def test_other_files_of_vtk_are_read_without_patches(tmp_path):

@@ -10,9 +10,9 @@ from sdm_deflect.cases.registry import case_named
 from sdm_deflect.cases.view.live import Live
 from sdm_deflect.cases.view.span import Spans
 from sdm_deflect.cases.view.stored import Stored
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.meshing.quality import mean_ratio
 
 pytestmark = pytest.mark.mesher
 EQUAL = 1e-11  # m

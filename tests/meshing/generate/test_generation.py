@@ -9,6 +9,7 @@ import pytest
 
 from sdm_deflect.cases.cad import undeflected_cad
 from sdm_deflect.cases.registry import case_named
+from sdm_deflect.deform.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.generate import generation
@@ -16,7 +17,6 @@ from sdm_deflect.meshing.generate.assembly import FAR_FIELD, unit_normals
 from sdm_deflect.meshing.generate.generation import Generated, generate, harder
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import signed_volumes
 
 
 def test_the_flow_around_a_body_is_the_box_without_the_body(made: Generated, body: CadModel) -> None:

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.quality import mean_ratio, signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.generation import Generated
 from sdm_deflect.meshing.generate.parameters import MeshParameters
@@ -8,7 +9,6 @@ from sdm_deflect.meshing.generate.refine import refined, split
 from sdm_deflect.meshing.generate.topology import boundary_failures
 from sdm_deflect.meshing.generate.verify import verify
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.quality import mean_ratio, signed_volumes
 
 
 def test_eight_positive_children_fill_each_parent(cube: TetMesh) -> None:

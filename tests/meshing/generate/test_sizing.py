@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sdm_deflect.deform.quality import signed_volumes
 from sdm_deflect.meshing.generate.sizing import (
     CLEARANCE,
     COARSENESS,
@@ -14,7 +15,6 @@ from sdm_deflect.meshing.generate.sizing import (
     seeds,
     size_field,
 )
-from sdm_deflect.meshing.quality import signed_volumes
 
 SEEDS = st.integers(0, 1000)
 

@@ -1,12 +1,12 @@
-"""Edges of a surface: their lengths, and where two faces meet at an angle."""
+"""Faces of any shapes: their edges, area vectors and edge lengths, and where two of them meet at an angle."""
+
+from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Faces, Polygons
-from sdm_deflect.deform.rbf.kernels import FloatArray
-from sdm_deflect.deform.rbf.points import IndexArray
+from sdm_deflect.deform.mesh import Faces, FloatArray, IntArray, Polygons
 
 
 def polygons_of(faces: Sequence[Faces]) -> Polygons:
@@ -16,7 +16,7 @@ def polygons_of(faces: Sequence[Faces]) -> Polygons:
     return Polygons(nodes, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp))
 
 
-def edges_of(faces: Polygons) -> tuple[IndexArray, IndexArray]:
+def edges_of(faces: Polygons) -> tuple[IntArray, IntArray]:
     """Return the edges (E, 2) of every face, E of all faces, as node indices, and the face (E,) of each."""
     sizes = np.diff(faces.offsets)
     following = np.arange(1, len(faces.nodes) + 1)
@@ -34,7 +34,7 @@ def area_vectors(points: FloatArray, faces: Polygons) -> FloatArray:
     return np.asarray(0.5 * np.add.reduceat(crosses, faces.offsets[:-1], axis=0))
 
 
-def sharp_edges(points: FloatArray, faces: Polygons, degrees: float) -> IndexArray:
+def sharp_edges(points: FloatArray, faces: Polygons, degrees: float) -> IntArray:
     """Return the edges (E, 2) whose two faces turn by more than `degrees` from one to the other."""
     edges, face = edges_of(faces)
     ends = np.sort(edges, axis=1)
@@ -51,18 +51,18 @@ def sharp_edges(points: FloatArray, faces: Polygons, degrees: float) -> IndexArr
 
 
 def median_edge(points: FloatArray, faces: Sequence[Faces]) -> float:
-    """Return the median length of the faces' edges; nan if there are none."""
+    """Return the median length of the edges of all faces, an edge once for each; nan if there are none."""
     edges, _ = edges_of(polygons_of(faces))
     lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
     return float(np.median(lengths)) if len(lengths) else float("nan")
 
 
-def _sizes(block: Faces) -> IndexArray:
-    if isinstance(block, Polygons):
-        return np.diff(block.offsets)
-    return np.full(len(block), block.nodes.shape[1], dtype=np.intp)
-
-
 def rows_of(count: int, size: int) -> Iterator[slice]:
     """Cut range(count) into slices of at most `size`."""
     return (slice(start, start + size) for start in range(0, count, size))
+
+
+def _sizes(block: Faces) -> IntArray:
+    if isinstance(block, Polygons):
+        return np.diff(block.offsets)
+    return np.full(len(block), block.nodes.shape[1], dtype=np.intp)

@@ -1,0 +1,125 @@
+"""Polyhedral cells as OpenFOAM measures them: face and cell centres, volumes and face pyramids.
+
+The formulas are those of OpenFOAM's primitiveMesh, so that a cell is inverted here if checkMesh says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdm_deflect.deform.edges import edges_of
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Polygons, Polyhedra
+
+SMALLEST_PYRAMID = -1e-15
+"""checkMesh finds fault with a face pyramid of a smaller volume, in the mesh's unit of length cubed."""
+TINY = np.finfo(np.float64).tiny
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pyramids:
+    """What decides on R polyhedra: pyramids stand on the faces of a cell, with their tips at its centre.
+
+    Attributes
+    ----------
+    smallest
+        (R,) volume of the smallest pyramid of each cell, negative where a face has turned past the centre.
+    volume
+        (R,) volume of each cell: the sum of its pyramids.
+    """
+
+    smallest: FloatArray = field(repr=False)
+    volume: FloatArray = field(repr=False)
+
+    @property
+    def quality(self) -> FloatArray:
+        """Smallest pyramid over the cell's volume (R,): 1/F for an ideal cell of F faces."""
+        return np.asarray(self.smallest / np.maximum(np.abs(self.volume), TINY))
+
+    @property
+    def inverted(self) -> NDArray[np.bool_]:
+        """Which cells (R,) checkMesh takes for inverted: by their volume, or by one of their pyramids."""
+        return np.asarray((self.smallest < SMALLEST_PYRAMID) | (self.volume < TINY))
+
+
+def pyramids_of(
+    points: FloatArray, cells: Polyhedra, rows: IntArray | None = None, orientation: float = 1.0
+) -> Pyramids:
+    """Measure cells, or R rows of them.
+
+    Parameters
+    ----------
+    points
+        (N, 3) node coordinates.
+    orientation
+        -1 if the normals of the faces point into their owners, else 1.
+    """
+    faces, face, cell, sign = _sides(cells, rows)
+    count = len(cells) if rows is None else len(rows)
+    centres, areas = face_centres_and_areas(points, faces)
+    centre, area = centres[face], (orientation * sign)[:, None] * areas[face]
+    estimate = _sums(cell, centre, count) / np.maximum(np.bincount(cell, minlength=count), 1)[:, None]
+    volume = _dots(area, centre - estimate[cell]) / 3.0
+    volumes = _sums(cell, volume, count)
+    moments = _sums(cell, volume[:, None] * (0.75 * centre + 0.25 * estimate[cell]), count)
+    solid = np.abs(volumes) > TINY
+    middle = np.where(solid[:, None], moments / np.where(solid, volumes, 1.0)[:, None], estimate)
+    smallest = np.full(count, np.inf)
+    np.minimum.at(smallest, cell, _dots(area, centre - middle[cell]) / 3.0)
+    return Pyramids(smallest, volumes)
+
+
+def face_centres_and_areas(points: FloatArray, faces: Polygons) -> tuple[FloatArray, FloatArray]:
+    """Return the centres (F, 3) and area vectors (F, 3) of faces, cut into triangles around their mean corner."""
+    if not len(faces):
+        return np.empty((0, 3)), np.empty((0, 3))
+    edges, face = edges_of(faces)
+    starts = faces.offsets[:-1]
+    first, second = points[edges[:, 0]], points[edges[:, 1]]
+    mean = np.add.reduceat(first, starts, axis=0) / np.diff(faces.offsets)[:, None]
+    normals = np.cross(second - first, mean[face] - first)
+    weights = np.linalg.norm(normals, axis=1)
+    weight = np.add.reduceat(weights, starts)[:, None]
+    moments = np.add.reduceat(weights[:, None] * (first + second + mean[face]), starts, axis=0)
+    centres = np.where(weight > TINY, moments / (3.0 * np.maximum(weight, TINY)), mean)
+    return centres, 0.5 * np.add.reduceat(normals, starts, axis=0)
+
+
+def touching(cells: Polyhedra, moved: NDArray[np.bool_]) -> IntArray:
+    """Return the rows of cells with a node in the mask `moved` (N,)."""
+    face = np.logical_or.reduceat(moved[cells.faces.nodes], cells.faces.offsets[:-1])
+    flags = np.zeros(len(cells), dtype=bool)
+    flags[cells.owner[face]] = True
+    flags[cells.neighbour[face[: len(cells.neighbour)]]] = True
+    return np.flatnonzero(flags)
+
+
+def _sides(cells: Polyhedra, rows: IntArray | None) -> tuple[Polygons, IntArray, IntArray, FloatArray]:
+    """Return the faces of the rows, and for each side of one of them its face, its row and the sign of its normal."""
+    some = np.arange(len(cells)) if rows is None else rows
+    place = np.full(len(cells), -1, dtype=np.intp)
+    place[some] = np.arange(len(some))
+    inner = len(cells.neighbour)
+    own, other = place[cells.owner], place[cells.neighbour]
+    wanted = own >= 0
+    wanted[:inner] |= other >= 0
+    own, other = own[wanted], other[wanted[:inner]]
+    behind, front = np.flatnonzero(own >= 0), np.flatnonzero(other >= 0)
+    sign = np.repeat([1.0, -1.0], [len(behind), len(front)])
+    sizes = np.diff(cells.faces.offsets)
+    nodes = cells.faces.nodes[np.repeat(wanted, sizes)]
+    faces = Polygons(nodes, np.concatenate([[0], np.cumsum(sizes[wanted])]).astype(np.intp))
+    return faces, np.concatenate([behind, front]), np.concatenate([own[behind], other[front]]), sign
+
+
+def _sums(cell: IntArray, values: FloatArray, count: int) -> FloatArray:
+    """Add up values (K,) or (K, 3) by cell (K,)."""
+    columns = values.reshape(len(values), -1).T
+    sums = [np.bincount(cell, weights=column, minlength=count) for column in columns]
+    return np.asarray(np.column_stack(sums).reshape(count, *values.shape[1:]), dtype=np.float64)
+
+
+def _dots(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("ij,ij->i", a, b))

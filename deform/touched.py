@@ -1,0 +1,151 @@
+"""The cells that a deformation may change: their quality, and the height of prism layers, before and after."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdm_deflect.deform import polyhedra
+from sdm_deflect.deform.edges import rows_of
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Polyhedra, Volume
+from sdm_deflect.deform.quality import Quality, by_shape, inverted_of, oriented
+
+BASES = {
+    "wedge": (((0, 1, 2), (3, 4, 5)), ((3, 4, 5), (0, 1, 2))),
+    "hexahedron": (
+        ((0, 1, 2, 3), (4, 5, 6, 7)), ((4, 5, 6, 7), (0, 1, 2, 3)), ((0, 1, 5, 4), (3, 2, 6, 7)),
+        ((3, 2, 6, 7), (0, 1, 5, 4)), ((0, 3, 7, 4), (1, 2, 6, 5)), ((1, 2, 6, 5), (0, 3, 7, 4)),
+    ),
+}  # fmt: skip
+"""Faces that may lie on a wall, and the nodes opposite to them."""
+BLOCK = 1 << 16
+FLAT = 0.2
+"""Height over the longest edge on the wall, below which a cell counts as one of a layer."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TouchedCells:
+    """The cells that a deformation may change.
+
+    Attributes
+    ----------
+    mesh
+        The mesh before.
+    rows
+        For each block of cells, those with a node that may move.
+    orientation
+        For each block 1, or -1 if most of its cells are inverted: the file counts their nodes left-handed.
+    inverted
+        Number of inverted cells of each block of the whole mesh before.
+    """
+
+    mesh: Mesh
+    rows: tuple[IntArray, ...] = field(repr=False)
+    orientation: tuple[float, ...]
+    inverted: tuple[int, ...]
+
+    @classmethod
+    def of(cls, mesh: Mesh, inside: IntArray) -> TouchedCells:
+        """Find the cells that have a node of `inside` (K,), and judge all cells as they are."""
+        moved = np.zeros(len(mesh.points), dtype=bool)
+        moved[inside] = True
+        rows = tuple(_touching(block, moved) for block in mesh.cells)
+        judged = [oriented(mesh.points, block) for block in mesh.cells]
+        return cls(mesh, rows, tuple(sign for sign, _ in judged), tuple(count for _, count in judged))
+
+    @property
+    def count(self) -> int:
+        """Number of cells touched."""
+        return sum(len(rows) for rows in self.rows)
+
+    def inverted_at(self, points: FloatArray) -> int:
+        """Return the number of touched cells that are inverted with the nodes at `points` (N, 3)."""
+        parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
+        return sum(int(np.count_nonzero(inverted_of(points, *part))) for part in parts)
+
+    def quality(self, points: FloatArray) -> tuple[Quality, ...]:
+        """Return the quality of the touched cells of each type, with the nodes at `points` (N, 3)."""
+        parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
+        return by_shape(points, parts)
+
+    def check(self, allow: bool = False) -> None:
+        """Raise InputError if the mesh has inverted cells before anything moves, unless they are allowed."""
+        for block, count in zip(self.mesh.cells, self.inverted, strict=True):
+            if count and not allow:
+                shape = "polyhedra" if isinstance(block, Polyhedra) else f"cells ({block.shape})"
+                raise InputError(
+                    f"{self.mesh.name}: {count} of {len(block)} {shape} are inverted in the file already; mend the "
+                    "mesh, or take it as it is (allow_inverted)"
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class Layers:
+    """Change of the first layer's height, which is the length of the edges that leave the wall.
+
+    Attributes
+    ----------
+    edges : number of these edges, as often as cells have them.
+    lowest : smallest height before.
+    largest, p99 : largest relative change, and the one that 99 % of the edges keep.
+    """
+
+    edges: int
+    lowest: float
+    largest: float
+    p99: float
+
+
+def first_layer(touched: TouchedCells, walls: IntArray, points: FloatArray) -> Layers | None:
+    """Compare heights over the walls' nodes (W,) before and with the nodes at `points` (N, 3); None without prisms."""
+    wall = np.zeros(len(points), dtype=bool)
+    wall[walls] = True
+    before, after = [], []
+    for block, rows in zip(touched.mesh.cells, touched.rows, strict=True):
+        if isinstance(block, Polyhedra) or block.shape not in BASES:
+            continue
+        for base, top in _first_cells(block, rows, wall):
+            flat = _flat(touched.mesh.points, base, top)
+            before.append(_height(touched.mesh.points, base[flat], top[flat]))
+            after.append(_height(points, base[flat], top[flat]))
+    if not sum(len(part) for part in before):
+        return None
+    low, change = np.concatenate(before), np.concatenate(after)
+    change = np.abs(change / low - 1.0)
+    return Layers(len(low), float(low.min()), float(change.max()), float(np.percentile(change, 99.0)))
+
+
+def _touching(block: Volume, moved: NDArray[np.bool_]) -> IntArray:
+    """Return the rows of cells with a node in the mask `moved` (N,), block by block, in little memory."""
+    if isinstance(block, Polyhedra):
+        return polyhedra.touching(block, moved)
+    parts = [rows.start + np.flatnonzero(moved[block.nodes[rows]].any(axis=1)) for rows in rows_of(len(block), BLOCK)]
+    return np.concatenate([np.empty(0, dtype=np.intp), *parts])
+
+
+def _first_cells(block: Cells, rows: IntArray, wall: NDArray[np.bool_]) -> list[tuple[IntArray, IntArray]]:
+    """Return nodes (C, k) on the wall and nodes (C, k) opposite, of cells with one face on the wall."""
+    found = []
+    for part in rows_of(len(rows), BLOCK):
+        nodes = block.nodes[rows[part]]
+        on = wall[nodes]
+        for base, top in BASES[block.shape]:
+            first = on[:, list(base)].all(axis=1) & ~on[:, list(top)].any(axis=1)
+            if first.any():
+                found.append((nodes[first][:, list(base)], nodes[first][:, list(top)]))
+    return found
+
+
+def _flat(points: FloatArray, base: IntArray, top: IntArray) -> NDArray[np.bool_]:
+    """Return which cells (C,) are flat: others over a wall are no layer."""
+    around = np.linalg.norm(points[base] - points[np.roll(base, 1, axis=1)], axis=2)
+    height = np.linalg.norm(points[top] - points[base], axis=2)
+    return np.asarray(height.max(axis=1) < FLAT * around.max(axis=1))
+
+
+def _height(points: FloatArray, base: IntArray, top: IntArray) -> FloatArray:
+    """Return the lengths (C k,) of the edges that leave the wall."""
+    return np.asarray(np.linalg.norm(points[top] - points[base], axis=2).ravel())
