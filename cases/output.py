@@ -16,8 +16,10 @@ from sdm_deflect.cases.metrics import metrics
 from sdm_deflect.cases.run import Run
 from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.guard import FULL
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.vtu import write_vtu
 
 
 class OutputError(ValueError):
@@ -26,12 +28,13 @@ class OutputError(ValueError):
 
 @contextmanager
 def output_folder(target: Path) -> Iterator[Path]:
-    """Yield a scratch folder beside `target`; on success its files move into `target`, else nothing changes.
+    """Yield a scratch folder in `target`; on success its files move into `target`, else nothing changes.
 
     Raises
     ------
     OutputError
-        At once if the folder cannot be made or written.
+        At once if the folder cannot be made or written, later if a file in it cannot, on a full disk for example;
+        the message names the file that was to be.
     """
     new = not target.exists()
     try:
@@ -46,9 +49,13 @@ def output_folder(target: Path) -> Iterator[Path]:
                 final = target / path.relative_to(name)
                 final.parent.mkdir(parents=True, exist_ok=True)
                 path.replace(final)
-    except BaseException:
+    except BaseException as error:
         if new and not any(target.iterdir()):
             target.rmdir()
+        if isinstance(error, MeshFileError):
+            raise MeshFileError(str(error).replace(f"{scratch.name}/", f"{target}/")) from error
+        if isinstance(error, OSError) and error.errno in FULL:
+            raise OutputError(f"{target}: cannot be written: {error.strerror}") from error
         raise
 
 

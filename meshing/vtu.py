@@ -2,74 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import (
-    VTK_ID_TYPE,
-    vtkLogger,
-    vtkPoints,
-    vtkStringArray,
-)
-from vtkmodules.vtkCommonDataModel import VTK_TETRA, VTK_TRIANGLE, vtkCellArray, vtkUnstructuredGrid
-from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkLogger
+from vtkmodules.vtkCommonDataModel import VTK_TETRA, VTK_TRIANGLE, vtkUnstructuredGrid
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
-from sdm_deflect.meshing.files import replacing
 from sdm_deflect.meshing.mesh import TetMesh
 
 Array = NDArray[np.generic]
 
-FAST = 1
-"""zlib's level: files of meshes are 4 % larger than at VTK's default, and written in a third of the time."""
-
 
 class FormatError(RuntimeError):
-    """A mesh file could not be written, or is not one of ours."""
-
-
-def write_vtu(
-    path: Path,
-    mesh: TetMesh,
-    point_data: Mapping[str, Array] | None = None,
-    cell_data: Mapping[str, Array] | None = None,
-) -> None:
-    """Write a mesh and arrays on it; the same input gives the same bytes.
-
-    Parameters
-    ----------
-    path
-        A .vtu file; it appears whole or not at all.
-    point_data
-        Further arrays (N, ...) on the nodes, for example ``displacement``.
-    cell_data
-        Further arrays (M + F, ...) on tetrahedra then triangles, or (M, ...) on the tetrahedra alone (the
-        triangles then read 0), for example ``quality``.
-
-    Raises
-    ------
-    ValueError
-        For an array of the wrong length.
-    FormatError
-        If VTK cannot write the file.
-    """
-    grid = _grid(mesh)
-    for name, values in (point_data or {}).items():
-        if len(values) != len(mesh.points):
-            raise ValueError(f"{name} has {len(values)} rows, expected {len(mesh.points)} nodes")
-        attach(grid.GetPointData(), name, values)
-    for name, values in (cell_data or {}).items():
-        attach(grid.GetCellData(), name, _on_all_cells(name, values, mesh))
-    with replacing(path) as beside:
-        writer = vtkXMLUnstructuredGridWriter()
-        writer.SetFileName(str(beside))
-        writer.SetInputData(grid)
-        writer.SetCompressionLevel(FAST)
-        if not writer.Write():
-            raise FormatError(f"{path} could not be written")
+    """A mesh file is damaged, or is not one of ours."""
 
 
 def read_vtu(path: Path) -> TetMesh:
@@ -116,51 +66,6 @@ def read_vtu_arrays(path: Path) -> dict[str, Array]:
     }
 
 
-def _grid(mesh: TetMesh) -> vtkUnstructuredGrid:
-    tets, triangles = len(mesh.tets), len(mesh.triangles)
-    offsets = np.concatenate([4 * np.arange(tets), 4 * tets + 3 * np.arange(triangles + 1)])
-    nodes = np.concatenate([mesh.tets.ravel(), mesh.triangles.ravel()])
-    cells = vtkCellArray()
-    cells.SetData(numpy_to_vtk(offsets, True, VTK_ID_TYPE), numpy_to_vtk(nodes, True, VTK_ID_TYPE))
-    types = np.repeat(np.array([VTK_TETRA, VTK_TRIANGLE], dtype=np.uint8), [tets, triangles])
-    points = vtkPoints()
-    points.SetData(numpy_to_vtk(np.ascontiguousarray(mesh.points), True))
-    grid = vtkUnstructuredGrid()
-    grid.SetPoints(points)
-    grid.SetCells(numpy_to_vtk(types, True), cells)
-    attach(grid.GetCellData(), "patch", np.concatenate([np.zeros(tets, dtype=np.int32), mesh.patch]))
-    attach(grid.GetCellData(), "cad_face", np.concatenate([np.full(tets, -1), mesh.face]))
-    grid.GetFieldData().AddArray(string_array("patch_names", mesh.names))
-    return grid
-
-
-def string_array(name: str, values: tuple[str, ...]) -> vtkStringArray:
-    """Return strings as VTK holds them."""
-    strings = vtkStringArray()
-    strings.SetName(name)
-    for value in values:
-        strings.InsertNextValue(value)
-    return strings
-
-
-def attach(data: object, name: str, values: Array) -> None:
-    """Add an array to point or cell data; integers are stored with 32 bits."""
-    if np.issubdtype(values.dtype, np.integer):
-        values = values.astype(np.int32)
-    array = numpy_to_vtk(np.ascontiguousarray(values), True)
-    array.SetName(name)
-    data.AddArray(array)  # type: ignore[attr-defined]
-
-
-def _on_all_cells(name: str, values: Array, mesh: TetMesh) -> Array:
-    tets, triangles = len(mesh.tets), len(mesh.triangles)
-    if len(values) == tets + triangles:
-        return values
-    if len(values) != tets:
-        raise ValueError(f"{name} has {len(values)} rows, expected {tets} tetrahedra or all cells")
-    return np.concatenate([values, np.zeros((triangles, *values.shape[1:]), dtype=values.dtype)])
-
-
 def read_grid(path: Path) -> vtkUnstructuredGrid:
     """Read any unstructured grid.
 
@@ -177,7 +82,7 @@ def read_grid(path: Path) -> vtkUnstructuredGrid:
     reader.SetFileName(str(path))
     errors: list[str] = []
     reader.AddObserver("ErrorEvent", lambda *_: errors.append("error"))
-    with _without_messages():
+    with without_messages():
         reader.Update()
     if errors or reader.GetErrorCode():
         raise FormatError(f"{path} is damaged")
@@ -186,7 +91,7 @@ def read_grid(path: Path) -> vtkUnstructuredGrid:
 
 
 @contextmanager
-def _without_messages() -> Iterator[None]:
+def without_messages() -> Iterator[None]:
     """Keep VTK from writing to the standard error stream while the block runs."""
     verbosity = vtkLogger.GetCurrentVerbosityCutoff()
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)

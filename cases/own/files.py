@@ -2,17 +2,18 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.own.vectors import write_vectors
 from sdm_deflect.cases.progress import Report
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
 SENSITIVITY = "d_points_d_angle"
 
@@ -62,7 +63,8 @@ def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: Pa
     np.savez_compressed(
         base.with_name(base.name + ".npz"), points=points, unit=np.array(unit), d_points_d_angle=rates
     )
-    write_vectors(base.with_name(base.name + ".vtu"), mesh, points, {SENSITIVITY: rates})
+    cells = replace(mesh, points=points, patches=())
+    write_vtu(base.with_name(base.name + ".vtu"), cells, {SENSITIVITY: rates})
 
 
 def write_report(figures: Mapping[str, Any], out: Path) -> None:

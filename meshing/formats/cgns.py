@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -19,6 +20,9 @@ from sdm_deflect.meshing.formats.cgns_write import write_base
 from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
 from sdm_deflect.meshing.formats.guard import about, check_points, fresh
 from sdm_deflect.meshing.mesh import FloatArray
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer as Buffer
 
 ADF = b"ADF Database"
 
@@ -36,18 +40,18 @@ class Cgns:
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
-        with about(path), _opened(path, "r") as file:
+        with about(path), _opened(path) as file:
             return read_base(file, partial(progress, f"reading {path.name}"))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; only numbers in CoordinateX, CoordinateY and CoordinateZ change."""
-        with about(source), _opened(source, "r") as file:
+        with about(source), _opened(source) as file:
             _, found = zones(file)
             check_points(points, sum(len(coordinate_data(zone)[0]) for _, zone in found))
         with fresh(out, source) as beside, about(source):
             progress(f"writing {out.name}", 0.0)
             shutil.copyfile(source, beside)
-            with _opened(beside, "r+") as file:
+            with _written(beside, "r+") as file:
                 start = 0
                 for _, zone in zones(file)[1]:
                     start += _overwrite(coordinate_data(zone), points[start:])
@@ -55,12 +59,52 @@ class Cgns:
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; each patch is a family and a boundary condition that its family specifies."""
-        with fresh(out) as beside, about(out), h5py.File(beside, "w", track_order=True) as file:
+        with fresh(out) as beside, about(out), _written(beside, "w") as file:
             return write_base(file, mesh, partial(progress, f"writing {out.name}"))
 
 
+class _Kept(io.FileIO):
+    """A file that takes whatever HDF5 writes, and keeps the first error: HDF5 crashes on errors while it closes."""
+
+    error: OSError | None = None
+
+    def write(self, data: Buffer, /) -> int:
+        """Write all of the data, or keep the error that prevents it."""
+        left = memoryview(data).cast("B")
+        size = len(left)
+        with self._keeping():
+            while len(left):
+                left = left[super().write(left) :]
+        return size
+
+    def truncate(self, size: int | None = None, /) -> int:
+        """Set the size of the file, or keep the error that prevents it."""
+        with self._keeping():
+            super().truncate(size)
+        return self.tell() if size is None else size
+
+    @contextmanager
+    def _keeping(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.error = self.error or error
+
+
 @contextmanager
-def _opened(path: Path, mode: str) -> Iterator[Any]:
+def _written(path: Path, mode: str) -> Iterator[Any]:
+    """Open a file for HDF5 to write (`mode` is h5py's); OSError at the end if any part of it was not written."""
+    with _Kept(path, "r+") as kept:
+        try:
+            with h5py.File(kept, mode, track_order=True) as file:
+                yield file
+        finally:
+            if kept.error:
+                raise kept.error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
     with path.open("rb") as file:
         head = file.read(64)
     if not h5py.is_hdf5(path):
@@ -68,7 +112,7 @@ def _opened(path: Path, mode: str) -> Iterator[Any]:
             raise MeshFileError("this is a CGNS file in ADF; convert it to HDF5 with `cgnsconvert -h IN.cgns OUT.cgns`")
         raise MeshFileError("this is no CGNS file in HDF5")
     try:
-        with h5py.File(path, mode) as opened:
+        with h5py.File(path) as opened:
             yield opened
     except (OSError, KeyError) as error:
         raise MeshFileError(f"the file is truncated or damaged ({error})") from error

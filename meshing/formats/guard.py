@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,9 @@ from sdm_deflect.meshing.formats.faces import loose_faces
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import FloatArray
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of writing alone: no space, a quota, a limit of the size."""
+
 
 @contextmanager
 def about(path: Path) -> Iterator[None]:
@@ -22,11 +26,14 @@ def about(path: Path) -> Iterator[None]:
     Raises
     ------
     MeshFileError
-        In place of a MeshFileError, a ValueError or an OSError, as ``"file: what is wrong"``.
+        In place of a MeshFileError, a ValueError or an OSError, as ``"file: what is wrong"``; an OSError of a full
+        disk passes, because it is of another file.
     """
     try:
         yield
     except OSError as error:
+        if error.errno in FULL:
+            raise
         raise MeshFileError(f"{path}: {error.strerror or error}") from error
     except (MeshFileError, ValueError) as error:
         raise MeshFileError(f"{path}: {error}") from error
@@ -43,9 +50,21 @@ def fresh(out: Path, source: Path | None = None) -> Iterator[Path]:
     """
     if source is not None and out.exists() and out.samefile(source):
         raise MeshFileError(f"{out}: this is the mesh that is read; write to another file")
+    with written(out), replacing(out) as beside:
+        yield beside
+
+
+@contextmanager
+def written(out: Path) -> Iterator[None]:
+    """Name `out` in errors of writing it.
+
+    Raises
+    ------
+    MeshFileError
+        In place of an OSError, as ``"out: cannot be written: why"``.
+    """
     try:
-        with replacing(out) as beside:
-            yield beside
+        yield
     except OSError as error:
         raise MeshFileError(f"{out}: cannot be written: {error.strerror or error}") from error
 

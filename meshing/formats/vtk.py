@@ -14,9 +14,10 @@ from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
 from sdm_deflect.meshing.formats.guard import about, check_points, fresh
 from sdm_deflect.meshing.formats.vtk_grid import mesh_of
-from sdm_deflect.meshing.formats.vtk_write import encode_like, grid_of
+from sdm_deflect.meshing.formats.vtk_write import encode_like
+from sdm_deflect.meshing.formats.vtu_write import FAST, write_vtu
 from sdm_deflect.meshing.mesh import FloatArray
-from sdm_deflect.meshing.vtu import FAST, FormatError, read_grid
+from sdm_deflect.meshing.vtu import FormatError, read_grid, without_messages
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +63,7 @@ class Vtu:
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; zones become one grid."""
         progress(f"writing {out.name}", 0.0)
-        with fresh(out) as beside:
-            _write(vtkXMLUnstructuredGridWriter(), grid_of(mesh), beside, out)
+        write_vtu(out, mesh)
         return ("its zones are one grid",) if len(mesh.zones) > 1 else ()
 
 
@@ -78,8 +78,15 @@ def _grid(path: Path) -> vtkUnstructuredGrid:
 
 
 def _write(writer: vtkXMLUnstructuredGridWriter, grid: vtkUnstructuredGrid, beside: Path, out: Path) -> None:
+    """Write a grid and read it again: VTK does not tell that a disk is full."""
     writer.SetFileName(str(beside))
     writer.SetInputData(grid)
     writer.SetCompressionLevel(FAST)
-    if not writer.Write():
-        raise MeshFileError(f"{out}: could not be written")
+    with without_messages():
+        writer.Write()
+    try:
+        whole = read_grid(beside).GetNumberOfPoints() == grid.GetNumberOfPoints()
+    except FormatError:
+        whole = False
+    if not whole or b"</VTKFile>" not in beside.read_bytes()[-16:]:
+        raise MeshFileError(f"{out}: cannot be written: the file is not whole; is the disk full?")

@@ -18,7 +18,7 @@ from sdm_deflect.cases.export import export_run
 from sdm_deflect.cases.pipeline import combined
 from sdm_deflect.cases.registry import case_named
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.vtu import write_vtu
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from tests.cases import foam
 
 pytestmark = pytest.mark.mesher

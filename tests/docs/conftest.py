@@ -5,7 +5,7 @@ import pytest
 from sdm_deflect.cases.deflect import deflect
 from sdm_deflect.cases.output import write_interpolants
 from sdm_deflect.cases.registry import case_named
-from sdm_deflect.meshing.vtu import write_vtu
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
 
 @pytest.fixture(scope="session")

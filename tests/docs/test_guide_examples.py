@@ -21,7 +21,7 @@ import tail_root
 from sdm_deflect.cases.registry import case_named
 from sdm_deflect.deform.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.volume.hexahedron import Hexahedron
-from sdm_deflect.meshing.vtu import write_vtu
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
 EXAMPLES = Path(pictures.__file__).parent
 FIGURES = EXAMPLES.parent / "figures"

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.quality import mean_ratio, signed_volumes
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.vtu import FormatError, read_vtu, read_vtu_arrays, write_vtu
+from sdm_deflect.meshing.vtu import FormatError, read_vtu, read_vtu_arrays
 
 
 def test_a_mesh_survives_the_file_bit_for_bit(cube: TetMesh, tmp_path: Path) -> None:
@@ -42,7 +43,7 @@ def test_the_same_mesh_gives_the_same_bytes(cube: TetMesh, tmp_path: Path) -> No
 def test_arrays_of_the_wrong_length_are_refused_and_nothing_written(cube: TetMesh, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="a has 2 rows, expected 64 nodes"):
         write_vtu(tmp_path / "mesh.vtu", cube, {"a": np.zeros(2)})
-    with pytest.raises(ValueError, match="b has 2 rows, expected 162 tetrahedra"):
+    with pytest.raises(ValueError, match="b has 2 rows, expected 162 cells"):
         write_vtu(tmp_path / "mesh.vtu", cube, None, {"b": np.zeros(2)})
     assert not list(tmp_path.iterdir())
 

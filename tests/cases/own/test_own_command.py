@@ -1,6 +1,7 @@
 """`sdm deflect` from the command line, on files."""
 
 import json
+import resource
 import shutil
 import sys
 
@@ -180,3 +181,23 @@ def test_a_failed_check_is_exit_code_1_and_the_table_says_which(files, sdm, tmp_
     assert code == 1
     assert "A VALIDATION FAILED" in table
     assert "FAILED" in table
+
+
+@pytest.mark.parametrize("share", [0.2, 0.7, 0.95])
+def test_a_full_disk_is_one_line_and_leaves_earlier_files(share, files, sdm, tmp_path):
+    """A limit of the size of files stands for the disk; the mesh fits in it, then its sensitivities do not."""
+    arguments = ["deflect", files["cgns"], *TURN, "--sensitivity", "--quiet", "--out", tmp_path / "wing.cgns"]
+    assert sdm(*arguments)[0] == 0
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    largest = max(map(len, before.values()))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * largest), resource.RLIM_INFINITY))
+    try:
+        code, _, complaint = sdm(*arguments)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    assert code == 2
+    assert f"{tmp_path}" in complaint
+    assert "cannot be written" in complaint
+    assert ".partial" not in complaint
+    assert len(complaint.strip().splitlines()) == 1
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before

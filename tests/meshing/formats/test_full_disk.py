@@ -1,0 +1,89 @@
+"""A disk that fills up: an error that names the file to be, and the file that was there stays.
+
+A limit of the size of files stands for the full disk; each format is tried in a process of its own, because libraries
+in C crash on such disks.
+"""
+
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.mesh import TetMesh
+from tests.meshing.formats.examples import hybrid
+
+CHILD = """
+import sys
+from pathlib import Path
+from tests.meshing.formats.test_full_disk import on_full_disks
+on_full_disks(sys.argv[1], Path(sys.argv[2]))
+"""
+ROOT = Path(__file__).parents[3]
+SHARES = (0.02, 0.3, 0.6, 0.9, 0.99)
+"""Of the size of the largest file that is written, what the limit lets pass."""
+
+
+def test_writing_beyond_the_limit_fails_instead_of_ending_the_process():
+    code = "import signal; print(signal.getsignal(signal.SIGXFSZ) is signal.SIG_IGN)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout == b"True\n"
+
+
+@pytest.mark.parametrize("form", [*FORMATS, "tets", "arrays"])
+def test_a_full_disk_is_an_error_that_names_the_file_and_keeps_the_old_one(form, tmp_path):
+    command = [sys.executable, "-c", CHILD, form, tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+
+
+def on_full_disks(form: str, folder: Path) -> None:
+    """Write and rewrite a mesh under limits of every size; leave the folder as it was."""
+    out, tasks = work(form, folder)
+    for task in tasks:
+        task()
+        whole = max(path.stat().st_size for path in [out, *out.rglob("*")] if path.is_file())
+        if out.is_dir():
+            shutil.rmtree(out)
+        else:
+            out.write_bytes(b"what was there")
+        before = content(folder)
+        for share in SHARES:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * whole), resource.RLIM_INFINITY))
+            with pytest.raises(MeshFileError, match=rf"^{out}: cannot be written: "):
+                task()
+            resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+            assert content(folder) == before
+
+
+def work(form: str, folder: Path):
+    """The file to write, and what writes it."""
+    mesh = hybrid()
+    if form == "tets":
+        return folder / "out.vtu", [lambda: write_vtu(folder / "out.vtu", cube())]
+    if form == "arrays":
+        rates = {"rates": np.random.default_rng(0).random((14, 3))}
+        return folder / "out.vtu", [lambda: write_vtu(folder / "out.vtu", mesh, rates)]
+    known = FORMATS[form]
+    suffix = "" if form == "openfoam" else known.suffixes[0]
+    source, out = folder / f"source{suffix}", folder / f"out{suffix}"
+    known.write(mesh, source)
+    return out, [lambda: known.write(mesh, out), lambda: known.rewrite(source, mesh.points * np.pi, out)]
+
+
+def content(folder: Path) -> dict[Path, bytes]:
+    """All files in a folder."""
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def cube():
+    """A cube of tetrahedra with two patches."""
+    corners = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
+    tets = np.array([[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]])
+    faces = np.array([[0, 2, 3], [4, 5, 7]])
+    return TetMesh(corners, tets, faces, np.array([1, 2]), np.array([0, -1]), ("volume", "floor", "roof"))
