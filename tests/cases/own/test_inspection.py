@@ -1,13 +1,17 @@
 """`sdm quality` says the same of a mesh in every format."""
 
+import json
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import pyvista as pv
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.inspection import inspect
-from sdm_deflect.deform.mesh import Cells, Mesh
-from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.cases.inspection import inspect, inspected
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.quality import MEASURES, mean_ratio
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import FORMATS
@@ -29,6 +33,47 @@ def test_every_format_gives_counts_patches_and_quality(name, tmp_path):
     for cell in (0, 1, 6):
         assert f"scaled Jacobian min {jacobian[cell]:.3f}" in text
     assert "floor 3, inlet 2, outlet 2, left" in text
+
+
+def test_the_same_as_data(tmp_path):
+    FORMATS["su2"].write(hybrid(), tmp_path / "mesh.su2")
+    found = json.loads(json.dumps(inspected(tmp_path / "mesh.su2")))
+    assert (found["points"], found["cells"], found["left_handed"]) == (14, 7, False)
+    assert found["patches"]["floor"] == 3
+    assert {one["shape"]: (one["cells"], one["measure"]) for one in found["quality"]} == {
+        shape: (4 if shape == "tetra" else 1, MEASURES[shape]) for shape in ("tetra", "hexahedron", "wedge", "pyramid")
+    }
+    for one in found["quality"]:
+        assert {"min", "p01", "mean", "below_0_2", "below_0_4", "inverted"} <= one.keys()
+        assert f"{one['measure']} min {one['min']:.3f}, 1 % {one['p01']:.3f}" in inspect(tmp_path / "mesh.su2")
+
+
+def test_left_handed_files_are_judged_accordingly(tmp_path):
+    mesh = hybrid()
+    grid(mesh.with_points(mesh.points * [1.0, 1.0, -1.0])).save(tmp_path / "mesh.vtk")
+    assert inspected(tmp_path / "mesh.vtk")["left_handed"]
+    text = inspect(tmp_path / "mesh.vtk")
+    assert text.count(" 0 inverted") == 4
+    assert "left-handed" in text
+
+
+def test_names_do_not_command_the_terminal(tmp_path):
+    mesh = hybrid()
+    first, *others = mesh.patches
+    name = "\x1b[31mflügel\x07"
+    Cgns().write(Mesh(mesh.points, mesh.cells, (Patch(name, first.faces), *others)), tmp_path / "mesh.cgns")
+    assert inspected(tmp_path / "mesh.cgns")["patches"][name] == 3
+    assert r"patches (faces): \x1b[31mflügel\x07 3, inlet 2" in inspect(tmp_path / "mesh.cgns")
+
+
+def test_a_format_of_ours_needs_no_pyvista(tmp_path):
+    FORMATS["su2"].write(hybrid(), tmp_path / "mesh.su2")
+    program = (
+        "import sys; from pathlib import Path; from sdm_deflect.cases.inspection import inspect;"
+        "print(inspect(Path(sys.argv[1]))); assert 'pyvista' not in sys.modules"
+    )
+    words = [sys.executable, "-c", program, str(tmp_path / "mesh.su2")]
+    assert "4 tetrahedra" in subprocess.run(words, capture_output=True, text=True, check=True).stdout
 
 
 def test_zones_are_listed(tmp_path):
