@@ -46,8 +46,11 @@ class Cgns:
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; only numbers in CoordinateX, CoordinateY and CoordinateZ change."""
         with about(source), _opened(source) as file:
-            _, found = zones(file)
-            check_points(points, sum(len(coordinate_data(zone)[0]) for _, zone in found))
+            stored = [coordinate_data(zone) for _, zone in zones(file)[1]]
+            check_points(points, sum(len(own[0]) for own in stored))
+            places = {h5py.h5o.get_info(axis.id).addr for own in stored for axis in own}
+            if len(places) < 3 * len(stored):
+                raise MeshFileError("coordinates of several axes or zones are one and the same data")
         with fresh(out, source) as beside, about(source):
             progress(f"writing {out.name}", 0.0)
             shutil.copyfile(source, beside)

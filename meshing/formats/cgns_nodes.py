@@ -21,9 +21,15 @@ Integer = type[np.int32] | type[np.int64]
 
 
 def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:
-    """Yield name and group of each child with that label, in the order in which they were made."""
+    """Yield name and group of each child with that label, in the order in which they were made.
+
+    Raises
+    ------
+    MeshFileError
+        If a child is a link of HDF5 to another place or file.
+    """
     for name in _names(node):
-        child = node.get(name)
+        child = _own(node, name)
         if isinstance(child, h5py.Group) and _attribute(child, "label") == label:
             yield name, child
 
@@ -34,10 +40,9 @@ def child(node: Any, name: str) -> Any:
     Raises
     ------
     MeshFileError
-        If there is none, or the node is a link.
+        If there is none, or it is elsewhere, by a link.
     """
-    _check_no_link(node)
-    found = node.get(name)
+    found = _own(node, name)
     if not isinstance(found, h5py.Group):
         raise MeshFileError(f"{node.name.strip('/') or 'the file'} has no {name}; the file is damaged")
     return found
@@ -49,12 +54,13 @@ def data(node: Any) -> Any:
     Raises
     ------
     MeshFileError
-        If the node has none, or is a link.
+        If the node has none, or they are elsewhere: by a link, in an external file, in other datasets.
     """
-    _check_no_link(node)
-    found = node.get(DATA)
+    found = _own(node, DATA)
     if not isinstance(found, h5py.Dataset):
         raise MeshFileError(f"{node.name.strip('/')} holds no data; the file is damaged")
+    if found.external or found.is_virtual:
+        raise _linked(f"the data of {node.name.strip('/')}")
     return found
 
 
@@ -118,11 +124,17 @@ def describe(node: Any, name: str, label: str, kind: str) -> None:
         place.write(np.array(value.encode(), dtype=f"S{length + 1}"))
 
 
-def _check_no_link(node: Any) -> None:
+def _own(node: Any, name: str) -> Any:
+    """Return what the node holds by that name, None if nothing; MeshFileError if it is elsewhere, by a link."""
     if _attribute(node, "type") == "LK":
-        raise MeshFileError(
-            f"{node.name.strip('/')} is a link; `cgnsconvert -f -l IN.cgns OUT.cgns` puts all in one file"
-        )
+        raise _linked(node.name.strip("/"))
+    if not isinstance(node.get(name, getlink=True), h5py.HardLink | None):
+        raise _linked(f"{node.name}/{name}".strip("/"))
+    return node.get(name)
+
+
+def _linked(what: str) -> MeshFileError:
+    return MeshFileError(f"{what} is a link; `cgnsconvert -f -l IN.cgns OUT.cgns` puts all in one file")
 
 
 def _attribute(node: Any, key: str) -> str:

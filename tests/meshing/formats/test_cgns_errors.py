@@ -157,6 +157,65 @@ def test_a_link_names_the_program_that_resolves_it(name, path):
     assert "cgnsconvert -f -l" in complaint(path)
 
 
+def external(zone, name, other):
+    """Put a part of a zone into another file, which this one links to."""
+    with h5py.File(other, "w") as file:
+        zone.copy(name, file, "part")
+    del zone[name]
+    zone[name] = h5py.ExternalLink(str(other), "/part")
+
+
+def soft(zone, name, other):
+    """Put a part of a zone elsewhere in the file, with a link in its place."""
+    zone.move(name, "/part")
+    zone[name] = h5py.SoftLink("/part")
+
+
+def outside(zone, name, other):
+    """Put the coordinates on x into a file of bytes."""
+    node = zone["GridCoordinates/CoordinateX"]
+    values = node[" data"][()]
+    del node[" data"]
+    other.write_bytes(values.tobytes())
+    node.create_dataset(" data", values.shape, values.dtype, external=[(str(other), 0, values.nbytes)])
+
+
+def virtual(zone, name, other):
+    """Make the coordinates on x a view of a dataset in another file."""
+    node = zone["GridCoordinates/CoordinateX"]
+    values = node[" data"][()]
+    del node[" data"]
+    with h5py.File(other, "w") as file:
+        file["x"] = values
+    layout = h5py.VirtualLayout(values.shape, values.dtype)
+    layout[:] = h5py.VirtualSource(str(other), "x", values.shape)
+    node.create_virtual_dataset(" data", layout)
+
+
+@pytest.mark.parametrize("name", ["GridCoordinates", "GridCoordinates/CoordinateX", "GridCoordinates/CoordinateX/ data",
+                                  "cells tetra/ElementConnectivity", "ZoneBC"])  # fmt: skip
+@pytest.mark.parametrize("link", [external, soft, outside, virtual])
+def test_data_elsewhere_are_refused_and_never_written(link, name, path, tmp_path):
+    other = tmp_path / "master.h5"
+    with h5py.File(path, "r+") as file:
+        link(zone_of(file), name, other)
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    assert "is a link; `cgnsconvert -f -l" in complaint(path)
+    if name.startswith("GridCoordinates"):
+        with pytest.raises(MeshFileError, match=r"mesh\.cgns: .* is a link"):
+            Cgns().rewrite(path, hybrid().points * 2.0, tmp_path / "out.cgns")
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+def test_one_dataset_for_two_axes_is_not_written_twice(path, tmp_path):
+    with h5py.File(path, "r+") as file:
+        grid = zone_of(file)["GridCoordinates"]
+        del grid["CoordinateY"]
+        grid["CoordinateY"] = grid["CoordinateX"]
+    with pytest.raises(MeshFileError, match="one and the same data"):
+        Cgns().rewrite(path, hybrid().points, tmp_path / "out.cgns")
+
+
 def test_two_volume_bases_are_one_too_many(path):
     with h5py.File(path, "r+") as file:
         create(file, "Second", "CGNSBase_t", np.array([3, 3], dtype=np.int32))
