@@ -147,6 +147,7 @@ def background(fighter: Fighter, surface: str = "aileron_left") -> CadModel:
 
 
 def _faces(corners: FloatArray) -> Loops:
+    """The six faces (4, 3) of a hexahedron with corners (8, 3) as `hexahedron_corners` orders them."""
     quads = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
     return tuple(corners[list(quad)] for quad in quads)
 

@@ -104,6 +104,7 @@ def _edge(
 
 
 def _positions(vertices: TopTools_IndexedMapOfShape) -> FloatArray:
+    """Coordinates (V, 3) in metres."""
     points = [BRep_Tool.Pnt_s(Vertex(vertices.FindKey(i + 1)).wrapped) for i in range(vertices.Extent())]
     return np.array([[p.X(), p.Y(), p.Z()] for p in points]).reshape(-1, 3)
 
@@ -168,7 +169,7 @@ def _sharp_corners(model: CadModel) -> Iterator[str]:
 
 
 def _corners(model: CadModel) -> dict[tuple[int, int], list[FloatArray]]:
-    """For each (face, vertex), the unit directions of the face's edges there.
+    """For each (face, vertex), the unit directions (3,) of the face's edges there.
 
     Chords over the smallest feature count, not tangents: at its very end an intersection curve's can be off.
     """

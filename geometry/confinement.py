@@ -62,7 +62,7 @@ def rib_faces(fighter: Fighter, surface: str) -> tuple[str, ...]:
 
 
 def _aileron(fighter: Fighter, margins: Margins) -> FloatArray:
-    """Front face vertical through the hinge edges, root face in the plane of the wing's rib."""
+    """Corners (8, 3): front face vertical through the hinge edges, root face in the plane of the wing's rib."""
     hinge = hinge_edges(fighter, "aileron_right")[0]
     stations = np.abs(parent_ribs(fighter, "aileron_right"))
     tip = fighter.wing.half_span + margins.outboard
@@ -73,7 +73,7 @@ def _aileron(fighter: Fighter, margins: Margins) -> FloatArray:
 
 
 def _tail(fighter: Fighter, margins: Margins) -> FloatArray:
-    """Front face in the plane of the panel's front border, upper and lower through its meridian borders.
+    """Corners (8, 3): front face in the plane of the panel's front border, upper and lower through its meridians.
 
     The rear face touches the panel's rear border where the fuselage is widest and leans aft from there, by `aft` at
     the outboard face: in the border's plane it would stand ten millimetres behind a trailing edge that moves as far.
@@ -96,7 +96,7 @@ def _tail(fighter: Fighter, margins: Margins) -> FloatArray:
 
 
 def _rudder(fighter: Fighter, margins: Margins) -> FloatArray:
-    """Front face through the hinge edges, lower face in the plane of the rudder's lower end."""
+    """Corners (8, 3): front face through the hinge edges, lower face in the plane of the rudder's lower end."""
     hinge, trailing = hinge_edges(fighter, "rudder")[0], trailing_edge(fighter, "rudder")
     stations = parent_ribs(fighter, "rudder")
     tip = fighter.fin.z_tip + margins.outboard
@@ -108,12 +108,12 @@ def _rudder(fighter: Fighter, margins: Margins) -> FloatArray:
 
 
 def _corners(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-    """Corners from x[aft][outboard], y[aft][outboard], z[above][outboard]."""
+    """Corners (8, 3) from x[aft][outboard], y[aft][outboard], z[above][outboard], each (2, 2)."""
     return np.array([[x[a, o], y[a, o], z[k, o]] for k in (0, 1) for o in (0, 1) for a in (0, 1)])
 
 
 def along(stations: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
-    """The straight line through two (station, value) pairs, also beyond them."""
+    """Values (k,) at wanted stations (k,) on the line through two stations (2,) and values (2,), also beyond them."""
     slope = (values[1] - values[0]) / (stations[1] - stations[0])
     return np.asarray(values[0] + slope * (wanted - stations[0]), dtype=np.float64)
 

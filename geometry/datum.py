@@ -3,7 +3,6 @@
 Arrays are float64 in metres. "Inboard" is the end next to the parent component: the lower one of a rudder.
 """
 
-from dataclasses import dataclass
 from math import cos, radians
 
 import numpy as np
@@ -108,27 +107,7 @@ def parent_ribs(fighter: Fighter, surface: str) -> FloatArray:
     return side * np.array(stations)
 
 
-@dataclass(frozen=True, slots=True)
-class PanelBorder:
-    """Limits of a cylinder panel: x in metres, polar angles in degrees from starboard, positive upwards.
-
-    On the port side the angles run through 180 degrees, from the upper border to the lower one.
-    """
-
-    front: float
-    rear: float
-    polar: tuple[float, float]
-
-
 def cylinder(fighter: Fighter) -> tuple[FloatArray, FloatArray, float]:
     """A point (3,) on the axis, the axis' direction (3,) and the radius of the rear fuselage."""
     point = np.array([fighter.fuselage.nose_length, 0.0, 0.0])
     return point, np.array([1.0, 0.0, 0.0]), fighter.fuselage.radius
-
-
-def panel_border(fighter: Fighter, side: str) -> PanelBorder:
-    """The border of the fuselage panel on a side, "left" or "right"."""
-    if side not in ("left", "right"):
-        raise ValueError(f"side = {side!r} must be 'left' or 'right'")
-    f, middle = fighter.fuselage, 180.0 if side == "left" else 0.0
-    return PanelBorder(f.panel_front, f.panel_rear, (middle - f.panel_angle, middle + f.panel_angle))

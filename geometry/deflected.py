@@ -61,6 +61,7 @@ def turned(loops: Loops, axis: FloatArray, deflection: Deflection) -> Loops:
 
 
 def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, angle: float) -> Loops:
+    """The wedge between sections (6, 3) with its trailing edge alone turned about `axis` (2, 3)."""
     rings = []
     for end in (inner, outer):
         trailing = rotated(end[TE], axis, angle)
@@ -69,7 +70,7 @@ def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, angle: floa
 
 
 def _with_nose(inner: FloatArray, outer: FloatArray) -> Loops:
-    """A wedge with a ridge ahead of the hinge line, pulled in at both ends to stay inside the wing."""
+    """The wedge between sections (6, 3) with a ridge ahead of the hinge line, inside the wing at both ends."""
     upper, trailing, lower = (np.array([inner[i], outer[i]]) for i in (HINGE_UPPER, TE, HINGE_LOWER))
     half = 0.5 * np.linalg.norm(upper - lower, axis=1)
     ridge = 0.5 * (upper + lower) - np.outer(NOSE * half, [1.0, 0.0, 0.0])

@@ -69,6 +69,7 @@ def _unmeshed(shape: Shape) -> TopoDS_Shape:
 
 
 def _triangulation(face: Face) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Points (N, 3) and outward triangles (T, 3) that the kernel keeps with a face."""
     location = TopLoc_Location()
     mesh = BRep_Tool.Triangulation_s(face.wrapped, location)
     if mesh is None:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from sdm_deflect.geometry.export import tessellate, write_atomically, write_brep, write_step, write_stl
 from sdm_deflect.geometry.projection import (
-    CylinderSurface,
     FloatArray,
     FreeFormSurface,
     PlaneSurface,
@@ -34,11 +33,6 @@ class CadFace:
     def free_form(self) -> bool:
         """True on anything but a plane or a circular cylinder."""
         return isinstance(surface_of(self.shape), FreeFormSurface)
-
-    @property
-    def cylindrical(self) -> bool:
-        """True on a circular cylinder."""
-        return isinstance(surface_of(self.shape), CylinderSurface)
 
     @property
     def area(self) -> float:
@@ -79,10 +73,6 @@ class CadEdge:
     def length(self) -> float:
         """Arc length in metres."""
         return float(self.shape.Length())
-
-    def dihedral(self) -> float:
-        """Angle by which the surface turns at the edge, in degrees: 0 where it is smooth or flat."""
-        return self.crease
 
     def at(self, shares: FloatArray) -> FloatArray:
         """Points (N, 3) at shares (N,) of the parameter range, 0 at the first vertex, 1 at the last."""
@@ -161,6 +151,7 @@ class CadModel:
 
 
 def _rows(points: FloatArray) -> FloatArray:
+    """The points as an array (N, 3) of float64; ValueError for any other shape."""
     rows = np.asarray(points, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise ValueError(f"points have shape {rows.shape}, expected (N, 3)")

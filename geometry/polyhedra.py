@@ -95,7 +95,7 @@ def _strake_plan(strake: Strake, fuselage: Fuselage) -> tuple[FloatArray, FloatA
 
 
 def _bevelled_piece(ring: list[FloatArray], half: float) -> Loops:
-    """A piece between two cuts; `ring` is edge, edge, inner, root, root, inner in plan."""
+    """A piece between two cuts; `ring` is edge, edge, inner, root, root, inner in plan, (2,) each."""
     edge0, edge1, inner1, root1, root0, inner0 = ring
     across = (0.0, half, half, -half, -half)
     faces = [

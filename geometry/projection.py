@@ -77,6 +77,7 @@ class CylinderSurface:
         return np.asarray(self.side * radial / np.linalg.norm(radial, axis=1, keepdims=True), dtype=np.float64)
 
     def _radial(self, points: FloatArray) -> FloatArray:
+        """Vectors (N, 3) from the axis to the points (N, 3)."""
         offset = points - self.origin
         return np.asarray(offset - np.outer(offset @ self.axis, self.axis), dtype=np.float64)
 
@@ -133,6 +134,7 @@ def surface_of(face: Face) -> Surface:
 
 
 def _frame(position: gp_Ax3) -> tuple[FloatArray, FloatArray]:
+    """Origin (3,) of a placement and its x, y and z directions as rows (3, 3)."""
     origin = position.Location()
     rows = [position.XDirection(), position.YDirection(), position.Direction()]
     frame = np.array([[d.X(), d.Y(), d.Z()] for d in rows])

@@ -123,10 +123,12 @@ class TetMesh:
 
 
 def _check_shape(name: str, array: FloatArray | IntArray, columns: int) -> None:
+    """Raise ValueError unless the array is (*, columns)."""
     if array.ndim != 2 or array.shape[1] != columns:
         raise ValueError(f"{name} has shape {array.shape}, expected (*, {columns})")
 
 
 def _check_range(name: str, indices: IntArray, low: int, end: int) -> None:
+    """Raise ValueError unless all indices, of any shape, lie in low ... end - 1."""
     if len(indices) and (indices.min() < low or indices.max() >= end):
         raise ValueError(f"{name} holds {indices.min()} ... {indices.max()}, expected {low} ... {end - 1}")

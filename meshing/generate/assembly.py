@@ -76,11 +76,13 @@ def _within(points: FloatArray, nodes: IntArray, surface: Surface, tolerance: fl
 
 
 def _in_box(points: FloatArray, around: FloatArray, margin: float) -> BoolArray:
+    """True (N,) for points (N, 3) within `margin` of the box around others (K, 3)."""
     low, high = around.min(axis=0) - margin, around.max(axis=0) + margin
     return np.asarray(((points >= low) & (points <= high)).all(axis=1))
 
 
 def _dots(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Scalar products (N,) of vectors (N, 3)."""
     return np.asarray(np.einsum("ij,ij->i", a, b))
 
 
@@ -170,9 +172,11 @@ def _named(
     far: IntArray,
     model: CadModel,
 ) -> TetMesh:
-    """Mesh of the used points, its patches in the order of the CAD faces, the far field last."""
-    patches = list(dict.fromkeys(face.patch for face in model.faces))
-    names = (VOLUME, *patches, *([FAR_FIELD] if len(far) else []))
+    """Mesh of the used points (N, 3), its patches in the order of the CAD faces, the far field (K, 3) last.
+
+    `body` holds the triangles (B, 3) on the CAD and the face (B,) of each.
+    """
+    names = (VOLUME, *model.patches, *([FAR_FIELD] if len(far) else []))
     patch_of_face = np.array([names.index(face.patch) for face in model.faces])
     triangles, face = body
     used, compact = np.unique(np.concatenate([tets.ravel(), triangles.ravel(), far.ravel()]), return_inverse=True)

@@ -58,6 +58,7 @@ def attach(points: FloatArray, triangles: IntArray, face: IntArray, model: CadMo
 
 
 def _vertices(points: FloatArray, nodes: IntArray, incidence: IntArray, model: CadModel) -> IntArray:
+    """CAD vertex (K,) of nodes (K,) by the faces that they touch, incidence (P, 2); -1 for most."""
     vertex = np.full(len(nodes), -1)
     if not len(model.vertices):
         return vertex
@@ -77,6 +78,7 @@ def _vertices(points: FloatArray, nodes: IntArray, incidence: IntArray, model: C
 
 
 def _edges(points: FloatArray, nodes: IntArray, incidence: IntArray, model: CadModel) -> IntArray:
+    """CAD edge (K,) nearest to each of the nodes (K,) among those between two faces it touches; -1 for none."""
     edge, nearest = np.full(len(nodes), -1), np.full(len(nodes), np.inf)
     on_face = [np.empty(0, dtype=np.intp) for _ in model.faces]
     order = np.argsort(incidence[:, 1], kind="stable")

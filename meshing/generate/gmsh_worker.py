@@ -51,7 +51,7 @@ def _size_by_background(question: Arrays) -> None:
 
 
 def _collect() -> dict[str, Array]:
-    """The mesh of all faces; gmsh numbers them in the order of the file."""
+    """The mesh of all faces as `mesh_faces` answers it; gmsh numbers them in the order of the file."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     index = np.full(int(tags.max()) + 1, -1)
     index[tags.astype(np.intp)] = np.arange(len(tags))

@@ -128,7 +128,7 @@ def _interior_angles(face: CadFace, vertices: FloatArray) -> FloatArray:
 
 
 def _sharp_corners(angles: list[FloatArray]) -> IntArray:
-    """Vertices where some face's interior angle is below SHARP_CORNER degrees."""
+    """Vertices (K,) where some face's interior angle, (V,) for each face, is below SHARP_CORNER degrees."""
     sharp = [(angle > 0.0) & (angle < SHARP_CORNER) for angle in angles]
     return np.flatnonzero(np.any(sharp, axis=0))
 
@@ -150,5 +150,6 @@ def _sharp_ends(model: CadModel, angles: list[FloatArray]) -> tuple[FloatArray, 
 
 
 def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angles (N,) in radians between vectors (N, 3)."""
     across = np.linalg.norm(np.cross(a, b), axis=1)
     return np.asarray(np.arctan2(across, np.einsum("ij,ij->i", a, b)))

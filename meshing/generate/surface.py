@@ -45,12 +45,12 @@ class Surface:
         return np.concatenate([self.outer, self.inner])
 
     def spots(self) -> FloatArray:
-        """Points spread over the surface about half an edge apart: nodes and triangle centres."""
+        """Points (K, 3) spread over the surface about half an edge apart: nodes and triangle centres."""
         return np.concatenate([self.points, self.points[self.triangles].mean(axis=1)])
 
 
 def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatArray]) -> Surface:
-    """Mesh all faces with sizes from a background mesh (points, tetrahedra, target edge lengths).
+    """Mesh all faces with sizes from a background mesh: points (N, 3), tetrahedra (M, 4), target edge lengths (N,).
 
     Raises
     ------
@@ -74,7 +74,7 @@ def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatA
 
 
 def _outward(model: CadModel, points: FloatArray, triangles: IntArray, face: IntArray) -> IntArray:
-    """Turn each face's triangles (which agree among themselves) out of the solid."""
+    """Turn the triangles (T, 3) of each face (T,), which agree among themselves, out of the solid."""
     turned = triangles.copy()
     for index, cad in enumerate(model.faces):
         own = np.flatnonzero(face == index)

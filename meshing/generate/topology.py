@@ -96,7 +96,7 @@ def _canonical(triangles: IntArray) -> IntArray:
 
 
 def _fans(triangles: IntArray) -> int:
-    """How many fans of triangles there are around nodes, on a surface with two triangles at each edge."""
+    """How many fans of triangles (T, 3) there are around nodes, on a surface with two triangles at each edge."""
     corner = np.arange(triangles.size).reshape(-1, 3)
     directed = triangles[:, TRIANGLE_EDGES].reshape(-1, 2)
     starts, ends = (corner[:, TRIANGLE_EDGES].reshape(-1, 2)[:, i] for i in range(2))

@@ -27,6 +27,33 @@ class Worst:
 
 
 @dataclass(frozen=True, slots=True)
+class Exactness:
+    """Largest distances (metres) of boundary nodes, freshly projected, from the CAD.
+
+    Parameters
+    ----------
+    exact, edge, free_form
+        From planes and cylinders, from CAD edges, from all other faces.
+    matched_vertices
+        How many CAD vertices have a node on them.
+    """
+
+    exact: float
+    edge: float
+    free_form: float
+    matched_vertices: int
+
+    def failures(self) -> list[str]:
+        """One sentence for each limit that is exceeded."""
+        limits = (
+            ("planes and cylinders", self.exact, EXACT),
+            ("CAD edges", self.edge, EXACT),
+            ("free-form faces", self.free_form, FREE_FORM),
+        )
+        return [f"boundary nodes are up to {value:.1e} m off {what}" for what, value, limit in limits if value > limit]
+
+
+@dataclass(frozen=True, slots=True)
 class Verification:
     """Figures of a mesh, and what is wrong with it.
 
@@ -36,13 +63,8 @@ class Verification:
         Summary of the mean ratio.
     worst
         The worst cell that touches each patch.
-    exact_distance, edge_distance, free_form_distance
-        Largest distance in metres of a boundary node from its planes and cylinders, from its CAD edge, from
-        its other CAD faces.
-    clean_edges, edges
-        CAD edges that are one clean chain of mesh edges, and all of them.
-    matched_vertices, vertices
-        CAD vertices with a node on them, and all of them.
+    exactness
+        How far boundary nodes are from the CAD.
     far_distance
         Smallest distance in metres from the body's bounding box to the far field; inf if there is none.
     failures
@@ -51,20 +73,14 @@ class Verification:
 
     quality: Quality
     worst: dict[str, Worst]
-    exact_distance: float
-    edge_distance: float
-    free_form_distance: float
-    clean_edges: int
-    edges: int
-    matched_vertices: int
-    vertices: int
+    exactness: Exactness
     far_distance: float
     failures: tuple[str, ...]
 
     @property
     def boundary_to_cad_max(self) -> float:
         """Largest distance in metres of any boundary node from the CAD."""
-        return max(self.exact_distance, self.edge_distance, self.free_form_distance)
+        return max(self.exactness.exact, self.exactness.edge, self.exactness.free_form)
 
 
 def verify(mesh: TetMesh, model: CadModel, parameters: MeshParameters) -> Verification:
@@ -91,19 +107,7 @@ def verify(mesh: TetMesh, model: CadModel, parameters: MeshParameters) -> Verifi
     length = float(np.ptp(mesh.points[triangles].reshape(-1, 3), axis=0).max())
     if far_distance < parameters.far_field * length:
         failures.append(f"the far field is only {far_distance:.3f} m away from the body")
-    return Verification(
-        quality=summary,
-        worst=_worst(mesh, quality),
-        exact_distance=measured.exact,
-        edge_distance=measured.edge,
-        free_form_distance=measured.free_form,
-        clean_edges=len(model.edges) - sum(index >= 0 for index in broken),
-        edges=len(model.edges),
-        matched_vertices=measured.matched_vertices,
-        vertices=len(model.vertices),
-        far_distance=far_distance,
-        failures=tuple(failures),
-    )
+    return Verification(summary, _worst(mesh, quality), measured, far_distance, tuple(failures))
 
 
 def _far_distance(mesh: TetMesh) -> float:
@@ -117,6 +121,7 @@ def _far_distance(mesh: TetMesh) -> float:
 
 
 def _worst(mesh: TetMesh, quality: FloatArray) -> dict[str, Worst]:
+    """The worst cell that touches each patch, from mean ratios (M,)."""
     order = np.argsort(-quality, kind="stable")
     worst_cell = np.zeros(len(mesh.points), dtype=np.intp)
     worst_cell[mesh.tets[order]] = order[:, None]
@@ -151,33 +156,6 @@ def _place(index: int, model: CadModel) -> str:
     return f"the CAD edge {index} of {' and '.join(patches)} "
 
 
-@dataclass(frozen=True, slots=True)
-class Exactness:
-    """Largest distances (metres) of boundary nodes, freshly projected, from the CAD.
-
-    Parameters
-    ----------
-    exact, edge, free_form
-        From planes and cylinders, from CAD edges, from all other faces.
-    matched_vertices
-        How many CAD vertices have a node on them.
-    """
-
-    exact: float
-    edge: float
-    free_form: float
-    matched_vertices: int
-
-    def failures(self) -> list[str]:
-        """One sentence for each limit that is exceeded."""
-        limits = (
-            ("planes and cylinders", self.exact, EXACT),
-            ("CAD edges", self.edge, EXACT),
-            ("free-form faces", self.free_form, FREE_FORM),
-        )
-        return [f"boundary nodes are up to {value:.1e} m off {what}" for what, value, limit in limits if value > limit]
-
-
 def exactness(points: FloatArray, attachment: Attachment, model: CadModel) -> Exactness:
     """Measure all boundary nodes of points (N, 3)."""
     exact, edge, free_form = 0.0, 0.0, 0.0
@@ -198,16 +176,18 @@ def exactness(points: FloatArray, attachment: Attachment, model: CadModel) -> Ex
 
 
 def _largest(vectors: FloatArray) -> float:
+    """Largest length of vectors (N, 3); 0 for none."""
     return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
 
 
 def broken_chains(
     points: FloatArray, triangles: IntArray, face: IntArray, attachment: Attachment, model: CadModel
 ) -> dict[int, str]:
-    """What is wrong with the mesh edges along each CAD edge; clean ones are left out.
+    """What is wrong with the mesh edges along each CAD edge, by triangles (B, 3) and their CAD faces (B,).
 
-    Mesh edges between triangles of two CAD faces belong to the nearest CAD edge between these. They are clean
-    if, sorted along the CAD edge, they lead from its first vertex to its last without gap, fold or branch.
+    Clean edges are left out. Mesh edges between triangles of two CAD faces belong to the nearest CAD edge between
+    these. They are clean if, sorted along the CAD edge, they lead from its first vertex to its last without gap, fold
+    or branch.
     """
     ends, pairs = _feature_edges(triangles, face)
     node_of_vertex = np.full(len(model.vertices), -1)
@@ -248,6 +228,7 @@ def _assign(points: FloatArray, ends: IntArray, pairs: IntArray, model: CadModel
 
 
 def _problem(points: FloatArray, ends: IntArray, cad: CadEdge, node_of_vertex: IntArray) -> str:
+    """What keeps mesh edges (E, 2) from being one chain along a CAD edge; empty where nothing does."""
     if not len(ends):
         return "has no mesh edge"
     nodes = np.unique(ends)

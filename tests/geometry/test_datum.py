@@ -14,7 +14,6 @@ from sdm_deflect.geometry.datum import (
     ends,
     hinge_edges,
     hinge_line,
-    panel_border,
     parent_ribs,
     ribs,
     trailing_edge,
@@ -68,11 +67,9 @@ def test_a_tail_has_neither_hinge_edges_nor_ribs(fighter):
     assert len(ribs(fighter, "tail_left")) == 0
 
 
-def test_unknown_surfaces_and_sides_are_named(fighter):
+def test_unknown_surfaces_are_named(fighter):
     with pytest.raises(ValueError, match="no control surface 'flap'"):
         ends(fighter, "flap")
-    with pytest.raises(ValueError, match="side = 'up'"):
-        panel_border(fighter, "up")
 
 
 def test_ribs_face_each_other_across_the_gap(gapped):
@@ -83,11 +80,9 @@ def test_ribs_face_each_other_across_the_gap(gapped):
     assert ribs(short, "rudder") == pytest.approx([0.0955, 0.18])
 
 
-def test_the_panels_lie_opposite_each_other(fighter):
+def test_the_cylinder_is_that_of_the_rear_fuselage(fighter):
     point, axis, radius = cylinder(fighter)
-    left, right = (np.radians(panel_border(fighter, side).polar) for side in ("left", "right"))
-    assert radius * np.cos(left) == pytest.approx(-radius * np.cos(right))
-    assert radius * np.sin(left) == pytest.approx(-radius * np.sin(right))
+    assert radius == fighter.fuselage.radius
     assert np.array_equal(axis, [1.0, 0.0, 0.0])
     assert np.array_equal(point[1:], [0.0, 0.0])
 
