@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.generate.assembly import assemble
@@ -23,7 +23,8 @@ from sdm_deflect.meshing.mesh import FloatArray, TetMesh
 # By how much the mesher's aim is raised after a failure, and where that ends.
 EFFORT = 0.05
 HIGHEST_AIM = 0.5
-Progress = Callable[[str, float], None]
+
+# Low and high corner (3,); points (S, 3) and the edge lengths (S,) wanted there; metres.
 Box = tuple[FloatArray, FloatArray]
 Finer = tuple[FloatArray, FloatArray]
 
@@ -53,10 +54,6 @@ class Generated:
 
     mesh: TetMesh
     report: MeshReport
-
-
-def silent(stage: str, fraction: float) -> None:
-    """Ignore progress."""
 
 
 def generate(
