@@ -55,23 +55,35 @@ def deflect(mesh: Path, out: Path | None, dry_run: bool, quiet: bool, verbose: b
     text = given.pop("angles")
     extras = frozenset(name for name in ("sensitivity", "json") if given.pop(name))
     many = angles_from(text) if text else ()
+    inputs = _inputs(given)
     job = _job(given, max(many, key=abs) if many else None)
-    angles = many or (job.angle,)
-    wanted = carried_out.Wanted(mesh, files.output_of(mesh, out), extras)
+    wanted = files.Targets.of(mesh, out, many or (job.angle,), extras)
+    wanted.check(inputs)
 
     def act(watch: Stopwatch) -> Any:
         if dry_run:
-            return carried_out.dry_run(mesh, job, angles, watch)
-        return carried_out.carry_out(wanted, job, angles, watch)
+            return carried_out.dry_run(mesh, job, wanted.angles, watch)
+        return carried_out.carry_out(wanted, job, watch)
 
     with shown(Console(stderr=True), quiet=quiet, verbose=verbose) as display:
         done = act(Stopwatch(display))
     if dry_run:
-        names = [files.numbered(wanted.out, angle) for angle in many] or [wanted.out]
+        names = [*map(wanted.mesh, wanted.angles), *wanted.extra]
         console().print(tables.plan_table(done), f"would write {', '.join(str(name) for name in names)}")
         return 0
     console().print(tables.result_table(done.plan, done.reports, done.files, done.lost))
     return 0 if done.passed else FAILED
+
+
+def _inputs(given: dict[str, Any]) -> tuple[Path, ...]:
+    """Return the files that options and the configuration file name."""
+    from sdm_deflect.cases.own.config import read_config
+    from sdm_deflect.cases.own.files import inputs_of
+
+    config = given["config"]
+    folder = config.parent if config else Path()
+    named = inputs_of(read_config(config), folder) if config else ()
+    return (*named, *inputs_of(given, folder), *inputs_of(given, Path()))
 
 
 def _job(given: dict[str, Any], angle: float | None) -> "Job":

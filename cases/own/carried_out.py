@@ -15,21 +15,6 @@ from sdm_deflect.cases.own.report import Report, notes_of, plan_figures
 from sdm_deflect.cases.progress import Stopwatch
 
 
-@dataclass(frozen=True, slots=True)
-class Wanted:
-    """Which files to write.
-
-    Attributes
-    ----------
-    source, out : the mesh that is read and the one that is written.
-    extras : of ``"sensitivity"`` and ``"json"``.
-    """
-
-    source: Path
-    out: Path
-    extras: frozenset[str] = frozenset()
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Done:
     """What was done, for the table at the end."""
@@ -52,7 +37,7 @@ def dry_run(source: Path, job: Job, angles: Sequence[float], watch: Stopwatch) -
     return planned(replace(mesh, name=source.name), job, tuple(angles), watch)
 
 
-def carry_out(wanted: Wanted, job: Job, angles: Sequence[float], watch: Stopwatch) -> Done:
+def carry_out(wanted: files.Targets, job: Job, watch: Stopwatch) -> Done:
     """Deflect a mesh file to each angle; the files appear together at the end, or none of them."""
     with watch.stage("read") as progress:
         mesh = files.read(wanted.source, progress)
@@ -60,20 +45,22 @@ def carry_out(wanted: Wanted, job: Job, angles: Sequence[float], watch: Stopwatc
     names: list[Path] = []
     lost: tuple[str, ...] = ()
     with output_folder(wanted.out.parent) as scratch:
-        for plan, course, report in run(replace(mesh, name=wanted.source.name), job, angles, watch):
-            name = wanted.out if len(angles) == 1 else files.numbered(wanted.out, report.angle)
+        for plan, course, report in run(replace(mesh, name=wanted.source.name), job, wanted.angles, watch):
+            name = wanted.mesh(report.angle)
             beside = scratch / name.name
             with watch.stage("write") as progress:
                 lost = files.write_mesh(wanted.source, mesh, course.points, beside, progress)
             if "sensitivity" in wanted.extras:
                 unit = f"mesh length per {report.unit}"
                 with watch.stage("sensitivity"):
-                    files.write_sensitivity(mesh, course.points, sensitivity(plan, course), beside, unit)
+                    arrays, picture = (scratch / path.name for path in wanted.sensitivity(report.angle))
+                    rates = sensitivity(plan, course)
+                    files.write_sensitivity(mesh, course.points, rates, (arrays, picture), unit)
             reports.append(report)
             names.append(name)
         done = Done(plan, tuple(reports), tuple(names), lost)
         if "json" in wanted.extras:
-            files.write_report(figures(done, watch), scratch / wanted.out.name)
+            files.write_report(figures(done, watch), scratch / wanted.report.name)
     return done
 
 

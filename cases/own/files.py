@@ -1,8 +1,9 @@
-"""The files of a deflection: the mesh in its own format or another, sensitivities, the report."""
+"""The files of a deflection: what is read, what is written, and that neither overwrites what it should not."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import replace
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,39 +11,113 @@ import numpy as np
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.progress import Report
-from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.rbf.kernels import FloatArray
-from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.deform.mesh import FloatArray, Mesh
+from sdm_deflect.meshing.formats.openfoam import case_folder
+from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
 SENSITIVITY = "d_points_d_angle"
+REPORT_KEYS = {"mesh", "angles", "files", "passed"}
+RULE = "only the file that out names, and an earlier report or sensitivity, are replaced"
+
+
+@dataclass(frozen=True, slots=True)
+class Targets:
+    """Every file that a job writes.
+
+    Attributes
+    ----------
+    source : the mesh that is read.
+    out : the mesh that is written; a folder for OpenFOAM. With several angles, the names of all begin with it.
+    angles : distinct, in the order asked for.
+    extras : of ``"sensitivity"`` and ``"json"``.
+    """
+
+    source: Path
+    out: Path
+    angles: tuple[float, ...]
+    extras: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, source: Path, out: Path | None, angles: Sequence[float], extras: frozenset[str]) -> "Targets":
+        """Return the targets of a job; `out` is beside the source if None. MeshFileError for an unknown format."""
+        chosen = out or _beside(source)
+        named = case_folder(chosen) if format_of(chosen) is FORMATS["openfoam"] else chosen
+        return cls(source, named, tuple(angles), extras)
+
+    def mesh(self, angle: float) -> Path:
+        """Return the mesh of one angle, such as ``wing-deflected_-12.su2`` where there are several."""
+        return self.out if len(self.angles) == 1 else self._named(f"_{angle:+}".removesuffix(".0"))
+
+    def sensitivity(self, angle: float) -> tuple[Path, Path]:
+        """Return the .npz and the .vtu of the sensitivity at one angle."""
+        own = replace(self, out=self.mesh(angle))
+        return own._named("-sensitivity", ".npz"), own._named("-sensitivity", ".vtu")
+
+    @property
+    def report(self) -> Path:
+        """The report as JSON."""
+        return self._named("", ".json")
+
+    @property
+    def extra(self) -> tuple[Path, ...]:
+        """All files beside the meshes."""
+        found = [path for angle in self.angles for path in self.sensitivity(angle)]
+        return (*(found if "sensitivity" in self.extras else ()), *([self.report] if "json" in self.extras else ()))
+
+    def check(self, inputs: Sequence[Path] = ()) -> None:
+        """Refuse targets that would overwrite an input, one another, or a file that is not of an earlier job.
+
+        Raises
+        ------
+        InputError
+            Naming the first such target.
+        """
+        meshes = tuple(self.mesh(angle) for angle in self.angles)
+        seen: set[Path] = set()
+        for target in (*meshes, *self.extra):
+            if any(target.exists() and given.exists() and target.samefile(given) for given in (self.source, *inputs)):
+                raise InputError(f"{target}: this is a file that is read; name another one in out")
+            if target.resolve() in seen:
+                raise InputError(f"{target} would be written twice; choose another name in out")
+            seen.add(target.resolve())
+            if target.exists() and not self._replaced(target):
+                raise InputError(f"{target} exists already, and {RULE}; delete it, or choose another name in out")
+        if self._is_folder and self.out.resolve().is_relative_to(case_folder(self.source).resolve()):
+            raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
+
+    def _replaced(self, target: Path) -> bool:
+        """Whether what is there may be replaced."""
+        if target.is_dir():
+            return self._is_folder and not target.suffix[1:2].isalpha() and not any(target.iterdir())
+        if not target.is_file():
+            return False
+        return target == self.out or (target in self.extra and _is_ours(target))
+
+    def _named(self, tail: str, suffix: str | None = None) -> Path:
+        stem, own = (self.out.name, "") if self._is_folder else (self.out.stem, self.out.suffix)
+        return self.out.with_name(f"{stem}{tail}{own if suffix is None else suffix}")
+
+    @property
+    def _is_folder(self) -> bool:
+        return format_of(self.out) is FORMATS["openfoam"]
+
+
+def inputs_of(given: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
+    """Return the files that settings name, at any depth: tables, lists of nodes, boxes, relative to `folder`."""
+    found: list[Path] = []
+    for value in given.values():
+        for item in value if isinstance(value, list | tuple) else (value,):
+            if isinstance(item, Mapping):
+                found += inputs_of(item, folder)
+            elif isinstance(item, str | Path) and (folder / item).is_file():
+                found.append(folder / item)
+    return tuple(found)
 
 
 def read(path: Path, progress: Report) -> Mesh:
     """Read a mesh file; MeshFileError, an error of one line, if that is impossible."""
     return format_of(path).read(path, progress)
-
-
-def output_of(source: Path, out: Path | None) -> Path:
-    """Return where the deflected mesh goes: `out`, or beside the source.
-
-    Raises
-    ------
-    InputError
-        If that is the source itself, a folder with files in it, or of an unknown format.
-    """
-    target = out or source.with_name(f"{source.stem}-deflected{source.suffix}")
-    format_of(target)
-    if target.exists() and target.samefile(source):
-        raise InputError(f"--out {target}: this is the mesh that is read; name another file")
-    if target.is_dir() and any(target.iterdir()):
-        raise InputError(f"--out {target}: this folder exists already; name a new one, or delete it")
-    return target
-
-
-def numbered(out: Path, angle: float) -> Path:
-    """Return the file of one angle of a sweep, such as ``wing-deflected_-12.su2``."""
-    return out.with_name(f"{out.stem}_{angle:+g}{out.suffix}")
 
 
 def write_mesh(source: Path, mesh: Mesh, points: FloatArray, out: Path, progress: Report) -> tuple[str, ...]:
@@ -57,17 +132,36 @@ def write_mesh(source: Path, mesh: Mesh, points: FloatArray, out: Path, progress
     return other.write(mesh.with_points(points), out, progress)
 
 
-def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: Path, unit: str) -> None:
-    """Write d(points)/d(angle) beside `out`: an .npz with the points, and a .vtu to look at."""
-    base = out.with_name(f"{out.stem}-sensitivity")
-    np.savez_compressed(
-        base.with_name(base.name + ".npz"), points=points, unit=np.array(unit), d_points_d_angle=rates
-    )
-    cells = replace(mesh, points=points, patches=())
-    write_vtu(base.with_name(base.name + ".vtu"), cells, {SENSITIVITY: rates})
+def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tuple[Path, Path], unit: str) -> None:
+    """Write d(points)/d(angle): an .npz with the points, and a .vtu to look at."""
+    arrays, picture = out
+    np.savez_compressed(arrays, points=points, unit=np.array(unit), d_points_d_angle=rates)
+    write_vtu(picture, replace(mesh, points=points, patches=()), {SENSITIVITY: rates})
 
 
 def write_report(figures: Mapping[str, Any], out: Path) -> None:
-    """Write the figures of a job as JSON beside `out`."""
-    path = out.with_name(f"{out.stem}.json")
-    path.write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    """Write the figures of a job as JSON."""
+    out.write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _beside(source: Path) -> Path:
+    if format_of(source) is not FORMATS["openfoam"]:
+        return source.with_name(f"{source.stem}-deflected{source.suffix}")
+    folder = case_folder(source)
+    named = folder if folder.name not in ("", "..") else folder.resolve()
+    return named.with_name(f"{named.name}-deflected")
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file is a report or a sensitivity of an earlier job."""
+    try:
+        if path.suffix == ".json":
+            found = json.loads(path.read_bytes())
+            return isinstance(found, dict) and found.keys() >= REPORT_KEYS
+        if path.suffix == ".npz":
+            with zipfile.ZipFile(path) as arrays:
+                return f"{SENSITIVITY}.npy" in arrays.namelist()
+        with path.open("rb") as file:
+            return f'Name="{SENSITIVITY}"'.encode() in file.read(1 << 12)
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return False

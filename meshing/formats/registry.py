@@ -20,15 +20,18 @@ FORMATS: dict[str, Format] = {
 """Every format by its name; a format is added here and nowhere else."""
 
 
-def format_of(path: Path) -> Format:
-    """Return the format of a file by its suffix; a folder, or a name without suffix, is an OpenFOAM case.
+def format_of(path: str | Path) -> Format:
+    """Return the format of a file by its suffix; a folder, or a new name without suffix, is an OpenFOAM case.
+
+    What follows a point and begins with a digit is no suffix: ``alpha-12.5`` is a case.
 
     Raises
     ------
     MeshFileError
         If no format has that suffix.
     """
-    if path.is_dir() or not (path.suffix or path.is_file()):
+    path = Path(path)
+    if path.is_dir() or not (path.is_file() or path.suffix[1:2].isalpha()):
         return FORMATS["openfoam"]
     for known in FORMATS.values():
         if path.suffix.lower() in known.suffixes:

@@ -11,10 +11,11 @@ from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 @pytest.mark.parametrize(
     ("name", "form"),
     [("a.su2", "su2"), ("a.CGNS", "cgns"), ("wing.v2.msh", "gmsh"), ("a.vtu", "vtu"), ("case.foam", "openfoam"),
-     ("new_case", "openfoam")],
+     ("new_case", "openfoam"), ("alpha-12.5", "openfoam"), ("flap_+0.5", "openfoam")],
 )  # fmt: skip
 def test_suffixes(name, form):
     assert format_of(Path(name)) is FORMATS[form]
+    assert format_of(name) is FORMATS[form]
 
 
 def test_any_folder_is_an_openfoam_case(tmp_path):
