@@ -1,5 +1,6 @@
 """Pictures: composed from plain arrays, drawn by another process whose failure is a message."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,10 @@ from sdm_deflect.cases.report.figures import histograms
 from sdm_deflect.cases.report.offscreen import RenderError, rendered
 from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
 from sdm_deflect.cases.report.scene3d import (
+    BLUE,
+    MAGENTA,
     MARGIN,
+    ORANGE,
     QUALITY_RANGE,
     Layer,
     View,
@@ -26,6 +30,7 @@ from sdm_deflect.cases.report.scene3d import (
     walls,
 )
 from sdm_deflect.deform.quality import signed_volumes
+from tests.pictures import differing, inked, pixels, shades, share
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 FACING = View((plain(TRIANGLE, np.array([[0, 1, 2]]), (255, 0, 0), ambient=1.0),), np.array([0.0, 0.3, 0.3]),
@@ -119,7 +124,12 @@ def test_missing_graphics_is_a_message():
 def test_png_is_written_small(tmp_path):
     figure = figure_of(Picture((FACING, FACING), ("left", "right"), "two triangles", quality=True))
     write_png(figure, tmp_path / "two.png")
-    assert 1000 < (tmp_path / "two.png").stat().st_size < 50_000
+    image = pixels(tmp_path / "two.png")
+    left, right = (share(half, (255, 0, 0)) for half in np.array_split(image, 2, axis=1))
+    assert left == pytest.approx(right, rel=0.01)
+    assert 0.02 < left < 0.2
+    assert shades(image) > 256  # the scale of the quality
+    assert (tmp_path / "two.png").stat().st_size < 50_000
     assert len(figure.axes) == 3
 
 
@@ -140,14 +150,23 @@ def test_tail_is_drawn_before_and_after(tail_run, tmp_path):
     panel = run.mesh.on("fuselage_panel_left")
     np.testing.assert_array_equal(run.deflected.points[border], run.mesh.points[border])
     assert np.isin(border, panel).all()
-    write_png(figure_of(aircraft.confinement(run)), tmp_path / "figure6.png")
-    write_png(figure_of(aircraft.around(run)), tmp_path / "figure8.png")
-    for name in ("figure6", "figure8"):
-        assert 20_000 < (tmp_path / f"{name}.png").stat().st_size < 300_000
+    picture = aircraft.confinement(run)
+    (image,) = rendered(picture.views)
+    for colour in (BLUE, MAGENTA, patch_colour("tail_left")):  # sites, hexahedron, tail
+        assert share(image, colour) > 5e-4
+    write_png(figure_of(picture), tmp_path / "figure6.png")
+    assert inked(pixels(tmp_path / "figure6.png")) == pytest.approx(inked(image), abs=0.15)
+    assert (tmp_path / "figure6.png").stat().st_size < 300_000
+    cells, turned_cells, panel, turned_panel = rendered(aircraft.around(run).views)
+    still = rendered(aircraft.around(replace(run, deflected=run.mesh)).views)
+    np.testing.assert_array_equal(still, (cells, cells, panel, panel))
+    assert differing(cells, turned_cells) > 0.2
+    assert differing(panel, turned_panel) > 0.05
+    assert all(share(image, ORANGE) > 5e-4 for image in (panel, turned_panel))
 
 
 @pytest.mark.mesher
-def test_gap_shows_cells_at_the_block_face_alone_that_moved(chimera_run, tmp_path):
+def test_gap_shows_cells_at_the_block_face_alone_that_moved(chimera_run):
     run, _ = chimera_run
     chosen = aircraft.in_gap(run)
     own, face, _ = aircraft.stations(run)
@@ -157,8 +176,9 @@ def test_gap_shows_cells_at_the_block_face_alone_that_moved(chimera_run, tmp_pat
     before, after = (cells_by_quality(mesh, chosen) for mesh in (run.mesh, run.deflected))
     assert (before.rgb != after.rgb).any()
     np.testing.assert_array_equal(before.cells, after.cells)
-    write_png(figure_of(aircraft.gaps([run])), tmp_path / "figure5.png")
-    assert 20_000 < (tmp_path / "figure5.png").stat().st_size < 300_000
+    image, undeflected = rendered(aircraft.gaps([run, replace(run, deflected=run.mesh)]).views)
+    assert differing(image, undeflected) > 0.1
+    assert share(image, MAGENTA) > 5e-4
 
 
 @pytest.mark.mesher

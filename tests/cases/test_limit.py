@@ -1,11 +1,14 @@
 """The bisection brackets the angle at which the quality falls below the threshold."""
 
 import csv
+from dataclasses import replace
 
 import pytest
 
+from sdm_deflect.cases.case import LARGEST_ANGLE
 from sdm_deflect.cases.limit import attempt, find_limits, write_limits
 from sdm_deflect.cases.registry import case_named
+from tests.pictures import pixels, share
 
 pytestmark = pytest.mark.mesher
 
@@ -19,16 +22,29 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
         good = [t for t in limit.trials if t.quality_min >= threshold]
         bad = [t for t in limit.trials if t.quality_min < threshold]
         assert max(abs(t.angle) for t in good) == abs(limit.angle)
-        assert not bad or min(abs(t.angle) for t in bad) - abs(limit.angle) <= resolution
+        if bad:
+            assert 0.0 < min(abs(t.angle) for t in bad) - abs(limit.angle) <= resolution
+        else:
+            assert abs(limit.angle) == LARGEST_ANGLE
         assert attempt(case, mesh, limit.angle).quality_min >= threshold
     write_limits(limits, case, threshold, tmp_path)
     rows = list(csv.DictReader((tmp_path / "limit.csv").read_text().splitlines()))
     assert len(rows) == sum(len(limit.trials) for limit in limits)
-    assert (tmp_path / "limit.png").stat().st_size > 5_000
+    image = pixels(tmp_path / "limit.png")
+    assert share(image, (0x00, 0x72, 0xB2)) > 1e-3  # the angles tried
+    assert share(image, (102, 102, 102), 10) > 1e-3  # the threshold
 
 
-def test_an_angle_that_leaves_the_hexahedron_is_no_limit_but_has_a_reason(aileron_mesh):
-    mesh, _ = aileron_mesh
-    trial = attempt(case_named("tail"), mesh, 60.0)
-    assert trial.quality_min == 0.0
-    assert "hexahedron" in trial.reason or "fuselage" in trial.reason
+def test_a_tail_whose_root_misses_the_fuselage_is_no_limit_but_has_a_reason(aileron_mesh):
+    trial = attempt(case_named("tail"), aileron_mesh[0], 60.0)
+    assert (trial.quality_min, trial.steps) == (0.0, 0)
+    assert "root misses the fuselage" in trial.reason
+
+
+def test_an_aileron_that_leaves_its_hexahedron_is_no_limit_but_has_a_reason(aileron_mesh):
+    case = case_named("aileron")
+    low = replace(case, confinement=replace(case.confinement, up=0.005))
+    assert attempt(low, aileron_mesh[0], 5.0).reason == ""
+    trial = attempt(low, aileron_mesh[0], -30.0)
+    assert (trial.quality_min, trial.steps) == (0.0, 0)
+    assert "moving nodes of aileron_left leave its hexahedron" in trial.reason

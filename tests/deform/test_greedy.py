@@ -115,13 +115,31 @@ def test_initial_centers_come_first_and_history_counts_up():
     assert (np.diff([s.seconds for s in a.history]) >= 0.0).all()
 
 
-def test_mv_with_one_column_is_squv():
+@pytest.mark.parametrize("rule", [Worst(), Separated()], ids=repr)
+def test_mv_of_a_motion_along_one_axis_is_squv(rule):
     sites = _sites()
     initial = farthest(sites.points, 8)
-    one = adapt(sites.column(1), KERNELS[0], initial, _options())
-    assert one.components == (1,)
-    again = adapt(sites.column(1), KERNELS[0], initial, _options())
-    assert np.array_equal(one.interpolant.beta, again.interpolant.beta)
+    one = adapt(sites.column(1), KERNELS[0], initial, _options(), rule=rule)
+    along = DataSites(sites.points, sites.values * [0.0, 1.0, 0.0])
+    all_three = adapt(along, KERNELS[0], initial, _options(), rule=rule)
+    assert (one.components, all_three.components) == ((1,), (0, 1, 2))
+    assert np.array_equal(one.chosen, all_three.chosen)
+    np.testing.assert_allclose(all_three.interpolant.beta[:, [1]], one.interpolant.beta, rtol=1e-9)
+    assert not all_three.interpolant.beta[:, [0, 2]].any()
+
+
+def test_mv_chooses_by_the_norm_over_the_columns():
+    """Columns that are parts of one motion in another frame are off by as much together."""
+    sites = _sites()
+    initial = farthest(sites.points, 8)
+    values = sites.values[:, [1]] * [[0.6, 0.0, 0.8]]
+    one, parts = (
+        adapt(DataSites(sites.points, of, tuple(range(of.shape[1]))), KERNELS[0], initial, options, rule=Worst())
+        for of, options in ((sites.values[:, [1]], _options()), (values, _options(tol_add=1e-9, max_iterations=20)))
+    )
+    shared = min(len(one.chosen), len(parts.chosen))
+    assert shared > 50
+    assert np.array_equal(one.chosen[:shared], parts.chosen[:shared])
 
 
 def test_affine_values_need_no_more_than_the_initial_centers():

@@ -22,16 +22,20 @@ from sdm_deflect.cases.registry import case_named
 from sdm_deflect.deform.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.volume.hexahedron import Hexahedron
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from tests.pictures import differing, inked, pixels, shades, share
 
 EXAMPLES = Path(pictures.__file__).parent
 FIGURES = EXAMPLES.parent / "figures"
 
 
-def test_every_picture_of_the_guide_is_drawn_and_small(tmp_path):
+def test_every_picture_of_the_guide_is_drawn_as_stored_and_small(tmp_path):
     pictures.main(tmp_path)
     for name in pictures.PICTURES:
-        assert 5_000 < (tmp_path / f"{name}.png").stat().st_size < 300_000
-        assert (FIGURES / f"{name}.png").is_file()
+        image = pixels(tmp_path / f"{name}.png")
+        assert inked(image) > 0.05
+        assert shades(image) > 100
+        assert differing(image, pixels(FIGURES / f"{name}.png")) < 0.03
+        assert (tmp_path / f"{name}.png").stat().st_size < 300_000
 
 
 def test_points_of_the_cloud_move_in_the_box_alone():
@@ -129,6 +133,9 @@ def test_picture_of_a_run_names_what_moved(finished, tmp_path):
     words = [sys.executable, str(EXAMPLES / "picture_of_run.py"), str(folder), str(tmp_path / "run.png")]
     out = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     assert out.split() == ["aileron_left"]
-    assert (tmp_path / "run.png").stat().st_size > 10_000
+    image = pixels(tmp_path / "run.png")
+    assert inked(image) > 0.2
+    assert share(image, (0, 0x72, 0xB2), 80) > 0.02
+    assert share(image, (255, 0, 255)) > 1e-3
     (edges,) = picture_of_run.hexahedra(folder / "interpolant.npz")
     assert Hexahedron(np.asarray(edges.points, dtype=np.float64)).contains(np.asarray(edges.center)[None]).all()

@@ -214,14 +214,13 @@ def test_the_section_moves_along_each_axis(page):
     wait_until(lambda: differing(picture(page), before) > 0.01, "the section stays")
 
 
-def test_an_update_takes_less_than_the_promised_time_on_a_quiet_machine(page, capsys):
-    times = []
-    for angle in np.linspace(-11.0, 11.0, 12):
+def test_an_update_says_how_long_it_took(page):
+    """Longer than nothing and no longer than the wait for it, however busy the machine is."""
+    for angle in np.linspace(-11.0, 11.0, 4):
+        begin = time.monotonic()
         to(page, f"{angle:.1f}", "Verified")
-        times.append(float(page.locator("#elapsed").inner_text().removesuffix(" ms")))
-    with capsys.disabled():
-        print(f" [update: median {np.median(times):.0f} ms, largest {max(times):.0f} ms]", end="")  # noqa: T201
-    assert np.median(times) < 2000.0
+        told = float(page.locator("#elapsed").inner_text().removesuffix(" ms"))
+        assert 0.0 < told <= 1e3 * (time.monotonic() - begin) + 0.5  # it is rounded
 
 
 def test_markup_in_a_title_is_text(page):
