@@ -32,7 +32,7 @@ def box_of_tets(cells: int) -> Mesh:
         odd = np.linalg.det(np.eye(3)[list(order)]) < 0.0
         out[:] = corner[:, None] + path[[0, 2, 1, 3] if odd else [0, 1, 2, 3]]
     sides = {f"side {axis}{end}": np.take(index, end, axis) for axis in range(3) for end in (0, -1)}
-    patches = tuple(Patch(name, (Cells("triangle", _triangles(side)),)) for name, side in sides.items())
+    patches = tuple(Patch(name, (Cells("triangle", triangles(side)),)) for name, side in sides.items())
     return Mesh(points, (Cells("tetra", tets.reshape(-1, 4)),), patches)
 
 
@@ -67,7 +67,7 @@ def _operate(name: str, what: str, cells: int, folder: Path) -> None:
     print(f"{name:5} {what:8} {seconds:5.1f} s, peak {peak / 1e6:4.0f} MB, file {path.stat().st_size / 1e6:4.0f} MB")
 
 
-def _triangles(side: IntArray) -> IntArray:
+def triangles(side: IntArray) -> IntArray:
     """Split the squares of a side (n, n) along the diagonal from their lowest corner, as the tetrahedra do."""
     a, b, c, d = side[:-1, :-1].ravel(), side[1:, :-1].ravel(), side[1:, 1:].ravel(), side[:-1, 1:].ravel()
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])

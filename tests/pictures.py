@@ -23,8 +23,8 @@ def share(image: np.ndarray, colour: tuple[int, int, int], within: int = 40) -> 
 
 
 def inked(image: np.ndarray) -> float:
-    """Share of the pixels that are not the background, which the first corner shows."""
-    return 1.0 - share(image, tuple(np.asarray(image)[0, 0].tolist()), 8)
+    """Share of the pixels that are not white."""
+    return 1.0 - share(image, (255, 255, 255), 8)
 
 
 def differing(image: np.ndarray, other: np.ndarray) -> float:
