@@ -1,6 +1,8 @@
 """What a run prints: one calm table at the end."""
 
+import os
 from collections.abc import Iterator, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.doctor import Finding
 
 WIDTH = 160
-"""Columns of a table that goes to a file or a pipe."""
+"""Columns of a table that goes to a file or a pipe, unless the environment variable COLUMNS says otherwise."""
 
 
 def console() -> Console:
@@ -26,7 +28,20 @@ def console() -> Console:
     Colours and bold letters are for terminals only, and for none if the environment variable NO_COLOR is set.
     """
     out = Console()
-    return out if out.is_terminal else Console(width=WIDTH)
+    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else Console(width=WIDTH)
+
+
+def check_figures(check: Check) -> Json:
+    """Return a check as JSON has it."""
+    value = check.value if isfinite(check.value) else None
+    return {
+        "name": check.name,
+        "value": value,
+        "limit": check.limit,
+        "passed": check.passed,
+        "unit": check.unit,
+        "where": check.where,
+    }
 
 
 def verdict(checks: Sequence[Check], title: str) -> Table:

@@ -15,6 +15,7 @@ import numpy as np
 from sdm_deflect.cases.report.offscreen import RenderError, rendered
 from sdm_deflect.cases.report.scene3d import View, plain
 from sdm_deflect.cases.surroundings import blas, usable_cores, versions
+from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.cache import MeshCache, default_folder
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
@@ -42,9 +43,11 @@ def examinations() -> tuple[Callable[[], Finding], ...]:
     return libraries, compiled, graphics, threads, cache, disk, memory
 
 
-def examined() -> Iterator[Finding]:
+def examined(progress: Progress = silent) -> Iterator[Finding]:
     """Look at everything."""
-    for examine in examinations():
+    every = examinations()
+    for i, examine in enumerate(every):
+        progress(examine.__name__, i / len(every))
         yield examine()
 
 

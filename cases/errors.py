@@ -1,6 +1,5 @@
 """What the command line answers with one line instead of a traceback."""
 
-
 from sdm_deflect.deform.errors import InputError
 
 __all__ = ["InputError", "is_reported"]
@@ -8,6 +7,8 @@ __all__ = ["InputError", "is_reported"]
 
 def is_reported(error: Exception) -> bool:
     """True for errors whose message tells the user what is wrong; any other exception is a defect of ours."""
+    if isinstance(error, InputError):
+        return True
     from sdm_deflect.cases.confine import ConfinementError
     from sdm_deflect.cases.output import OutputError
     from sdm_deflect.deform.rbf.interpolant import SolveError
@@ -18,12 +19,5 @@ def is_reported(error: Exception) -> bool:
 
     return isinstance(
         error,
-        InputError
-        | ConfinementError
-        | OutputError
-        | SolveError
-        | CadError
-        | MeshingError
-        | FormatError
-        | MeshFileError,
+        ConfinementError | OutputError | SolveError | CadError | MeshingError | FormatError | MeshFileError,
     )

@@ -28,14 +28,16 @@ if TYPE_CHECKING:
     from sdm_deflect.meshing.generate.generation import Generated
 
 
-def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> Run:
-    """Run a case and write its files into `folder`."""
+def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, report: bool = True) -> Run:
+    """Run a case and write its files into `folder`; without a report neither page nor pictures."""
     with reference(case) as deflected_cad:
         # Matplotlib, pyvista and trimesh load while the CAD is being built.
-        from sdm_deflect.cases.report.data import report_data_of
-        from sdm_deflect.cases.report.page import write_report
-        from sdm_deflect.cases.report.pictures import drawn
         from sdm_deflect.cases.validate import validate
+
+        if report:
+            from sdm_deflect.cases.report.data import report_data_of
+            from sdm_deflect.cases.report.page import write_report
+            from sdm_deflect.cases.report.pictures import drawn
 
         mesh, origin = meshed(case, watch, cache)
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
@@ -46,21 +48,23 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True) -> 
             whole = whole_mesh_seconds(mesh, results[0])
             stiff = pinned_quality(case, mesh, results[0], tell) if case.domain == "block" else None
             tell(adapted(results), 1.0)
-        with watch.stage("pictures") as tell:
-            shown = report_data_of(case, mesh, deflected, results)
-            gallery = drawn(shown, folder / "figures")
-            tell(f"{len(gallery.exhibits)} pictures", 1.0)
+        if report:
+            with watch.stage("pictures") as tell:
+                shown = report_data_of(case, mesh, deflected, results)
+                gallery = drawn(shown, folder / "figures")
+                tell(f"{len(gallery.exhibits)} pictures", 1.0)
         with watch.stage("files") as tell:
             write_deformation(folder, case, mesh, deflected, results, background)
             tell(f"{sum(path.stat().st_size for path in folder.glob('*.*')) / 1e6:.1f} MB", 1.0)
         with watch.stage("validation") as tell:
             tell("waiting for the deflected CAD", nan)
-            checks = validate(case, mesh, deflected, shown.turns, deflected_cad(), background)
+            checks = validate(case, mesh, deflected, [one.turn for one in results], deflected_cad(), background)
             tell(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
     run = Run(case, mesh, origin, deflected, results, whole, checks, watch.seconds, background, stiff)
-    with watch.stage("report") as tell:
-        write_report(shown.judged(checks, metrics(run)), gallery, folder)
-        tell(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
+    if report:
+        with watch.stage("report") as tell:
+            write_report(shown.judged(checks, metrics(run)), gallery, folder)
+            tell(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
     write_metrics(run, folder)
     return run
 

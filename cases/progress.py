@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 from math import isnan
 from time import perf_counter
 from types import TracebackType
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
-from rich.text import Text
+if TYPE_CHECKING:
+    from rich.console import Console
 
 Report = Callable[[str, float], None]
 """Called by a library with what it is doing and the fraction done (nan when that is unknown)."""
@@ -41,33 +40,45 @@ class Silent:
 
 @dataclass(slots=True)
 class Lines:
-    """One line for everything that a stage reports, with the seconds since it began."""
+    """Lines on a console, with the seconds since a stage began: one for each stage, or one for every report of it."""
 
-    console: Console
+    console: "Console"
+    every: bool = True
+    _last: dict[str, str] = field(init=False, default_factory=dict)
 
     def begin(self, stage: str) -> Report:
         """Announce a stage."""
-        self._line(stage, 0.0, "begins")
         start = perf_counter()
-        return lambda text, fraction: self._line(stage, perf_counter() - start, text)
+
+        def report(text: str, fraction: float) -> None:
+            self._last[stage] = text
+            if self.every:
+                self._line(stage, perf_counter() - start, text)
+
+        if self.every:
+            self._line(stage, 0.0, "begins")
+        return report
 
     def end(self, stage: str, seconds: float) -> None:
         """Announce that a stage is over."""
-        self._line(stage, seconds, "ends")
+        self._line(stage, seconds, "ends" if self.every else self._last.pop(stage, ""))
 
     def _line(self, stage: str, seconds: float, text: str) -> None:
-        self.console.print(Text(f"{stage:<12} {seconds:8.2f} s  {text}"), soft_wrap=True)
+        line = f"{stage:<12} {seconds:8.2f} s  {text}".rstrip()
+        self.console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 @dataclass(slots=True)
 class Bars:
     """One rich progress bar per stage with elapsed time and counts, on the given console."""
 
-    console: Console
-    _bars: Progress = field(init=False)
-    _tasks: dict[str, TaskID] = field(init=False, default_factory=dict)
+    console: "Console"
+    _bars: Any = field(init=False)
+    _tasks: dict[str, Any] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
+        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
         self._bars = Progress(
             SpinnerColumn(),
             TextColumn("{task.fields[stage]:<12}", markup=False),
@@ -105,14 +116,20 @@ class Bars:
 
 
 @contextmanager
-def shown(console: Console, *, quiet: bool, verbose: bool) -> Iterator[Display]:
-    """Show stages as bars on a console, or as the switches of the command line ask."""
+def shown(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> Iterator[Display]:
+    """Show stages on a console (default: standard error) as the switches of the command line ask.
+
+    A terminal shows a bar for each stage; a file or a pipe gets a line for each when it has ended.
+    """
+    from rich.console import Console
+
+    out = console or Console(stderr=True)
     if quiet:
         yield Silent()
-    elif verbose:
-        yield Lines(console)
+    elif verbose or not out.is_terminal:
+        yield Lines(out, every=verbose)
     else:
-        with Bars(console) as bars:
+        with Bars(out) as bars:
             yield bars
 
 

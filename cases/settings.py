@@ -9,9 +9,12 @@ from dataclasses import asdict, fields, is_dataclass
 from functools import cache, partial
 from itertools import repeat
 from math import isfinite
+from numbers import Integral, Real
+from os import PathLike
 from pathlib import Path
 from tomllib import TOMLDecodeError, loads
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import tomli_w
 from cattrs import Converter
@@ -63,8 +66,17 @@ def changed(value: T, changes: Mapping[str, Any]) -> T:
 
 
 def to_toml(value: Any) -> str:
-    """Return every value of a dataclass as TOML, from which `structured` makes the same again."""
-    return tomli_w.dumps(_flattened(asdict(value)))
+    """Return every value of a dataclass as TOML, from which `structured` makes the same again.
+
+    Raises
+    ------
+    InputError
+        If a value is an object that TOML has no form for.
+    """
+    try:
+        return tomli_w.dumps(_flattened(asdict(value, dict_factory=_without_none)))
+    except TypeError as error:
+        raise InputError(f"these settings hold an object of Python that no file can hold: {error}") from None
 
 
 def names_of(kind: type[Any]) -> list[str]:
@@ -154,6 +166,10 @@ def resolve(
     return case
 
 
+def _without_none(pairs: list[tuple[str, Any]]) -> Nested:
+    return {name: value for name, value in pairs if value is not None}
+
+
 def _value(text: str) -> Any:
     """Return the value that a text stands for in TOML, else the text."""
     try:
@@ -196,9 +212,9 @@ def _converter() -> Converter:
     converter = Converter(detailed_validation=True, forbid_extra_keys=True)
     for kind, of_kind in HOOKS.items():
         converter.register_structure_hook(kind, of_kind)
-    for origin, of_origin in ((Literal, _choice), (tuple, _items)):
+    for origin, of_origin in ORIGINS.items():
         converter.register_structure_hook_func(partial(_comes_of, origin), of_origin)
-    converter.register_structure_hook_func(lambda kind: kind == tuple[str, ...], _names)
+    converter.register_structure_hook_func(lambda kind: kind in NAMES, _names)
     converter.register_structure_hook_factory(is_dataclass, _table)
     return converter
 
@@ -220,7 +236,7 @@ def _table(kind: type[Any]) -> Callable[[Any, Any], Any]:
 
 
 def _number(value: Any, _: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, Real):
         raise _UnfitError(value, "is not a number")
     if not isfinite(value):
         raise _UnfitError(value, "is not a finite number")
@@ -228,9 +244,9 @@ def _number(value: Any, _: Any) -> float:
 
 
 def _whole(value: Any, _: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
+    if isinstance(value, bool) or not isinstance(value, Integral):
         raise _UnfitError(value, "is not a whole number")
-    return value
+    return int(value)
 
 
 def _truth(value: Any, _: Any) -> bool:
@@ -240,15 +256,11 @@ def _truth(value: Any, _: Any) -> bool:
 
 
 def _text(value: Any, _: Any) -> str:
-    if not isinstance(value, str):
+    if not isinstance(value, str | PathLike):
         raise _UnfitError(value, "is not text")
-    if not value.strip():
+    if not str(value).strip():
         raise _UnfitError(value, "is empty")
-    return value
-
-
-def _name(value: Any, _: Any) -> str | int:
-    return _whole(value, _) if isinstance(value, int) else _text(value, _)
+    return str(value)
 
 
 HOOKS: dict[Any, Callable[[Any, Any], Any]] = {
@@ -256,8 +268,8 @@ HOOKS: dict[Any, Callable[[Any, Any], Any]] = {
     int: _whole,
     bool: _truth,
     str: _text,
-    str | int: _name,
 }
+NAMES = (tuple[str, ...], tuple[str | int, ...])
 
 
 def _choice(value: Any, kind: Any) -> Any:
@@ -267,19 +279,45 @@ def _choice(value: Any, kind: Any) -> Any:
     return value
 
 
-def _names(value: Any, _: Any) -> tuple[str, ...]:
-    """Take a list of names, or names with commas between them."""
-    rows = [value] if isinstance(value, str) else value
-    if not isinstance(rows, list | tuple) or not all(isinstance(row, str) for row in rows):
-        raise _UnfitError(value, "must be names")
-    found = tuple(name.strip() for row in rows for name in row.split(","))
-    if not all(found):
-        raise _UnfitError(value, "holds an empty name")
-    return found
+def _names(value: Any, kind: Any) -> tuple[str | int, ...]:
+    """Take a list of names, or names with commas between them; numbers too, where the kind has them."""
+    rows = [value] if isinstance(value, str) else _plain(value)
+    if not isinstance(rows, list | tuple):
+        raise _UnfitError(value, "is no list of names")
+    found: list[str | int] = []
+    for row in rows:
+        if not isinstance(row, str):
+            found.append(_whole(row, int) if kind == NAMES[1] else _text(row, str))
+        else:
+            found += [_text(name, str).strip() for name in row.split(",")]
+    return tuple(found)
+
+
+def _either(value: Any, kind: Any) -> Any:
+    """Take text as the first kind of a union and anything else as the last; objects of a protocol as they are."""
+    kinds = [one for one in get_args(kind) if one is not NoneType]
+    if value is None and len(kinds) < len(get_args(kind)):
+        return None
+    protocols = [one for one in kinds if getattr(one, "_is_protocol", False)]
+    if any(all(hasattr(value, name) for name in vars(one) if name[0] != "_") for one in protocols):
+        return value
+    others = [one for one in kinds if one not in protocols]
+    return _converter().structure(value, others[0] if isinstance(value, str | PathLike) else others[-1])
+
+
+def _mapping(value: Any, kind: Any) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        raise _UnfitError(value, "is no table, such as { name = value }")
+    return {str(key): _item(str(key), item, get_args(kind)[1]) for key, item in value.items()}
+
+
+def _plain(value: Any) -> Any:
+    """Return the list of an array."""
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def _items(value: Any, kind: Any) -> tuple[Any, ...]:
-    kinds = get_args(kind)
+    kinds, value = get_args(kind), _plain(value)
     if not isinstance(value, list | tuple):
         raise _UnfitError(value, "is not a list")
     if kinds[-1] is not Ellipsis and len(value) != len(kinds):
@@ -288,12 +326,21 @@ def _items(value: Any, kind: Any) -> tuple[Any, ...]:
     return tuple(_item(i, item, one) for i, (item, one) in enumerate(zip(value, each, strict=False)))
 
 
-def _item(i: int, value: Any, kind: Any) -> Any:
+def _item(place: str | int, value: Any, kind: Any) -> Any:
     try:
         return _converter().structure(value, kind)
     except (ValueError, ExceptionGroup) as error:
-        error.__notes__ = [*getattr(error, "__notes__", ()), IterableValidationNote(f"item {i}", i, kind)]
+        error.__notes__ = [*getattr(error, "__notes__", ()), IterableValidationNote("", place, kind)]
         raise
+
+
+ORIGINS: dict[Any, Callable[[Any, Any], Any]] = {
+    Literal: _choice,
+    tuple: _items,
+    dict: _mapping,
+    Union: _either,
+    UnionType: _either,
+}
 
 
 def _sentences(error: BaseException, path: tuple[str | int, ...]) -> Iterator[str]:

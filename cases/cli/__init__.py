@@ -1,0 +1,93 @@
+"""The command line `sdm`; a command imports what it needs when it is carried out."""
+
+import sys
+from dataclasses import asdict
+from signal import SIGTERM, default_int_handler, signal
+from typing import NoReturn
+
+import click
+
+from sdm_deflect.cases.cli.deflect import deflect, quality
+from sdm_deflect.cases.cli.options import (
+    INTERRUPTED,
+    UNUSABLE,
+    code_of,
+    json_option,
+    print_json,
+    print_tables,
+    progress_options,
+    watched,
+)
+from sdm_deflect.cases.cli.run import export, geometry, limit, list_cases, report, run, study, validate, view
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="sdm-deflect")
+def cli() -> None:
+    """Deflect aircraft control surfaces in CFD meshes, and check the result against CAD."""
+
+
+for command in (list_cases, run, deflect, validate, report, view, export, limit, geometry, quality, study):
+    cli.add_command(command)
+
+
+@cli.command()
+@click.option("--clear", is_flag=True, help="Delete the cached meshes.")
+@json_option
+def cache(clear: bool, as_json: bool) -> None:
+    """Show where meshes are cached and how much they take."""
+    from sdm_deflect.meshing.cache import MeshCache, default_folder
+
+    store = MeshCache(default_folder())
+    freed = store.clear() if clear else 0
+    sizes = store.entries().values()
+    if as_json:
+        print_json({"folder": store.folder, "meshes": len(sizes), "bytes": sum(sizes), "freed_bytes": freed})
+    elif clear:
+        click.echo(f"{store.folder}: freed {freed / 1e6:.1f} MB")
+    else:
+        click.echo(f"{store.folder}: {len(sizes)} meshes, {sum(sizes) / 1e6:.1f} MB")
+
+
+@cli.command()
+@json_option
+@progress_options
+def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
+    """Check libraries, graphics, threads, cache, disk and memory, and say what to install."""
+    from sdm_deflect.cases.console import findings
+    from sdm_deflect.cases.doctor import examined
+
+    with watched(quiet, verbose) as watch, watch.stage("doctor") as progress:
+        found = list(examined(progress))
+    if as_json:
+        print_json([asdict(one) for one in found])
+    else:
+        print_tables(findings(found))
+    return code_of(all(one.well for one in found))
+
+
+def main() -> NoReturn:
+    """Entry point: one line on stderr and a code that tells what went wrong; never a traceback for a mistake."""
+    signal(SIGTERM, default_int_handler)  # batch systems and service managers ask to end like this
+    try:
+        code = cli(prog_name="sdm", standalone_mode=False) or 0
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message())
+        code = UNUSABLE
+    except click.ClickException as error:
+        code = _complain(error.format_message())
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted; earlier results are as they were", err=True)
+        code = INTERRUPTED
+    except (ValueError, RuntimeError) as error:
+        from sdm_deflect.cases.errors import is_reported
+
+        if not is_reported(error):
+            raise
+        code = _complain(str(error))
+    sys.exit(code)
+
+
+def _complain(message: str) -> int:
+    click.echo("sdm: " + " ".join(message.split()), err=True)
+    return UNUSABLE

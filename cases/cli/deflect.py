@@ -1,0 +1,129 @@
+"""Commands on any mesh file: deflect, quality."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sdm_deflect.cases.cli.options import (
+    FILE,
+    STRATEGIES,
+    Point,
+    code_of,
+    json_option,
+    print_json,
+    print_tables,
+    progress_options,
+    report_option,
+    set_option,
+    watched,
+)
+
+
+@click.command()
+@click.argument("mesh", type=FILE)
+@click.option("--surface", "patches", multiple=True, metavar="NAME", help="Patches that move; repeat, or use commas.")
+@click.option("--hinge", nargs=2, type=Point(), metavar="x0,y0,z0 x1,y1,z1", help="Two points of the hinge line.")
+@click.option("--angle", type=float, help="Degrees, right-handed from the first hinge point to the second.")
+@click.option("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")
+@click.option("--motion", type=click.Choice(("rigid", "blended")), help="Whole surface, or hinge to trailing edge.")
+@click.option("--held", help="blended: nodes that stay: patches, or a .txt of node indices (default: --fixed).")
+@click.option("--driven", help="blended: nodes that follow: edges[:DEG], patches, or a .txt (default: edges:40).")
+@click.option("--strip", type=float, help="blended: width beside a closed rib, as a share of the span (0.2).")
+@click.option("--table", help="Displacements instead of a hinge: .csv of x,y,z,dx,dy,dz, or .npz.")
+@click.option("--fixed", multiple=True, metavar="NAME", help="Patches that stay; wildcards such as 'wing*'.")
+@click.option("--slide", multiple=True, metavar="NAME:plane|cylinder", help="Patches that stay on their shape.")
+@click.option("--zone", "zones", multiple=True, metavar="NAME", help="Further zones that deform; '*' for all.")
+@click.option("--box", metavar="auto|FILE", help="The box: auto, or a .toml with `corners`.")
+@click.option("--margin", type=float, help="Distance from the surface to an automatic box.")
+@click.option("--steps", metavar="auto|N", help="Most steps for an angle (auto: up to 8).")
+@click.option("--strategy", type=STRATEGIES, help="squv: centres for each direction; mv: common ones.")
+@click.option("--tolerance", type=float, help="Error at a data site (default: 1 % of the surface's median edge).")
+@click.option("--allow-inverted", is_flag=True, default=None, help="Take a mesh that has inverted cells already.")
+@set_option
+@click.option("--config", type=FILE, help="The same in a TOML file; several surfaces as [[surface]].")
+@click.option("--out", type=FILE, help="File to write (default: MESH-deflected); the suffix says the format.")
+@click.option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
+@click.option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
+@report_option
+@json_option
+@progress_options
+def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, report: bool, **given: Any) -> int:
+    """Deflect marked surfaces of a mesh file, and let the mesh around them follow.
+
+    sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
+    """
+    from sdm_deflect.cases.job_settings import angles_of, job_settings
+    from sdm_deflect.cases.own import carried_out
+    from sdm_deflect.cases.own.files import Targets, inputs_of
+    from sdm_deflect.cases.own.report import plan_figures
+    from sdm_deflect.cases.own.tables import plan_table, result_table
+
+    text, as_json = given.pop("angles"), given.pop("as_json")
+    quiet, verbose = given.pop("quiet"), given.pop("verbose")
+    many = angles_of(text) if text else ()
+    if many:
+        given["angle"] = max(many, key=abs)
+    nested, config = _tables(given), given["config"]
+    job = job_settings(nested).job()
+    wanted = Targets.of(mesh, out, many or (job.angle,), frozenset({"sensitivity"} if sensitivity else ()))
+    wanted.check((*inputs_of(nested, Path()), *([config] if config else ())))
+    with watched(quiet or (as_json and not verbose), verbose) as watch:
+        if dry_run:
+            plan = carried_out.dry_run(mesh, job, wanted.angles, watch)
+        else:
+            done = carried_out.carry_out(wanted, job, watch)
+    if dry_run:
+        names = [str(path) for path in (*map(wanted.mesh, wanted.angles), *wanted.extra)]
+        if as_json:
+            print_json({**plan_figures(plan), "files": names})
+        else:
+            print_tables(plan_table(plan), f"would write {', '.join(names)}")
+        return 0
+    if as_json:
+        print_json(carried_out.figures(done, watch))
+    else:
+        print_tables(result_table(done.plan, done.reports, done.files, done.lost))
+    return code_of(done.passed)
+
+
+@click.command()
+@click.argument("mesh", type=FILE)
+@json_option
+def quality(mesh: Path, as_json: bool) -> None:
+    """Print points, cells, patches, quality and inverted cells of a mesh file."""
+    from sdm_deflect.cases.inspection import inspect, inspected
+
+    if as_json:
+        print_json(inspected(mesh))
+    else:
+        click.echo(inspect(mesh))
+
+
+def _tables(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the tables of a configuration file with the options of the command line in their place."""
+    from sdm_deflect.cases.job_settings import read_job, with_options
+
+    options = dict(given)
+    config, assignments, steps = (options.pop(name) for name in ("config", "assignments", "steps"))
+    options["slide"] = dict(_slide(text) for text in options["slide"])
+    options["max_steps"] = None if steps in (None, "auto") else _steps(steps)
+    return with_options(read_job(config) if config else {}, options, assignments)
+
+
+def _slide(text: str) -> tuple[str, str]:
+    from sdm_deflect.deform.errors import InputError
+
+    name, colon, shape = text.rpartition(":")
+    if not colon or not name:
+        raise InputError(f"--slide {text}: must be NAME:plane or NAME:cylinder")
+    return name, shape
+
+
+def _steps(text: str) -> int:
+    from sdm_deflect.deform.errors import InputError
+
+    if not text.isascii() or not text.isdigit() or int(text) < 1:
+        raise InputError(f"--steps {text}: must be auto or a whole number from 1")
+    return int(text)

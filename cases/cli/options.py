@@ -1,0 +1,101 @@
+"""What the commands share: kinds of arguments, options of the same name, and how a result is printed."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.shell_completion import CompletionItem
+
+if TYPE_CHECKING:
+    from sdm_deflect.cases.progress import Stopwatch
+
+FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
+FILE = click.Path(path_type=Path)
+SCALES = click.Choice(("small", "medium", "paper"))
+STRATEGIES = click.Choice(("squv", "mv"))
+FORMATS = click.Choice(("su2", "cgns", "gmsh", "vtu", "openfoam"))
+
+Command = Callable[..., Any]
+
+
+class CaseName(click.ParamType):  # type: ignore[type-arg, unused-ignore]
+    """The name of a case; a shell completes it."""
+
+    name = "case"
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Return the cases whose names begin so, with their titles."""
+        from sdm_deflect.cases.registry import CASES
+
+        return [CompletionItem(name, help=case.title) for name, case in CASES.items() if name.startswith(incomplete)]
+
+
+class Point(click.ParamType):  # type: ignore[type-arg, unused-ignore]
+    """A point ``x,y,z``."""
+
+    name = "x,y,z"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return three numbers; a next option in the place of a point is named."""
+        try:
+            point = tuple(float(number) for number in str(value).split(","))
+        except ValueError:
+            point = ()
+        if len(point) != 3:
+            self.fail(f"{value!r} is no point: the hinge needs two, such as 0.7,0,0 0.7,1,0", param, ctx)
+        return point
+
+
+angle_option = click.option("--angle", type=float, help="Deflection in degrees; positive is trailing edge down.")
+set_option = click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Replace a setting; repeat.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON to the standard output, nothing else.")
+cache_option = click.option("--cache/--no-cache", default=True, help="Whether to use the mesh cache.")
+report_option = click.option("--report/--no-report", default=True, help="Whether to make report and pictures.")
+scale_option = click.option("--scale", type=SCALES, default="small", show_default=True, help="Size of the mesh.")
+
+
+def progress_options(command: Command) -> Command:
+    """Give a command ``--quiet`` and ``--verbose``; its function takes both."""
+    quiet = click.option("-q", "--quiet", is_flag=True, help="No progress.")
+    verbose = click.option("-v", "--verbose", is_flag=True, help="Progress as lines: all that is reported.")
+    return quiet(verbose(command))
+
+
+@contextmanager
+def watched(quiet: bool = False, verbose: bool = False) -> Iterator["Stopwatch"]:
+    """Show stages on the standard error output."""
+    from sdm_deflect.cases.progress import Stopwatch, shown
+
+    with shown(quiet=quiet, verbose=verbose) as display:
+        yield Stopwatch(display)
+
+
+def print_json(value: Any) -> None:
+    """Print a value as JSON; numbers that JSON does not know become null."""
+    click.echo(json.dumps(_known(value), indent=2))
+
+
+def print_tables(*tables: Any) -> None:
+    """Print tables and texts for a reader."""
+    from sdm_deflect.cases.console import console
+
+    console().print(*tables)
+
+
+def code_of(passed: bool) -> int:
+    """Return the exit code of a verdict."""
+    return 0 if passed else FAILED
+
+
+def _known(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _known(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_known(item) for item in value]
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value

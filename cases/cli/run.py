@@ -1,0 +1,281 @@
+"""Commands on cases and on finished runs: list, run, validate, report, view, export, limit, geometry, study."""
+
+import csv
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sdm_deflect.cases.cli.options import (
+    FILE,
+    FORMATS,
+    SCALES,
+    STRATEGIES,
+    CaseName,
+    angle_option,
+    cache_option,
+    code_of,
+    json_option,
+    print_json,
+    print_tables,
+    progress_options,
+    report_option,
+    scale_option,
+    set_option,
+    watched,
+)
+
+TABLES = ("table1", "table2", "table3", "table4")
+PAGE = "page"
+
+
+@click.command("list")
+@json_option
+def list_cases(as_json: bool) -> None:
+    """List the cases with their default angle."""
+    from sdm_deflect.cases.registry import CASES
+
+    rows = [
+        {
+            "name": case.name,
+            "angle_deg": case.angle,
+            "title": case.title,
+            "surfaces": [d.surface for d in case.deflections],
+        }
+        for case in CASES.values()
+    ]
+    if as_json:
+        print_json(rows)
+        return
+    for row in rows:
+        click.echo(f"{row['name']:<18}{row['angle_deg']:+6.1f} deg  {row['title']}")
+
+
+@click.command()
+@click.argument("case", default="", type=CaseName())
+@click.option("--scale", type=SCALES, help="Size of the mesh (default: small).")
+@angle_option
+@click.option("--strategy", type=STRATEGIES, help="squv: centres for each direction; mv: common ones.")
+@click.option("--out", type=FILE, help="Output folder (default: runs/CASE).")
+@set_option
+@click.option("--config", type=FILE, help="Repeat a run from its case.toml.")
+@cache_option
+@report_option
+@json_option
+@progress_options
+def run(
+    case: str, out: Path | None, cache: bool, report: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any
+) -> int:
+    """Run a case: geometry, mesh, deformation, validation, report."""
+    from sdm_deflect.cases.settings import resolve
+
+    resolved = resolve(case, **given)
+
+    from sdm_deflect.cases.console import summary
+    from sdm_deflect.cases.metrics import metrics
+    from sdm_deflect.cases.output import output_folder
+    from sdm_deflect.cases.pipeline import run_case
+
+    folder = out or Path("runs") / resolved.name
+    with output_folder(folder) as scratch, watched(quiet or (as_json and not verbose), verbose) as watch:
+        result = run_case(resolved, watch, scratch, cache, report)
+    if as_json:
+        print_json(metrics(result))
+    else:
+        print_tables(summary(result, folder))
+    return code_of(result.passed)
+
+
+@click.command()
+@click.option("--out", type=FILE, required=True, help="File to write: .step, .brep or .stl.")
+@click.option("--case", default="aileron", show_default=True, type=CaseName(), help="Case whose aircraft is built.")
+@angle_option
+@set_option
+@progress_options
+def geometry(
+    out: Path, case: str, angle: float | None, assignments: tuple[str, ...], quiet: bool, verbose: bool
+) -> None:
+    """Write the CAD alone, deflected by --angle (default 0)."""
+    from sdm_deflect.cases.settings import resolve
+    from sdm_deflect.deform.errors import InputError
+
+    if out.suffix not in (".step", ".brep", ".stl"):
+        raise InputError(f"--out {out}: the suffix must be .step, .brep or .stl")
+    resolved = resolve(case, angle=angle or 0.0, assignments=assignments)
+
+    from sdm_deflect.cases.cad import deflected_cad, undeflected_cad
+
+    with watched(quiet, verbose) as watch, watch.stage("geometry"):
+        model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)
+        try:
+            model.write(out)
+        except OSError as error:
+            raise InputError(f"--out {out}: {error.strerror or error}") from None
+    click.echo(f"{out}: {len(model.faces)} faces, {len(model.edges)} edges")
+
+
+@click.command()
+@click.argument("folder", type=FILE)
+@json_option
+@progress_options
+def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
+    """Repeat the validation of a finished run from its files."""
+    from sdm_deflect.cases.console import check_figures, verdict
+    from sdm_deflect.cases.finished import validate_folder
+
+    with watched(quiet, verbose) as watch, watch.stage("validation"):
+        checks = validate_folder(folder)
+    passed = all(check.passed for check in checks)
+    if as_json:
+        print_json({"folder": folder, "checks": [check_figures(check) for check in checks], "passed": passed})
+    else:
+        print_tables(verdict(checks, str(folder)))
+    return code_of(passed)
+
+
+@click.command()
+@click.argument("folder", type=FILE)
+@progress_options
+def report(folder: Path, quiet: bool, verbose: bool) -> int:
+    """Make report.html and figures/ of a finished run anew from its files."""
+    from sdm_deflect.cases.output import output_folder
+    from sdm_deflect.cases.report.data import report_data_of_folder
+    from sdm_deflect.cases.report.page import write_report
+    from sdm_deflect.cases.report.pictures import drawn
+
+    with watched(quiet, verbose) as watch:
+        with watch.stage("validation"):
+            data = report_data_of_folder(folder)
+        with watch.stage("report"), output_folder(folder) as scratch:
+            write_report(data, drawn(data, scratch / "figures"), scratch)
+    click.echo(f"{folder / 'report.html'}: {(folder / 'report.html').stat().st_size / 1e6:.1f} MB")
+    return code_of(data.passed)
+
+
+@click.command()
+@click.argument("folder", metavar="RUN", type=FILE)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1 (default: a free one).")
+@click.option("--open/--no-open", "show", default=True, help="Whether to open the page in the browser.")
+@progress_options
+def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> None:
+    """Show a finished run as a page with a slider for the angle; Ctrl-C ends it.
+
+    The mesh follows the slider with the centres of the run. Nothing leaves this machine: the page is served on
+    the loopback interface and draws in the browser.
+    """
+    from sdm_deflect.cases.view.live import Live
+    from sdm_deflect.cases.view.serve import check_free, serve
+
+    if port:
+        check_free(port)
+    with watched(quiet, verbose) as watch, watch.stage("factorising"):
+        from sdm_deflect.cases.view.control import Control
+        from sdm_deflect.cases.view.page import Page
+
+        page = Page(Control.of(Live.of(folder)))
+    serve(page, port, show)
+
+
+@click.command()
+@click.argument("folder", metavar="RUN", type=FILE)
+@click.option("--format", "form", required=True, type=FORMATS, help="Format of the flow solver.")
+@click.option("--which", default="deflected", show_default=True, type=click.Choice(("deflected", "undeflected")))
+@click.option("--out", type=FILE, help="File to write, for OpenFOAM a new folder (default: beside RUN).")
+@progress_options
+def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, verbose: bool) -> None:
+    """Write a finished run's mesh in a flow solver's format, boundary names included."""
+    from sdm_deflect.cases.export import export_run
+
+    with watched(quiet, verbose) as watch, watch.stage("export") as progress:
+        target, lost = export_run(folder, form, which, out, progress)
+    for sentence in lost:
+        click.echo(f"{target}: {sentence}", err=True)
+    click.echo(f"{target}")
+
+
+@click.command()
+@click.argument("case", type=CaseName())
+@scale_option
+@click.option("--quality", "threshold", default=0.2, show_default=True, help="Smallest acceptable mean ratio.")
+@click.option("--resolution", default=1.0, show_default=True, help="Degrees to which the limit is found.")
+@click.option("--out", type=FILE, help="Output folder (default: runs/CASE-limit).")
+@set_option
+@json_option
+@progress_options
+def limit(
+    case: str,
+    threshold: float,
+    resolution: float,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+    **given: Any,
+) -> None:
+    """Find the largest angle of each sign that inverts no cell and keeps a quality, by bisection."""
+    from sdm_deflect.cases.settings import resolve
+    from sdm_deflect.deform.errors import InputError
+
+    for name, value, high in (("quality", threshold, 1.0), ("resolution", resolution, 30.0)):
+        if not 0.0 < value < high:
+            raise InputError(f"--{name} {value:g} must be between 0 and {high:g}")
+    quiet, verbose = given.pop("quiet"), given.pop("verbose")
+    resolved = resolve(case, **given)
+
+    from sdm_deflect.cases.limit import find_limits, write_limits
+    from sdm_deflect.cases.output import output_folder
+    from sdm_deflect.cases.pipeline import meshed
+
+    folder = out or Path("runs") / f"{resolved.name}-limit"
+    with output_folder(folder) as scratch, watched(quiet or (as_json and not verbose), verbose) as watch:
+        mesh, _ = meshed(resolved, watch)
+        with watch.stage("bisection") as progress:
+            limits = find_limits(resolved, mesh, threshold, resolution, progress)
+        table = write_limits(limits, resolved, threshold, scratch)
+    if as_json:
+        figures = {"case": resolved.name, "scale": resolved.scale, "quality": threshold, "resolution_deg": resolution}
+        print_json({**figures, "limits": [asdict(one) for one in limits]})
+    else:
+        print_tables(table)
+
+
+@click.command()
+@click.argument("name", type=click.Choice((*TABLES, PAGE)))
+@scale_option
+@click.option("--out", type=FILE, help="Output folder (default: runs/NAME).")
+@cache_option
+@json_option
+@progress_options
+def study(name: str, scale: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, verbose: bool) -> None:
+    """Measure a table of the paper and write it as .csv, .md and .png; page: all tables and figures."""
+    from sdm_deflect.cases.output import output_folder
+    from sdm_deflect.cases.study.page import write_page
+    from sdm_deflect.cases.study.study import run_study
+    from sdm_deflect.cases.study.text import write_study
+
+    folder = out or Path("runs") / name
+    with output_folder(folder) as scratch, watched(quiet or (as_json and not verbose), verbose) as watch:
+        if name == PAGE:
+            write_page(scale, scratch, watch.display, cache)
+        else:
+            write_study(run_study(name, scale, watch, cache), scratch)
+        tables = {path.stem: _rows(path) for path in sorted(scratch.rglob("*.csv"))}
+        text = (scratch / ("paper.md" if name == PAGE else f"{name}.md")).read_text(encoding="utf-8")
+    if as_json:
+        print_json({"study": name, "scale": scale, "folder": folder, "tables": tables})
+    else:
+        click.echo(f"{text}\nresults in {folder}")
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    """Return the rows of a .csv by their headings, numbers as numbers."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return [{key: _number(text) for key, text in row.items()} for row in csv.DictReader(file)]
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text

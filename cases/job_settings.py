@@ -1,0 +1,261 @@
+"""A job from text or keywords: the settings of `sdm deflect`, of its TOML file and of `deflect` are the same."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from sdm_deflect.cases.own.blended import Blended
+from sdm_deflect.cases.own.box import Automatic, BoxRule, Given
+from sdm_deflect.cases.own.job import Fitting, Job, Sliding
+from sdm_deflect.cases.own.motion import LARGEST_ANGLE, Motion, Moving, Rotation
+from sdm_deflect.cases.own.surface import Listed, NodeSet, OnPatches, TrailingEdge
+from sdm_deflect.cases.own.table import Table
+from sdm_deflect.cases.settings import Nested, assigned, read_toml, structured
+from sdm_deflect.deform.errors import InputError
+
+Point = tuple[float, float, float]
+MOST_ANGLES = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceSettings:
+    """One moving surface: a table ``[[surface]]``.
+
+    Attributes
+    ----------
+    patches : names or wildcards of the patches that move.
+    hinge : two points of the hinge line.
+    angle : degrees, right-handed from the first point to the second.
+    motion : the whole surface rigidly, or blended between nodes that stay and nodes that follow; or a `Motion`.
+    held : blended: nodes that stay: patches, a .txt of node indices, the indices, or a `NodeSet`; none: `fixed`.
+    driven : blended: nodes that follow: the same, or ``edges:DEG``.
+    strip : blended: width beside a closed rib, as a share of the span.
+    table : file of displacements instead of a rotation.
+    amount : share of the table.
+    """
+
+    patches: tuple[str, ...]
+    hinge: tuple[Point, Point] | None = None
+    angle: float | None = None
+    motion: Literal["rigid", "blended"] | Motion = "rigid"
+    held: tuple[str | int, ...] | NodeSet = ()
+    driven: tuple[str | int, ...] | NodeSet = ("edges:40",)
+    strip: float = 0.2
+    table: str | None = None
+    amount: float = 1.0
+
+    def moving(self, fixed: tuple[str, ...]) -> Moving:
+        """Return the patches with their motion; nodes on `fixed` patches are held if no others are named."""
+        motion = self._motion(fixed)
+        amount = self.angle if motion.unit == "deg" else self.amount
+        if amount is None:
+            raise InputError(f"the angle of {', '.join(self.patches)} is missing: give it in degrees")
+        return Moving(self.patches, motion, amount)
+
+    def _motion(self, fixed: tuple[str, ...]) -> Motion:
+        if not isinstance(self.motion, str):
+            return self.motion
+        hinge = Rotation.about(*np.array(self.hinge)) if self.hinge else None
+        base: Motion | None = Table.read(Path(self.table), hinge.axis if hinge else None) if self.table else hinge
+        if base is None:
+            raise InputError("the hinge is missing: give two points of it, such as 0.7,0,0 and 0.7,1,0")
+        if self.motion == "rigid":
+            return base
+        held = _nodes(self.held, "held") if self.held != () else OnPatches(fixed)
+        return Blended(base, held, _nodes(self.driven, "driven"), self.strip)
+
+
+@dataclass(frozen=True, slots=True)
+class JobSettings:
+    """What moves, what stays, what slides, and in which box.
+
+    Attributes
+    ----------
+    surface : the moving surfaces; angles of a sweep are those of the first one.
+    fixed : names or wildcards of patches that stay.
+    slide : patches that stay on their shape.
+    box : ``"auto"``, a .toml file with `corners`, the corners, or a `BoxRule`.
+    margin : distance from the surface to an automatic box; 0: chosen.
+    zones : further zones that deform; ``*`` for all.
+    allow_inverted : whether a mesh that has inverted cells is taken.
+    fitting : how the displacement is interpolated; its names stand beside the others.
+    """
+
+    surface: tuple[SurfaceSettings, ...] = ()
+    fixed: tuple[str, ...] = ()
+    slide: dict[str, Literal["plane", "cylinder"]] = field(default_factory=dict)
+    box: str | tuple[Point, ...] | BoxRule = "auto"
+    margin: float = 0.0
+    zones: tuple[str, ...] = ()
+    allow_inverted: bool = False
+    fitting: Fitting = field(default_factory=Fitting)
+
+    def job(self) -> Job:
+        """Return the job; files are read.
+
+        Raises
+        ------
+        InputError
+            If a value does not fit, a file cannot be read, or surface, hinge or angle is missing.
+        """
+        if not self.surface:
+            raise InputError("no surface to move: name its patches")
+        return Job(
+            surfaces=tuple(one.moving(self.fixed) for one in self.surface),
+            fixed=self.fixed,
+            slides=tuple(Sliding(patch, shape) for patch, shape in self.slide.items()),
+            box=self._box(),
+            zones=self.zones,
+            fitting=self.fitting,
+            allow_inverted=self.allow_inverted,
+        )
+
+    def _box(self) -> BoxRule:
+        if isinstance(self.box, str):
+            return Automatic(self.margin) if self.box == "auto" else _box_of(Path(self.box))
+        return Given.at(np.array(self.box)) if isinstance(self.box, tuple) else self.box
+
+
+@dataclass(frozen=True, slots=True)
+class _BoxFile:
+    corners: tuple[Point, ...]
+
+
+OF_SURFACE = tuple(one.name for one in fields(SurfaceSettings))
+
+
+def job_settings(nested: Mapping[str, Any]) -> JobSettings:
+    """Return the settings that nested tables describe; InputError names the first that does not fit."""
+    try:
+        return structured(nested, JobSettings)
+    except InputError as error:
+        several = len(nested.get("surface", ())) > 1
+        raise InputError(str(error) if several else str(error).replace("surface[0].", "")) from None
+
+
+def job_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any]) -> Job:
+    """Return the job that arguments of `deflect` describe.
+
+    Parameters
+    ----------
+    surfaces
+        Name of a patch, or several; wildcards allowed.
+    hinge
+        (2, 3) two points of the hinge line; None where `motion` or `table` needs none.
+    angle
+        Degrees.
+    options
+        Settings of `JobSettings` and, for the surface, of `SurfaceSettings`.
+
+    Raises
+    ------
+    InputError
+        For an option that is unknown, or a value of another type or out of range: one sentence that names it.
+    """
+    own = {"patches": surfaces, "hinge": hinge, "angle": angle, "amount": angle}
+    own.update({key: value for key, value in options.items() if key in OF_SURFACE})
+    rest = {key: value for key, value in options.items() if key not in OF_SURFACE}
+    try:
+        return job_settings({"surface": [own], **rest}).job()
+    except InputError as error:
+        raise InputError(str(error).replace("patches =", "surfaces =")) from None
+
+
+def read_job(path: Path) -> Nested:
+    """Return the tables of a configuration file; files that it names are taken as relative to it."""
+    nested = read_toml(path)
+    for table in (nested, *_tables(nested.get("surface"))):
+        for key in ("box", "table", "held", "driven"):
+            value = table.get(key)
+            if isinstance(value, str) and (key == "table" or value.endswith((".toml", ".txt"))):
+                table[key] = str(path.parent / value)
+    return nested
+
+
+def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequence[str] = ()) -> Nested:
+    """Return tables with options in place of their values; those of a surface concern the first one.
+
+    Further surfaces turn in their proportion to the first one's angle. An option ``patches`` makes it the only one.
+    """
+    new = {**{key: value for key, value in options.items() if value not in (None, ())}, **assigned(assignments)}
+    own = {key: new.pop(key) for key in OF_SURFACE if key in new}
+    slide = {**_table(nested.get("slide")), **_table(new.pop("slide", None))}
+    out = {**nested, **new, **({"slide": slide} if slide else {})}
+    surfaces = _tables(nested.get("surface"))
+    if "patches" in own:
+        out["surface"] = [own]
+    elif own and surfaces:
+        out["surface"] = [{**surfaces[0], **own}, *_in_proportion(surfaces, own.get("angle"))]
+    return out
+
+
+def angles_of(text: str) -> tuple[float, ...]:
+    """Return the angles of ``first:last:step``, both ends included, or of a list with commas.
+
+    Raises
+    ------
+    InputError
+        If the text is neither, or an angle is out of range.
+    """
+    try:
+        if ":" in text:
+            first, last, step = (float(part) for part in text.split(":"))
+            count = int(np.floor((last - first) / step + 1e-9)) + 1
+            angles = [round(first + i * step, 12) for i in range(min(count, MOST_ANGLES + 1))]
+        else:
+            angles = [float(part) for part in text.split(",")]
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise InputError(f"angles = {text}: must be first:last:step, such as -30:30:5, or a list with commas") from None
+    if not angles or len(angles) > MOST_ANGLES:
+        raise InputError(f"angles = {text}: must be 1 to {MOST_ANGLES} angles")
+    for angle in angles:
+        if not abs(angle) <= LARGEST_ANGLE:
+            raise InputError(
+                f"angles = {text}: {angle:g} deg is out of range: at most {LARGEST_ANGLE:g} deg either way"
+            )
+    return tuple(dict.fromkeys(angles))
+
+
+def _table(value: Any) -> dict[str, Any]:
+    return dict(value) if isinstance(value, Mapping) else {}
+
+
+def _tables(value: Any) -> list[dict[str, Any]]:
+    return [one for one in value if isinstance(one, dict)] if isinstance(value, list) else []
+
+
+def _in_proportion(surfaces: list[dict[str, Any]], angle: float | None) -> list[dict[str, Any]]:
+    """Return the further surfaces, turned in their proportion to the first one's angle."""
+    first = surfaces[0].get("angle")
+    if angle is None or not first:
+        return surfaces[1:]
+    return [{**one, "angle": one["angle"] * angle / first} if "angle" in one else one for one in surfaces[1:]]
+
+
+def _nodes(value: tuple[str | int, ...] | NodeSet, name: str) -> NodeSet:
+    """Return a node set: ``edges:40``, a .txt file of node indices, a list of them, or patches."""
+    if not isinstance(value, tuple):
+        return value
+    names = [one for one in value if isinstance(one, str)]
+    if not names:
+        return Listed(np.array(value, dtype=np.intp))
+    if len(names) < len(value):
+        raise InputError(f"{name} must be patches, or indices of nodes, not both")
+    word, _, degrees = names[0].partition(":")
+    if word == "edges":
+        try:
+            return TrailingEdge(float(degrees or 40.0))
+        except ValueError:
+            raise InputError(f"{name} = {names[0]}: must be edges:DEG, such as edges:40") from None
+    return Listed.read(Path(names[0])) if names[0].endswith(".txt") else OnPatches(tuple(names))
+
+
+def _box_of(path: Path) -> BoxRule:
+    """Read the corners of a box."""
+    try:
+        return Given.at(np.array(structured(read_toml(path), _BoxFile).corners))
+    except InputError as error:
+        raise InputError(f"box = {path}: {error}") from None
