@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from math import inf, isnan
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,8 +14,8 @@ from sdm_deflect.cases.own.job import Fitting, Job, Sliding
 from sdm_deflect.cases.own.motion import LARGEST_ANGLE, Motion, Moving, Rotation
 from sdm_deflect.cases.own.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from sdm_deflect.cases.own.table import Table
-from sdm_deflect.cases.settings import Nested, assigned, read_toml, structured
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, structured
+from sdm_deflect.deform.errors import InputError, nearest
 
 Point = tuple[float, float, float]
 MOST_ANGLES = 1000
@@ -132,7 +133,7 @@ def job_settings(nested: Mapping[str, Any]) -> JobSettings:
     try:
         return structured(nested, JobSettings)
     except InputError as error:
-        several = len(nested.get("surface", ())) > 1
+        several = len(_tables(nested.get("surface"))) > 1
         raise InputError(str(error) if several else str(error).replace("surface[0].", "")) from None
 
 
@@ -155,11 +156,10 @@ def job_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any]) ->
     InputError
         For an option that is unknown, or a value of another type or out of range: one sentence that names it.
     """
-    own = {"patches": surfaces, "hinge": hinge, "angle": angle, "amount": angle}
-    own.update({key: value for key, value in options.items() if key in OF_SURFACE})
-    rest = {key: value for key, value in options.items() if key not in OF_SURFACE}
+    own, rest = _parted(options)
+    own = {"patches": surfaces, "hinge": hinge, **({} if angle is None else {"angle": angle, "amount": angle}), **own}
     try:
-        return job_settings({"surface": [own], **rest}).job()
+        return job_settings({**rest, "surface": [own]}).job()
     except InputError as error:
         raise InputError(str(error).replace("patches =", "surfaces =")) from None
 
@@ -180,8 +180,8 @@ def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequen
 
     Further surfaces turn in their proportion to the first one's angle. An option ``patches`` makes it the only one.
     """
-    new = {**{key: value for key, value in options.items() if value not in (None, ())}, **assigned(assignments)}
-    own = {key: new.pop(key) for key in OF_SURFACE if key in new}
+    given = {key: value for key, value in options.items() if value not in (None, ())}
+    own, new = _parted({**given, **assigned(assignments)})
     slide = {**_table(nested.get("slide")), **_table(new.pop("slide", None))}
     out = {**nested, **new, **({"slide": slide} if slide else {})}
     surfaces = _tables(nested.get("surface"))
@@ -211,12 +211,20 @@ def angles_of(text: str) -> tuple[float, ...]:
         raise InputError(f"angles = {text}: must be first:last:step, such as -30:30:5, or a list with commas") from None
     if not angles or len(angles) > MOST_ANGLES:
         raise InputError(f"angles = {text}: must be 1 to {MOST_ANGLES} angles")
-    for angle in angles:
-        if not abs(angle) <= LARGEST_ANGLE:
-            raise InputError(
-                f"angles = {text}: {angle:g} deg is out of range: at most {LARGEST_ANGLE:g} deg either way"
-            )
+    worst = max(angles, key=lambda angle: inf if isnan(angle) else abs(angle))
+    if not abs(worst) <= LARGEST_ANGLE:
+        raise InputError(f"angles = {text}: {worst:g} deg is out of range: at most {LARGEST_ANGLE:g} deg either way")
     return tuple(dict.fromkeys(angles))
+
+
+def _parted(options: Mapping[str, Any]) -> tuple[Nested, Nested]:
+    """Return the settings of the surface, and those of the job; InputError for one that is neither."""
+    known = (*names_of(JobSettings), *OF_SURFACE)
+    for name in options:
+        if name not in (*known, "fitting"):
+            raise InputError(f"unknown setting {name}; {nearest(name, known)}")
+    own = {name: value for name, value in options.items() if name in OF_SURFACE}
+    return own, {name: value for name, value in options.items() if name not in own}
 
 
 def _table(value: Any) -> dict[str, Any]:

@@ -36,6 +36,7 @@ Nested = dict[str, Any]
 INLINE = ("fighter", "fitting")
 """Tables whose values stand one level higher in files and assignments."""
 LONGEST = 80
+UNKNOWN = "unknown setting"
 NOTES = (AttributeValidationNote, IterableValidationNote)
 
 
@@ -57,7 +58,8 @@ def structured(table: Mapping[str, Any], kind: type[T]) -> T:
     try:
         return _converter().structure(_deepened(table, kind), kind)
     except BaseValidationError as errors:
-        raise InputError(next(_sentences(errors, ()))) from None
+        found = list(_sentences(errors, ()))
+        raise InputError(min(found, key=lambda sentence: not sentence.startswith(UNKNOWN))) from None
 
 
 def changed(value: T, changes: Mapping[str, Any]) -> T:
@@ -202,7 +204,12 @@ def _deepened(table: Mapping[str, Any], kind: type[Any]) -> Nested:
     out, hints = dict(table), get_type_hints(kind)
     for inline in INLINE:
         if inline in hints:
-            out[inline] = {name: out.pop(name) for name in names_of(hints[inline]) if name in out}
+            own = {name: out.pop(name) for name in names_of(hints[inline]) if name in out}
+            given = out.get(inline, {})
+            if isinstance(given, hints[inline]):
+                out[inline] = _merged(asdict(given), own)
+            elif isinstance(given, Mapping):
+                out[inline] = _merged(own, given)
     return out
 
 
@@ -295,7 +302,7 @@ def _names(value: Any, kind: Any) -> tuple[str | int, ...]:
 
 def _either(value: Any, kind: Any) -> Any:
     """Take text as the first kind of a union and anything else as the last; objects of a protocol as they are."""
-    kinds = [one for one in get_args(kind) if one is not NoneType]
+    value, kinds = _plain(value), [one for one in get_args(kind) if one is not NoneType]
     if value is None and len(kinds) < len(get_args(kind)):
         return None
     protocols = [one for one in kinds if getattr(one, "_is_protocol", False)]
@@ -352,7 +359,7 @@ def _sentences(error: BaseException, path: tuple[str | int, ...]) -> Iterator[st
             yield from _sentences(inner, path)
     elif isinstance(error, ForbiddenExtraKeysError):
         name = min(error.extra_fields)
-        yield f"unknown setting {_dotted((*path, name))}; {nearest(name, names_of(error.cl))}"
+        yield f"{UNKNOWN} {_dotted((*path, name))}; {nearest(name, names_of(error.cl))}"
     elif isinstance(error, KeyError):
         yield f"{_dotted(path)} is missing"
     elif isinstance(error, _UnfitError):
@@ -365,5 +372,5 @@ def _sentences(error: BaseException, path: tuple[str | int, ...]) -> Iterator[st
 
 def _dotted(path: tuple[str | int, ...]) -> str:
     """Return a place in the tables as the user would type it."""
-    steps = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in path if step not in INLINE)
-    return "".join(steps).removeprefix(".")
+    steps = [*(step for step in path[:-1] if step not in INLINE), *path[-1:]]
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps).removeprefix(".")

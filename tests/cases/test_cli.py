@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.cases.cli import main
+from sdm_deflect.cases.cli import cli, main
 
 
 @pytest.fixture
@@ -36,8 +36,8 @@ def sdm(capsys, monkeypatch, tmp_path):
         (["run", "aileron", "--angle", "95"], "angle = 95 deg is outside -60 ... 60 deg"),
         (["run", "aileron", "--angle", "nan"], "angle = nan is not a finite number"),
         (["run", "aileron", "--angle", "steep"], "steep"),
-        (["run", "aileron", "--scale", "huge"], "unknown scale 'huge'; there are small, medium"),
-        (["run", "aileron", "--strategy", "both"], "strategy = 'both' is not one of squv, mv"),
+        (["run", "aileron", "--scale", "huge"], "'huge' is not one of 'small', 'medium', 'paper'"),
+        (["run", "aileron", "--strategy", "both"], "'both' is not one of 'squv', 'mv'"),
         (["run", "aileron", "--set", "wing.half_span=-1"], "wing.half_span = -1 m is outside"),
         (["run", "aileron", "--set", "wing.half_span=nan"], "wing.half_span = nan is not a finite number"),
         (["run", "aileron", "--set", "aileron.gap=0.25"], "gap"),
@@ -48,7 +48,13 @@ def sdm(capsys, monkeypatch, tmp_path):
         (["run", "aileron", "--out", "/dev/null/results"], "--out /dev/null/results"),
         (["run", "aileron", "--no-such-option"], "--no-such-option"),
         (["geometry", "--out", "sdm.obj"], "the suffix must be .step, .brep or .stl"),
+        (["geometry", "--angle", "5"], "--out"),
         (["quality", "missing.vtu"], "missing.vtu is not a file"),
+        (["limit", "aileron", "--quality", "2"], "--quality 2 must be between 0 and 1"),
+        (["limit", "aileron", "--resolution", "nan"], "--resolution nan must be between 0 and 30"),
+        (["export", "runs/aileron", "--format", "fluent"], "'fluent' is not one of 'su2', 'cgns', 'gmsh'"),
+        (["study", "table5"], "table5"),
+        (["validate", "nowhere"], "nowhere is not the output folder of a run"),
         (["fly"], "fly"),
     ],
 )
@@ -66,6 +72,56 @@ def test_list_names_cases_and_angles(sdm):
     assert code == 0
     assert "aileron" in out
     assert "-12.0 deg" in out
+    rows = json.loads(sdm("list", "--json")[1])
+    assert {row["name"]: row["angle_deg"] for row in rows}["tail"] == 12.0
+
+
+@pytest.mark.parametrize("name", ["", *cli.commands])
+def test_every_command_explains_itself(sdm, name):
+    short, long = (sdm(*name.split(), switch) for switch in ("-h", "--help"))
+    assert short == long
+    assert short[0] == 0
+    assert f"Usage: {' '.join(['sdm', *name.split()])}" in short[1]
+
+
+def test_what_the_switches_may_be_is_what_there_is():
+    from sdm_deflect.cases.cli import options
+    from sdm_deflect.meshing.formats.registry import FORMATS
+    from sdm_deflect.meshing.generate.parameters import SCALES
+
+    assert tuple(options.SCALES.choices) == tuple(SCALES)
+    assert tuple(options.FORMATS.choices) == tuple(FORMATS)
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("sdm r", {"run", "report"}),
+        ("sdm run ai", {"aileron", "aileron-chimera"}),
+        ("sdm limit ", {"aileron", "aileron-chimera", "tail", "rudder", "all"}),
+        ("sdm geometry --case ru", {"rudder"}),
+        ("sdm run tail --scale ", {"small", "medium", "paper"}),
+        ("sdm run tail --strategy m", {"mv"}),
+        ("sdm export runs/tail --format ", {"su2", "cgns", "gmsh", "vtu", "openfoam"}),
+        ("sdm export runs/tail --format su2 --which un", {"undeflected"}),
+        ("sdm study t", {"table1", "table2", "table3", "table4"}),
+        ("sdm deflect wing.su2 --strategy ", {"squv", "mv"}),
+        ("sdm deflect wing.su2 --motion b", {"blended"}),
+    ],
+)
+def test_a_shell_is_told_what_may_follow(typed, offered, sdm, monkeypatch):
+    monkeypatch.setenv("_SDM_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", typed)
+    monkeypatch.setenv("COMP_CWORD", str(len(typed.split(" ")) - 1))
+    code, out, _ = sdm()
+    assert code == 0
+    assert {line.partition(",")[2] for line in out.splitlines()} == offered
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_a_shell_gets_its_script(shell, sdm, monkeypatch):
+    monkeypatch.setenv("_SDM_COMPLETE", f"{shell}_source")
+    assert "_SDM_COMPLETE" in sdm()[1]
 
 
 @pytest.mark.parametrize("suffix", [".step", ".brep", ".stl"])
@@ -84,21 +140,34 @@ def test_cache_tells_and_clears(sdm, tmp_path, monkeypatch):
     assert "1 meshes, 1.0 MB" in sdm("cache")[1]
     assert "freed 1.0 MB" in sdm("cache", "--clear")[1]
     assert "0 meshes" in sdm("cache")[1]
+    assert json.loads(sdm("cache", "--json")[1])["bytes"] == 0
 
 
 @pytest.mark.mesher
 def test_run_prints_verdict_and_json(sdm, aileron_mesh, tmp_path):
-    code, out, _ = sdm("run", "aileron", "--quiet", "--angle", "5")
+    code, out, _ = sdm("run", "aileron", "-q", "--angle", "5")
     assert code == 0
     assert "all validations passed" in out
     folder = tmp_path / "runs" / "aileron"
-    figures = json.loads((folder / "metrics.json").read_text())
+    assert (folder / "report.html").is_file()
+    code, out, err = sdm("run", "aileron", "--angle", "5", "--json", "--no-report", "--out", "plain")
+    assert (code, err) == (0, "")
+    assert not {"report.html", "figures"} & {path.name for path in (tmp_path / "plain").iterdir()}
+    figures = json.loads((tmp_path / "plain" / "metrics.json").read_text())
+    printed = json.loads(out)
+    assert printed.keys() == figures.keys()
+    assert printed["validation"] == figures["validation"]
     assert figures["angle_deg"] == 5.0
     assert figures["validation"]["passed"]
     code, out, _ = sdm("quality", str(folder / "deflected.vtu"))
     assert code == 0
     assert "tetrahedra" in out
     assert "aileron_left" in out
+    assert "aileron_left" in json.loads(sdm("quality", str(folder / "deflected.vtu"), "--json")[1])["patches"]
+    code, out, _ = sdm("validate", str(folder), "--json", "-q")
+    assert code == 0
+    names = {check["name"] for check in json.loads(out)["checks"]}
+    assert names == {check["name"] for check in figures["validation"]["checks"]}
 
 
 @pytest.mark.mesher

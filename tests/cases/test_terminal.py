@@ -38,8 +38,13 @@ def test_no_color_is_honoured(monkeypatch):
     assert f"{ESCAPE}[3" not in text
 
 
-def test_table_is_wide_in_a_pipe(monkeypatch):
+def test_table_is_wide_in_a_pipe_unless_told(monkeypatch):
     monkeypatch.setattr("sys.stdout", StringIO())
+    monkeypatch.delenv("COLUMNS", raising=False)
+    assert console().width == WIDTH
+    monkeypatch.setenv("COLUMNS", "70")
+    assert console().width == 70
+    monkeypatch.setenv("COLUMNS", "wide")
     assert console().width == WIDTH
 
 
@@ -62,11 +67,33 @@ def shown_by(display):
 
 
 @pytest.mark.parametrize(
-    ("quiet", "verbose", "kind"), [(True, False, Silent), (False, True, Lines), (False, False, Bars)]
+    ("quiet", "verbose", "terminal", "kind"),
+    [
+        (True, False, True, Silent),
+        (False, True, True, Lines),
+        (False, False, True, Bars),
+        (False, False, False, Lines),
+        (True, False, False, Silent),
+    ],
 )
-def test_switches_choose_what_is_shown(quiet, verbose, kind):
-    with shown(Console(file=StringIO()), quiet=quiet, verbose=verbose) as display:
+def test_switches_choose_what_is_shown(quiet, verbose, terminal, kind):
+    console = Console(file=StringIO(), force_terminal=terminal)
+    with shown(console=console, quiet=quiet, verbose=verbose) as display:
         assert type(display) is kind
+
+
+def test_a_pipe_gets_one_line_for_each_stage_and_no_spinner():
+    out = StringIO()
+    with shown(console=Console(file=out, width=20), quiet=False, verbose=False) as display:
+        watch = Stopwatch(display)
+        for stage in ("geometry", "mesh"):
+            with watch.stage(stage) as progress:
+                progress("first", 0.5)
+                progress(f"[red]last of {stage}", 1.0)
+    assert [line.split(" s  ")[1] for line in out.getvalue().splitlines()] == [
+        "[red]last of geometry",
+        "[red]last of mesh",
+    ]
 
 
 def test_report_of_no_run_is_a_sentence(tmp_path):

@@ -72,20 +72,30 @@ def test_a_dry_run_says_what_would_be_done_and_writes_nothing(files, sdm, tmp_pa
     assert code == 0
     for text in ("moves by +8 deg", "fixed", "slides", "outside", "data sites", "would write", "wing-deflected.su2"):
         assert text in " ".join(table.split())
+    plan = json.loads(sdm("deflect", source, *TURN, "--dry-run", "--json")[1])
+    assert plan["files"] == [str(tmp_path / "wing-deflected.su2")]
+    assert plan["sites"]["moving"] > 0
     assert [path.name for path in tmp_path.iterdir()] == ["wing.su2"]
+
+
+def test_a_setting_that_is_set_counts(files, sdm):
+    words = ["deflect", files["su2"], *TURN, "--dry-run", "--json"]
+    plain, coarse = (json.loads(sdm(*words, *more)[1])["sites"]["zero"] for more in ([], ["--set", "spacing_edges=4"]))
+    assert coarse < plain
 
 
 def test_a_sweep_writes_a_file_for_each_angle_with_report_and_sensitivities(files, sdm, tmp_path):
     out = tmp_path / "flap.su2"
     code, table, _ = sdm(
-        "deflect", files["su2"], *FLAP, *HINGE, "--angles", "-4:8:4", "--out", out, "--json", "--sensitivity", "--quiet"
+        "deflect", files["su2"], *FLAP, *HINGE, "--angles", "-4:8:4", "--out", out, "--json", "--sensitivity"
     )
     assert code == 0, table
     names = {path.name for path in tmp_path.iterdir()}
     angles = ("-4", "+0", "+4", "+8")
-    assert {f"flap_{a}.su2" for a in angles} | {"flap.json"} <= names
+    assert {f"flap_{a}.su2" for a in angles} <= names
+    assert "flap.json" not in names
     assert {f"flap_{a}-sensitivity.{s}" for a in angles for s in ("npz", "vtu")} <= names
-    report = json.loads((tmp_path / "flap.json").read_text())
+    report = json.loads(table)
     assert report["passed"]
     assert [one["angle"] for one in report["angles"]] == [8.0, -4.0, 0.0, 4.0]
     with np.load(tmp_path / "flap_+4-sensitivity.npz") as arrays:
@@ -119,12 +129,20 @@ def test_a_configuration_says_the_same_as_options(files, sdm, tmp_path):
         (["--surface", "flapp_upper", *HINGE, "--angle", "3"], ["wing.su2", "did you mean flap_upper"]),
         ([*FLAP, "--angle", "3"], ["the hinge is missing"]),
         ([*FLAP, "--hinge", "0,0,0", "0,0,0", "--angle", "3"], ["the hinge has no length"]),
-        ([*FLAP, "--hinge", "0,0", "0,0,1", "--angle", "3"], ["must be 2 points x,y,z"]),
+        ([*FLAP, "--hinge", "0,0", "0,0,1", "--angle", "3"], ["'0,0' is no point", "the hinge needs two"]),
+        ([*FLAP, "--hinge", "0,0,0", "--angle", "3"], ["'--angle' is no point", "the hinge needs two"]),
+        ([*FLAP, "--hinge", "0,0,0", "0,nan,0", "--angle", "3"], ["hinge[1][1] = nan is not a finite number"]),
+        ([*TURN, "--held", ""], ["held = '' is empty"]),
+        ([*TURN, "--set", "max_center=9"], ["unknown setting max_center; did you mean max_centers"]),
+        ([*TURN, "--set", "stripe=9"], ["unknown setting stripe; did you mean strip"]),
+        ([*TURN, "--set", "max_centers=many"], ["max_centers = 'many' is not a whole number"]),
+        ([*TURN, "--steps", "²"], ["--steps ²: must be auto or a whole number"]),
+        ([*TURN, "--angles", "5,nan"], ["nan deg is out of range"]),
         ([*FLAP, *HINGE], ["the angle of flap_* is missing"]),
         ([*FLAP, *HINGE, "--angle", "200"], ["angle = 200 deg", "out of range"]),
-        ([*FLAP, *HINGE, "--angles", "1:2"], ["--angles 1:2"]),
+        ([*FLAP, *HINGE, "--angles", "1:2"], ["angles = 1:2"]),
         ([*FLAP, *HINGE, "--angles", "0:200:50"], ["200 deg is out of range"]),
-        ([*HINGE, "--angle", "3"], ["name one with --surface"]),
+        ([*HINGE, "--angle", "3"], ["no surface to move: name its patches"]),
         ([*TURN, "--box", "none.toml"], ["none.toml"]),
         ([*TURN, "--slide", "far_field"], ["NAME:plane or NAME:cylinder"]),
         ([*TURN, "--fixed", "wing_tip", "--slide", "wing_tip:plane"], ["wing_tip cannot be fixed and sliding"]),

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.own import Job, Moving, Rotation, deflect_job
-from sdm_deflect.cases.own.config import angles_from, job_from, read_config
 from tests.cases.own.blocks import two_bodies
 
 LEFT = Rotation.about([-1.0, 0, 0], [-1.0, 1, 0])
@@ -45,47 +43,3 @@ def test_the_box_holds_all_surfaces(both, pair):
     box = both[12.0].plan.region.hexahedron
     for result in both.values():
         assert box.contains(result.points[pair.on("left", "right")]).all()
-
-
-def test_a_configuration_of_two_surfaces(tmp_path):
-    text = """
-    box = [[-3, -1, -1], [3, 1, 1]]
-    max_centers = 900
-    [[surface]]
-    patches = ["left"]
-    hinge = ["-1,0,0", "-1,1,0"]
-    angle = 12
-    [[surface]]
-    patches = ["right"]
-    hinge = [[1, 0, 0], [1, 1, 0]]
-    angle = -6
-    """
-    (tmp_path / "job.toml").write_text(text)
-    job = job_from(read_config(tmp_path / "job.toml"), tmp_path)
-    assert job.amounts(4.0) == (4.0, -2.0)
-    assert job.fitting.max_centers == 900
-    (tmp_path / "job.toml").write_text("surfaces = 3")
-    with pytest.raises(InputError, match="unknown key 'surfaces'; did you mean surface"):
-        read_config(tmp_path / "job.toml")
-    (tmp_path / "job.toml").write_text("[[surface")
-    with pytest.raises(InputError, match=r"job\.toml"):
-        read_config(tmp_path / "job.toml")
-
-
-@pytest.mark.parametrize(
-    ("text", "angles"),
-    [
-        ("-30:30:30", (-30.0, 0.0, 30.0)),
-        ("0:1:0.4", (0.0, 0.4, 0.8)),
-        ("5,1,5", (5.0, 1.0)),
-        ("6:-6:-6", (6.0, 0.0, -6.0)),
-    ],
-)
-def test_ranges_of_angles(text, angles):
-    assert angles_from(text) == pytest.approx(angles)
-
-
-@pytest.mark.parametrize("text", ["1:2:0", "1:2:-1", "a", "", "1:2:3:4", "0:1:1e-9", "nan", "0:100:50"])
-def test_ranges_that_are_none(text):
-    with pytest.raises(InputError, match="--angles"):
-        angles_from(text)

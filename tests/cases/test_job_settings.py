@@ -1,0 +1,198 @@
+"""Jobs from options, TOML and keywords: the same names mean the same, and a mistake is one sentence."""
+
+from dataclasses import replace
+from pathlib import Path
+from tomllib import loads
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases.job_settings import JobSettings, angles_of, job_of, job_settings, read_job, with_options
+from sdm_deflect.cases.own import Automatic, Blended, Listed, OnPatches, Rotation, TrailingEdge
+from sdm_deflect.cases.settings import structured, to_toml
+from sdm_deflect.deform.errors import InputError
+
+HINGE = [[0.7, 0, 0], [0.7, 1, 0]]
+TWO = """
+box = [[-3, -1, -1], [3, 1, 1]]
+max_centers = 900
+slide = { symmetry = "plane" }
+[[surface]]
+patches = ["left"]
+hinge = [[-1, 0, 0], [-1, 1, 0]]
+angle = 12
+[[surface]]
+patches = "right"
+hinge = [[1, 0, 0], [1, 1, 0]]
+angle = -6
+motion = "blended"
+held = [3, 4, 5]
+"""
+
+
+@pytest.fixture
+def two(tmp_path):
+    (tmp_path / "job.toml").write_text(TWO)
+    return read_job(tmp_path / "job.toml")
+
+
+def test_a_configuration_of_two_surfaces(two):
+    job = job_settings(two).job()
+    assert job.amounts(4.0) == (4.0, -2.0)
+    assert job.fitting.max_centers == 900
+    assert [(one.patch, one.shape) for one in job.slides] == [("symmetry", "plane")]
+    assert job.surfaces[1].motion.held.nodes.tolist() == [3, 4, 5]
+
+
+def test_options_replace_what_a_configuration_says(two):
+    options = {"angle": 4.0, "fixed": ("wing",), "slide": {"root": "cylinder"}, "hinge": None, "patches": ()}
+    job = job_settings(with_options(two, options, ["max_centers=700", "box=auto", "margin=0.5"])).job()
+    assert job.amounts(job.angle) == (4.0, -2.0)
+    assert job.fixed == ("wing",)
+    assert {one.patch for one in job.slides} == {"symmetry", "root"}
+    assert (job.fitting.max_centers, job.box) == (700, Automatic(0.5))
+    only = job_settings(with_options(two, {"patches": ("flap",), "hinge": HINGE, "angle": 0.0})).job()
+    assert [one.patches for one in only.surfaces] == [("flap",)]
+
+
+def test_toml_repeats_the_settings(two):
+    settings = job_settings(with_options(two, {}, ["surface=[]", "tolerance=1e-5"]))
+    for one in (job_settings(two), settings, JobSettings()):
+        assert structured(loads(to_toml(one)), JobSettings) == one
+    text = to_toml(job_settings(two))
+    assert all(name in text for name in ("strategy", "tolerance", "spacing_edges", "max_steps", "strip", "driven"))
+
+
+def test_files_are_relative_to_the_configuration(tmp_path):
+    (tmp_path / "job.toml").write_text(
+        'box = "box.toml"\n[[surface]]\npatches = "a"\nhinge = [[0,0,0],[0,1,0]]\nangle = 1\nmotion = "blended"\n'
+        'held = "held.txt"\ndriven = "edges:30"\n'
+    )
+    (tmp_path / "box.toml").write_text("corners = [[0, 0, 0], [1, 1, 1]]")
+    (tmp_path / "held.txt").write_text("1\n2\n")
+    job = job_settings(read_job(tmp_path / "job.toml")).job()
+    assert job.box.hexahedron.corners.max() == 1.0
+    assert job.surfaces[0].motion.held.nodes.tolist() == [1, 2]
+    assert job.surfaces[0].motion.driven == TrailingEdge(30.0)
+    (tmp_path / "box.toml").write_text("corner = 3")
+    with pytest.raises(InputError, match=r"box\.toml: .*corner.*did you mean corners"):
+        job_settings(read_job(tmp_path / "job.toml")).job()
+
+
+def test_keywords_are_the_same_settings():
+    options = {"fixed": "wing*", "slide": {"symmetry": "plane"}, "motion": "blended", "tolerance": 1e-5}
+    job = job_of("flap", np.array(HINGE), np.float64(15), options)
+    assert (job.surfaces[0].patches, job.angle, job.fixed) == (("flap",), 15.0, ("wing*",))
+    assert job.fitting.tolerance == 1e-5
+    assert job.surfaces[0].motion.held == OnPatches(("wing*",))
+    corners = np.array([[-1.0, -1, -1], [2, 2, 2]])
+    assert job_of(["a", "b"], HINGE, 3, {"box": corners}).box.hexahedron.corners.max() == 2.0
+    assert job_of("a", HINGE, 3, {"box": Automatic(2.0)}).box == Automatic(2.0)
+    assert job_of("a", HINGE, 3, {"fitting": replace(job.fitting, max_centers=500)}).fitting.max_centers == 500
+    own = Blended(Rotation.about(*np.array(HINGE)), Listed(np.arange(3)))
+    assert job_of("a", None, 3, {"motion": own}).surfaces[0].motion is own
+    held = job_of("a", HINGE, 3, {"motion": "blended", "held": np.arange(3)}).surfaces[0].motion.held
+    assert held.nodes.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        (("a", HINGE, "15"), {}, "angle = '15' is not a number"),
+        (("a", HINGE, None), {}, "the angle of a is missing"),
+        (("a", HINGE, float("nan")), {}, "angle = nan is not a finite number"),
+        (("a", HINGE, True), {}, "angle = True is not a number"),
+        (("a", None, 5), {}, "the hinge is missing"),
+        (("a", [[0, 0, 0]], 5), {}, "hinge = [[0, 0, 0]] must hold 2 values"),
+        (("a", [0, 0, 0], 5), {}, "hinge = [0, 0, 0] must hold 2 values"),
+        (("a", [[0, 0], [0, 1]], 5), {}, "hinge[0] = [0, 0] must hold 3 values"),
+        (("a", "hinge", 5), {}, "hinge = 'hinge' is not a list"),
+        (("a", [[0, 0, 0], [0, 0, float("inf")]], 5), {}, "hinge[1][2] = inf is not a finite number"),
+        ((5, HINGE, 5), {}, "surfaces = 5 is no list of names"),
+        (("", HINGE, 5), {}, "surfaces = '' is empty"),
+        (([], HINGE, 5), {}, "no surface to move"),
+        (("a", HINGE, 5), {"xyzzy": 1}, "unknown setting xyzzy"),
+        (("a", HINGE, 5), {"tolerence": 1}, "unknown setting tolerence; did you mean tolerance?"),
+        (("a", HINGE, 5), {"tolerance": "abc"}, "tolerance = 'abc' is not a number"),
+        (("a", HINGE, 5), {"tolerance": float("nan")}, "tolerance = nan is not a finite number"),
+        (("a", HINGE, 5), {"strategy": "both"}, "strategy = 'both' is not one of squv, mv"),
+        (("a", HINGE, 5), {"max_steps": 1.5}, "max_steps = 1.5 is not a whole number"),
+        (("a", HINGE, 5), {"max_centers": 3}, "max_centers = 3 must be at least 100"),
+        (("a", HINGE, 5), {"allow_inverted": "false"}, "allow_inverted = 'false' is neither true nor false"),
+        (("a", HINGE, 5), {"box": 5}, "box = 5 is not a list"),
+        (("a", HINGE, 5), {"box": "none.toml"}, "none.toml"),
+        (("a", HINGE, 5), {"box": [[0, 0, 0]]}, "the box"),
+        (("a", HINGE, 5), {"fixed": 5}, "fixed = 5 is no list of names"),
+        (("a", HINGE, 5), {"fixed": ["a", ""]}, "fixed = '' is empty"),
+        (("a", HINGE, 5), {"slide": "symmetry"}, "slide = 'symmetry' is no table"),
+        (("a", HINGE, 5), {"slide": {"symmetry": "ball"}}, "slide.symmetry = 'ball' is not one of plane, cylinder"),
+        (("a", HINGE, 5), {"motion": "bent"}, "motion = 'bent' is not one of rigid, blended"),
+        (("a", HINGE, 5), {"motion": 5}, "motion = 5 is not one of rigid, blended"),
+        (("a", HINGE, 5), {"motion": "blended", "held": ""}, "held = '' is empty"),
+        (("a", HINGE, 5), {"motion": "blended", "held": [1, "a"]}, "held must be patches, or indices of nodes"),
+        (("a", HINGE, 5), {"motion": "blended", "held": [1.5]}, "held = 1.5 is not a whole number"),
+        (("a", HINGE, 5), {"motion": "blended", "driven": "edges:x"}, "driven = edges:x"),
+        (("a", HINGE, 5), {"fitting": 5}, "fitting = 5 is no table"),
+        (("a", None, 5), {"table": "none.csv"}, "none.csv"),
+    ],
+)
+def test_a_wrong_argument_is_named(arguments, options, message):
+    with pytest.raises(InputError) as caught:
+        job_of(*arguments, options)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert "--" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("surfaces = 3", "unknown setting surfaces; did you mean surface"),
+        ("surface = 5", "surface = 5 is not a list"),
+        ("[surface]\npatches = 'a'", "surface = {'patches': 'a'} is not a list"),
+        ("[[surface]]\nangle = 3", "patches is missing"),
+        (
+            "[[surface]]\npatches = 'a'\n[[surface]]\npatches = 'b'\nhinge = true",
+            "surface[1].hinge = True is not a list",
+        ),
+        ("[[surface", "job.toml"),
+        ("fixed = " + 3000 * "[" + 3000 * "]", "job.toml"),
+    ],
+)
+def test_a_wrong_configuration_is_one_sentence(text, message, tmp_path):
+    (tmp_path / "job.toml").write_text(text)
+    with pytest.raises(InputError) as caught:
+        job_settings(read_job(tmp_path / "job.toml"))
+    assert message in str(caught.value)
+
+
+def test_a_motion_of_ones_own_cannot_be_written():
+    settings = structured({"surface": [{"patches": "a", "motion": Rotation.about(*np.array(HINGE))}]}, JobSettings)
+    with pytest.raises(InputError, match="no file can hold"):
+        to_toml(settings)
+
+
+def test_paths_are_text():
+    settings = structured(
+        {"surface": [{"patches": "a", "table": Path("bend.csv")}], "box": Path("b.toml")}, JobSettings
+    )
+    assert (settings.surface[0].table, settings.box) == ("bend.csv", "b.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "angles"),
+    [
+        ("-30:30:30", (-30.0, 0.0, 30.0)),
+        ("0:1:0.4", (0.0, 0.4, 0.8)),
+        ("5,1,5", (5.0, 1.0)),
+        ("6:-6:-6", (6.0, 0.0, -6.0)),
+    ],
+)
+def test_ranges_of_angles(text, angles):
+    assert angles_of(text) == pytest.approx(angles)
+
+
+@pytest.mark.parametrize("text", ["1:2:0", "1:2:-1", "a", "", "1:2:3:4", "0:1:1e-9", "nan", "5,nan", "0:100:50"])
+def test_ranges_that_are_none(text):
+    with pytest.raises(InputError, match="angles = "):
+        angles_of(text)
