@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from click import BadParameter
 
 from sdm_deflect.cases.cli import cli
 from sdm_deflect.cases.errors import InputError
@@ -97,12 +98,12 @@ def test_nothing_is_overwritten_and_nothing_is_left_behind(run, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--format", "stl"], "--format stl is not one of su2, cgns, gmsh, vtu, openfoam"),
-        (["--format", "su2", "--which", "bent"], "--which bent is not one of deflected, undeflected"),
+        (["--format", "stl"], "'stl' is not one of 'su2', 'cgns', 'gmsh', 'vtu', 'openfoam'"),
+        (["--format", "su2", "--which", "bent"], "'bent' is not one of 'deflected', 'undeflected'"),
     ],
 )
 def test_words_that_are_not_known_are_named(run, words, said):
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(BadParameter, match=said):
         cli.main(["export", str(run), *words], standalone_mode=False)
 
 

@@ -104,7 +104,7 @@ def test_paper_s_timings_agree_with_its_points():
     ("words", "message"),
     [
         (["table5"], "table5"),
-        (["table1", "--scale", "huge"], "unknown scale 'huge'"),
+        (["table1", "--scale", "huge"], "'huge' is not one of 'small', 'medium', 'paper'"),
         ([], "Choose from: table1, table2, table3, table4, page"),
     ],
 )
