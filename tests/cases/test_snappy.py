@@ -185,3 +185,11 @@ def test_the_aileron_deflects_and_checkmesh_finds_no_fault(case):
     written = OpenFoam().read(out)
     np.testing.assert_allclose(written.points, result.points, rtol=0.0, atol=1e-10)
     assert "Mesh OK." in foam.run("checkMesh", out)
+
+
+def test_a_missing_program_fails_under_ci_and_skips_elsewhere(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    for ci, outcome in (("1", pytest.fail.Exception), ("", pytest.skip.Exception)):
+        monkeypatch.setenv("CI", ci)
+        with pytest.raises(outcome, match="checkMesh is not installed"):
+            foam.run("checkMesh", tmp_path)
