@@ -10,7 +10,7 @@ from rich.table import Table
 from sdm_deflect.cases.case import LARGEST_ANGLE, Case
 from sdm_deflect.cases.confine import ConfinementError
 from sdm_deflect.cases.deflect import deflect
-from sdm_deflect.cases.progress import Report
+from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
 
@@ -36,7 +36,9 @@ class Limit:
     trials: tuple[Trial, ...]
 
 
-def find_limits(case: Case, mesh: TetMesh, threshold: float, resolution: float, report: Report) -> tuple[Limit, Limit]:
+def find_limits(
+    case: Case, mesh: TetMesh, threshold: float, resolution: float, progress: Progress
+) -> tuple[Limit, Limit]:
     """Bisect the angle for both signs on a given mesh.
 
     Parameters
@@ -45,17 +47,17 @@ def find_limits(case: Case, mesh: TetMesh, threshold: float, resolution: float, 
     resolution : the bracket (deg) at which the bisection ends.
     """
     return (
-        _find(case, mesh, threshold, resolution, -1.0, report),
-        _find(case, mesh, threshold, resolution, 1.0, report),
+        _find(case, mesh, threshold, resolution, -1.0, progress),
+        _find(case, mesh, threshold, resolution, 1.0, progress),
     )
 
 
-def _find(case: Case, mesh: TetMesh, threshold: float, resolution: float, sign: float, report: Report) -> Limit:
+def _find(case: Case, mesh: TetMesh, threshold: float, resolution: float, sign: float, progress: Progress) -> Limit:
     trials: list[Trial] = []
     largest = LARGEST_ANGLE / max(abs(one.factor) for one in case.deflections)
 
     def acceptable(magnitude: float) -> bool:
-        report(f"{sign * magnitude:+.2f} deg", float("nan"))
+        progress(f"{sign * magnitude:+.2f} deg", float("nan"))
         trials.append(attempt(case, mesh, sign * magnitude))
         return trials[-1].quality_min >= threshold
 
@@ -74,7 +76,7 @@ def attempt(case: Case, mesh: TetMesh, angle: float) -> Trial:
     worst, steps = 1.0, 1
     for one in case.deflections:
         try:
-            result = deflect(mesh, turned, one, lambda text, fraction: None)
+            result = deflect(mesh, turned, one, silent)
         except ConfinementError as error:
             return Trial(angle, 0.0, 0, str(error))
         worst = min(worst, float(mean_ratio(result.points, mesh.tets).min()))
@@ -102,7 +104,5 @@ def write_limits(limits: tuple[Limit, Limit], case: Case, threshold: float, fold
         table.add_column(heading, justify="right")
     for sign, limit in zip(("-", "+"), limits, strict=True):
         at = next((t for t in limit.trials if t.angle == limit.angle), Trial(0.0, float("nan"), 0))
-        table.add_row(
-            sign, f"{limit.angle:+.2f}", f"{at.quality_min:.3f}", str(at.steps), str(len(limit.trials))
-        )
+        table.add_row(sign, f"{limit.angle:+.2f}", f"{at.quality_min:.3f}", str(at.steps), str(len(limit.trials)))
     return table

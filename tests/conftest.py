@@ -1,5 +1,6 @@
 """One mesh cache for all test processes, so that each real mesh is made once per test run."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,15 @@ from sdm_deflect.meshing.cache import FOLDER_VARIABLE
 # A shared machine may pause a test: no example of a property fails by the clock.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]):
+    """Let a test that a developer may skip, for want of OpenFOAM or a browser, fail in a pipeline (CI)."""
+    report = yield
+    if report.skipped and os.environ.get("CI"):
+        report.outcome = "failed"
+    return report
 
 
 @pytest.fixture(scope="session")

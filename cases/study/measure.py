@@ -150,21 +150,21 @@ class Task:
         return Measured(row, self.loop, len(self.group), fit.history, fit.interpolant, converged, len(seconds))
 
 
-def measure(jobs: Sequence[Task], report: Progress = silent) -> tuple[Measured, ...]:
-    """Run all jobs in turn, several times where that is cheap: a busy moment of the machine then hits all alike."""
-    for loop in dict.fromkeys(job.loop for job in jobs):
-        warm = next(job for job in jobs if job.loop == loop)
-        replace(warm, options=replace(warm.options, max_iterations=1)).run()  # loads compiled code: not timed
+def measure(tasks: Sequence[Task], progress: Progress = silent) -> tuple[Measured, ...]:
+    """Run all tasks in turn, several times where that is cheap: a busy moment of the machine then hits all alike."""
+    for loop in dict.fromkeys(task.loop for task in tasks):
+        first = next(task for task in tasks if task.loop == loop)
+        replace(first, options=replace(first.options, max_iterations=1)).run()  # loads compiled code: not timed
     fits: dict[int, Adaptation] = {}
-    seconds: dict[int, list[float]] = {i: [] for i in range(len(jobs))}
+    seconds: dict[int, list[float]] = {i: [] for i in range(len(tasks))}
     for turn in range(REPETITIONS):
-        for i, job in enumerate(jobs):
+        for i, task in enumerate(tasks):
             if sum(seconds[i]) < ENOUGH_SECONDS:
-                told = f"f_{job.setting.columns} at {job.setting.angle:+g} deg, {job.loop.name}, run {turn + 1}"
-                report(told, (turn * len(jobs) + i) / (REPETITIONS * len(jobs)))
-                fits[i] = job.run()
+                text = f"f_{task.setting.columns} at {task.setting.angle:+g} deg, {task.loop.name}, run {turn + 1}"
+                progress(text, (turn * len(tasks) + i) / (REPETITIONS * len(tasks)))
+                fits[i] = task.run()
                 seconds[i].append(fits[i].history[-1].seconds)
-    return tuple(job.measured(fits[i], seconds[i]) for i, job in enumerate(jobs))
+    return tuple(task.measured(fits[i], seconds[i]) for i, task in enumerate(tasks))
 
 
 def _name(group: DataSites) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.pipeline import meshed
-from sdm_deflect.cases.progress import Report, Stopwatch
+from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.cases.registry import case_named
 from sdm_deflect.cases.study.measure import (
     DEFAULT,
@@ -21,6 +21,7 @@ from sdm_deflect.cases.study.measure import (
 )
 from sdm_deflect.cases.study.paper import Row, Setting, Table, paper
 from sdm_deflect.cases.study.trends import TRENDS, Finding, Trend
+from sdm_deflect.deform.progress import Progress
 from sdm_deflect.meshing.mesh import TetMesh
 
 Chosen = Callable[[Table, Setting], tuple[Loop, ...]]
@@ -103,14 +104,14 @@ STUDIES = {
 }
 
 
-def carry_out(study: Study, case: Case, mesh: TetMesh, report: Report) -> Result:
+def carry_out(study: Study, case: Case, mesh: TetMesh, progress: Progress) -> Result:
     """Measure every row of a table on the mesh of its case."""
     table = study.table
     angles = dict.fromkeys(row.setting.angle for row in table.rows)
     sites = {angle: sites_of(replace(case, angle=angle), mesh) for angle in angles}
     settings = [row.setting for row in table.rows]
-    jobs = [Task.of(sites[one.angle], one, table, loop) for one in settings for loop in study.loops(table, one)]
-    return Result(study, case, len(mesh.points), len(mesh.tets), sites, measure(jobs, report))
+    tasks = [Task.of(sites[one.angle], one, table, loop) for one in settings for loop in study.loops(table, one)]
+    return Result(study, case, len(mesh.points), len(mesh.tets), sites, measure(tasks, progress))
 
 
 def case_of(study: Study, scale: str) -> Case:
@@ -129,5 +130,5 @@ def run_study(name: str, scale: str, watch: Stopwatch, cache: bool = True) -> Re
     study = STUDIES[name]
     case = case_of(study, scale)
     mesh, _ = meshed(case, watch, cache)
-    with watch.stage(name) as tell:
-        return carry_out(study, case, mesh, tell)
+    with watch.stage(name) as progress:
+        return carry_out(study, case, mesh, progress)

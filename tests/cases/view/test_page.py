@@ -13,10 +13,10 @@ from io import BytesIO
 import numpy as np
 import pytest
 from PIL import Image
+from playwright import sync_api
 
 from sdm_deflect.cases.registry import case_named
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser: pip install playwright")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [
     pytest.mark.mesher,
