@@ -5,6 +5,7 @@ setting as the user would type it, such as ``wing.half_span``.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, fields, is_dataclass
 from functools import cache, partial
 from itertools import repeat
@@ -174,14 +175,13 @@ def _without_none(pairs: list[tuple[str, Any]]) -> Nested:
 
 def _value(text: str) -> Any:
     """Return the value that a text stands for in TOML, else the text."""
-    try:
-        return loads(f"value = {text}")["value"]
-    except (TOMLDecodeError, RecursionError):
-        pass
-    try:
+    with suppress(TOMLDecodeError, RecursionError):
+        found = loads(f"value = {text}")
+        if len(found) == 1:
+            return found["value"]
+    with suppress(ValueError):
         return float(text)
-    except ValueError:
-        return text
+    return text
 
 
 def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Nested:
@@ -245,9 +245,10 @@ def _table(kind: type[Any]) -> Callable[[Any, Any], Any]:
 def _number(value: Any, _: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise _UnfitError(value, "is not a number")
-    if not isfinite(value):
-        raise _UnfitError(value, "is not a finite number")
-    return float(value)
+    with suppress(OverflowError):
+        if isfinite(value):
+            return float(value)
+    raise _UnfitError(value, "is not a finite number")
 
 
 def _whole(value: Any, _: Any) -> int:

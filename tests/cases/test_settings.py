@@ -40,6 +40,8 @@ def test_toml_repeats_the_case(name, scale, tmp_path):
         ("wing.half_span=-1", "wing.half_span = -1 m is outside"),
         ("wing.half_span=nan", "wing.half_span = nan is not a finite number"),
         ("wing.half_span=-inf", "wing.half_span = -inf is not a finite number"),
+        (f"wing.half_span={10**400}", "is not a finite number"),
+        ("wing.half_span=0.3\nangle=3", "wing.half_span = '0.3\\nangle=3' is not a number"),
         ("wing.half_span=wide", "wing.half_span = 'wide' is not a number"),
         ("wing.half_span=true", "wing.half_span = True is not a number"),
         ("wing.half_span=[0.3]", "wing.half_span = [0.3] is not a number"),
