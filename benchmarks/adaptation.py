@@ -10,7 +10,7 @@ from benchmarks.lapack import best_solve
 from benchmarks.measure import Times, exponent, side_by_side, warm
 from benchmarks.results import Result
 from benchmarks.workloads import Workload, aileron, chimera, tail
-from sdm_deflect.deform.rbf.bases import Resolved
+from sdm_deflect.deform.rbf.bases import DirectBasis
 from sdm_deflect.deform.rbf.greedy import Adaptation, adapt
 from sdm_deflect.deform.rbf.interpolant import krylov
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
@@ -57,7 +57,7 @@ class Runs:
 
     def resolved(self, name: str, options: GreedyOptions, solve: Callable[..., np.ndarray]) -> Callable[[], Adaptation]:
         """Return an action that solves again in every iteration, as the paper does."""
-        basis = partial(Resolved.of, solve=solve)
+        basis = partial(DirectBasis.of, solve=solve)
         return self._kept(name, partial(adapt, options=options, rule=Worst(1), basis=basis))
 
     def _kept(self, name: str, adaptation: Callable[..., Adaptation]) -> Callable[[], Adaptation]:

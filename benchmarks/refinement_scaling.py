@@ -20,12 +20,12 @@ import numpy as np
 
 from benchmarks.measure import exponent
 from benchmarks.results import machine
-from sdm_deflect.cases.case import Case
-from sdm_deflect.cases.deflect import Deflected, deflect
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.job import deflected, plans_of
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.volume.fused import fused
+from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.meshing.child import peak_bytes
 from sdm_deflect.meshing.generate.generation import generate
@@ -96,14 +96,14 @@ def series(parameters: MeshParameters, refinements: int) -> Iterator[Size]:
     mesh, first = generate(model, parameters).mesh, None
     for level in range(1, refinements + 1):
         mesh, made = measured(partial(refined, mesh, model))
-        first = first or fused(turned(mesh, case).steps[0].fits)
+        first = first or turned(mesh, case).steps[0].fits.interpolant
         yield size(mesh, case, first, level, made)
 
 
 def size(mesh: TetMesh, case: Case, first: Interpolant, refinements: int, made: Cost) -> Size:
     """Measure on one mesh; `made` is what its last refinement took."""
     found, cost = measured(partial(turned, mesh, case))
-    hexahedron, inside = found.turn.region.hexahedron, found.turn.region.inside
+    hexahedron, inside = found.plan.region.hexahedron, found.plan.region.inside
     cells = mesh.tets[mesh.touching(inside)]
     return Size(
         refinements=refinements,
@@ -118,16 +118,16 @@ def size(mesh: TetMesh, case: Case, first: Interpolant, refinements: int, made: 
         deflect_seconds=cost.seconds,
         deflect_processor_seconds=cost.processor_seconds,
         deflect_peak_bytes=cost.peak_bytes,
-        centers=sum(len(fit.interpolant.centers) for step in found.steps for fit in step.fits),
+        centers=sum(len(fit.interpolant.centers) for step in found.steps for fit in step.fits.adaptations),
         quality_before=float(mean_ratio(mesh.points, cells).min()),
         quality_after=float(mean_ratio(found.points, cells).min()),
         inverted=found.inverted,
     )
 
 
-def turned(mesh: TetMesh, case: Case) -> Deflected:
+def turned(mesh: TetMesh, case: Case) -> Deflection:
     """Deflect the case's control surface."""
-    return deflect(mesh, case, case.deflections[0], lambda text, fraction: None)
+    return deflected(case, plans_of(case, mesh.as_mesh()))[0]
 
 
 def measured(action: Callable[[], T]) -> tuple[T, Cost]:

@@ -11,9 +11,9 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from sdm_deflect.cases.metrics import Json, metrics
-from sdm_deflect.cases.run import Run
-from sdm_deflect.cases.validation import Check
+from sdm_deflect.cases.metrics import Json
+from sdm_deflect.cases.sdm.metrics import Run, metrics
+from sdm_deflect.deform.checks import Check
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.doctor import Finding

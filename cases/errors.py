@@ -9,7 +9,6 @@ def is_reported(error: Exception) -> bool:
     """True for errors whose message tells the user what is wrong; any other exception is a defect of ours."""
     if isinstance(error, InputError):
         return True
-    from sdm_deflect.cases.confine import ConfinementError
     from sdm_deflect.cases.output import OutputError
     from sdm_deflect.deform.rbf.interpolant import SolveError
     from sdm_deflect.geometry.errors import CadError
@@ -19,5 +18,5 @@ def is_reported(error: Exception) -> bool:
 
     return isinstance(
         error,
-        ConfinementError | OutputError | SolveError | CadError | MeshingError | FormatError | MeshFileError,
+        OutputError | SolveError | CadError | MeshingError | FormatError | MeshFileError,
     )

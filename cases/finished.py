@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.reference import reference
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.job import plans_of
+from sdm_deflect.cases.sdm.reference import reference
+from sdm_deflect.cases.sdm.validation import validate
 from sdm_deflect.cases.settings import resolve
-from sdm_deflect.cases.turn import turn_of
-from sdm_deflect.cases.validate import validate
-from sdm_deflect.cases.validation import Check
+from sdm_deflect.deform.checks import Check
 from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.vtu import read_vtu
 
@@ -25,9 +25,9 @@ def validate_folder(folder: Path) -> tuple[Check, ...]:
     """
     case, mesh, deflected = read_run(folder)
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
-    turns = [turn_of(case, mesh, deflection) for deflection in case.deflections]
+    plans = plans_of(case, mesh.as_mesh(case.name))
     with reference(case) as deflected_cad:
-        return validate(case, mesh, deflected, turns, deflected_cad(), background)
+        return validate(case, mesh, deflected, plans, deflected_cad(), background)
 
 
 def read_run(folder: Path) -> tuple[Case, TetMesh, TetMesh]:

@@ -8,14 +8,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sdm_deflect.cases.own.blended import Blended
-from sdm_deflect.cases.own.box import Automatic, BoxRule, Given
-from sdm_deflect.cases.own.job import Fitting, Job, Sliding
-from sdm_deflect.cases.own.motion import LARGEST_ANGLE, Motion, Moving, Rotation
-from sdm_deflect.cases.own.surface import Listed, NodeSet, OnPatches, TrailingEdge
-from sdm_deflect.cases.own.table import Table
 from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, structured
 from sdm_deflect.deform.errors import InputError, nearest
+from sdm_deflect.deform.surface.blended import Blended, Rib
+from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
+from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
+from sdm_deflect.deform.volume.box import Automatic, BoxRule, Given
+from sdm_deflect.deform.volume.fitting import LARGEST_ANGLE, Fitting
+from sdm_deflect.deform.volume.job import Job, Sliding
 
 Point = tuple[float, float, float]
 MOST_ANGLES = 1000
@@ -66,7 +66,7 @@ class SurfaceSettings:
         if self.motion == "rigid":
             return base
         held = _nodes(self.held, "held") if self.held != () else OnPatches(fixed)
-        return Blended(base, held, _nodes(self.driven, "driven"), self.strip)
+        return Blended(base, held, _nodes(self.driven, "driven"), Rib(share=self.strip))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,46 +1,79 @@
-"""The figures of a run, as the contract names them."""
+"""Figures of a deflection under the names that other programs read."""
 
 import resource
+from collections.abc import Sequence
 from dataclasses import asdict
-from importlib.metadata import version
-from math import isfinite
 from typing import Any
 
-from sdm_deflect.cases.confine import DIRECTIONS
-from sdm_deflect.cases.deflect import Deflected, inside_quality
-from sdm_deflect.cases.run import Run
-from sdm_deflect.deform.quality import Quality, mean_ratio, summarise
+from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Json = dict[str, Any]
 
 
-def metrics(run: Run) -> Json:
-    """Return the content of metrics.json (SI units, degrees)."""
-    case, first = run.case, run.deflections[0]
-    before, after = (summarise(mean_ratio(mesh.points, mesh.tets)) for mesh in (run.mesh, run.deflected))
+def mesh_figures(plan: Plan) -> Json:
+    """Return the sizes of a mesh and of its patches."""
     return {
-        "case": case.name,
-        "scale": case.scale,
-        "angle_deg": case.angle,
-        "strategy": case.strategy,
-        "version": version("sdm-deflect"),
-        "mesh": _mesh(run, before),
-        **_surface(run, first),
-        "evaluation": _evaluation(run),
-        "quality": {"before": _quality(before), "after": _quality(after), "inverted": after.inverted},
-        "validation": {
-            "checks": [
-                {"name": c.name, "value": c.value if isfinite(c.value) else None, "limit": c.limit,
-                 "passed": c.passed, "unit": c.unit, "where": c.where}
-                for c in run.checks
-            ],
-            "passed": run.passed,
+        "name": plan.mesh.name,
+        "points": len(plan.mesh.points),
+        "cells": sum(len(block) for block in plan.mesh.cells),
+        "patches": {patch.name: {"points": len(patch.nodes), "triangles": len(patch)} for patch in plan.mesh.patches},
+    }
+
+
+def deflection_figures(one: Deflection) -> Json:
+    """Return box, sites, adaptation and quality of one deflection of any mesh; lengths in the mesh's unit."""
+    plan = one.plan
+    sites, region = plan.sites, plan.region
+    return {
+        "confinement": {
+            "corners": region.hexahedron.corners.tolist(),
+            "why": region.box.why,
+            "inside": len(region.inside),
+            "filter_seconds": region.filter_seconds,
+            "spacing": sites.spacing,
         },
-        "deflections": {d.turn.surface: {"angle_deg": d.turn.angle, **_surface(run, d)} for d in run.deflections},
-        "timings": run.seconds,
-        "total_seconds": sum(run.seconds.values()),
-        "peak_rss_bytes": peak_rss_bytes(),
-    }  # fmt: skip
+        "sites": {
+            "surface": len(sites.distinct),
+            "fixed": len(sites.sampled),
+            "sliding": len(sites.sampled_sliding),
+            "hexahedron": {d: sites.zero_sites(c) for c, d in enumerate(DIRECTIONS)},
+            "tolerance": sites.tolerance,
+            "median_edge": sites.edge,
+            "coincident": sites.coincident,
+        },
+        "adaptation": _adaptation(one),
+        "cells_touched": plan.touched.count,
+        "quality_inside": {"before": by_shape(plan.before), "after": by_shape(one.quality)},
+        "steps": len(one.steps),
+        "seconds": one.seconds,
+        "largest_correction": max(step.correction for step in one.steps),
+    }
+
+
+def by_shape(found: Sequence[Quality]) -> Json:
+    """Return the quality of each type of cell by the type's name."""
+    return {one.shape: asdict(one) for one in found}
+
+
+def verdict_figures(checks: Sequence[Check]) -> Json:
+    """Return the checks, and whether all hold."""
+    return {"checks": [check.as_dict() for check in checks], "passed": all(check.passed for check in checks)}
+
+
+def notes_of(plan: Plan) -> tuple[str, ...]:
+    """Return sentences on what a user may not expect of a mesh."""
+    notes = []
+    if plan.sites.coincident:
+        notes.append(f"{plan.sites.coincident} moving nodes coincide with others; they move as one")
+    if min(plan.touched.orientation, default=1.0) < 0.0:
+        notes.append("the file counts the nodes of cells left-handed; judged accordingly")
+    inverted = sum(plan.touched.inverted)
+    if inverted:
+        notes.append(f"{inverted} cells were inverted in the file already")
+    return tuple(notes)
 
 
 def peak_rss_bytes() -> int:
@@ -48,49 +81,10 @@ def peak_rss_bytes() -> int:
     return 1024 * max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
-def _mesh(run: Run, before: Quality) -> Json:
-    mesh = run.mesh
-    return {
-        "points": len(mesh.points),
-        "cells": len(mesh.tets),
-        "patches": {
-            name: {"points": len(mesh.on(name)), "triangles": len(mesh.triangles_of(name))}
-            for name in mesh.names[1:]
-        },
-        "quality_min": before.min,
-        "boundary_to_cad_max": run.origin.boundary_to_cad_max,
-    }
-
-
-def _surface(run: Run, one: Deflected) -> Json:
-    """Confinement, sites and adaptation of one control surface."""
-    region = one.turn.region
-    return {
-        "confinement": {
-            "corners": region.hexahedron.corners.tolist(),
-            "inside": len(region.inside),
-            "filter_seconds": region.filter_seconds,
-            "spacing": region.spacing,
-        },
-        "sites": {
-            "surface": len(one.turn.motion.nodes),
-            "hexahedron": {d: region.zero_sites(c) for c, d in enumerate(DIRECTIONS)},
-        },
-        "adaptation": _adaptation(one),
-        "quality_inside": {
-            "before": asdict(inside_quality(run.mesh, region, run.mesh.points)),
-            "after": asdict(inside_quality(run.mesh, region, run.deflected.points)),
-            **({"after_pinned": asdict(run.pinned)} if run.pinned else {}),
-        },
-        "steps": len(one.steps),
-        "largest_correction": max(step.correction for step in one.steps),
-    }
-
-
-def _adaptation(one: Deflected) -> Json:
+def _adaptation(one: Deflection) -> Json:
     """Per direction, summed over steps: centres of the largest step, its error, seconds of all."""
     table: Json = {}
-    for fits in zip(*(step.fits for step in one.steps), strict=True):
+    for fits in zip(*(step.fits.adaptations for step in one.steps), strict=True):
         entry = {
             "centers": max(len(fit.chosen) for fit in fits),
             "iterations": sum(fit.history[-1].iteration for fit in fits),
@@ -100,20 +94,3 @@ def _adaptation(one: Deflected) -> Json:
         }
         table.update({DIRECTIONS[c]: entry for c in fits[0].components})
     return table
-
-
-def _evaluation(run: Run) -> Json:
-    seconds = sum(step.evaluation_seconds for d in run.deflections for step in d.steps)
-    pairs = sum(
-        len(d.turn.region.inside) * len(fit.chosen) * len(fit.components)
-        for d in run.deflections for step in d.steps for fit in step.fits
-    )  # fmt: skip
-    return {
-        "seconds": seconds,
-        "whole_mesh_seconds": run.whole_mesh_seconds,
-        "pairs_per_second": pairs / seconds if seconds else 0.0,
-    }
-
-
-def _quality(summary: Quality) -> Json:
-    return {name: getattr(summary, name) for name in ("min", "p01", "mean", "below_0_2", "below_0_4")}

@@ -2,20 +2,19 @@
 
 import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from sdm_deflect.cases.case import Case
-from sdm_deflect.cases.confine import DIRECTIONS
-from sdm_deflect.cases.deflect import Deflected
-from sdm_deflect.cases.metrics import metrics
-from sdm_deflect.cases.run import Run
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.metrics import Run, metrics
 from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.step import DIRECTIONS
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.guard import FULL
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
@@ -64,7 +63,7 @@ def write_deformation(
     case: Case,
     mesh: TetMesh,
     deflected: TetMesh,
-    deflections: tuple[Deflected, ...],
+    deflections: Sequence[Deflection],
     background: TetMesh | None,
 ) -> None:
     """Write every file of the contract that needs no validation into `folder`."""
@@ -87,7 +86,7 @@ def write_metrics(run: Run, folder: Path) -> None:
     (folder / "metrics.json").write_text(json.dumps(metrics(run), indent=2) + "\n", encoding="utf-8")
 
 
-def write_interpolants(path: Path, deflections: tuple[Deflected, ...]) -> None:
+def write_interpolants(path: Path, deflections: Sequence[Deflection]) -> None:
     """Write centres and coefficients per direction, enough to evaluate the deformation elsewhere.
 
     The first surface's first step has the plain names `centers_x`, `beta_x`, `alpha_x`; further surfaces and
@@ -95,11 +94,11 @@ def write_interpolants(path: Path, deflections: tuple[Deflected, ...]) -> None:
     """
     arrays: dict[str, np.ndarray] = {"kernel": np.array("thin_plate_spline")}
     for i, one in enumerate(deflections):
-        tag = f"_{one.turn.surface}" if i else ""
-        arrays[f"hexahedron{tag}"] = one.turn.region.hexahedron.corners
+        tag = f"_{one.plan.surface}" if i else ""
+        arrays[f"hexahedron{tag}"] = one.plan.region.hexahedron.corners
         for k, step in enumerate(one.steps):
             suffix = tag + (f"_step{k + 1}" if k else "")
-            for fit in step.fits:
+            for fit in step.fits.adaptations:
                 for column, component in enumerate(fit.components):
                     name = f"{DIRECTIONS[component]}{suffix}"
                     arrays[f"centers_{name}"] = fit.interpolant.centers
@@ -108,17 +107,17 @@ def write_interpolants(path: Path, deflections: tuple[Deflected, ...]) -> None:
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
-def write_convergence(path: Path, deflections: tuple[Deflected, ...]) -> None:
+def write_convergence(path: Path, deflections: Sequence[Deflection]) -> None:
     """Write the adaptation history: one row per surface, step, group and iteration."""
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(["direction", "iteration", "centres", "max_error", "seconds", "surface", "step"])
         for one in deflections:
             for k, step in enumerate(one.steps):
-                for fit in step.fits:
+                for fit in step.fits.adaptations:
                     direction = "".join(DIRECTIONS[c] for c in fit.components)
                     for row in fit.history:
                         rows.writerow(
                             [direction, row.iteration, row.n_centers, f"{row.max_residual:.6e}",
-                             f"{row.seconds:.6f}", one.turn.surface, k + 1]
+                             f"{row.seconds:.6f}", one.plan.surface, k + 1]
                         )  # fmt: skip

@@ -30,7 +30,7 @@ from cattrs.gen import make_dict_structure_fn
 from sdm_deflect.deform.errors import InputError, nearest
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.case import Case
+    from sdm_deflect.cases.sdm.case import Case
 
 T = TypeVar("T")
 Nested = dict[str, Any]
@@ -104,7 +104,7 @@ def read_toml(path: Path) -> Nested:
 
 
 def assigned(assignments: Sequence[str]) -> Nested:
-    """Turn ["wing.half_span=0.3", ...] into nested tables; values are written as in TOML, texts also without quotes.
+    """Plan ["wing.half_span=0.3", ...] into nested tables; values are written as in TOML, texts also without quotes.
 
     Raises
     ------
@@ -141,11 +141,13 @@ def resolve(
     InputError
         One sentence: what is wrong, which value, what would be right.
     """
-    from sdm_deflect.cases.registry import case_named
+    from sdm_deflect.cases.sdm.registry import case_named
 
     tables, changes = read_toml(config) if config else {}, assigned(assignments)
-    options = {"angle": angle, "strategy": strategy}
-    changes = _merged({key: value for key, value in options.items() if value is not None}, changes)
+    options: Nested = {"angle": angle} if angle is not None else {}
+    if strategy is not None:
+        options["adaptation"] = {"strategy": strategy}
+    changes = _merged(options, changes)
     name = name or str(tables.get("name", ""))
     if not name:
         raise InputError("no case given; name one (see sdm list), or give the case.toml of a run")
@@ -157,15 +159,10 @@ def resolve(
     case = case_named(name, str(size or tables.get("scale", "small")))
     case = changed(case, _merged(tables, changes))
 
-    from sdm_deflect.cases.confine import hexahedron_of
-    from sdm_deflect.cases.zero_sites import block_stations
 
-    try:
-        for one in case.deflections:
-            block_stations(case, one.surface)
-            hexahedron_of(case, one.surface)
-    except ValueError as error:
-        raise InputError(str(error)) from error
+    from sdm_deflect.cases.sdm.job import check_case
+
+    check_case(case)
     return case
 
 

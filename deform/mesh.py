@@ -14,6 +14,7 @@ from sdm_deflect.deform.errors import InputError, nearest
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
 
 CORNERS = {
     "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,
@@ -165,6 +166,8 @@ class Mesh:
         Parts with points of their own, which cover all points in order. One unless the file says otherwise.
     name
         The file or kind of mesh, for messages.
+    source
+        The file it was read from, if it was.
 
     Raises
     ------
@@ -177,15 +180,14 @@ class Mesh:
     patches: tuple[Patch, ...]
     zones: tuple[Zone, ...] = ()
     name: str = "mesh"
+    source: str = ""
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
             raise InputError(f"points {self.points.shape} must be (N, 3)")
         bad = ~np.isfinite(self.points).all(axis=1)
         if bad.any():
-            raise InputError(
-                f"{int(bad.sum())} points are not finite, the first is point {int(np.argmax(bad))}"
-            )
+            raise InputError(f"{int(bad.sum())} points are not finite, the first is point {int(np.argmax(bad))}")
         names = [patch.name for patch in self.patches]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -193,8 +195,7 @@ class Mesh:
         for nodes, what in self._indices():
             if len(nodes) and (nodes.min() < 0 or nodes.max() >= len(self.points)):
                 raise InputError(
-                    f"{what}: nodes {nodes.min()} to {nodes.max()}, but there are "
-                    f"{len(self.points)} points"
+                    f"{what}: nodes {nodes.min()} to {nodes.max()}, but there are {len(self.points)} points"
                 )
         if not self.zones:
             object.__setattr__(self, "zones", (Zone("", 0, len(self.points)),))

@@ -7,10 +7,10 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 
-from sdm_deflect.cases.case import Case
-from sdm_deflect.cases.pipeline import meshed
 from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.pipeline import meshed
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.meshing.cache import FOLDER_VARIABLE
 
 # A shared machine may pause a test: no example of a property fails by the clock.

@@ -41,6 +41,13 @@ from sdm_deflect.cases.cli.options import (
 @click.option("--strategy", type=STRATEGIES, help="squv: centres for each direction; mv: common ones.")
 @click.option("--tolerance", type=float, help="Error at a data site (default: 1 % of the surface's median edge).")
 @click.option("--allow-inverted", is_flag=True, default=None, help="Take a mesh that has inverted cells already.")
+@click.option(
+    "--min-quality",
+    type=click.FloatRange(0.0, 1.0),
+    default=0.1,
+    show_default=True,
+    help="Share of the undeflected mesh's least quality that each type of cell must keep; 0: no such check.",
+)
 @set_option
 @click.option("--config", type=FILE, help="The same in a TOML file; several surfaces as [[surface]].")
 @click.option("--out", type=FILE, help="File to write (default: MESH-deflected); the suffix says the format.")
@@ -49,16 +56,17 @@ from sdm_deflect.cases.cli.options import (
 @report_option
 @json_option
 @progress_options
-def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, report: bool, **given: Any) -> int:
+def deflect(
+    mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, report: bool, min_quality: float, **given: Any
+) -> int:
     """Deflect marked surfaces of a mesh file, and let the mesh around them follow.
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
+    from sdm_deflect.cases.deflect_file import deflect_file, figures, plan_figures, planned
     from sdm_deflect.cases.job_settings import angles_of, job_settings
-    from sdm_deflect.cases.own import carried_out
-    from sdm_deflect.cases.own.files import Targets, inputs_of
-    from sdm_deflect.cases.own.report import plan_figures
-    from sdm_deflect.cases.own.tables import plan_table, result_table
+    from sdm_deflect.cases.mesh_files import Targets, inputs_of
+    from sdm_deflect.cases.tables import plan_table, result_table
 
     text, as_json = given.pop("angles"), given.pop("as_json")
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
@@ -67,13 +75,13 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
         given["angle"] = max(many, key=abs)
     nested, config = _tables(given), given["config"]
     job = job_settings(nested).job()
-    wanted = Targets.of(mesh, out, many or (job.angle,), frozenset({"sensitivity"} if sensitivity else ()))
+    wanted = Targets.of(mesh, out, many or (job.angle,), sensitivity)
     wanted.check((*inputs_of(nested, Path()), *([config] if config else ())))
     with watched(quiet or (as_json and not verbose), verbose) as watch:
         if dry_run:
-            plan = carried_out.dry_run(mesh, job, wanted.angles, watch)
+            plan = planned(mesh, job, wanted.angles, watch)
         else:
-            done = carried_out.carry_out(wanted, job, watch)
+            done = deflect_file(wanted, job, watch, min_quality)
     if dry_run:
         names = [str(path) for path in (*map(wanted.mesh, wanted.angles), *wanted.extra)]
         if as_json:
@@ -82,9 +90,9 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
             print_tables(plan_table(plan), f"would write {', '.join(names)}")
         return 0
     if as_json:
-        print_json(carried_out.figures(done, watch))
+        print_json(figures(done, watch))
     else:
-        print_tables(result_table(done.plan, done.reports, done.files, done.lost))
+        print_tables(result_table(done))
     return code_of(done.passed)
 
 

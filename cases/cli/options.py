@@ -29,7 +29,7 @@ class CaseName(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         """Return the cases whose names begin so, with their titles."""
-        from sdm_deflect.cases.registry import CASES
+        from sdm_deflect.cases.sdm.registry import CASES
 
         return [CompletionItem(name, help=case.title) for name, case in CASES.items() if name.startswith(incomplete)]
 

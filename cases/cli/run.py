@@ -34,7 +34,7 @@ PAGE = "page"
 @json_option
 def list_cases(as_json: bool) -> None:
     """List the cases with their default angle."""
-    from sdm_deflect.cases.registry import CASES
+    from sdm_deflect.cases.sdm.registry import CASES
 
     rows = [
         {
@@ -73,9 +73,9 @@ def run(
     resolved = resolve(case, **given)
 
     from sdm_deflect.cases.console import summary
-    from sdm_deflect.cases.metrics import metrics
     from sdm_deflect.cases.output import output_folder
-    from sdm_deflect.cases.pipeline import run_case
+    from sdm_deflect.cases.sdm.metrics import metrics
+    from sdm_deflect.cases.sdm.pipeline import run_case
 
     folder = out or Path("runs") / resolved.name
     with output_folder(folder) as scratch, watched(quiet or (as_json and not verbose), verbose) as watch:
@@ -104,7 +104,7 @@ def geometry(
         raise InputError(f"--out {out}: the suffix must be .step, .brep or .stl")
     resolved = resolve(case, angle=angle or 0.0, assignments=assignments)
 
-    from sdm_deflect.cases.cad import deflected_cad, undeflected_cad
+    from sdm_deflect.cases.sdm.cad import deflected_cad, undeflected_cad
 
     with watched(quiet, verbose) as watch, watch.stage("geometry"):
         model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)
@@ -223,15 +223,15 @@ def limit(
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
     resolved = resolve(case, **given)
 
-    from sdm_deflect.cases.limit import find_limits, write_limits
     from sdm_deflect.cases.output import output_folder
-    from sdm_deflect.cases.pipeline import meshed
+    from sdm_deflect.cases.sdm.limit import find_limits, write_limits
+    from sdm_deflect.cases.sdm.pipeline import meshed
 
     folder = out or Path("runs") / f"{resolved.name}-limit"
     with output_folder(folder) as scratch, watched(quiet or (as_json and not verbose), verbose) as watch:
         mesh, _ = meshed(resolved, watch)
         with watch.stage("bisection") as progress:
-            limits = find_limits(resolved, mesh, threshold, resolution, progress)
+            limits = find_limits(resolved, mesh.as_mesh(resolved.name), threshold, resolution, progress)
         table = write_limits(limits, resolved, threshold, scratch)
     if as_json:
         figures = {"case": resolved.name, "scale": resolved.scale, "quality": threshold, "resolution_deg": resolution}

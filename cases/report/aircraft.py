@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
 from sdm_deflect.cases.report.pictures import Picture
 from sdm_deflect.cases.report.scene3d import (
     BLUE,
@@ -24,9 +23,9 @@ from sdm_deflect.cases.report.scene3d import (
     plain,
     walls,
 )
-from sdm_deflect.cases.run import Run
-from sdm_deflect.cases.tail import panel_of
-from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.cases.sdm.job import BLOCK, panel_of
+from sdm_deflect.cases.sdm.metrics import Run
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.geometry.confinement import block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.mesh import TetMesh
@@ -68,7 +67,7 @@ def whole(mesh: TetMesh) -> View:
 
 def overlapping(run: Run, background: TetMesh) -> View:
     """Look at the block around the aileron from behind, port and above."""
-    corners = block_corners(run.case.fighter, run.case.block, run.deflections[0].turn.surface)
+    corners = block_corners(run.case.fighter, run.case.block, run.deflections[0].plan.surface)
     around = patches(background, walls(background), edge=(120, 120, 120), width=0.4)
     own = patches(run.mesh, walls(run.mesh), edge=(60, 60, 60), width=0.6)
     outside = plain(run.mesh.points, run.mesh.triangles_of(BLOCK), MAGENTA, opacity=0.12)
@@ -90,18 +89,18 @@ def gaps(runs: Sequence[Run]) -> Picture:
 
 def gap(run: Run) -> View:
     """Look at the gap from behind and a little from above and inboard."""
-    turn, mesh = run.deflections[0].turn, run.deflected
+    plan, mesh = run.deflections[0].plan, run.deflected
     own, face, end = stations(run)
     width = abs(face - own)
     grey = patches(mesh, walls(mesh), DARK)
     cells = cells_by_quality(mesh, in_gap(run), width=1.2)
     focus = np.array([end[1, 0], own - np.sign(face - own) * width, 2.0 * width])
-    return View((*grey, cells, box(turn.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 14.0 * width, GAP)
+    return View((*grey, cells, box(plan.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 14.0 * width, GAP)
 
 
 def stations(run: Run) -> tuple[float, float, FloatArray]:
     """Return y of the aileron's end and of the block's face in the gap, and the aileron's section (3, 3) there."""
-    surface, fighter = run.deflections[0].turn.surface, run.case.fighter
+    surface, fighter = run.deflections[0].plan.surface, run.case.fighter
     section = ends(fighter, surface)[0][2:5]
     return float(ribs(fighter, surface)[0]), float(gap_faces(fighter, run.case.block, surface)[0]), section
 
@@ -120,16 +119,16 @@ def in_gap(run: Run) -> BoolArray:
 
 def confinement(run: Run) -> Picture:
     """Figure 6: surface meshes of tail and panel, the hexahedron and the zero sites on its faces."""
-    region, mesh = run.deflections[0].turn.region, run.mesh
-    surface = region.surface
+    plan, mesh = run.deflections[0].plan, run.mesh
+    surface = plan.surface
     shown = patches(mesh, (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
-    rest = patches(mesh, (name for name in walls(mesh) if name not in run.deflections[0].turn.motion.patches), GREY,
+    rest = patches(mesh, (name for name in walls(mesh) if name not in plan.patches), GREY,
                    opacity=0.25)  # fmt: skip
-    zero = tuple(dots(part.points, BLUE, 10.0) for part in region.zero)
-    corners = region.hexahedron.corners
+    zero = tuple(dots(part.points, BLUE, 10.0) for part in plan.sites.zero)
+    corners = plan.region.hexahedron.corners
     view = framed((*rest, *shown, *zero, box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
     return Picture(
-        (view,), (f"{len(region.zero[0])} sites at zero, {len(run.deflections[0].turn.motion.nodes)} on the surface",),
+        (view,), (f"{len(plan.sites.zero[0])} sites at zero, {len(plan.sites.moving)} on the surface",),
         "Surface mesh of the left tail and of the fuselage panel on which it turns; the hexahedron in magenta and the "
         "data sites of zero displacement on its faces as blue dots.", columns=1,
     )  # fmt: skip
@@ -149,22 +148,23 @@ def around(run: Run) -> Picture:
 
 def section(run: Run, mesh: TetMesh) -> View:
     """Look from the tip at the cells inboard of a cut across the tail."""
-    span, region = ends(run.case.fighter, run.deflections[0].turn.surface), run.deflections[0].turn.region
+    plan = run.deflections[0].plan
+    span, region = ends(run.case.fighter, plan.surface), plan.region
     middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
-    grey = patches(mesh, (region.surface,), GREY)
+    grey = patches(mesh, (plan.surface,), GREY)
     cells = cells_by_quality(mesh, cut(run, middle), width=0.8)
     return View((*grey, cells, box(region.hexahedron.corners, 2.0)), middle, (0.12, -1.0, 0.3), 0.16, TAIL)
 
 
 def cut(run: Run, middle: FloatArray) -> BoolArray:
     """True for cells (M,) that touch the hexahedron and lie inboard of the cut; chosen before the deflection."""
-    region, centre = run.deflections[0].turn.region, centroids(run.mesh)
+    region, centre = run.deflections[0].plan.region, centroids(run.mesh)
     return np.asarray(run.mesh.touching(region.inside) & (np.abs(centre[:, 1]) < abs(middle[1])))
 
 
 def panel(run: Run, mesh: TetMesh) -> View:
     """Look from behind at the fuselage panels with their surface meshes; all else is shaded."""
-    surface = run.deflections[0].turn.surface
+    surface = run.deflections[0].plan.surface
     meshed = [name for name in walls(mesh) if name.startswith("fuselage_")]
     shaded = [name for name in walls(mesh) if name not in meshed and not name.startswith("wing")]
     layers = (
@@ -176,7 +176,7 @@ def panel(run: Run, mesh: TetMesh) -> View:
     return View(layers, focus, (0.55, -1.0, 0.5), 0.2, TAIL)
 
 
-def border(mesh: TetMesh, surface: str) -> IndexArray:
+def border(mesh: TetMesh, surface: str) -> IntArray:
     """Return the edges (E, 2) at which the panel of a tail meets patches other than the tail."""
     triangles = mesh.triangles_of(panel_of(surface))
     edges = np.sort(np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)

@@ -8,9 +8,9 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
 from sdm_deflect.cases.report.data import ReportData
-from sdm_deflect.cases.turn import Turn
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.volume.deflection import Plan
 
 MAP = "viridis"
 LEAST, TOP = 1e-17, 1e2
@@ -18,21 +18,21 @@ LEAST, TOP = 1e-17, 1e2
 MEASURED = ("surface_to_cad", "root_on_cylinder")
 
 
-def cad_distances(data: ReportData, turn: Turn) -> FloatArray:
+def cad_distances(data: ReportData, plan: Plan) -> FloatArray:
     """Distance (N,) of each mesh node from the deflected CAD, nan where none was measured."""
     distance = np.full(len(data.mesh.points), np.nan)
     for check in data.checks:
         name, _, surface = check.name.partition(":")
-        own = surface in ("", turn.surface)
+        own = surface in ("", plan.surface)
         if name in MEASURED and own and check.nodes is not None and check.distances is not None:
             distance[check.nodes] = np.fmax(distance[check.nodes], check.distances)
     return distance
 
 
-def cad_map(data: ReportData, turn: Turn) -> tuple[Figure, str]:
+def cad_map(data: ReportData, plan: Plan) -> tuple[Figure, str]:
     """Draw the map of a control surface and say what is seen."""
-    distance, limit = cad_distances(data, turn), data.case.limits.surface_to_cad
-    triangles = data.deflected.triangles_of(turn.surface)
+    distance, limit = cad_distances(data, plan), data.case.limits.surface_to_cad
+    triangles = data.deflected.triangles_of(plan.surface)
     points = data.deflected.points
     seen, up, sides = views(points, triangles)
     norm = LogNorm(LEAST, max(TOP * LEAST, float(np.nanmax(distance, initial=LEAST))))
@@ -44,7 +44,7 @@ def cad_map(data: ReportData, turn: Turn) -> tuple[Figure, str]:
     for one, side, name in zip(axes, (up, ~up), sides, strict=True):
         _side(one, flat, triangles[side], np.maximum(distance, LEAST), norm)
         one.set(ylabel=f"{'xyz'[seen[1]]}, mm", aspect="equal")
-        one.set_title(f"{turn.surface}, {name}", fontsize="medium")
+        one.set_title(f"{plan.surface}, {name}", fontsize="medium")
     for one in axes[rows - 1 :]:
         one.set_xlabel(f"{'xyz'[seen[0]]}, mm")
     figure.colorbar(ScalarMappable(norm, MAP), ax=list(axes), label=f"distance from CAD, m (limit {limit:g})")
@@ -52,13 +52,13 @@ def cad_map(data: ReportData, turn: Turn) -> tuple[Figure, str]:
     blended = np.isnan(distance[triangles]).any()
     largest, median = (float(of(known)) if len(known) else 0.0 for of in (np.max, np.median))
     return figure, (
-        f"Distance of {len(known)} moved nodes of {turn.surface} from the deflected CAD, on both sides: at most "
+        f"Distance of {len(known)} moved nodes of {plan.surface} from the deflected CAD, on both sides: at most "
         f"{largest:.1e} m, median {median:.1e} m; the limit is {limit:g} m. "
         + ("Hatched triangles belong to a strip that is blended and not compared." if blended else "")
     )
 
 
-def views(points: FloatArray, triangles: IndexArray) -> tuple[list[int], BoolArray, tuple[str, str]]:
+def views(points: FloatArray, triangles: IntArray) -> tuple[list[int], BoolArray, tuple[str, str]]:
     """Which two axes to draw, the longer first; which triangles (F,) face the first of two viewers; the sides' names.
 
     Triangles point into the body.
@@ -71,7 +71,7 @@ def views(points: FloatArray, triangles: IndexArray) -> tuple[list[int], BoolArr
     return across, normal[:, axis] > 0.0, names[axis]
 
 
-def _side(axes: Axes, flat: FloatArray, triangles: IndexArray, distance: FloatArray, norm: LogNorm) -> None:
+def _side(axes: Axes, flat: FloatArray, triangles: IntArray, distance: FloatArray, norm: LogNorm) -> None:
     """Draw triangles (F, 3) with nodes at `flat` (N, 2); those with a node without a distance are hatched."""
     nodes, triangles = np.unique(triangles, return_inverse=True)
     flat, distance = flat[nodes], distance[nodes]

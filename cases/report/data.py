@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.case import Case
-from sdm_deflect.cases.confine import DIRECTIONS
-from sdm_deflect.cases.deflect import Deflected
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.finished import read_run
 from sdm_deflect.cases.metrics import Json
-from sdm_deflect.cases.motion import BoolArray, FloatArray
-from sdm_deflect.cases.reference import reference
-from sdm_deflect.cases.turn import Turn, turn_of
-from sdm_deflect.cases.validate import validate
-from sdm_deflect.cases.validation import Check
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.job import plans_of
+from sdm_deflect.cases.sdm.reference import reference
+from sdm_deflect.cases.sdm.validation import validate
+from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.mesh import BoolArray, FloatArray
+from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.deform.volume.step import DIRECTIONS
 from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.vtu import read_vtu
 
@@ -45,7 +45,7 @@ class ReportData:
     Attributes
     ----------
     mesh, deflected : before and after; same cells, same order.
-    turns : what each control surface was to do.
+    plans : what each control surface was to do.
     courses, centres : the adaptations.
     checks : the validation; empty until the run is judged.
     figures : the content of metrics.json; empty until then.
@@ -54,7 +54,7 @@ class ReportData:
     case: Case
     mesh: TetMesh
     deflected: TetMesh
-    turns: tuple[Turn, ...]
+    plans: tuple[Plan, ...]
     courses: tuple[Course, ...]
     centres: Centres
     checks: tuple[Check, ...] = ()
@@ -65,29 +65,31 @@ class ReportData:
         """True if every check passed."""
         return all(check.passed for check in self.checks)
 
-    def touching(self, turn: Turn) -> BoolArray:
+    def touching(self, plan: Plan) -> BoolArray:
         """True for cells (M,) with a node inside the hexahedron of a control surface."""
-        return self.mesh.touching(turn.region.inside)
+        return self.mesh.touching(plan.region.inside)
 
     def judged(self, checks: tuple[Check, ...], figures: Json) -> "ReportData":
         """Return the data with the validation and the content of metrics.json."""
         return replace(self, checks=checks, figures=figures)
 
 
-def report_data_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflected]) -> ReportData:
+def report_data_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflection]) -> ReportData:
     """Return what a run has to show once its surfaces are deflected."""
     courses = [
         Course(
-            one.turn.surface, k, "".join(DIRECTIONS[c] for c in fit.components),
+            one.plan.surface, k, "".join(DIRECTIONS[c] for c in fit.components),
             tuple(row.n_centers for row in fit.history), tuple(row.max_residual for row in fit.history),
         )
-        for one in deflections for k, step in enumerate(one.steps, 1) for fit in step.fits
+        for one in deflections for k, step in enumerate(one.steps, 1) for fit in step.fits.adaptations
     ]  # fmt: skip
     centres = {
-        one.turn.surface: {DIRECTIONS[c]: fit.interpolant.centers for fit in one.steps[0].fits for c in fit.components}
+        one.plan.surface: {
+            DIRECTIONS[c]: fit.interpolant.centers for fit in one.steps[0].fits.adaptations for c in fit.components
+        }
         for one in deflections
     }
-    return ReportData(case, mesh, deflected, tuple(one.turn for one in deflections), tuple(courses), centres)
+    return ReportData(case, mesh, deflected, tuple(one.plan for one in deflections), tuple(courses), centres)
 
 
 def report_data_of_folder(folder: Path) -> ReportData:
@@ -100,16 +102,16 @@ def report_data_of_folder(folder: Path) -> ReportData:
     """
     case, mesh, deflected = read_run(folder)
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
-    turns = tuple(turn_of(case, mesh, deflection) for deflection in case.deflections)
+    plans = plans_of(case, mesh.as_mesh(case.name))
     try:
         figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
         courses = read_courses(folder / "convergence.csv")
-        centres = read_centres(folder / "interpolant.npz", [turn.surface for turn in turns])
+        centres = read_centres(folder / "interpolant.npz", [plan.surface for plan in plans])
     except (OSError, KeyError, ValueError) as error:
         raise InputError(f"{folder} is not the whole output folder of a run: {error}") from None
     with reference(case) as deflected_cad:
-        checks = validate(case, mesh, deflected, turns, deflected_cad(), background)
-    return ReportData(case, mesh, deflected, turns, courses, centres, checks, figures)
+        checks = validate(case, mesh, deflected, plans, deflected_cad(), background)
+    return ReportData(case, mesh, deflected, plans, courses, centres, checks, figures)
 
 
 def read_courses(path: Path) -> tuple[Course, ...]:

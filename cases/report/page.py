@@ -13,10 +13,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from PIL import Image
 
-from sdm_deflect.cases.case import Case
 from sdm_deflect.cases.report.data import ReportData
 from sdm_deflect.cases.report.pictures import Exhibit, Gallery, compared
 from sdm_deflect.cases.report.turnable import MOST_CELLS, turnable
+from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.cases.surroundings import surroundings, versions
 

@@ -22,8 +22,8 @@ from sdm_deflect.cases.report import cad_map, figures, slices
 from sdm_deflect.cases.report.data import ReportData
 from sdm_deflect.cases.report.offscreen import Image, RenderError, rendered, rendering
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE, View, box, framed, patches, walls
-from sdm_deflect.cases.turn import Turn
-from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.cases.sdm.job import BLOCK
+from sdm_deflect.deform.volume.deflection import Plan
 from sdm_deflect.meshing.mesh import TetMesh
 
 INCHES = 5.2
@@ -100,24 +100,24 @@ TOWARDS = (1.0, -0.6, 0.45)
 """From behind, port and above; mirrored for surfaces to starboard."""
 
 
-def before_after(data: ReportData, turn: Turn) -> Picture:
+def before_after(data: ReportData, plan: Plan) -> Picture:
     """Draw a control surface with its hexahedron, before and after side by side."""
-    moved = np.linalg.norm(data.deflected.points - data.mesh.points, axis=1)[turn.motion.nodes]
-    count = len(data.mesh.triangles_of(turn.surface))
+    moved = np.linalg.norm(data.deflected.points - data.mesh.points, axis=1)[plan.sites.moving]
+    count = len(data.mesh.triangles_of(plan.surface))
     return Picture(
-        tuple(close(data, mesh, turn) for mesh in (data.mesh, data.deflected)),
-        (f"{turn.surface}, undeflected", f"{turn.surface}, {turn.angle:+g} deg"),
-        f"Surface mesh of {turn.surface} ({count} triangles) and its surroundings before (left) and after (right) it "
-        f"turns by {turn.angle:+g} deg; nodes move by up to {1e3 * moved.max():.1f} mm. The edges of the hexahedron, "
+        tuple(close(data, mesh, plan) for mesh in (data.mesh, data.deflected)),
+        (f"{plan.surface}, undeflected", f"{plan.surface}, {plan.angle:+g} deg"),
+        f"Surface mesh of {plan.surface} ({count} triangles) and its surroundings before (left) and after (right) it "
+        f"turns by {plan.angle:+g} deg; nodes move by up to {1e3 * moved.max():.1f} mm. The edges of the hexahedron, "
         "outside of which nothing moves, are magenta.",
     )
 
 
-def close(data: ReportData, mesh: TetMesh, turn: Turn) -> View:
+def close(data: ReportData, mesh: TetMesh, plan: Plan) -> View:
     """Look at a control surface; the picture holds it before and after."""
-    nodes = mesh.on(turn.surface)
+    nodes = mesh.on(plan.surface)
     held = np.vstack([data.mesh.points[nodes], data.deflected.points[nodes]])
-    corners = turn.region.hexahedron.corners
+    corners = plan.region.hexahedron.corners
     names = [name for name in walls(mesh) if name != BLOCK]
     side = 1.0 if corners[:, 1].mean() <= 1e-9 else -1.0
     layers = (*patches(mesh, names, edge=(70, 70, 70), width=0.7), box(corners, 2.5))
@@ -191,7 +191,7 @@ class Gallery:
 def drawn(data: ReportData, folder: Path) -> Gallery:
     """Draw every picture that needs no validation into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    pictures = [before_after(data, turn) for turn in data.turns]
+    pictures = [before_after(data, plan) for plan in data.plans]
     missing = ""
     with rendering(tuple(view for picture in pictures for view in picture.views)) as images:
         exhibits = [_saved(folder, *plot) for plot in plots(data)]
@@ -204,7 +204,7 @@ def drawn(data: ReportData, folder: Path) -> Gallery:
 
 def compared(data: ReportData, folder: Path) -> list[Exhibit]:
     """Draw the distances from the CAD that the validation found into `folder`."""
-    maps = ((f"cad_map_{turn.surface}", *cad_map.cad_map(data, turn)) for turn in data.turns)
+    maps = ((f"cad_map_{plan.surface}", *cad_map.cad_map(data, plan)) for plan in data.plans)
     return [_saved(folder, "cad_map", *one) for one in maps]
 
 
@@ -212,16 +212,16 @@ def plots(data: ReportData) -> Iterator[Drawn]:
     """Yield each plot that needs no graphics library."""
     yield "convergence", "convergence", *figures.convergence(data)
     yield "quality", "quality", *figures.quality(data)
-    for turn in data.turns:
-        yield "slices", f"slices_{turn.surface}", *slices.slices(data, turn)
+    for plan in data.plans:
+        yield "slices", f"slices_{plan.surface}", *slices.slices(data, plan)
 
 
 def renderings(data: ReportData, pictures: Sequence[Picture], images: Sequence[Image]) -> Iterator[Drawn]:
     """Yield the pictures of each control surface, put together from the images of their views."""
     rest = iter(images)
-    for turn, picture in zip(data.turns, pictures, strict=True):
+    for plan, picture in zip(data.plans, pictures, strict=True):
         figure = assembled(picture, [next(rest) for _ in picture.views])
-        yield "before_after", f"before_after_{turn.surface}", figure, picture.alternative
+        yield "before_after", f"before_after_{plan.surface}", figure, picture.alternative
 
 
 def _saved(folder: Path, part: str, name: str, figure: Figure, alternative: str) -> Exhibit:

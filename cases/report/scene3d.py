@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.colors import Normalize, to_rgb
 from numpy.typing import NDArray
 
-from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.cases.sdm.job import BLOCK
 from sdm_deflect.deform.edges import median_edge
 from sdm_deflect.deform.mesh import Cells
 from sdm_deflect.deform.quality import mean_ratio

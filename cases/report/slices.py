@@ -9,11 +9,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.motion import FloatArray
 from sdm_deflect.cases.report.data import ReportData
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
-from sdm_deflect.cases.turn import Turn
+from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.volume.deflection import Plan
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.mesh import TetMesh
 
@@ -52,9 +52,9 @@ class Plane:
         return f"{self.what}, {AXES[self.axis]} = {1e3 * self.station:.1f} mm"
 
 
-def planes(data: ReportData, turn: Turn) -> tuple[Plane, Plane]:
+def planes(data: ReportData, plan: Plan) -> tuple[Plane, Plane]:
     """The two planes of a control surface: a chord at half span; across the chord, close to the root or gap."""
-    points, corners = data.mesh.points[data.mesh.on(turn.surface)], turn.region.hexahedron.corners
+    points, corners = data.mesh.points[data.mesh.on(plan.surface)], plan.region.hexahedron.corners
     span = int(np.ptp(points, axis=0)[1:].argmax()) + 1
     outwards = np.abs(points[:, span])
     inner = points[outwards <= outwards.min() + ROOT * np.ptp(outwards)]
@@ -64,38 +64,38 @@ def planes(data: ReportData, turn: Turn) -> tuple[Plane, Plane]:
     margin = AROUND * np.ptp(corners, axis=0).max()
     around = np.array([corners.min(axis=0) - margin, corners.max(axis=0) + margin])
     half = float(points[:, span].min() + points[:, span].max()) / 2
-    end = "the inner end and its gap" if hinged(turn.surface) else "the root"
+    end = "the inner end and its gap" if hinged(plan.surface) else "the root"
     return (
         Plane(span, half, "section at half span", around),
         Plane(0, float(x), f"section through {end}", np.array([middle - CLOSE, middle + CLOSE])),
     )
 
 
-def slices(data: ReportData, turn: Turn) -> tuple[Figure, str]:
+def slices(data: ReportData, plan: Plan) -> tuple[Figure, str]:
     """Draw both planes of a control surface before and after the deflection, and say what is seen."""
-    chosen = planes(data, turn)
+    chosen = planes(data, plan)
     figure = Figure(figsize=(9.6, 9.0))
     figure.subplots_adjust(left=0.08, right=0.85, bottom=0.06, top=0.91, wspace=0.22, hspace=0.25)
     axes, texts = figure.subplots(2, 2), []
     for row, plane in zip(axes, chosen, strict=True):
         smallest = [
-            draw(one, mesh, turn, plane, state)
+            draw(one, mesh, plan, plane, state)
             for one, mesh, state in zip(
-                row, (data.mesh, data.deflected), ("undeflected", f"{turn.angle:+g} deg"), strict=True
+                row, (data.mesh, data.deflected), ("undeflected", f"{plan.angle:+g} deg"), strict=True
             )
         ]
         before, after = smallest
         texts.append(f"{str(plane).capitalize()}: smallest of its cells {before:.3f} before, {after:.3f} after.")
     shades = ScalarMappable(QUALITY_RANGE, QUALITY_MAP)
     figure.colorbar(shades, cax=figure.add_axes(BAR), label="mean ratio of a cell", extend="min")
-    figure.suptitle(turn.surface, fontsize="medium")
+    figure.suptitle(plan.surface, fontsize="medium")
     return figure, (
-        f"Plane slices through the cells around {turn.surface}, coloured by mean ratio, before (left) and after "
+        f"Plane slices through the cells around {plan.surface}, coloured by mean ratio, before (left) and after "
         "(right); walls are black, the hexahedron is dashed. " + " ".join(texts)
     )
 
 
-def draw(axes: Axes, mesh: TetMesh, turn: Turn, plane: Plane, state: str) -> float:
+def draw(axes: Axes, mesh: TetMesh, plan: Plan, plane: Plane, state: str) -> float:
     """Draw one slice; return the smallest quality of a cell in it."""
     polygons, quality = cut_cells(mesh, plane)
     drawn = PolyCollection(
@@ -103,7 +103,7 @@ def draw(axes: Axes, mesh: TetMesh, turn: Turn, plane: Plane, state: str) -> flo
     )
     axes.add_collection(drawn)
     axes.add_collection(LineCollection(list(cut_walls(mesh, plane)), colors="black", linewidths=1.6))
-    section = 1e3 * turn.region.hexahedron.section(plane.point(), np.eye(3)[plane.axis])[:, plane.across]
+    section = 1e3 * plan.region.hexahedron.section(plane.point(), np.eye(3)[plane.axis])[:, plane.across]
     axes.plot(*np.vstack([section, section[:1]]).T, color="#cc00cc", lw=1.3, ls="--")
     right, up = plane.across
     axes.set(

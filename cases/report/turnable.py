@@ -8,7 +8,6 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from sdm_deflect.cases.metrics import Json
-from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
 from sdm_deflect.cases.report.data import ReportData
 from sdm_deflect.cases.report.scene3d import (
     BLUE,
@@ -21,9 +20,10 @@ from sdm_deflect.cases.report.scene3d import (
     hexadecimal,
     patch_colour,
 )
-from sdm_deflect.cases.turn import Turn
-from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.cases.sdm.job import BLOCK
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.volume.deflection import Plan
 from sdm_deflect.meshing.mesh import TetMesh
 
 MOST_CELLS = 40_000
@@ -41,7 +41,7 @@ def turnable(data: ReportData) -> Json:
     """Return patches, hexahedra, sites, centres and cells of a run, before and after."""
     return {
         "patches": list(patches(data)),
-        "boxes": [box(turn) for turn in data.turns],
+        "boxes": [box(plan) for plan in data.plans],
         "dots": list(dots(data)),
         "cells": cells(data),
         "views": list(views(data)),
@@ -54,7 +54,7 @@ def patches(data: ReportData) -> Iterator[Json]:
 
     Triangles point out of the body, as lighting wants them. The name of a thinned patch says that it is.
     """
-    inside = np.concatenate([turn.region.inside for turn in data.turns])
+    inside = np.concatenate([plan.region.inside for plan in data.plans])
     for name in data.mesh.names[1:]:
         if name != FAR_FIELD:
             colour = hexadecimal(patch_colour(name))
@@ -64,7 +64,7 @@ def patches(data: ReportData) -> Iterator[Json]:
             yield {"name": label, "colour": colour, "hidden": name == BLOCK, **_both(data, shown[:, ::-1])}
 
 
-def thinned(mesh: TetMesh, triangles: IndexArray, keep: IndexArray) -> IndexArray:
+def thinned(mesh: TetMesh, triangles: IntArray, keep: IntArray) -> IntArray:
     """Return fewer of the triangles (F, 3) of a patch: nodes in one box of a lattice become the one in its middle.
 
     The nodes `keep` (K,) stay, and all on edges of CAD faces: creases, and what the patch shares with others.
@@ -87,15 +87,15 @@ def thinned(mesh: TetMesh, triangles: IndexArray, keep: IndexArray) -> IndexArra
     return np.asarray(corners[np.sort(once)])
 
 
-def box(turn: Turn) -> Json:
+def box(plan: Plan) -> Json:
     """Return the edges of a hexahedron as pairs of points."""
-    return {"name": turn.surface, "segments": single(turn.region.hexahedron.corners[BOX_EDGES])}
+    return {"name": plan.surface, "segments": single(plan.region.hexahedron.corners[BOX_EDGES])}
 
 
 def dots(data: ReportData) -> Iterator[Json]:
     """Yield data sites of all surfaces, and the centres of each direction."""
-    sites = [data.mesh.points[turn.motion.nodes] for turn in data.turns]
-    zero = [part.points for turn in data.turns for part in turn.region.zero]
+    sites = [data.mesh.points[plan.sites.moving] for plan in data.plans]
+    zero = [part.points for plan in data.plans for part in plan.sites.zero]
     yield _dots("sites", "sites on the surface", sites, ORANGE)
     yield _dots("sites", "sites of zero displacement", zero, BLUE)
     for direction, colour in zip("xyz", (BLUE, ORANGE, (30, 30, 30)), strict=True):
@@ -105,7 +105,7 @@ def dots(data: ReportData) -> Iterator[Json]:
 
 def cells(data: ReportData) -> Json:
     """Return the worst cells that touch a hexahedron, by their quality before or after, and how many there are."""
-    near = np.flatnonzero(np.any([data.touching(turn) for turn in data.turns], axis=0))
+    near = np.flatnonzero(np.any([data.touching(plan) for plan in data.plans], axis=0))
     quality = np.array([mean_ratio(mesh.points, mesh.tets[near]) for mesh in (data.mesh, data.deflected)])
     kept = np.sort(np.argsort(quality.min(axis=0), kind="stable")[:MOST_CELLS])
     return {
@@ -118,9 +118,9 @@ def cells(data: ReportData) -> Json:
 
 def views(data: ReportData) -> Iterator[Json]:
     """Yield names and boxes (low, high) of what can be looked at: each control surface, then everything."""
-    for turn in data.turns:
-        corners = turn.region.hexahedron.corners
-        yield _view(turn.surface, corners, MARGIN * float(np.ptp(corners, axis=0).max()))
+    for plan in data.plans:
+        corners = plan.region.hexahedron.corners
+        yield _view(plan.surface, corners, MARGIN * float(np.ptp(corners, axis=0).max()))
     names = [name for name in data.mesh.names[1:] if name != FAR_FIELD]
     yield _view("everything", data.mesh.points[data.mesh.on(*names)], 0.0)
 
@@ -135,7 +135,7 @@ def single(values: FloatArray) -> str:
     return b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 
-def _both(data: ReportData, faces: IndexArray) -> Json:
+def _both(data: ReportData, faces: IntArray) -> Json:
     """Return cells or triangles (F, k) with their own nodes before and after (None where none of them moves)."""
     nodes, local = np.unique(faces, return_inverse=True)
     before, after = (_at(mesh, nodes) for mesh in (data.mesh, data.deflected))
@@ -146,7 +146,7 @@ def _both(data: ReportData, faces: IndexArray) -> Json:
     }
 
 
-def _faces(mesh: TetMesh) -> tuple[IndexArray, BoolArray]:
+def _faces(mesh: TetMesh) -> tuple[IntArray, BoolArray]:
     """Return a CAD face of each node (N,), and whether it is on others, too (N,)."""
     label, face = mesh.face * len(mesh.names) + mesh.patch, np.full(len(mesh.points), -1)
     face[mesh.triangles] = label[:, None]
@@ -155,7 +155,7 @@ def _faces(mesh: TetMesh) -> tuple[IndexArray, BoolArray]:
     return face, several
 
 
-def _at(mesh: TetMesh, nodes: IndexArray) -> FloatArray:
+def _at(mesh: TetMesh, nodes: IntArray) -> FloatArray:
     return np.asarray(mesh.points[nodes])
 
 

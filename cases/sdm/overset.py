@@ -15,14 +15,16 @@ from vtkmodules.vtkCommonDataModel import (
     vtkUnstructuredGrid,
 )
 
-from sdm_deflect.cases.case import Case
-from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
-from sdm_deflect.cases.validation import Check, worst
-from sdm_deflect.cases.zero_sites import BLOCK, on_gap_faces
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.job import BLOCK, block_stations
+from sdm_deflect.deform.checks import Check, worst
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.geometry.confinement import gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.mesh import TetMesh
 
+ON_FACE = 1e-7
+"""A node within this distance (m) of a plane is in it: boundary nodes are on the CAD to that."""
 ROWS = 1 << 16
 """Cells handled at a time: temporaries of millions of cells in little memory."""
 ROOM = 0.6
@@ -109,7 +111,8 @@ def overset_checks(case: Case, mesh: TetMesh, deflected: TetMesh, background: Te
     """Checks of a Chimera block: its faces in the gaps stay planar, and both blocks find their donors."""
     surface = case.deflections[0].surface
     nodes = mesh.on(BLOCK)
-    face = nodes[on_gap_faces(case, surface, mesh.points[nodes])]
+    off_plane = np.abs(mesh.points[nodes, 1, None] - block_stations(case, surface)).min(axis=1)
+    face = nodes[off_plane <= ON_FACE]
     off = np.abs(deflected.points[face, 1] - mesh.points[face, 1])
     yield Check("chimera_face_in_plane", float(off.max()), 0.0, "m", worst(off, mesh.points[face]))
     found = overlap(deflected, background, *hole(case))
@@ -120,7 +123,7 @@ def overset_checks(case: Case, mesh: TetMesh, deflected: TetMesh, background: Te
     yield Check("orphans", float(found.orphans), 0.0, "nodes", where)
 
 
-def fringe_nodes(tets: IndexArray, hole: BoolArray) -> IndexArray:
+def fringe_nodes(tets: IntArray, hole: BoolArray) -> IntArray:
     """Nodes outside the hole that share a cell with a node inside it."""
     cut = tets[hole[tets].any(axis=1)]
     nodes = np.unique(cut)
@@ -141,7 +144,7 @@ def has_donor(points: FloatArray, mesh: TetMesh) -> BoolArray:
     return np.array(found, dtype=bool)
 
 
-def cells_near(points: FloatArray, mesh: TetMesh) -> IndexArray:
+def cells_near(points: FloatArray, mesh: TetMesh) -> IntArray:
     """Cells (C, 4) of the mesh with any of points (N, 3) in the ball around their centroid that holds them.
 
     All others are no donors. The locator sorts cells into boxes of one size: among those of a whole graded mesh
@@ -162,7 +165,7 @@ def cells_near(points: FloatArray, mesh: TetMesh) -> IndexArray:
     return np.vstack(near)
 
 
-def _grid(nodes: FloatArray, tets: IndexArray) -> vtkUnstructuredGrid:
+def _grid(nodes: FloatArray, tets: IntArray) -> vtkUnstructuredGrid:
     points, cells, grid = vtkPoints(), vtkCellArray(), vtkUnstructuredGrid()
     points.SetData(numpy_to_vtk(np.ascontiguousarray(nodes), True))
     offsets = 4 * np.arange(len(tets) + 1)

@@ -7,22 +7,22 @@ from statistics import median
 from time import perf_counter
 from typing import Self
 
-from sdm_deflect.cases.case import Case
-from sdm_deflect.cases.confine import DIRECTIONS, GROUPINGS, Region
-from sdm_deflect.cases.fitting import initial_centers
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.job import job_of
 from sdm_deflect.cases.study.paper import Evaluation, Row, Setting, Table
 from sdm_deflect.cases.study.trends import Finding
-from sdm_deflect.cases.turn import turn_of
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.rbf.bases import Resolved
-from sdm_deflect.deform.rbf.factor import Grown
-from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Step, Stop, adapt
+from sdm_deflect.deform.rbf.bases import DirectBasis
+from sdm_deflect.deform.rbf.factor import CholeskyBasis
+from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Iteration, Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import Interpolant, krylov
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.points import IndexArray
 from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
 from sdm_deflect.deform.rbf.sites import DataSites
+from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.step import DIRECTIONS, GROUPINGS, initial_centers
 from sdm_deflect.meshing.mesh import TetMesh
 
 REPETITIONS = 7
@@ -55,21 +55,26 @@ class Loop:
 
 
 GROWN = Loop(
-    "grown", "the paper's rule, with one factor for all directions that grows with the centres", Worst(), Grown.of
+    "grown",
+    "the paper's rule, with one factor for all directions that grows with the centres",
+    Worst(),
+    CholeskyBasis.of,
 )
 LAPACK = Loop(
     "lapack",
     "the paper's rule, factorised again in every iteration by LAPACK, once for all directions",
     Worst(look_ahead=1),
-    Resolved.of,
+    DirectBasis.of,
 )
 GMRES = Loop(
     "gmres",
     "the paper's loop: its rule, solved again in every iteration by GMRES, for each direction anew",
     Worst(look_ahead=1),
-    partial(Resolved.of, solve=krylov()),
+    partial(DirectBasis.of, solve=krylov()),
 )
-DEFAULT = Loop("default", "what `sdm run` does: blocks of separated sites, growing factor", Separated(), Grown.of)
+DEFAULT = Loop(
+    "default", "what `sdm run` does: blocks of separated sites, growing factor", Separated(), CholeskyBasis.of
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,12 +85,12 @@ class SiteGroups:
     ----------
     surface : number of sites on the control surface, which come first in every group.
     groups : by their directions: "x", "y", "z" for SQUV, "xyz" for MV (where all directions have the same sites).
-    region : the hexahedron and what lies in it.
+    plan : the hexahedron and what lies in it.
     """
 
     surface: int
     groups: dict[str, DataSites]
-    region: Region
+    plan: Plan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +110,7 @@ class Measured:
     row: Row
     loop: Loop
     sites: int
-    history: tuple[Step, ...]
+    history: tuple[Iteration, ...]
     interpolant: Interpolant
     converged: bool
     repetitions: int
@@ -113,11 +118,12 @@ class Measured:
 
 def sites_of(case: Case, mesh: TetMesh) -> SiteGroups:
     """Collect the data sites of a case's first control surface at its whole angle, as the paper does in one step."""
-    turn = turn_of(case, mesh, case.deflections[0])
-    moving = DataSites(mesh.points[turn.motion.nodes], turn.motion.displacements)
-    parts = [moving, *turn.region.zero]
+    flow = mesh.as_mesh(case.name)
+    plan = Plan.of(flow, job_of(case, flow, case.deflections[0]))
+    moving = DataSites(mesh.points[plan.sites.moving], plan.boundary.displacement(plan.job.amounts))
+    parts = [moving, *plan.sites.zero]
     groups = {_name(group): group for grouping in GROUPINGS.values() for group in grouping(parts)}
-    return SiteGroups(len(moving), groups, turn.region)
+    return SiteGroups(len(moving), groups, plan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,7 +180,7 @@ def _name(group: DataSites) -> str:
 def timed(theirs: Evaluation, case: Case, mesh: TetMesh) -> Evaluation:
     """Find the interpolant as the paper did and time filter and evaluation, medians of several runs."""
     sites = sites_of(replace(case, angle=theirs.setting.angle), mesh)
-    region, fit = sites.region, measure([Task.of(sites, theirs.setting, theirs, GROWN)])[0]
+    region, fit = sites.plan.region, measure([Task.of(sites, theirs.setting, theirs, GROWN)])[0]
     inside = mesh.points[region.inside]
     return replace(
         theirs,

@@ -10,23 +10,24 @@ from tempfile import TemporaryDirectory
 from matplotlib.figure import Figure
 from numba import get_num_threads
 
-from sdm_deflect.cases.case import Case, Strategy
 from sdm_deflect.cases.errors import is_reported
-from sdm_deflect.cases.pipeline import meshed, run_case
 from sdm_deflect.cases.progress import Display, Stopwatch
-from sdm_deflect.cases.registry import case_named
 from sdm_deflect.cases.report import aircraft
 from sdm_deflect.cases.report.figures import histograms
 from sdm_deflect.cases.report.offscreen import RenderError
 from sdm_deflect.cases.report.pictures import figure_of, write_png
-from sdm_deflect.cases.run import Run
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.metrics import Run
+from sdm_deflect.cases.sdm.pipeline import meshed, run_case
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.study.measure import filter_is_cheap, savings, timed
 from sdm_deflect.cases.study.paper import QualityStatement, paper
 from sdm_deflect.cases.study.study import run_study
 from sdm_deflect.cases.study.text import markdown, write_study
 from sdm_deflect.cases.study.trends import Finding
-from sdm_deflect.cases.validation import Check
+from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.volume.fitting import Strategy
 from sdm_deflect.meshing.mesh import TetMesh
 
 INTRODUCTION = """# The paper's section 5, measured here
@@ -56,7 +57,7 @@ def said(theirs: QualityStatement) -> str:
 def judged(theirs: QualityStatement, run: Run) -> Finding:
     """Count the cells below the mean ratio that the paper names, before and after."""
     before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
-    region = run.deflections[0].turn.region
+    region = run.deflections[0].plan.region
     near = run.mesh.touching(region.inside)
     old, new = before < theirs.below, after < theirs.below
     holds = not new.any() if theirs.finding == "none" else new.sum() - old.sum() <= VISIBLE * len(new)
@@ -96,8 +97,8 @@ class Sources:
         key = (name, angle, strategy)
         if key not in self._runs:
             case = self.case(name)
-            adaptation = replace(case.adaptation, rule="worst")
-            case = replace(case, angle=angle, strategy=strategy, adaptation=adaptation)
+            adaptation = replace(case.adaptation, rule="worst", strategy=strategy)
+            case = replace(case, angle=angle, adaptation=adaptation)
             with TemporaryDirectory(dir=self.folder) as scratch:
                 self._runs[key] = run_case(case, Stopwatch(self.display), Path(scratch), self.cache)
         return self._runs[key]
@@ -162,11 +163,11 @@ def figure5(runs: Sources, folder: Path) -> str:
 def figure6(runs: Sources, folder: Path) -> str:
     """The tail with its hexahedron and sites."""
     run = runs.run("tail", 12.0)
-    picture, theirs, turn = aircraft.confinement(run), paper().size("tail"), run.deflections[0].turn
+    picture, theirs, plan = aircraft.confinement(run), paper().size("tail"), run.deflections[0].plan
     return _shown(figure_of(picture), picture.alternative, folder / "figure6.png") + (
-        f"\n\n- Sites: here {len(turn.motion.nodes)} on the surface and {turn.region.zero_sites(0)} on the hexahedron; "
+        f"\n\n- Sites: here {len(plan.sites.moving)} on the surface and {plan.sites.zero_sites(0)} on the hexahedron; "
         f"the paper: {theirs.surface} and {theirs.zero_sites[0]}.\n"
-        f"- Mesh points inside the hexahedron: here {len(turn.region.inside)} of {len(run.mesh.points)}; "
+        f"- Mesh points inside the hexahedron: here {len(plan.region.inside)} of {len(run.mesh.points)}; "
         f"the paper: {paper().evaluations[1].inside} of {theirs.points}."
     )
 

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from sdm_deflect.cases.case import Case
-from sdm_deflect.cases.pipeline import meshed
 from sdm_deflect.cases.progress import Stopwatch
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.pipeline import meshed
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.study.measure import (
     DEFAULT,
     GMRES,

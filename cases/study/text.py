@@ -73,7 +73,7 @@ def markdown(result: Result) -> str:
 def sizes(result: Result) -> str:
     """Say on what the study was carried out, ours and theirs, and how far the sites move."""
     theirs, sites = paper().size(result.study.table.case), next(iter(result.sites.values()))
-    x, y, z = (sites.region.zero_sites(c) for c in range(3))
+    x, y, z = (sites.plan.sites.zero_sites(c) for c in range(3))
     ours = Size(theirs.case, result.points, result.cells, sites.surface, (x, y, z))
     return (
         f"Here (scale `{result.case.scale}`): {_size(ours)}. The paper: {_size(theirs)}. "

@@ -62,7 +62,7 @@ class Control:
 
         Raises
         ------
-        ConfinementError, ValueError
+        InputError, ValueError
             If no surface motion exists at that angle; the scene is then as before.
         """
         before, answer = self.shown, dict[str, Any]()
@@ -94,7 +94,7 @@ class Control:
 
     def centres(self) -> Piece:
         """Return the centres of all directions, those of the surface where it is now."""
-        rows = np.vstack([part.centres(self.frame.points, part.factor * self.frame.angle) for part in self.live.parts])
+        rows = np.vstack([part.centres(self.frame.points) for part in self.live.parts])
         return Piece(rows, (np.arange(len(rows))[:, None],))
 
     def _said(self) -> dict[str, Any]:

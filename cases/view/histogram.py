@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sdm_deflect.cases.motion import FloatArray, IndexArray
 from sdm_deflect.cases.report.scene3d import quality_rgb
+from sdm_deflect.deform.mesh import FloatArray, IntArray
 
 BINS = np.linspace(0.0, 1.0, 41)
 WIDTH, HEIGHT, LEFT, BASE = 340.0, 126.0, 38.0, 96.0
@@ -46,7 +46,7 @@ def _axes(top: float) -> Iterator[str]:
     yield f'<text x="{_x(0.5):.1f}" y="{HEIGHT - 4}" text-anchor="middle">mean ratio (1: regular, 0: flat)</text>'
 
 
-def _bars(counts: IndexArray, top: float) -> Iterator[str]:
+def _bars(counts: IntArray, top: float) -> Iterator[str]:
     width = _x(BINS[1]) - _x(0.0)
     colours = quality_rgb(0.5 * (BINS[1:] + BINS[:-1]))
     for low, count, (r, g, b) in zip(BINS, counts, colours, strict=False):
@@ -57,7 +57,7 @@ def _bars(counts: IndexArray, top: float) -> Iterator[str]:
         )
 
 
-def _line(counts: IndexArray, top: float) -> str:
+def _line(counts: IntArray, top: float) -> str:
     corners = [f"{_x(BINS[0]):.1f},{BASE:.1f}"]
     for low, high, count in zip(BINS, BINS[1:], counts, strict=False):
         y = _y(count, top)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from trame.app import asynchronous, get_server
 
-from sdm_deflect.cases.confine import ConfinementError
 from sdm_deflect.cases.view.control import AXES, Control, Wish
 from sdm_deflect.cases.view.layout import lay_out
 from sdm_deflect.cases.view.pieces import outboard
 from sdm_deflect.cases.view.words import about, parsed, worst_place
+from sdm_deflect.deform.errors import InputError
 
 INPUTS = ("angle", "axis", "position", "show_sectioned", "show_cut")
 SWITCHES = {"show_box": "box", "show_outline": "outline", "show_centres": "centres"}
@@ -125,7 +125,7 @@ class Page:
                 self._typed = None
             try:
                 state.update(self.control.show(wish))
-            except (ConfinementError, ValueError) as error:
+            except (InputError, ValueError) as error:
                 state.refusal = str(error)
         self._switch()
         self.view.update()

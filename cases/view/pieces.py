@@ -6,11 +6,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.cases.motion import BoolArray, FloatArray, IndexArray
 from sdm_deflect.cases.report.scene3d import quality_rgb
+from sdm_deflect.cases.sdm.job import BLOCK
 from sdm_deflect.cases.view.live import Frame, Live
 from sdm_deflect.cases.view.section import Plane, Section
-from sdm_deflect.cases.zero_sites import BLOCK
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
 
@@ -36,7 +36,7 @@ class Piece:
     """
 
     points: FloatArray
-    cells: tuple[IndexArray, ...]
+    cells: tuple[IntArray, ...]
     rgb: Colours | None = None
 
     @property
@@ -49,8 +49,8 @@ class Piece:
 class Skin:
     """Triangles of walls: nodes (n,) of the mesh, triangles (F, 3) among them, centroids (F, 3), colours (F, 3)."""
 
-    nodes: IndexArray
-    triangles: IndexArray
+    nodes: IntArray
+    triangles: IntArray
     centroids: FloatArray
     rgb: Colours
 
@@ -82,16 +82,16 @@ class Pieces:
     live: Live
     body: Skin
     surface: Skin
-    around: IndexArray
+    around: IntArray
     around_rgb: Colours
 
     @classmethod
     def of(cls, live: Live) -> Self:
         """Extract the surfaces and the cells near the hexahedra."""
-        mesh, moving = live.mesh, {name for part in live.parts for name in part.patches}
+        mesh, moving = live.mesh, {name for part in live.parts for name in part.plan.patches}
         still = [name for name in mesh.names[1:] if name not in moving | {"far_field", BLOCK}]
-        colours = {name: SURFACE for part in live.parts for name in part.patches[:1]}
-        colours |= {name: PANEL for part in live.parts for name in part.patches[1:]}
+        colours = {name: SURFACE for part in live.parts for name in part.plan.patches[:1]}
+        colours |= {name: PANEL for part in live.parts for name in part.plan.patches[1:]}
         around = live.outer[near(live, mesh.points[live.outer].mean(axis=1))]
         rgb = quality_rgb(mean_ratio(mesh.points, around)).astype(np.uint8)
         return cls(live, Skin.of(mesh, dict.fromkeys(still, BODY)), Skin.of(mesh, colours), around, rgb)
@@ -134,7 +134,7 @@ def polygons(section: Section, rgb: Colours) -> Piece:
 
 def boxes(live: Live) -> Piece:
     """Return the edges of all hexahedra."""
-    corners = [part.region.hexahedron.corners for part in live.parts]
+    corners = [part.plan.region.hexahedron.corners for part in live.parts]
     edges = [8 * i + BOX_EDGES for i in range(len(corners))]
     return Piece(np.vstack(corners), (np.vstack(edges),))
 
@@ -158,7 +158,7 @@ def near(live: Live, points: FloatArray) -> BoolArray:
     """True for points (n, 3) close enough to a hexahedron to be of interest."""
     close = np.zeros(len(points), dtype=bool)
     for part in live.parts:
-        corners = part.region.hexahedron.corners
+        corners = part.plan.region.hexahedron.corners
         low, high = corners.min(axis=0), corners.max(axis=0)
         reach = AROUND * (high - low).max()
         close |= ((points > low - reach) & (points < high + reach)).all(axis=1)
@@ -167,7 +167,7 @@ def near(live: Live, points: FloatArray) -> BoolArray:
 
 def bounds(live: Live) -> tuple[FloatArray, FloatArray]:
     """Return the lowest and highest coordinates (3,) of all hexahedra."""
-    corners = np.vstack([part.region.hexahedron.corners for part in live.parts])
+    corners = np.vstack([part.plan.region.hexahedron.corners for part in live.parts])
     return corners.min(axis=0), corners.max(axis=0)
 
 

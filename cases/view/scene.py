@@ -13,8 +13,8 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkRenderer
 from vtkmodules.vtkRenderingExternal import vtkExternalOpenGLCamera
 from vtkmodules.vtkRenderingOpenGL2 import vtkGenericOpenGLRenderWindow
 
-from sdm_deflect.cases.motion import FloatArray
 from sdm_deflect.cases.view.pieces import Piece
+from sdm_deflect.deform.mesh import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from sdm_deflect.cases.motion import FloatArray, IndexArray
+from sdm_deflect.deform.mesh import FloatArray, IntArray
 
 APART = np.array([[0, 1, 2, 3], [1, 0, 2, 3], [2, 0, 1, 3], [3, 0, 1, 2]])
 """Corners of a tetrahedron: the one that is alone on its side of the plane, then the others."""
@@ -36,11 +36,11 @@ class Section:
     """
 
     points: FloatArray
-    triangles: IndexArray
-    quads: IndexArray
+    triangles: IntArray
+    quads: IntArray
 
     @classmethod
-    def of(cls, points: FloatArray, tets: IndexArray, plane: Plane) -> Self:
+    def of(cls, points: FloatArray, tets: IntArray, plane: Plane) -> Self:
         """Cut tetrahedra (M, 4) on points (N, 3); a node in the plane counts as on its positive side."""
         height = plane.beyond(points)
         above = (height >= 0.0)[tets]
@@ -57,12 +57,12 @@ class Section:
         return cls(_crossings(points, height, np.vstack(corners)), alone, both)
 
     @property
-    def cells(self) -> IndexArray:
+    def cells(self) -> IntArray:
         """Rows (A + B,) of the tetrahedra, in the order of the polygons."""
         return np.concatenate([self.triangles, self.quads])
 
 
-def _crossings(points: FloatArray, height: FloatArray, edges: IndexArray) -> FloatArray:
+def _crossings(points: FloatArray, height: FloatArray, edges: IntArray) -> FloatArray:
     """Return where edges (E, 2) cross the plane above which their nodes are so high."""
     start, end = edges.T
     share = height[start] / (height[start] - height[end])

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
-from sdm_deflect.cases.confine import ConfinementError
 from sdm_deflect.cases.view.live import Live
+from sdm_deflect.deform.errors import InputError
 
 STEP = 0.5
 """Angles are found to this many degrees."""
@@ -53,9 +53,8 @@ def _obstacle(live: Live, angle: float) -> str:
     if abs(angle) > live.largest:
         return f"no surface turns by more than {live.largest:g} deg"
     try:
-        for part in live.parts:
-            part.target(part.factor * angle)
-    except ConfinementError as error:
+        live.check(angle)
+    except InputError as error:
         return str(error)
     return ""
 

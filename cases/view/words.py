@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.motion import FloatArray
 from sdm_deflect.cases.view.live import Frame, Live
 from sdm_deflect.cases.view.span import Spans
+from sdm_deflect.deform.mesh import FloatArray
 
 
 def verdict(frame: Frame) -> tuple[str, str]:
@@ -75,8 +75,8 @@ def parsed(text: str, spans: Spans) -> float:
 def about(live: Live) -> dict[str, Any]:
     """Return what the page says once about the run."""
     case, parts = live.case, live.parts
-    centres = sum(len(group.chosen) for part in parts for stage in part.stages for group in stage.groups)
-    steps = sum(len(part.stages) for part in parts)
+    centres = sum(len(fit.chosen) for part in parts for step in part.known.steps for fit in step.fits.adaptations)
+    steps = sum(len(part.known.steps) for part in parts)
     surfaces = [
         part.surface.replace("_", " ") + ("" if part.factor == 1.0 else f" × {part.factor:g}") for part in parts
     ]

@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from sdm_deflect.deform.rbf.factor import Grown
+from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.interpolant import Solve, coefficient_matrix, direct
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.deform.rbf.points import IndexArray
@@ -15,8 +15,8 @@ from sdm_deflect.deform.rbf.sites import DataSites
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Resolved:
-    """Interpolants on growing centres, each solved afresh: O(C**3) a time. The reference for `Grown`."""
+class DirectBasis:
+    """Interpolants on growing centres, each solved afresh: O(C**3) a time. The reference for `CholeskyBasis`."""
 
     problem: Problem
     chosen: IndexArray  # (C,) rows of the sites: the centres
@@ -46,7 +46,7 @@ class Resolved:
         return self.coefficients()
 
 
-def with_values(grown: Grown, values: FloatArray) -> Grown:
+def with_values(grown: CholeskyBasis, values: FloatArray) -> CholeskyBasis:
     """Return a basis on the same sites and centres for other values (N, k) at the sites.
 
     Costs one forward solve, C**2 for each column, instead of the factorisation's C**3.
@@ -60,11 +60,11 @@ def with_values(grown: Grown, values: FloatArray) -> Grown:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Kept:
+class RecordingBasis:
     """A basis that hands its final self to `keep`, so that the factor can serve again."""
 
-    grown: Grown
-    keep: Callable[[Grown], None]
+    grown: CholeskyBasis
+    keep: Callable[[CholeskyBasis], None]
 
     @property
     def chosen(self) -> IndexArray:

@@ -113,7 +113,7 @@ def _joined(panel: Panel, above: FloatArray, inverse: FloatArray) -> Panel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Grown:
+class CholeskyBasis:
     """Interpolants on growing centres; memory C**2 plus the sites.
 
     One may go back to an earlier basis and extend it otherwise; see `Factor`.

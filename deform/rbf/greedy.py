@@ -10,10 +10,10 @@ from typing import NamedTuple, Protocol, Self
 import numpy as np
 
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.rbf.factor import Grown
+from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel
-from sdm_deflect.deform.rbf.points import IndexArray
+from sdm_deflect.deform.rbf.points import IndexArray, first_coincident
 from sdm_deflect.deform.rbf.problem import Coefficients, Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated
 from sdm_deflect.deform.rbf.sites import DataSites
@@ -31,7 +31,7 @@ class Stop(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class Iteration:
     """One row of the convergence history."""
 
     iteration: int
@@ -47,12 +47,12 @@ class History:
     options: GreedyOptions
     progress: Progress
     start: float
-    steps: list[Step] = field(default_factory=list)
+    steps: list[Iteration] = field(default_factory=list)
 
     def record(self, n_centers: int, errors: FloatArray) -> None:
         """Append the step of an interpolant with errors (N, k)."""
         largest = float(np.abs(errors).max())
-        self.steps.append(Step(len(self.steps), n_centers, largest, perf_counter() - self.start))
+        self.steps.append(Iteration(len(self.steps), n_centers, largest, perf_counter() - self.start))
         if self.progress is not silent:
             self.progress(f"{n_centers} centres, error {largest:.2e} m", self._fraction())
 
@@ -75,7 +75,7 @@ class History:
         return None if len(block) else Stop.EXHAUSTED
 
 
-__all__ = ["Adaptation", "Basis", "Checked", "Step", "Stop", "Trial", "adapt"]
+__all__ = ["Adaptation", "Basis", "Checked", "Iteration", "Stop", "Trial", "adapt"]
 
 WORTH_GUESSING = 400_000  # pairs of a sweep; a smaller one costs no more than a guess
 BAD = 0.5  # sites above this share of the residuals just mended are looked at when blocks are guessed
@@ -88,9 +88,37 @@ class Adaptation:
     interpolant: Interpolant
     components: tuple[int, ...]
     chosen: IndexArray  # (C,) rows of the data sites: the centres
-    history: tuple[Step, ...]
+    history: tuple[Iteration, ...]
     stop: Stop
     max_error: float  # m, of the final interpolant over all sites and columns, computed afresh
+
+
+def fused(fits: Sequence[Adaptation]) -> Interpolant:
+    """Return one interpolant with columns x, y, z on the union of all centres; zero for a direction without fit.
+
+    The costly part of a pair, the logarithm, is then taken once for all directions that share a centre.
+    """
+    if not fits:
+        raise ValueError("no adaptation to evaluate")
+    kernel = fits[0].interpolant.kernel
+    if any(f.interpolant.kernel != kernel for f in fits):
+        raise ValueError("the adaptations have different kernels")
+    components = [c for f in fits for c in f.components]
+    if len(set(components)) != len(components):
+        raise ValueError(f"two adaptations hold one direction: {components}")
+    centers = np.vstack([f.interpolant.centers for f in fits])
+    first = first_coincident(centers)
+    keep = np.flatnonzero(first == np.arange(len(first)))
+    place = np.searchsorted(keep, first)
+    alpha, beta = np.zeros((4, 3)), np.zeros((len(keep), 3))
+    start = 0
+    for f in fits:
+        rows = place[start : start + len(f.interpolant.centers)]
+        columns = list(f.components)
+        beta[rows[:, None], columns] = f.interpolant.beta
+        alpha[:, columns] = f.interpolant.alpha
+        start += len(rows)
+    return Interpolant(kernel, centers[keep], beta, alpha)
 
 
 class Basis(Protocol):
@@ -121,7 +149,7 @@ def adapt(
     options: GreedyOptions,
     *,
     rule: Rule = Separated(),  # noqa: B008 - a frozen value
-    basis: Callable[[Problem, IndexArray], Basis] = Grown.of,
+    basis: Callable[[Problem, IndexArray], Basis] = CholeskyBasis.of,
     progress: Progress = silent,
 ) -> Adaptation:
     """Grow the centres from `initial` until a stopping rule holds.
@@ -141,7 +169,7 @@ def adapt(
     rule
         `Separated()` adds large blocks of sites that are no neighbours, `Worst()` is the paper's.
     basis
-        `Grown.of` extends one factor; `Resolved.of` solves again in every iteration, as the paper does.
+        `CholeskyBasis.of` extends one factor; `DirectBasis.of` solves again in every iteration, as the paper does.
     """
     _check_initial(initial, sites, options)
     history = History(options, progress, perf_counter())

@@ -7,12 +7,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from sdm_deflect.cases.case import Case, Deflection
 from sdm_deflect.cases.output import output_folder
-from sdm_deflect.cases.pipeline import run_case
 from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.registry import case_named
-from sdm_deflect.cases.run import Run
+from sdm_deflect.cases.sdm.case import Case, Deflection
+from sdm_deflect.cases.sdm.metrics import Run
+from sdm_deflect.cases.sdm.pipeline import run_case
+from sdm_deflect.cases.sdm.registry import case_named
 
 
 def elevator() -> Case:

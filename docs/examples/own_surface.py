@@ -9,13 +9,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from sdm_deflect.deform.volume.fused import displacement, fused, inside, prescribe
 
 from sdm_deflect.deform.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.rbf.greedy import GreedyOptions, adapt
 from sdm_deflect.deform.rbf.kernels import FloatArray, ThinPlateSpline
 from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.sites import DataSites, joined, pinned
-from sdm_deflect.deform.volume.fused import displacement, fused, inside, prescribe
 from sdm_deflect.deform.volume.hexahedron import box
 from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.vtu import read_vtu

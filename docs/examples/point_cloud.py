@@ -6,13 +6,13 @@ The flap is a plate behind its hinge line x = z = 0. Every other point is moved 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from sdm_deflect.deform.volume.fused import displacement, fused, inside
 
 from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, adapt
 from sdm_deflect.deform.rbf.kernels import FloatArray, ThinPlateSpline
 from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.sites import DataSites, pinned, univariate
 from sdm_deflect.deform.surface.axis import Axis
-from sdm_deflect.deform.volume.fused import displacement, fused, inside
 from sdm_deflect.deform.volume.hexahedron import Hexahedron, box
 
 CHORD, SPAN = 0.10, 0.30

@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from sdm_deflect.cases.deflect import deflect
 from sdm_deflect.cases.output import output_folder
-from sdm_deflect.cases.pipeline import background_mesh, combined, run_case
 from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.registry import case_named
-from sdm_deflect.cases.validate import validate
+from sdm_deflect.cases.sdm.pipeline import background_mesh, combined, run_case
+from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.sdm.validation import validate
 from tests.cases.deflected_cad import built
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.vtu import read_vtu, read_vtu_arrays
 

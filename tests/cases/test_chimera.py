@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.job import BLOCK, block_stations
 from sdm_deflect.cases.sdm.overset import has_donor, overlap
-from sdm_deflect.cases.zero_sites import BLOCK, block_stations
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 
 pytestmark = pytest.mark.mesher

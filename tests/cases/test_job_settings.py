@@ -6,9 +6,9 @@ from tomllib import loads
 
 import numpy as np
 import pytest
+from sdm_deflect.cases.own import Automatic, Blended, Listed, OnPatches, Rotation, TrailingEdge
 
 from sdm_deflect.cases.job_settings import JobSettings, angles_of, job_of, job_settings, read_job, with_options
-from sdm_deflect.cases.own import Automatic, Blended, Listed, OnPatches, Rotation, TrailingEdge
 from sdm_deflect.cases.settings import structured, to_toml
 from sdm_deflect.deform.errors import InputError
 

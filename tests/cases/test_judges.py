@@ -13,10 +13,9 @@ import pytest
 from skfem import Basis, ElementTetP1, MeshTet, condense, solve
 from skfem.models.poisson import laplace
 
-from sdm_deflect.cases.deflect import deflect
 from sdm_deflect.cases.export import export_run
-from sdm_deflect.cases.pipeline import combined
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.pipeline import combined
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from tests.cases import foam

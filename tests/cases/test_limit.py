@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from sdm_deflect.cases.case import LARGEST_ANGLE
-from sdm_deflect.cases.limit import attempt, find_limits, write_limits
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.limit import attempt, find_limits, write_limits
+from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.deform.volume.fitting import LARGEST_ANGLE
 from tests.pictures import pixels, share
 
 pytestmark = pytest.mark.mesher

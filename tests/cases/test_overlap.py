@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.case import Confinement
-from sdm_deflect.cases.confine import ConfinementError
-from sdm_deflect.cases.deflect import deflect
-from sdm_deflect.cases.overlap import check_disjoint, shared_depth
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.case import Confinement
+from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.volume.hexahedron import box
+from sdm_deflect.deform.volume.region import check_disjoint, shared_depth
 
 
 @pytest.mark.parametrize(("gap", "depth"), [(-0.4, 0.2), (0.0, 0.0), (0.6, -0.3)])
@@ -37,5 +36,5 @@ def test_overlapping_pair_is_named(make_mesh):
     mesh, _ = make_mesh(case)
     pair = [d for d in case.deflections if d.surface in ("tail_left", "rudder")]
     regions = [deflect(mesh, case, d, lambda text, fraction: None).turn.region for d in pair]
-    with pytest.raises(ConfinementError, match="hexahedra of tail_left and rudder overlap by"):
+    with pytest.raises(InputError, match="hexahedra of tail_left and rudder overlap by"):
         check_disjoint(regions)

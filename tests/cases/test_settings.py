@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sdm_deflect.cases.registry import CASES, case_named
+from sdm_deflect.cases.sdm.registry import CASES, case_named
 from sdm_deflect.cases.settings import assigned, changed, read_toml, resolve, structured, to_toml
 from sdm_deflect.deform.errors import InputError
 

@@ -7,11 +7,11 @@ import sys
 
 import numpy as np
 import pytest
-
-from sdm_deflect.cases.inspection import inspected
 from sdm_deflect.cases.own.api import deflect
 from sdm_deflect.cases.own.blended import Blended
 from sdm_deflect.cases.own.motion import Rotation
+
+from sdm_deflect.cases.inspection import inspected
 from sdm_deflect.deform.polyhedra import pyramids_of
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.geometry.datum import hinge_line

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.cli import main
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.study.measure import DEFAULT, GMRES, GROWN, LAPACK, filter_is_cheap, initial_centers, savings
 from sdm_deflect.cases.study.paper import Row, Setting, paper
 from sdm_deflect.cases.study.study import STUDIES, carry_out

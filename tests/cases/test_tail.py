@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.motion import axis_of
-from sdm_deflect.cases.tail import apex, fuselage_cylinder
+from sdm_deflect.cases.sdm.job import apex, axis_of, fuselage_cylinder
 from sdm_deflect.geometry.datum import ends
 from sdm_deflect.geometry.parameters import Fighter, Tail
 

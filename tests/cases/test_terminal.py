@@ -11,7 +11,7 @@ from sdm_deflect.cases.console import WIDTH, console, summary, verdict
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.progress import Bars, Lines, Silent, Stopwatch, shown
 from sdm_deflect.cases.report.data import report_data_of_folder
-from sdm_deflect.cases.validation import Check
+from sdm_deflect.deform.checks import Check
 
 ESCAPE = "\x1b"
 CHECKS = (

@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.case import Deflection
-from sdm_deflect.cases.deflect import deflect
-from sdm_deflect.cases.turn import turn_of
-from sdm_deflect.cases.validate import validate
-from sdm_deflect.cases.validation import Check, plane_deviation
+from sdm_deflect.cases.sdm.case import Deflection
+from sdm_deflect.cases.sdm.validation import plane_deviation, validate
+from sdm_deflect.deform.checks import Check
 from tests.cases.deflected_cad import built
 
 pytestmark = pytest.mark.mesher

@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.rbf.bases import Resolved
-from sdm_deflect.deform.rbf.factor import Grown
+from sdm_deflect.deform.rbf.bases import DirectBasis
+from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import SolveError, fit, krylov
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
@@ -34,7 +34,7 @@ def test_the_grown_factor_chooses_what_solving_afresh_chooses(kernel, columns, r
     initial = farthest(sites.points, 10)
     grown, resolved = (
         adapt(sites, kernel, initial, _options(n_add=n_add), rule=rule, basis=basis)
-        for basis in (Grown.of, Resolved.of)
+        for basis in (CholeskyBasis.of, DirectBasis.of)
     )
     assert grown.stop is Stop.CONVERGED
     assert np.array_equal(grown.chosen, resolved.chosen)
@@ -83,12 +83,12 @@ def test_gmres_chooses_the_same_centers():
     sites = _sites(n=200, columns=1)
     initial = farthest(sites.points, 10)
     direct = adapt(sites, KERNELS[0], initial, _options())
-    gmres = adapt(sites, KERNELS[0], initial, _options(), basis=partial(Resolved.of, solve=krylov(1e-12)))
+    gmres = adapt(sites, KERNELS[0], initial, _options(), basis=partial(DirectBasis.of, solve=krylov(1e-12)))
     assert np.array_equal(direct.chosen, gmres.chosen)
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=repr)
-@pytest.mark.parametrize("basis", [Grown.of, Resolved.of], ids=["grown", "resolved"])
+@pytest.mark.parametrize("basis", [CholeskyBasis.of, DirectBasis.of], ids=["grown", "resolved"])
 def test_the_result_is_the_interpolant_on_its_centers(kernel, basis):
     sites = _sites()
     a = adapt(sites, kernel, farthest(sites.points, 8), _options(), basis=basis)

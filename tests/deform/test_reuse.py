@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sdm_deflect.deform.rbf.bases import Kept, with_values
-from sdm_deflect.deform.rbf.factor import Grown
+from sdm_deflect.deform.rbf.bases import RecordingBasis, with_values
+from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import Problem
@@ -21,7 +21,7 @@ def field(points, phase):
 
 
 def basis(phase):
-    return Grown.of(Problem.of(DataSites(POINTS, field(POINTS, phase), (0, 1)), ThinPlateSpline()), ROWS)
+    return CholeskyBasis.of(Problem.of(DataSites(POINTS, field(POINTS, phase), (0, 1)), ThinPlateSpline()), ROWS)
 
 
 def test_other_values_give_the_interpolant_of_a_fresh_fit():
@@ -40,11 +40,17 @@ def test_a_basis_with_other_values_is_extended_like_a_fresh_one():
 def test_an_adaptation_keeps_its_last_basis_and_starts_again_from_it():
     kept = []
     sites = [DataSites(POINTS, field(POINTS, phase), (0, 1)) for phase in (0.2, 0.7)]
-    first = adapt(sites[0], ThinPlateSpline(), ROWS, OPTIONS, basis=lambda p, r: Kept(Grown.of(p, r), kept.append))
+    first = adapt(
+        sites[0],
+        ThinPlateSpline(),
+        ROWS,
+        OPTIONS,
+        basis=lambda p, r: RecordingBasis(CholeskyBasis.of(p, r), kept.append),
+    )
     assert np.array_equal(kept[0].chosen, first.chosen)
 
     def start(problem, rows):
-        return Kept(with_values(kept[0], problem.values), kept.append)
+        return RecordingBasis(with_values(kept[0], problem.values), kept.append)
 
     second = adapt(sites[1], ThinPlateSpline(), first.chosen, OPTIONS, basis=start)
     assert second.max_error < OPTIONS.tol_stop

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from sdm_deflect.deform.volume.fused import displacement, fused, inside, prescribe
 
 from sdm_deflect.deform.rbf.greedy import adapt
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
@@ -7,7 +8,6 @@ from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.selection import GreedyOptions
 from sdm_deflect.deform.rbf.sites import DataSites, joined, multivariate, pinned, univariate
 from sdm_deflect.deform.surface.axis import Axis
-from sdm_deflect.deform.volume.fused import displacement, fused, inside, prescribe
 from sdm_deflect.deform.volume.hexahedron import box
 
 REGION = box(np.array([0.0, -1.0, -1.0]), np.array([2.0, 2.0, 1.0]))

@@ -2,9 +2,8 @@
 
 import pytest
 
-from sdm_deflect.cases.deflect import deflect
 from sdm_deflect.cases.output import write_interpolants
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
 

@@ -4,10 +4,10 @@ import meshio
 import numpy as np
 import pytest
 import pyvista as pv
+from sdm_deflect.cases.own import deflect
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.own import deflect
-from sdm_deflect.cases.own.accept import accepted
+from sdm_deflect.meshing.adapters import accepted
 from sdm_deflect.meshing.mesh import TetMesh
 from tests.meshing.formats.examples import KINDS
 

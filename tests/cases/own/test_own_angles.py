@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from sdm_deflect.cases.own import Blended, Fitting, OnPatches, Rotation, deflect, sweep
 from sdm_deflect.cases.own.course import followed, sensitivity
 from sdm_deflect.cases.own.step import solve

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.own.box import Automatic, Given, Scene, frame
 from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.volume.box import Automatic, Given, Scene, frame
 
 rng = np.random.default_rng(2)
 FLAP = rng.uniform([0, 0, -0.05], [1, 3, 0.05], (200, 3))

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sdm_deflect.cases.own import deflect
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.own import deflect
-from sdm_deflect.cases.own.region import Region
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.volume.region import Region
 from tests.cases.own.blocks import joined
 from tests.meshing.formats.examples import hybrid
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sdm_deflect.cases.own.files import Targets, inputs_of, write_report, write_sensitivity
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.own.files import Targets, inputs_of, write_report, write_sensitivity
 from tests.meshing.formats.examples import hybrid
 
 BOTH = frozenset({"sensitivity", "json"})

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from sdm_deflect.cases.own import Blended, Listed, OnPatches, Rotation, Table, TrailingEdge, deflect
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.own import Blended, Listed, OnPatches, Rotation, Table, TrailingEdge, deflect
-from sdm_deflect.cases.own.motion import Moving
-from sdm_deflect.cases.own.surface import Surface
 from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.surface.motions import Moving
+from sdm_deflect.deform.surface.surface import Surface
 
 rng = np.random.default_rng(11)
 HINGE = Rotation.about([0.7, 0.0, 0.0], [0.7, 1.0, 0.0])
@@ -48,7 +48,7 @@ def test_a_wedge_between_hinge_and_trailing_edge_stays_plane():
     points = np.vstack([top, top * [1, 1, -1]])
     nodes = np.arange(len(points))
     ends = {"wedge": nodes, "hinge": nodes[points[:, 0] == 0.0], "edge": nodes[points[:, 0] == 1.0]}
-    from sdm_deflect.cases.own.accept import accepted
+    from sdm_deflect.meshing.adapters import accepted
 
     surface = Surface.of(accepted((points, ends)).subject, ("wedge",))
     about = Rotation.about([0, 0, 0], [0, 1, 0])
@@ -105,8 +105,8 @@ def test_a_table_that_is_none(content, match, tmp_path):
 
 
 def test_two_surfaces_turn_by_their_own_angles(hybrid_wing):
-    from sdm_deflect.cases.own.boundary import Boundary
-    from sdm_deflect.cases.own.job import Job
+    from sdm_deflect.deform.volume.boundary import Boundary
+    from sdm_deflect.deform.volume.job import Job
 
     subject = hybrid_wing.mesh
     one, two = Moving(("flap_upper",), HINGE, 10.0), Moving(("flap_base",), HINGE, -5.0)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from sdm_deflect.cases.own import deflect
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.own import deflect
-from sdm_deflect.cases.own.walls import Plane, Round, fitted
+from sdm_deflect.deform.volume.sliding import Plane, Round, fitted
 
 rng = np.random.default_rng(5)
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from sdm_deflect.cases.own import Job, Moving, Rotation, deflect_job
+
 from tests.cases.own.blocks import two_bodies
 
 LEFT = Rotation.about([-1.0, 0, 0], [-1.0, 1, 0])

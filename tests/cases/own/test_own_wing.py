@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from sdm_deflect.cases.own import Blended, Fitting, OnPatches, Rotation, deflect
+
 from tests.meshing.formats.examples import grid as vtk_grid
 
 WHOLE = ("wing_*", "flap_*")

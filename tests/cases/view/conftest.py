@@ -2,12 +2,10 @@
 
 import pytest
 
-from sdm_deflect.cases.deflect import Deflected, deflect, follow
-from sdm_deflect.cases.motions import mover
 from sdm_deflect.cases.output import write_deformation
-from sdm_deflect.cases.pipeline import combined
-from sdm_deflect.cases.registry import case_named
-from sdm_deflect.cases.turn import turn_of
+from sdm_deflect.cases.sdm.job import mover
+from sdm_deflect.cases.sdm.pipeline import combined
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.view.live import Live
 
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sdm_deflect.cases.view.stored import Stored
 
-from sdm_deflect.cases.confine import ConfinementError
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.view.live import Live
 from sdm_deflect.cases.view.span import Spans
-from sdm_deflect.cases.view.stored import Stored
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
@@ -104,7 +104,7 @@ def test_an_inverted_cell_is_not_verified(aileron):
 
 
 def test_a_motion_that_does_not_exist_is_refused(tail):
-    with pytest.raises(ConfinementError):
+    with pytest.raises(InputError):
         tail.at(45.0)
     for angle in (61.0, float("nan"), float("inf")):
         with pytest.raises(ValueError, match=r"outside -60 \.\.\. 60 deg"):
@@ -118,6 +118,6 @@ def test_the_spans_end_where_it_fails(tail):
         assert tail.at(angle).verified
     assert not tail.at(spans.verified.high + 0.5).verified
     for angle in (spans.possible.low - 0.5, spans.possible.high + 0.5):
-        with pytest.raises(ConfinementError):
+        with pytest.raises(InputError):
             tail.at(angle)
     assert "hexahedron" in spans.possible.below

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 from playwright import sync_api
 
-from sdm_deflect.cases.registry import case_named
+from sdm_deflect.cases.sdm.registry import case_named
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [

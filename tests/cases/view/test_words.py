@@ -6,13 +6,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.confine import ConfinementError
 from sdm_deflect.cases.view.control import Control, Wish
 from sdm_deflect.cases.view.histogram import BINS, histogram
 from sdm_deflect.cases.view.pieces import RED, Pieces
 from sdm_deflect.cases.view.section import Plane
 from sdm_deflect.cases.view.span import Span, Spans
 from sdm_deflect.cases.view.words import facts, parsed, verdict
+from sdm_deflect.deform.errors import InputError
 
 pytestmark = pytest.mark.mesher
 SPANS = Spans(Span(-26.5, 36.5, "it leaves its hexahedron", "its root misses the fuselage"), Span(-3.5, 12.0))
@@ -90,7 +90,7 @@ def test_an_angle_without_a_motion_leaves_the_picture_as_it_was(tail):
     control = Control.of(tail)
     wish = control.first()
     control.show(wish)
-    with pytest.raises(ConfinementError):
+    with pytest.raises(InputError):
         control.show(replace(wish, angle=45.0))
     assert control.shown == wish
     assert control.frame.angle == wish.angle

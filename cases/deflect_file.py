@@ -1,0 +1,119 @@
+"""`sdm deflect` carried out: read, deflect, write, all files or none."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from sdm_deflect.cases.mesh_files import Targets, read, write_mesh, write_sensitivity
+from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, verdict_figures
+from sdm_deflect.cases.output import output_folder
+from sdm_deflect.cases.progress import Stopwatch
+from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
+from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.touched import Layers
+from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
+from sdm_deflect.deform.volume.job import Job
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """One angle of a job, without the mesh: figures, quality by type, checks."""
+
+    angle: float
+    figures: Json = field(repr=False)
+    quality: tuple[Quality, ...]
+    layers: Layers | None
+    checks: tuple[Check, ...]
+    seconds: float
+
+    @classmethod
+    def of(cls, one: Deflection, min_quality: float) -> "Judged":
+        """Judge a deflection."""
+        checks = checks_of(one, min_quality)
+        return cls(one.angle, deflection_figures(one), one.quality, layers_of(one), checks, one.seconds)
+
+    @property
+    def passed(self) -> bool:
+        """True if every check holds."""
+        return all(check.passed for check in self.checks)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What was done, for the table at the end; the angles in the order in which they were computed."""
+
+    plan: Plan
+    angles: tuple[Judged, ...] = field(repr=False)
+    files: tuple[Path, ...]
+    lost: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """True if every check of every angle holds."""
+        return all(one.passed for one in self.angles)
+
+
+def planned(source: Path, job: Job, angles: Sequence[float], watch: Stopwatch) -> Plan:
+    """Read the mesh and decide everything, but fit and write nothing."""
+    with watch.stage("read") as progress:
+        mesh = read(source, progress)
+    with watch.stage("plan") as progress:
+        return Plan.of(mesh, job, angles, progress)
+
+
+def deflect_file(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float = MIN_QUALITY) -> Outcome:
+    """Deflect a mesh file to each angle; the files appear together at the end, or none of them."""
+    plan = planned(wanted.source, job, wanted.angles, watch)
+    found: list[Judged] = []
+    names: list[Path] = []
+    lost: tuple[str, ...] = ()
+    with output_folder(wanted.out.parent) as scratch:
+        results = sweep(plan, wanted.angles)
+        for _ in wanted.angles:
+            with watch.stage("deflect") as progress:
+                _, one = next(results)
+                progress(f"{one.angle:+g} {job.surfaces[0].motion.unit}", 1.0)
+            with watch.stage("quality"):
+                found.append(Judged.of(one, min_quality))
+            names.append(wanted.mesh(one.angle))
+            with watch.stage("write") as progress:
+                lost = write_mesh(wanted.source, plan.mesh, one.points, scratch / names[-1].name, progress)
+            if wanted.sensitive:
+                with watch.stage("sensitivity"):
+                    arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))
+                    unit = f"mesh length per {job.surfaces[0].motion.unit}"
+                    write_sensitivity(plan.mesh, one.points, one.sensitivity(), (arrays, picture), unit)
+    return Outcome(plan, tuple(found), tuple(names), lost)
+
+
+def plan_figures(plan: Plan) -> Json:
+    """Return what was decided before the fit, as JSON has it."""
+    region, sites = plan.region, plan.sites
+    return {
+        "mesh": mesh_figures(plan),
+        "box": {"corners": region.hexahedron.corners.tolist(), "why": region.box.why, "inside": len(region.inside)},
+        "sites": {"surface": len(sites.distinct), "fixed": len(sites.sampled), "tolerance": sites.tolerance},
+        "cells_touched": plan.touched.count,
+        "notes": list(notes_of(plan)),
+    }
+
+
+def figures(done: Outcome, watch: Stopwatch) -> Json:
+    """Return the figures of a job as JSON has them."""
+    return {
+        **plan_figures(done.plan),
+        "angles": [
+            {
+                "angle": one.angle,
+                "unit": done.plan.job.surfaces[0].motion.unit,
+                **one.figures,
+                "first_layer": asdict(one.layers) if one.layers else None,
+                "validation": verdict_figures(one.checks),
+            }
+            for one in sorted(done.angles, key=lambda one: one.angle)
+        ],
+        "files": [str(path) for path in done.files],
+        "lost": list(done.lost),
+        "passed": done.passed,
+        "timings": watch.seconds,
+    }

@@ -1,0 +1,154 @@
+"""The files of a deflection: what is read, what is written, and that neither overwrites what it should not."""
+
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray, Mesh
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.meshing.formats.openfoam import case_folder
+from sdm_deflect.meshing.formats.registry import FORMATS, format_of
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
+
+SENSITIVITY = "d_points_d_angle"
+RULE = "only the file that out names, and an earlier sensitivity, are replaced"
+
+
+@dataclass(frozen=True, slots=True)
+class Targets:
+    """Every file that a job writes.
+
+    Attributes
+    ----------
+    source : the mesh that is read.
+    out : the mesh that is written; a folder for OpenFOAM. With several angles, the names of all begin with it.
+    angles : distinct, in the order asked for.
+    sensitive : whether d(points)/d(angle) is written beside each mesh.
+    """
+
+    source: Path
+    out: Path
+    angles: tuple[float, ...]
+    sensitive: bool = False
+
+    @classmethod
+    def of(cls, source: Path, out: Path | None, angles: Sequence[float], sensitive: bool = False) -> "Targets":
+        """Return the targets of a job; `out` is beside the source if None. MeshFileError for an unknown format."""
+        chosen = out or _beside(source)
+        named = case_folder(chosen) if format_of(chosen) is FORMATS["openfoam"] else chosen
+        return cls(source, named, tuple(angles), sensitive)
+
+    def mesh(self, angle: float) -> Path:
+        """Return the mesh of one angle, such as ``wing-deflected_-12.su2`` where there are several."""
+        return self.out if len(self.angles) == 1 else self._named(f"_{angle:+}".removesuffix(".0"))
+
+    def sensitivity(self, angle: float) -> tuple[Path, Path]:
+        """Return the .npz and the .vtu of the sensitivity at one angle."""
+        own = replace(self, out=self.mesh(angle))
+        return own._named("-sensitivity", ".npz"), own._named("-sensitivity", ".vtu")
+
+    @property
+    def extra(self) -> tuple[Path, ...]:
+        """All files beside the meshes."""
+        return tuple(path for angle in self.angles for path in self.sensitivity(angle)) if self.sensitive else ()
+
+    def check(self, inputs: Sequence[Path] = ()) -> None:
+        """Refuse targets that would overwrite an input, one another, or a file that is not of an earlier job.
+
+        Raises
+        ------
+        InputError
+            Naming the first such target.
+        """
+        meshes = tuple(self.mesh(angle) for angle in self.angles)
+        seen: set[Path] = set()
+        for target in (*meshes, *self.extra):
+            if any(target.exists() and given.exists() and target.samefile(given) for given in (self.source, *inputs)):
+                raise InputError(f"{target}: this is a file that is read; name another one in out")
+            if target.resolve() in seen:
+                raise InputError(f"{target} would be written twice; choose another name in out")
+            seen.add(target.resolve())
+            if target.exists() and not self._replaced(target):
+                raise InputError(f"{target} exists already, and {RULE}; delete it, or choose another name in out")
+        if self._is_folder and self.out.resolve().is_relative_to(case_folder(self.source).resolve()):
+            raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
+
+    def _replaced(self, target: Path) -> bool:
+        """Whether what is there may be replaced."""
+        if target.is_dir():
+            return self._is_folder and not target.suffix[1:2].isalpha() and not any(target.iterdir())
+        if not target.is_file():
+            return False
+        return target == self.out or (target in self.extra and _is_ours(target))
+
+    def _named(self, tail: str, suffix: str | None = None) -> Path:
+        stem, own = (self.out.name, "") if self._is_folder else (self.out.stem, self.out.suffix)
+        return self.out.with_name(f"{stem}{tail}{own if suffix is None else suffix}")
+
+    @property
+    def _is_folder(self) -> bool:
+        return format_of(self.out) is FORMATS["openfoam"]
+
+
+def inputs_of(given: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
+    """Return the files that settings name, at any depth: tables, lists of nodes, boxes, relative to `folder`."""
+    found: list[Path] = []
+    for value in given.values():
+        for item in value if isinstance(value, list | tuple) else (value,):
+            if isinstance(item, Mapping):
+                found += inputs_of(item, folder)
+            elif isinstance(item, str | Path) and (folder / item).is_file():
+                found.append(folder / item)
+    return tuple(found)
+
+
+def read(path: Path, progress: Progress = silent) -> Mesh:
+    """Read a mesh file; MeshFileError, an error of one line, if that is impossible."""
+    mesh = format_of(path).read(path, progress)
+    return replace(mesh, name=path.resolve().name, source=str(path.resolve()))
+
+
+def write_mesh(
+    source: Path | None, mesh: Mesh, points: FloatArray, out: Path, progress: Progress = silent
+) -> tuple[str, ...]:
+    """Write the mesh with new points; return what the format of `out` cannot hold.
+
+    In the format of the source only coordinates change; all else in the file stays, byte by byte.
+    """
+    form = format_of(out)
+    if source and format_of(source) is form:
+        form.rewrite(source, points, out, progress)
+        return ()
+    return form.write(mesh.with_points(points), out, progress)
+
+
+def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tuple[Path, Path], unit: str) -> None:
+    """Write d(points)/d(angle): an .npz with the points, and a .vtu to look at."""
+    arrays, picture = out
+    np.savez_compressed(arrays, points=points, unit=np.array(unit), d_points_d_angle=rates)
+    write_vtu(picture, replace(mesh, points=points, patches=()), {SENSITIVITY: rates})
+
+
+def _beside(source: Path) -> Path:
+    if format_of(source) is not FORMATS["openfoam"]:
+        return source.with_name(f"{source.stem}-deflected{source.suffix}")
+    folder = case_folder(source)
+    named = folder if folder.name not in ("", "..") else folder.resolve()
+    return named.with_name(f"{named.name}-deflected")
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file is the sensitivity of an earlier job."""
+    try:
+        if path.suffix == ".npz":
+            with zipfile.ZipFile(path) as arrays:
+                return f"{SENSITIVITY}.npy" in arrays.namelist()
+        with path.open("rb") as file:
+            return f'Name="{SENSITIVITY}"'.encode() in file.read(1 << 12)
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return False

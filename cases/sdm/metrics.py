@@ -1,0 +1,115 @@
+"""What a run of a case produced, and its metrics.json."""
+
+from dataclasses import dataclass, field
+from importlib.metadata import version
+
+from sdm_deflect.cases.metrics import (
+    Json,
+    by_shape,
+    deflection_figures,
+    mesh_figures,
+    peak_rss_bytes,
+    verdict_figures,
+)
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.quality import Quality, mean_ratio, summarise
+from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.meshing.mesh import TetMesh
+
+
+@dataclass(frozen=True, slots=True)
+class MeshOrigin:
+    """How the undeflected mesh came to be: kept with it in the cache.
+
+    Attributes
+    ----------
+    boundary_to_cad_max : largest distance (m) of a boundary node from the CAD.
+    attempts, seconds : meshes tried until one passed verification, and the time they took.
+    """
+
+    boundary_to_cad_max: float
+    attempts: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """A finished case.
+
+    Attributes
+    ----------
+    mesh, deflected : the mesh before and after; same cells, same order.
+    origin : how the undeflected mesh came to be.
+    deflections : one entry per control surface.
+    whole_mesh_seconds : time to evaluate the first interpolant at every mesh node, for comparison.
+    checks : the validation.
+    seconds : per stage.
+    background : the mesh around a Chimera block; None without a block.
+    pinned : quality inside the hexahedron with a pinned instead of a sliding Chimera face, for comparison.
+    """
+
+    case: Case
+    mesh: TetMesh
+    origin: MeshOrigin
+    deflected: TetMesh
+    deflections: tuple[Deflection, ...]
+    whole_mesh_seconds: float
+    checks: tuple[Check, ...]
+    seconds: dict[str, float] = field(default_factory=dict)
+    background: TetMesh | None = None
+    pinned: Quality | None = None
+
+    @property
+    def passed(self) -> bool:
+        """True if every check passed."""
+        return all(check.passed for check in self.checks)
+
+
+def metrics(run: Run) -> Json:
+    """Return the content of metrics.json of a case (SI units, degrees)."""
+    case, first = run.case, run.deflections[0]
+    before, after = (summarise(mean_ratio(mesh.points, mesh.tets)) for mesh in (run.mesh, run.deflected))
+    surface = deflection_figures(first)
+    if run.pinned:
+        surface["quality_inside"]["after_pinned"] = by_shape([run.pinned])
+    return {
+        "case": case.name,
+        "scale": case.scale,
+        "angle_deg": case.angle,
+        "strategy": case.strategy,
+        "version": version("sdm-deflect"),
+        "mesh": {
+            **mesh_figures(first.plan),
+            "quality_min": before.min,
+            "boundary_to_cad_max": run.origin.boundary_to_cad_max,
+        },
+        **surface,
+        "evaluation": _evaluation(run),
+        "quality": {"before": _quality(before), "after": _quality(after), "inverted": after.inverted},
+        "validation": verdict_figures(run.checks),
+        "deflections": {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflections},
+        "timings": run.seconds,
+        "total_seconds": sum(run.seconds.values()),
+        "peak_rss_bytes": peak_rss_bytes(),
+    }
+
+
+def _evaluation(run: Run) -> Json:
+    """Return the time of the interpolants alone; compiled code is loaded before the clock starts."""
+    seconds = sum(step.evaluation_seconds for d in run.deflections for step in d.steps)
+    pairs = sum(
+        len(step.state.free) * len(fit.chosen) * len(fit.components)
+        for d in run.deflections
+        for step in d.steps
+        for fit in step.fits.adaptations
+    )
+    return {
+        "seconds": seconds,
+        "whole_mesh_seconds": run.whole_mesh_seconds,
+        "pairs_per_second": pairs / seconds if seconds else 0.0,
+    }
+
+
+def _quality(summary: Quality) -> Json:
+    return {name: getattr(summary, name) for name in ("min", "p01", "mean", "below_0_2", "below_0_4")}

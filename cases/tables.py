@@ -1,0 +1,115 @@
+"""What `sdm deflect` prints: the plan, and how each angle came out."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich import box
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from sdm_deflect.cases.console import verdict
+from sdm_deflect.cases.deflect_file import Judged, Outcome
+from sdm_deflect.cases.metrics import notes_of
+from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.volume.deflection import Plan
+
+
+def plan_table(plan: Plan) -> Group:
+    """Return patches with their part, the box, and what will be computed."""
+    table = _table(f"{plan.mesh.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
+    inside = plan.region.inside
+    for patch in plan.mesh.patches:
+        name, nodes = patch.name, patch.nodes
+        count = len(np.intersect1d(nodes, inside, assume_unique=True))
+        table.add_row(Text(name), Text(_part(plan, name)), str(len(nodes)), str(count))
+    return Group(table, *_texts(_lines(plan)))
+
+
+def result_table(done: Outcome) -> Group:
+    """Return the checks of a single angle, or a row for each of many, and what was written."""
+    plan, unit = done.plan, done.plan.job.surfaces[0].motion.unit
+    ordered = sorted(done.angles, key=lambda one: one.angle)
+    title = f"{plan.boundary.surfaces[0].named} of {plan.mesh.name}"
+    if len(ordered) == 1:
+        only = ordered[0]
+        body = [verdict(only.checks, f"{title}, {only.angle:+g} {unit}"), quality_table(plan.before, only.quality)]
+    else:
+        failed = [one for one in ordered if not one.passed]
+        body = [sweep_table(ordered, title), *(verdict(one.checks, f"{one.angle:+g} {unit}") for one in failed)]
+    extra = [one.seconds for one in done.angles[1:]]
+    speed = f"first angle {done.angles[0].seconds:.2f} s"
+    if extra:
+        speed += f", {sum(extra) / len(extra):.2f} s for each further one"
+    wrote = [f"wrote {', '.join(str(path) for path in done.files)}"] if done.files else []
+    last = "all validations passed" if done.passed else "A VALIDATION FAILED"
+    losses = [f"not held by this format: {text}" for text in done.lost]
+    return Group(*body, *_texts([*_lines(plan), *losses, speed, *wrote, last]))
+
+
+def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
+    """Return the quality of the touched cells before and after, by type."""
+    headings = ("cells", "min", "1 %", "mean", "inverted")
+    table = _table("cells with a node in the box: before, after", ("type", "measure"), headings)
+    for old, new in zip(before, after, strict=True):
+        pairs = [f"{a:.3f}, {b:.3f}" for a, b in ((old.min, new.min), (old.p01, new.p01), (old.mean, new.mean))]
+        table.add_row(old.shape, old.measure, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
+    return table
+
+
+def sweep_table(angles: Sequence[Judged], title: str) -> Table:
+    """Return one row for each angle."""
+    headings = ("angle", "steps", "centres", "site error", "least quality", "seconds", "verdict")
+    table = _table(title, (), headings)
+    for one in angles:
+        fits = one.figures["adaptation"]
+        centers = ", ".join(f"{name}: {fit['centers']}" for name, fit in fits.items())
+        error = max(fit["max_error"] for fit in fits.values())
+        least = min((quality.min for quality in one.quality), default=float("nan"))
+        table.add_row(
+            f"{one.angle:+g}",
+            str(one.figures["steps"]),
+            centers,
+            f"{error:.1e}",
+            f"{least:.3f}",
+            f"{one.seconds:.2f}",
+            Text("passed") if one.passed else Text("FAILED", style="bold"),
+        )
+    return table
+
+
+def _table(title: str, left: Sequence[str], right: Sequence[str]) -> Table:
+    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in (*left, *right):
+        table.add_column(heading, justify="left" if heading in left else "right", no_wrap=True)
+    return table
+
+
+def _texts(lines: Sequence[str]) -> list[Text]:
+    """Return lines in which brackets are brackets."""
+    return [Text(line) for line in lines]
+
+
+def _lines(plan: Plan) -> list[str]:
+    sites, region = plan.sites, plan.region
+    corners = region.hexahedron.corners
+    return [
+        f"box {region.box.why}; from {_point(corners[0])} to {_point(corners[7])}",
+        f"{len(region.inside)} of {len(plan.mesh.points)} nodes inside, {plan.touched.count} cells touched",
+        f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
+        f"{sum(map(len, sites.zero))} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
+        *(f"note: {note}" for note in notes_of(plan)),
+    ]
+
+
+def _point(corner: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{x:.4g}" for x in corner) + ")"
+
+
+def _part(plan: Plan, name: str) -> str:
+    for moving, surface in zip(plan.job.surfaces, plan.boundary.surfaces, strict=True):
+        if name in surface.patches:
+            return f"moves by {moving.amount:+g} {moving.motion.unit}"
+    if name in plan.boundary.fixed:
+        return "fixed"
+    return "slides" if name in plan.boundary.declared else "outside"

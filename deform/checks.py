@@ -1,0 +1,139 @@
+"""Checks that can fail: what must hold of a deflected mesh."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from sdm_deflect.deform.mesh import FloatArray, IntArray
+from sdm_deflect.deform.touched import Layers, first_layer
+from sdm_deflect.deform.volume.deflection import Deflection
+
+LAYER_CHANGE = 0.01  # of the first layer's height
+ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid
+MIN_QUALITY = 0.1  # of the undeflected mesh's least quality: what is left of it, unless asked otherwise
+
+Judgement = Literal["at most", "at least"]
+Verdict = Literal["passed", "FAILED", "not applicable"]
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One validation: a measured value beside what was asked.
+
+    Attributes
+    ----------
+    name : fixed name, with the surface appended when a case deflects several.
+    value, limit : in `unit`; the check passes if value <= limit ("at most") or value >= limit ("at least").
+    where : what was measured, over how many nodes, and where the worst one lies.
+    over : number of nodes or cells that were measured; over none the check is not applicable.
+    nodes, distances : (K,) the nodes and what was measured at each, where a map of it is worth drawing.
+    """
+
+    name: str
+    value: float
+    limit: float
+    unit: str
+    where: str
+    judgement: Judgement = "at most"
+    over: int = 1
+    nodes: IntArray | None = field(default=None, compare=False, repr=False)
+    distances: FloatArray | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def passed(self) -> bool:
+        """True if the value keeps its limit, or there was nothing to measure; nan never does."""
+        if not self.over:
+            return True
+        return self.value <= self.limit if self.judgement == "at most" else self.value >= self.limit
+
+    @property
+    def verdict(self) -> Verdict:
+        """The outcome in a word or two."""
+        if not self.over:
+            return "not applicable"
+        return "passed" if self.passed else "FAILED"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the check as JSON has it; a value that is no number is null."""
+        value = self.value if self.over and np.isfinite(self.value) else None
+        return {
+            "name": self.name,
+            "value": value,
+            "limit": self.limit,
+            "passed": self.passed,
+            "verdict": self.verdict,
+            "unit": self.unit,
+            "where": self.where,
+        }
+
+
+def worst(distances: FloatArray, points: FloatArray) -> str:
+    """Describe the largest of distances (N,) at points (N, 3): rms, count and place."""
+    if not distances.any():
+        return f"{len(distances)} nodes"
+    x, y, z = points[int(np.argmax(distances))]
+    rms = float(np.sqrt(np.mean(distances**2)))
+    return f"{len(distances)} nodes, rms {rms:.1e}, worst at ({x:.4f}, {y:.4f}, {z:.4f})"
+
+
+def layers_of(deflection: Deflection) -> Layers | None:
+    """Return how the first prism layer's height changed; None without prisms."""
+    return first_layer(deflection.plan.touched, deflection.plan.walls, deflection.points)
+
+
+def checks_of(deflection: Deflection, min_quality: float = MIN_QUALITY) -> tuple[Check, ...]:
+    """Return what must hold of the mesh at one angle.
+
+    Parameters
+    ----------
+    min_quality
+        Share of the undeflected mesh's least quality that the cells of each type must keep; 0: no such check.
+    """
+    return tuple(_checks(deflection, min_quality))
+
+
+def site_error(deflection: Deflection, unit: str = "") -> Check:
+    """Check that every data site is as near to its displacement as was asked."""
+    error, steps = max(step.error for step in deflection.steps), len(deflection.steps)
+    where = f"all data sites, {steps} step{'s' if steps > 1 else ''}"
+    return Check("site_error", error, deflection.plan.sites.tolerance, unit, where)
+
+
+def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
+    plan, points = deflection.plan, deflection.points
+    mesh, sites = plan.mesh, plan.sites
+    moved = np.abs(points - mesh.points).max(axis=1)
+    outside = np.ones(len(points), dtype=bool)
+    outside[plan.region.inside] = outside[plan.sites.moving] = False
+    yield _unmoved("outside_moved", moved[outside], "nodes outside the box")
+    yield _unmoved("fixed_surfaces_moved", moved[sites.fixed], "nodes inside the box")
+    yield site_error(deflection)
+    if mesh.cells:
+        limit = plan.touched.inverted_at(mesh.points)
+        where = f"of {plan.touched.count} cells with a node in the box" + (f", {limit} of them before" if limit else "")
+        yield Check("inverted_cells", deflection.inverted, limit, "cells", where, over=plan.touched.count)
+    if mesh.cells and min_quality:
+        yield from _quality_checks(deflection, min_quality)
+    for patch, nodes in zip(plan.boundary.sliding, sites.sliding, strict=True):
+        drift = np.abs(patch.surface.distance(points[nodes]) - patch.surface.distance(mesh.points[nodes]))
+        allowed, where = ON_SHAPE * plan.boundary.size, f"{len(nodes)} sliding nodes"
+        yield Check(f"on_{patch.patch}", float(drift.max(initial=0.0)), allowed, "", where, over=len(nodes))
+    layers = layers_of(deflection)
+    if layers:
+        where = f"{layers.edges} edges off the walls, from {layers.lowest:.3g}; 99 % within {layers.p99:.2e}"
+        yield Check("first_layer", layers.largest, LAYER_CHANGE, "", where)
+
+
+def _quality_checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
+    """Check that the touched cells of each type keep a share of the least quality that they had."""
+    for old, new in zip(deflection.plan.before, deflection.quality, strict=True):
+        where = f"{new.measure} of {new.cells} cells ({new.shape}), {old.min:.3f} before"
+        limit = min_quality * max(old.min, 0.0)
+        yield Check(f"quality_min:{new.shape}", new.min, limit, "", where, "at least")
+
+
+def _unmoved(name: str, moved: FloatArray, what: str) -> Check:
+    """Check that nodes which moved by (K,) did not move by a single bit."""
+    return Check(name, float(moved.max(initial=0.0)), 0.0, "", f"{len(moved)} {what}", over=len(moved))

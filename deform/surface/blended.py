@@ -1,0 +1,164 @@
+"""A surface blended between nodes that stay and nodes that follow a motion (appendix A)."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.rbf.kernels import Multiquadric
+from sdm_deflect.deform.rbf.points import farthest
+from sdm_deflect.deform.surface.appendix_a import blend, blend_strip
+from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.surface.motions import Motion, MotionLaw
+from sdm_deflect.deform.surface.surface import NodeSet, OnPatches, Surface, TrailingEdge
+
+MOST = 800  # nodes of either kind that a direct solve takes in a moment
+NEAR = 0.35  # of the largest distance from the hinge: held nodes beyond are on a rib
+LINEAR = 1e5  # shape parameter times the surface's size: the multiquadric is then linear in r
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rib:
+    """Where a surface ends at a parent without a gap, and how it is blended there.
+
+    Attributes
+    ----------
+    nodes : held nodes on ribs; None: those far from the hinge.
+    share : width of the strip that is blended spanwise, as a share of the surface's length along `direction`.
+    width : the same as a length; 0: from the share.
+    direction : (3,) direction in which the strip is measured; None: the hinge's.
+    """
+
+    nodes: NodeSet | None = None
+    share: float = 0.2
+    width: float = 0.0
+    direction: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.share <= 1.0 and 0.0 <= self.width < np.inf):
+            raise InputError(f"strip = {self.width or self.share} must be a positive width, as a share at most 1")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blended:
+    """Between held nodes and driven ones, by a multiquadric that is linear in the distance.
+
+    Held nodes far from the hinge are on a rib without a gap: there a strip of the surface is blended spanwise, and
+    beyond it planar faces stay planar (appendix A).
+
+    Attributes
+    ----------
+    base : the motion of the driven nodes.
+    held : nodes that stay; by default those shared with other patches.
+    driven : nodes that follow; by default the sharp edges far from the hinge.
+    rib : what happens beside closed ribs.
+    hinge_nodes : held nodes from which the surface is blended chordwise; None: those near the hinge.
+    epsilon : shape parameter of the multiquadric, 1/length; 0: `LINEAR` over the surface's size.
+    """
+
+    base: Motion
+    held: NodeSet = field(default_factory=OnPatches)
+    driven: NodeSet = field(default_factory=TrailingEdge)
+    rib: Rib = field(default_factory=Rib)
+    hinge_nodes: NodeSet | None = None
+    epsilon: float = 0.0
+
+    @property
+    def unit(self) -> str:
+        """Unit of the amount."""
+        return self.base.unit
+
+    @property
+    def axis(self) -> Axis | None:
+        """The hinge."""
+        return self.base.axis
+
+    def law(self, surface: Surface) -> "BlendedLaw":
+        """Sort the surface's nodes.
+
+        Raises
+        ------
+        InputError
+            If no node stays or none follows, or the strips beside ribs cover the whole surface.
+        """
+        hinge, points = self.base.axis, surface.points
+        if hinge is None:
+            raise InputError(f"{surface.named}: a blended motion needs a hinge")
+        held = self.held.of(surface, hinge)
+        driven = self.driven.of(surface, hinge) & ~held
+        for mask, what in ((held, "nodes that stay, such as its hinge edge"), (driven, "nodes that follow the motion")):
+            if not mask.any():
+                raise InputError(f"{surface.named}: found no {what}; name a patch or give a list of nodes")
+        reach = np.linalg.norm(hinge.radial(points), axis=1)
+        given = self.hinge_nodes.of(surface, hinge) if self.hinge_nodes else held & (reach <= NEAR * reach.max())
+        front = given & held if (given & held).any() else held
+        ribs = self.rib.nodes.of(surface, hinge) if self.rib.nodes else held & ~front
+        strip = _strip(self.rib, points, ribs, hinge)
+        if strip.all():
+            raise InputError(
+                f"{surface.named}: all of it lies beside a rib that stays: lower the strip's width"
+            )
+        kernel = Multiquadric(self.epsilon or LINEAR / float(np.ptp(points, axis=0).max()))
+        return BlendedLaw(self.base.law(surface), points, held, driven, front, strip, kernel)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlendedLaw:
+    """A blended motion of points (K, 3).
+
+    Attributes
+    ----------
+    base : the motion of the driven nodes.
+    held, driven, front : (K,) nodes that stay, that follow, and those from which the surface is blended chordwise.
+    strip : (K,) nodes beside closed ribs, blended spanwise.
+    kernel : the multiquadric.
+    """
+
+    base: MotionLaw
+    points: FloatArray = field(repr=False)
+    held: BoolArray = field(repr=False)
+    driven: BoolArray = field(repr=False)
+    front: BoolArray = field(repr=False)
+    strip: BoolArray = field(repr=False)
+    kernel: Multiquadric
+
+    @property
+    def exact(self) -> BoolArray:
+        """Nodes (K,) beyond the strips beside closed ribs."""
+        return ~self.strip
+
+    def displacement(self, amount: float) -> FloatArray:
+        """Return how far each node (K, 3) moves."""
+        return self._spread(self.base.displacement(amount))
+
+    def rate(self, amount: float) -> FloatArray:
+        """Return the derivative (K, 3); blending is linear, so it is the blended derivative."""
+        return self._spread(self.base.rate(amount))
+
+    def _spread(self, full: FloatArray) -> FloatArray:
+        """Blend between zero at the held nodes and `full` (K, 3) at the driven ones."""
+        points, rows = self.points, _thinned(self.points, self.driven)
+        out = blend(points, points[_thinned(points, self.front)], points[rows], full[rows], self.kernel)
+        out[self.driven] = full[self.driven]
+        if self.strip.any():
+            out = blend_strip(points, self.strip, out, points[_thinned(points, self.held)], self.kernel)
+        out[self.held] = 0.0
+        return out
+
+
+def _strip(rib: Rib, points: FloatArray, ribs: BoolArray, hinge: Axis) -> BoolArray:
+    """Return which of points (K, 3) lie within the strips beside the ribs (K,)."""
+    if not ribs.any():
+        return np.zeros(len(points), dtype=bool)
+    station = points @ (hinge.direction if rib.direction is None else rib.direction)
+    ends = np.concatenate([[-np.inf], np.unique(station[ribs]), [np.inf]])
+    after = np.searchsorted(ends, station)
+    gap = np.minimum(station - ends[after - 1], ends[after] - station)
+    return np.asarray(gap < (rib.width or rib.share * float(np.ptp(station))))
+
+
+def _thinned(points: FloatArray, mask: BoolArray) -> IntArray:
+    """Return rows of a mask, at most MOST of them, evenly spread."""
+    rows = np.flatnonzero(mask)
+    return rows[farthest(points[rows], MOST)] if len(rows) > MOST else rows

@@ -1,0 +1,220 @@
+"""How a surface moves: values that give the displacement of its nodes, and its derivative, for any amount.
+
+A motion has one number, its amount: degrees of a rotation, or the share of a table of displacements. Put on a surface
+it becomes a law, which has done all that does not depend on the amount.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import BoolArray, FloatArray
+from sdm_deflect.deform.rbf.interpolant import fit
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.points import farthest, first_coincident
+from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.deform.volume.fitting import LARGEST_ANGLE
+
+MOST = 3000  # points of a table that a direct solve takes
+
+
+class MotionLaw(Protocol):
+    """A motion on one surface of K nodes."""
+
+    @property
+    def exact(self) -> BoolArray:
+        """Which nodes (K,) keep the surface's own shape: not those that connect it to what stays."""
+        ...
+
+    def displacement(self, amount: float) -> FloatArray:
+        """Return how far each node (K, 3) moves."""
+        ...
+
+    def rate(self, amount: float) -> FloatArray:
+        """Return the derivative (K, 3) of the displacement with respect to the amount."""
+        ...
+
+
+class Motion(Protocol):
+    """The prescribed motion of a surface's nodes."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of the amount."""
+        ...
+
+    @property
+    def axis(self) -> Axis | None:
+        """The hinge, if there is one."""
+        ...
+
+    def law(self, surface: Surface) -> MotionLaw:
+        """Return the motion of a surface's nodes as a function of the amount."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rotation:
+    """Rigid rotation about a hinge, right-handed from its first point to its second.
+
+    Looking from the first point to the second, a positive angle turns clockwise.
+    """
+
+    axis: Axis
+
+    @classmethod
+    def about(cls, first: FloatArray, second: FloatArray) -> "Rotation":
+        """Take the hinge through two points (3,); InputError if they coincide or are no points."""
+        try:
+            a, b = (np.asarray(point, dtype=np.float64) for point in (first, second))
+        except (TypeError, ValueError):
+            raise InputError(f"hinge = {first}, {second}: must be two points of three numbers") from None
+        if a.shape != (3,) or b.shape != (3,) or not np.isfinite([a, b]).all():
+            raise InputError(f"hinge = {first}, {second}: must be two points of three numbers")
+        if np.linalg.norm(b - a) <= 1e-12 * max(np.abs([a, b]).max(), 1e-300):
+            raise InputError(f"the hinge has no length: both its points are at {', '.join(f'{x:g}' for x in a)}")
+        return cls(Axis.through(a, b))
+
+    @property
+    def unit(self) -> str:
+        """Unit of the amount."""
+        return "deg"
+
+    def law(self, surface: Surface) -> "RotationLaw":
+        """Return the rotation of a surface's nodes."""
+        return RotationLaw(self.axis, surface.points)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RotationLaw:
+    """Rigid rotation of points (K, 3)."""
+
+    axis: Axis
+    points: FloatArray = field(repr=False)
+
+    @property
+    def exact(self) -> BoolArray:
+        """All nodes (K,)."""
+        return np.ones(len(self.points), dtype=bool)
+
+    def displacement(self, amount: float) -> FloatArray:
+        """Return (R - 1)(p - a) by Rodrigues' formula."""
+        return self.axis.displacement(self.points, amount)
+
+    def rate(self, amount: float) -> FloatArray:
+        """Return direction x (rotated p - a) in length units per degree."""
+        arm = self.axis.rotated(self.points, amount) - self.axis.point
+        return np.asarray(np.radians(1.0) * np.cross(self.axis.direction, arm))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """Displacements known at points of another mesh, such as those of a structure under load: bending and torsion.
+
+    Thin plate splines bring them onto the surface.
+
+    Attributes
+    ----------
+    points, vectors : (P, 3) each, in the mesh's unit of length.
+    hinge : an axis along the surface, where the box should follow one.
+    """
+
+    points: FloatArray = field(repr=False)
+    vectors: FloatArray = field(repr=False)
+    hinge: Axis | None = None
+
+    def __post_init__(self) -> None:
+        if self.points.ndim != 2 or self.points.shape[1:] != (3,) or self.points.shape != self.vectors.shape:
+            raise InputError(f"table: points {self.points.shape} and vectors {self.vectors.shape} must be (P, 3) both")
+        if len(self.points) < 4 or not (np.isfinite(self.points).all() and np.isfinite(self.vectors).all()):
+            raise InputError(f"table: {len(self.points)} points; it needs at least 4, all finite")
+
+    @classmethod
+    def read(cls, path: Path, hinge: Axis | None = None) -> "Table":
+        """Read a .csv of x, y, z, dx, dy, dz with a line of titles, or an .npz with `points` and `vectors`.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read as one of these.
+        """
+        try:
+            if path.suffix == ".npz":
+                with np.load(path, allow_pickle=False) as arrays:
+                    return cls(arrays["points"].astype(float), arrays["vectors"].astype(float), hinge)
+            rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+            if rows.shape[1] != 6:
+                raise ValueError(f"rows of {rows.shape[1]} numbers instead of x, y, z, dx, dy, dz")
+            return cls(rows[:, :3], rows[:, 3:], hinge)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        except (OSError, KeyError, ValueError, IndexError) as error:
+            raise InputError(f"{path}: no table of points and displacements: {error}") from None
+
+    @property
+    def unit(self) -> str:
+        """Unit of the amount: the whole table is 1."""
+        return "of the table"
+
+    @property
+    def axis(self) -> Axis | None:
+        """The axis along the surface, if given."""
+        return self.hinge
+
+    def law(self, surface: Surface) -> "TableLaw":
+        """Interpolate the table at a surface's nodes."""
+        rows = np.flatnonzero(first_coincident(self.points) == np.arange(len(self.points)))
+        rows = rows[farthest(self.points[rows], MOST)] if len(rows) > MOST else rows
+        return TableLaw(fit(ThinPlateSpline(), self.points[rows], self.vectors[rows])(surface.points))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TableLaw:
+    """A share of fixed vectors (K, 3)."""
+
+    vectors: FloatArray = field(repr=False)
+
+    @property
+    def exact(self) -> BoolArray:
+        """All nodes (K,)."""
+        return np.ones(len(self.vectors), dtype=bool)
+
+    def displacement(self, amount: float) -> FloatArray:
+        """Return the share `amount` of the vectors."""
+        return np.asarray(amount * self.vectors)
+
+    def rate(self, amount: float) -> FloatArray:
+        """Return the vectors."""
+        del amount
+        return self.vectors
+
+
+@dataclass(frozen=True, slots=True)
+class Moving:
+    """Patches that move together, and how far.
+
+    Attributes
+    ----------
+    patches : names or wildcards.
+    motion : how.
+    amount : degrees, or the share of a table.
+    """
+
+    patches: tuple[str, ...]
+    motion: Motion
+    amount: float
+
+    def __post_init__(self) -> None:
+        if not self.patches:
+            raise InputError("no surface to move: name one")
+        if not abs(self.amount) < np.inf:
+            raise InputError(f"angle = {self.amount} of {', '.join(self.patches)} is not a number")
+        if self.motion.unit == "deg" and abs(self.amount) > LARGEST_ANGLE:
+            raise InputError(
+                f"angle = {self.amount:g} deg of {', '.join(self.patches)} is out of range: "
+                f"at most {LARGEST_ANGLE:g} deg either way"
+            )

@@ -1,0 +1,130 @@
+"""A surface that moves, and ways to say which of its nodes are meant."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from sdm_deflect.deform.edges import polygons_of, sharp_edges
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
+from sdm_deflect.deform.surface.axis import Axis
+
+FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are the trailing edge
+ALONG = 0.5  # cosine between an edge and the hinge above which the edge runs along it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """The nodes of some patches.
+
+    Attributes
+    ----------
+    patches : their names.
+    nodes : (K,) sorted node indices.
+    mesh : the whole mesh.
+    """
+
+    patches: tuple[str, ...]
+    nodes: IntArray = field(repr=False)
+    mesh: Mesh = field(repr=False)
+
+    @classmethod
+    def of(cls, mesh: Mesh, names: Sequence[str]) -> "Surface":
+        """Collect the nodes of patches; InputError for a name that is none, and where there are no nodes."""
+        patches = mesh.named(names, "the surface")
+        nodes = mesh.on(*patches)
+        if not len(nodes):
+            raise InputError(f"{mesh.name}: {', '.join(patches)} has no nodes")
+        return cls(patches, nodes, mesh)
+
+    @property
+    def points(self) -> FloatArray:
+        """Undeflected coordinates (K, 3)."""
+        return self.mesh.points[self.nodes]
+
+    @property
+    def named(self) -> str:
+        """Its patches, for messages."""
+        return ", ".join(self.patches)
+
+    def on(self, names: Sequence[str]) -> BoolArray:
+        """Return which of the nodes (K,) also lie on the named patches."""
+        return np.isin(self.nodes, self.mesh.on(*names), assume_unique=True)
+
+    @property
+    def neighbours(self) -> tuple[str, ...]:
+        """Other patches that share nodes with it."""
+        others = [name for name in self.mesh.names if name not in self.patches]
+        return tuple(name for name in others if self.on([name]).any())
+
+
+class NodeSet(Protocol):
+    """Says which nodes of a surface are meant."""
+
+    def of(self, surface: Surface, hinge: Axis) -> BoolArray:
+        """Return a mask (K,) over the surface's nodes."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class OnPatches:
+    """Nodes that also lie on these patches: neighbours, or some of the surface's own; none named: any neighbour.
+
+    A wildcard stands for neighbours only: the surface's own patches are to be named in full.
+    """
+
+    names: tuple[str, ...] = ()
+
+    def of(self, surface: Surface, hinge: Axis) -> BoolArray:
+        """Return a mask (K,) over the surface's nodes."""
+        del hinge
+        if not self.names:
+            return surface.on(surface.neighbours)
+        names = surface.mesh.named(self.names, "a node set")
+        return surface.on([name for name in names if name in self.names or name not in surface.patches])
+
+
+@dataclass(frozen=True, slots=True)
+class TrailingEdge:
+    """Sharp edges that run along the hinge, far from it.
+
+    Parameters
+    ----------
+    dihedral
+        Degrees by which the faces turn at the edge, at least.
+    """
+
+    dihedral: float = 40.0
+
+    def of(self, surface: Surface, hinge: Axis) -> BoolArray:
+        """Return a mask (K,) over the surface's nodes."""
+        points, faces = surface.mesh.points, surface.mesh.faces_of(surface.patches)
+        edges = sharp_edges(points, polygons_of(faces), self.dihedral)
+        vectors = points[edges[:, 1]] - points[edges[:, 0]]
+        along = np.abs(vectors @ hinge.direction) > ALONG * np.linalg.norm(vectors, axis=1)
+        reach = np.linalg.norm(hinge.radial(surface.points), axis=1)
+        far = surface.nodes[reach > FAR * reach.max()]
+        return np.isin(surface.nodes, np.intersect1d(edges[along], far), assume_unique=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Listed:
+    """Nodes given by their indices in the mesh, counted from 0."""
+
+    nodes: IntArray
+
+    @classmethod
+    def read(cls, path: Path) -> "Listed":
+        """Read node indices, counted from 0, from a text file."""
+        try:
+            return cls(np.loadtxt(path, dtype=np.intp, ndmin=1))
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: no list of node indices: {error}") from None
+
+    def of(self, surface: Surface, hinge: Axis) -> BoolArray:
+        """Return a mask (K,) over the surface's nodes."""
+        del hinge
+        return np.isin(surface.nodes, self.nodes)

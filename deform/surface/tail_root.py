@@ -1,0 +1,131 @@
+"""An all-moving surface on a cylindrical body: its root stays on the body, whose panel follows (appendix A)."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import BoolArray, FloatArray
+from sdm_deflect.deform.rbf.kernels import Multiquadric
+from sdm_deflect.deform.surface.appendix_a import elongate, slide_panel
+from sdm_deflect.deform.surface.axis import Axis, Cylinder
+from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.deform.volume.hexahedron import Hexahedron, box
+
+DIFFERENCE = 0.05  # deg, of the fourth-order central difference: its error is below 1e-12 of the radius
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RootOnCylinder:
+    """Rotation of a tail whose root line slides on a cylinder, with the panel around it.
+
+    Every plane of the tail contains the apex of its trapezoid, so a node that slides along its ray to the (rotated)
+    apex stays on its planes: the root line slides until it meets the cylinder, and a multiquadric of that sliding
+    distance extends the root region (the paper interpolates the displacement vector, which leaves the planes by what
+    the blending is not affine). The panel follows by thin plate splines between root line and border, then radially
+    back onto the cylinder.
+
+    Attributes
+    ----------
+    hinge : the axis of rotation.
+    cylinder : the body.
+    apex : (3,) where the tail's planes meet.
+    panel : patches of the body that follow; all other patches of the surface rotate.
+    within : panel nodes outside stay.
+    depth : length of the root region that is extended, outboard of the root line.
+    epsilon : shape parameter of the multiquadric, 1/length.
+    """
+
+    hinge: Axis
+    cylinder: Cylinder
+    apex: FloatArray
+    panel: tuple[str, ...]
+    within: Hexahedron = field(repr=False)
+    depth: float
+    epsilon: float = 1e4
+
+    @property
+    def unit(self) -> str:
+        """Unit of the amount."""
+        return "deg"
+
+    @property
+    def axis(self) -> Axis:
+        """The hinge."""
+        return self.hinge
+
+    def law(self, surface: Surface) -> "RootLaw":
+        """Sort the surface's nodes into tail, root line, panel and the panel's border."""
+        mesh = surface.mesh
+        tail = surface.on([name for name in surface.patches if name not in self.panel])
+        panel = surface.on(self.panel)
+        border = surface.on([name for name in mesh.names if name not in self.panel])
+        stays = panel & ~tail & (border | ~self.within.contains(surface.points))
+        if not (tail & panel).any():
+            raise InputError(f"{surface.named}: the surface and its panel share no node")
+        return RootLaw(self, surface.points, tail, panel, stays)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RootLaw:
+    """The motion of points (K, 3): masks (K,) of the tail, of its panel, and of the panel's nodes that stay."""
+
+    motion: RootOnCylinder
+    points: FloatArray = field(repr=False)
+    tail: BoolArray = field(repr=False)
+    panel: BoolArray = field(repr=False)
+    stays: BoolArray = field(repr=False)
+
+    @property
+    def exact(self) -> BoolArray:
+        """Nodes (K,) of the tail."""
+        return self.tail
+
+    def displacement(self, amount: float) -> FloatArray:
+        """Return how far each node (K, 3) moves.
+
+        Raises
+        ------
+        InputError
+            If the tail turns so far that its root misses the cylinder.
+        """
+        motion, out = self.motion, np.zeros_like(self.points)
+        rotated = motion.hinge.rotated(self.points[self.tail], amount)
+        apex = motion.hinge.rotated(motion.apex[None], amount)[0]
+        root = self.panel[self.tail]
+        out[self.tail] = rotated + _extension(motion, rotated, root, apex) - self.points[self.tail]
+        both = self.tail & self.panel
+        follow = self.panel & ~both & ~self.stays
+        values = slide_panel(
+            self.points[self.panel], motion.cylinder, self.points[both], out[both], self.points[self.stays]
+        )
+        out[follow] = values[follow[self.panel]]
+        return out
+
+    def rate(self, amount: float) -> FloatArray:
+        """Return the derivative (K, 3), by a central difference of fourth order."""
+        near, far = (
+            self.displacement(amount + k * DIFFERENCE) - self.displacement(amount - k * DIFFERENCE) for k in (1, 2)
+        )
+        return np.asarray((8.0 * near - far) / (12.0 * DIFFERENCE))
+
+
+def _extension(motion: RootOnCylinder, rotated: FloatArray, root: BoolArray, apex: FloatArray) -> FloatArray:
+    """Return the displacement (T, 3) that extends the rotated tail (T, 3) onto the cylinder along rays to its apex.
+
+    The root nodes slide until they meet the cylinder. Nodes within `depth` outboard of them slide by a multiquadric of
+    that distance, which is zero at the tip-facing end of the root region.
+    """
+    rays = (apex - rotated) / np.linalg.norm(apex - rotated, axis=1, keepdims=True)
+    try:
+        onto = motion.cylinder.projected_along(rotated[root], rays[root]) - rotated[root]
+    except ValueError as error:
+        raise InputError(f"the tail turns so far that its root misses the fuselage: {error}") from None
+    distances = np.einsum("ij,ij->i", onto, rays[root])[:, None]
+    low, high = rotated[root].min(axis=0) - motion.depth, rotated[root].max(axis=0) + motion.depth
+    region, tip = box(low, high), "y-" if rotated[root][:, 1].mean() < 0.0 else "y+"
+    still = region.sites_on(tip, 0.25 * motion.depth)
+    kernel = Multiquadric(motion.epsilon)
+    extension = elongate(rotated, region, rotated[root], distances, still, kernel) * rays
+    extension[root] = onto
+    return np.asarray(extension)

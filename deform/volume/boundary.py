@@ -1,0 +1,169 @@
+"""The nodes whose displacement is known: those that move, those that stay, those that slide."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
+from sdm_deflect.deform.surface.motions import MotionLaw
+from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.sliding import SlidingPatch
+
+SAME = 1e-9  # of the moving surfaces' size: lengths below are zero
+ON_SHAPE = 1e-6  # of it: a moving node this near to a sliding shape is put on it
+KEPT = 32  # displacements of different amounts, each of which may take a fit
+Amounts = tuple[float, ...]
+"""Amount of each moving surface: degrees, or the share of a table."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Boundary:
+    """Moving, fixed and sliding nodes of the whole mesh; a node that is several of these moves, else stays.
+
+    Attributes
+    ----------
+    job : what is asked.
+    mesh : the mesh.
+    surfaces, laws : the moving surfaces and their motions, in the job's order.
+    nodes : (K,) sorted indices of their nodes, each once.
+    fixed : patches that stay.
+    fixed_nodes : (F,) sorted indices of the nodes of fixed patches that do not move.
+    sliding : sliding patches.
+    size : largest extent of the moving nodes.
+    """
+
+    job: Job
+    mesh: Mesh = field(repr=False)
+    surfaces: tuple[Surface, ...]
+    laws: tuple[MotionLaw, ...] = field(repr=False)
+    nodes: IntArray = field(repr=False)
+    fixed: tuple[str, ...]
+    fixed_nodes: IntArray = field(repr=False)
+    sliding: tuple[SlidingPatch, ...]
+    size: float
+    _known: dict[Amounts, FloatArray] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, mesh: Mesh, job: Job) -> "Boundary":
+        """Sort the patches of a mesh; InputError for names that are no patches, or that are given two parts."""
+        surfaces = tuple(Surface.of(mesh, moving.patches) for moving in job.surfaces)
+        moves = [name for surface in surfaces for name in surface.patches]
+        slides = {name: one.shape for one in job.slides for name in mesh.named([one.patch], "slide")}
+        fixed = tuple(
+            name for name in mesh.named(job.fixed, "fixed") if name in job.fixed or name not in (*moves, *slides)
+        )
+        _check_parts(mesh, moves, fixed, slides)
+        laws = tuple(moving.motion.law(surface) for moving, surface in zip(job.surfaces, surfaces, strict=True))
+        nodes = np.unique(np.concatenate([surface.nodes for surface in surfaces]))
+        sliding = tuple(SlidingPatch.of(mesh, name, shape) for name, shape in slides.items())
+        fixed_nodes = np.setdiff1d(mesh.on(*fixed), nodes, assume_unique=True)
+        size = float(np.ptp(mesh.points[nodes], axis=0).max())
+        return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, size)
+
+    @property
+    def declared(self) -> tuple[str, ...]:
+        """Every patch that the job names."""
+        moving = tuple(name for surface in self.surfaces for name in surface.patches)
+        return (*moving, *self.fixed, *(one.patch for one in self.sliding))
+
+    def displacement(self, amounts: Amounts) -> FloatArray:
+        """Return how far each of `nodes` (K, 3) moves, each of them once.
+
+        Raises
+        ------
+        InputError
+            If two surfaces move a shared node differently, a node shared with a fixed patch moves, or one shared
+            with a sliding patch leaves its shape.
+        """
+        if amounts not in self._known:
+            parts = [law.displacement(amount) for law, amount in zip(self.laws, amounts, strict=True)]
+            out = self._joined(parts, "move differently")
+            self._check_fixed(out)
+            out[self.shared_with_fixed] = 0.0
+            for patch, rows in self._on_sliding():
+                out[rows] = self._projected(patch, rows, out[rows])
+            out.flags.writeable = False
+            if len(self._known) >= KEPT:
+                self._known.clear()
+            self._known[amounts] = out
+        return self._known[amounts]
+
+    def rate(self, amounts: Amounts, ratios: Sequence[float]) -> FloatArray:
+        """Return the derivative (K, 3) of the displacement when each amount changes at its ratio."""
+        parts = [ratio * law.rate(amount) for law, amount, ratio in zip(self.laws, amounts, ratios, strict=True)]
+        out, displacement = self._joined(parts, "move at different rates"), self.displacement(amounts)
+        out[self.shared_with_fixed] = 0.0
+        points = self.mesh.points[self.nodes]
+        for patch, rows in self._on_sliding():
+            out[rows] = patch.surface.rate(points[rows], displacement[rows], out[rows])
+        return out
+
+    @property
+    def shared_with_fixed(self) -> BoolArray:
+        """Which of the moving nodes (K,) are shared with a fixed patch."""
+        return np.isin(self.nodes, self.mesh.on(*self.fixed), assume_unique=True)
+
+    def _on_sliding(self) -> Iterable[tuple[SlidingPatch, IntArray]]:
+        """Yield the sliding patches with the rows of the moving nodes that they share."""
+        for patch in self.sliding:
+            rows = np.flatnonzero(np.isin(self.nodes, patch.nodes, assume_unique=True))
+            if len(rows):
+                yield patch, rows
+
+    def _joined(self, parts: list[FloatArray], fault: str) -> FloatArray:
+        """Return what the surfaces' parts give each of `nodes` (K, 3)."""
+        out = np.full((len(self.nodes), 3), np.nan)
+        for surface, part in zip(self.surfaces, parts, strict=True):
+            rows = np.searchsorted(self.nodes, surface.nodes)
+            known = out[rows]
+            apart = np.abs(known - part).max(axis=1) > SAME * self.size  # nan, not known yet, compares false
+            if apart.any():
+                raise InputError(
+                    f"{self.mesh.name}: {int(apart.sum())} nodes of {surface.named} also belong to another moving "
+                    f"surface, and the two {fault} there; blend one of them"
+                )
+            out[rows] = np.where(np.isnan(known), part, known)
+        return out
+
+    def _check_fixed(self, displacement: FloatArray) -> None:
+        moves = np.linalg.norm(displacement, axis=1) > SAME * self.size
+        for name in self.fixed:
+            shared = np.isin(self.nodes, self.mesh.patch(name).nodes, assume_unique=True)
+            count = int(np.count_nonzero(shared & moves))
+            if count:
+                raise InputError(
+                    f"{self.mesh.name}: {count} nodes shared by the moving surface and {name}, which is fixed, "
+                    f"would move by up to {float(np.abs(displacement[shared]).max()):.4g}; use a blended motion, or "
+                    f"let {name} slide"
+                )
+
+    def _projected(self, patch: SlidingPatch, rows: IntArray, displacement: FloatArray) -> FloatArray:
+        points = self.mesh.points[self.nodes[rows]]
+        on_shape = patch.surface.projected(points, displacement)
+        off = np.linalg.norm(on_shape - displacement, axis=1)
+        leaving = off > ON_SHAPE * self.size
+        if leaving.any():
+            raise InputError(
+                f"{self.mesh.name}: {int(leaving.sum())} nodes shared by the moving surface and {patch.patch} would "
+                f"leave its shape by up to {float(off.max()):.4g}; the hinge must be normal to a plane, or blend the "
+                "motion there"
+            )
+        return on_shape
+
+
+def _check_parts(mesh: Mesh, moves: list[str], fixed: tuple[str, ...], sliding: dict[str, str]) -> None:
+    """Raise if a patch is given two parts."""
+    for one, other, what in (
+        (moves, fixed, "moving and fixed"),
+        (moves, sliding, "moving and sliding"),
+        (fixed, sliding, "fixed and sliding"),
+    ):
+        both = sorted(set(one) & set(other))
+        if both:
+            raise InputError(f"{mesh.name}: patch {both[0]} cannot be {what} at once")
+    twice = sorted({name for name in moves if moves.count(name) > 1})
+    if twice:
+        raise InputError(f"{mesh.name}: patch {twice[0]} belongs to two moving surfaces")

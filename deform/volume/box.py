@@ -1,0 +1,156 @@
+"""The confining hexahedron (section 3): chosen along the hinge, or given."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.volume.hexahedron import FACES, Hexahedron, box
+
+GROWTH = 3.0  # margins are at least this multiple of the largest displacement
+GAP = 0.9  # a face that gives way to a patch stops at this share of the distance to it
+LEAST = 0.05  # of the wanted margin: a face does not come nearer to the moving surface
+BITS = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=np.float64)
+
+
+class Scene(NamedTuple):
+    """What a box has to hold, and what it should keep clear of."""
+
+    moving: FloatArray  # (K, 3) nodes of the moving surfaces
+    track: FloatArray  # (T, 3) where they come to be
+    largest: float  # largest displacement
+    hinge: Axis | None
+    obstacles: FloatArray  # (O, 3) nodes of patches that are neither moving, fixed nor sliding
+
+
+class Chosen(NamedTuple):
+    """A hexahedron and why it is so, in a sentence or two."""
+
+    hexahedron: Hexahedron
+    why: str
+    open_faces: frozenset[str] = frozenset()  # faces without zero sites
+
+
+class BoxRule(Protocol):
+    """Chooses the hexahedron."""
+
+    def choose(self, scene: Scene) -> Chosen:
+        """Return the hexahedron for a scene."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """A hexahedron given by its corners.
+
+    Attributes
+    ----------
+    hexahedron : the box.
+    open_faces : names of faces without zero sites, such as one inside a body.
+    """
+
+    hexahedron: Hexahedron = field(repr=False)
+    open_faces: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        unknown = sorted(self.open_faces - FACES.keys())
+        if unknown:
+            raise InputError(f"open_faces: {unknown[0]!r} is no face of the box; the faces are {', '.join(FACES)}")
+
+    @classmethod
+    def at(cls, corners: FloatArray) -> "Given":
+        """Take corners (8, 3) in the order of `Hexahedron`, or two opposite ones (2, 3) of a box along the axes."""
+        try:
+            places = np.asarray(corners, dtype=np.float64)
+            return cls(box(*np.sort(places, axis=0)) if places.shape == (2, 3) else Hexahedron(places))
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the box: {error}") from None
+
+    def choose(self, scene: Scene) -> Chosen:
+        """Return it."""
+        del scene
+        return Chosen(self.hexahedron, "corners as given", self.open_faces)
+
+
+@dataclass(frozen=True, slots=True)
+class Automatic:
+    """An oriented box along the hinge.
+
+    Its axes are the hinge, the surface's direction away from it, and their normal. Every face keeps a margin from
+    the surface in all its positions; where it would swallow nodes of other patches it gives way to them.
+
+    Attributes
+    ----------
+    margin : wanted margin in the mesh's unit; 0: the surface's reach from the hinge, and at least `GROWTH` times the
+        largest displacement.
+    """
+
+    margin: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.margin < np.inf:
+            raise InputError(f"margin = {self.margin} must be a positive length, or 0 to have it chosen")
+
+    def choose(self, scene: Scene) -> Chosen:
+        """Return the box for a scene."""
+        origin, axes = frame(scene)
+        places = (np.vstack([scene.moving, scene.track]) - origin) @ axes.T
+        low, high = places.min(axis=0), places.max(axis=0)
+        wanted = self.margin or max(_reach(places, scene.hinge), GROWTH * scene.largest)
+        margins = _clear(low, high, wanted, (scene.obstacles - origin) @ axes.T)
+        low, high = low - margins[0], high + margins[1]
+        corners = origin + (low + BITS * (high - low)) @ axes
+        return Chosen(Hexahedron(np.asarray(corners)), _why(margins, wanted, self.margin))
+
+
+def frame(scene: Scene) -> tuple[FloatArray, FloatArray]:
+    """Return an origin (3,) and right-handed unit axes (3, 3): hinge, away from it, normal."""
+    center = scene.moving.mean(axis=0)
+    if scene.hinge is None:
+        spread = np.linalg.svd(scene.moving - center, full_matrices=False)[2]
+        return center, np.vstack([spread[:2], np.cross(spread[0], spread[1])])
+    along = scene.hinge.direction
+    arms = scene.hinge.radial(scene.moving)
+    away = np.linalg.svd(arms, full_matrices=False)[2][0]
+    away = away - (away @ along) * along
+    away /= np.linalg.norm(away)
+    away *= np.copysign(1.0, float(arms.mean(axis=0) @ away))
+    return scene.hinge.point, np.vstack([along, away, np.cross(along, away)])
+
+
+def _reach(places: FloatArray, hinge: Axis | None) -> float:
+    """Return the largest distance from the hinge; without one, half of the second largest extent."""
+    if hinge is None:
+        return 0.5 * float(np.sort(np.ptp(places, axis=0))[1])
+    return float(np.linalg.norm(places[:, 1:], axis=1).max())
+
+
+def _clear(low: FloatArray, high: FloatArray, wanted: float, obstacles: FloatArray) -> FloatArray:
+    """Return margins (2, 3) of the lower and upper faces that give way to obstacles (O, 3) where they can.
+
+    The obstacle that is hardest to avoid is served first, by the face that has to give way least.
+    """
+    margins = np.full((2, 3), wanted)
+    while True:
+        inside = ((obstacles > low - margins[0]) & (obstacles < high + margins[1])).all(axis=1)
+        beyond = np.stack([low - obstacles[inside], obstacles[inside] - high], axis=1)  # (I, 2, 3)
+        share = (beyond / margins).reshape(len(beyond), 6)
+        best = share.max(axis=1, initial=-np.inf)
+        free = np.flatnonzero(best > LEAST / GAP)
+        if not len(free):
+            return margins
+        worst = free[np.argmin(best[free])]
+        face = int(np.argmax(share[worst]))
+        margins[face // 3, face % 3] = GAP * beyond[worst].ravel()[face]
+
+
+def _why(margins: FloatArray, wanted: float, given: float) -> str:
+    reason = "as given" if given else f"the reach from the hinge, or {GROWTH:g} times the largest displacement"
+    names = [f"{axis}{sign}" for sign in "-+" for axis in "xyz"]
+    assert set(names) == set(FACES)
+    gave = [f"{name} at {m:.4g}" for name, m in zip(names, margins.ravel(), strict=True) if m < wanted]
+    clear = f"; faces that give way to other patches: {', '.join(gave)}" if gave else ""
+    return f"along the hinge (x), away from it (y), normal (z); margin {wanted:.4g}: {reason}{clear}"

@@ -1,0 +1,217 @@
+"""A plan of all that is decided before anything is fitted, and the mesh at one angle or at many."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from math import ceil, nan
+from time import perf_counter
+
+import numpy as np
+
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.volume.boundary import Amounts, Boundary
+from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.region import Region, check_moving
+from sdm_deflect.deform.volume.sites import Sites
+from sdm_deflect.deform.volume.step import Step, StepState, rate, solve
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """The nodes that move, the box, the sites and the cells touched, for all angles of a job.
+
+    Attributes
+    ----------
+    boundary, region, sites : nodes of known displacement, the box, and where displacements are interpolated.
+    touched : the cells that may change.
+    before : their quality, by type, as the mesh is.
+    angles : amounts of the job's first surface that the box holds.
+    """
+
+    boundary: Boundary
+    region: Region
+    sites: Sites
+    touched: TouchedCells = field(repr=False)
+    before: tuple[Quality, ...]
+    angles: tuple[float, ...]
+
+    @classmethod
+    def of(cls, mesh: Mesh, job: Job, angles: Sequence[float] = (), progress: Progress = silent) -> "Plan":
+        """Decide motion, box and sites for the job's own angle, or for several, and judge the mesh as it is.
+
+        Raises
+        ------
+        InputError
+            If the job does not suit the mesh.
+        """
+        wanted = tuple(angles) or (job.angle,)
+        progress("surfaces", nan)
+        boundary = Boundary.of(mesh, job)
+        progress("box", nan)
+        ends = tuple(dict.fromkeys(job.amounts_at(angle) for angle in (min(wanted), max(wanted))))
+        region = Region.of(boundary, ends)
+        sites = Sites.of(boundary, region)
+        progress("cells", nan)
+        touched = TouchedCells.of(mesh, region.inside)
+        touched.check(job.allow_inverted)
+        return cls(boundary, region, sites, touched, touched.quality(mesh.points), wanted)
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh."""
+        return self.boundary.mesh
+
+    @property
+    def job(self) -> Job:
+        """What is asked."""
+        return self.boundary.job
+
+    @property
+    def patches(self) -> tuple[str, ...]:
+        """Names of the moving patches, the control surface's first."""
+        return tuple(name for surface in self.boundary.surfaces for name in surface.patches)
+
+    @property
+    def surface(self) -> str:
+        """Name of the first moving patch: the control surface."""
+        return self.patches[0]
+
+    @property
+    def angle(self) -> float:
+        """Amount of the job's first surface."""
+        return self.job.angle
+
+    @property
+    def walls(self) -> IntArray:
+        """Sorted indices of the moving and fixed nodes inside."""
+        return np.union1d(self.sites.moving, self.sites.fixed)
+
+    @property
+    def changed(self) -> IntArray:
+        """Sorted indices of all nodes that may move."""
+        return np.union1d(self.region.inside, self.sites.moving)
+
+    def state(self, points: FloatArray) -> StepState:
+        """Return the start of a step with the mesh at `points` (N, 3)."""
+        return StepState.of(self.boundary, self.region, self.sites, points)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Deflection:
+    """The mesh at one angle and how it got there.
+
+    Attributes
+    ----------
+    plan : what was decided before.
+    angle : the first surface's amount.
+    steps : the solves, one unless a single step inverted further cells.
+    points : (N, 3) deflected coordinates; outside the box they have the same bits as before.
+    inverted : number of touched cells that are inverted at the end.
+    seconds : time it took.
+    """
+
+    plan: Plan = field(repr=False)
+    angle: float
+    steps: tuple[Step, ...] = field(repr=False)
+    points: FloatArray = field(repr=False)
+    inverted: int
+    seconds: float
+
+    @property
+    def amounts(self) -> Amounts:
+        """Amount of each moving surface."""
+        return self.plan.job.amounts_at(self.angle)
+
+    @property
+    def quality(self) -> tuple[Quality, ...]:
+        """Quality of the touched cells by type."""
+        return self.plan.touched.quality(self.points)
+
+    def sensitivity(self) -> FloatArray:
+        """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
+
+        With several steps it is the derivative with respect to the end of the last one.
+        """
+        job = self.plan.job
+        ratios = [amount / job.angle if job.angle else 1.0 for amount in job.amounts]
+        return rate(self.steps[-1], self.plan.boundary.rate(self.amounts, ratios))
+
+
+def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Deflection | None = None) -> Deflection:
+    """Bring the mesh to an angle; the angle is halved into steps while further cells are inverted.
+
+    If no number of steps does, the one with the fewest inverted cells is the result. A single step uses the centres
+    and factors of an earlier deflection of a single step.
+    """
+    before = plan.touched.inverted_at(plan.mesh.points)
+    reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
+    best = _stepped(plan, angle, 1, progress, reused)
+    count = 2
+    while best.inverted > before and count <= plan.job.fitting.max_steps:
+        best = min(best, _stepped(plan, angle, count, progress, None), key=lambda one: one.inverted)
+        count *= 2
+    return best
+
+
+def turned(known: Deflection, angle: float) -> Deflection:
+    """Bring the mesh to another angle on the centres of a deflection: none is added, and no further step is taken.
+
+    Each step of a deflection in n steps serves the angles of its n-th of the angle; the last one also serves all
+    beyond, the first one those of the other sign.
+
+    Raises
+    ------
+    InputError
+        If the surface cannot move so far within its box.
+    """
+    begin, plan, count = perf_counter(), known.plan, len(known.steps)
+    amounts, share = plan.job.amounts_at(angle), angle / known.angle if known.angle else 0.0
+    check_moving(plan.boundary, plan.region.hexahedron, [amounts])
+    k = min(max(ceil(share * count - 1e-9), 1), count)
+    reached = plan.boundary.displacement(tuple(amount * (k - 1) / count for amount in known.amounts))
+    target, step = plan.boundary.displacement(amounts), known.steps[k - 1]
+    found = solve(step.state, target - reached, silent, step, frozen=True)
+    found.points[plan.sites.moving] = plan.mesh.points[plan.sites.moving] + target
+    inverted = plan.touched.inverted_at(found.points)
+    return Deflection(plan, angle, (found,), found.points, inverted, perf_counter() - begin)
+
+
+def sweep(plan: Plan, angles: Sequence[float], progress: Progress = silent) -> Iterator[tuple[int, Deflection]]:
+    """Bring the mesh to several angles, the largest first: its centres and factors serve for all of them.
+
+    Each angle is checked at every data site; centres are added where one is off by more than the tolerance.
+
+    Yields
+    ------
+    The place of the angle in `angles`, and the deflection.
+    """
+    largest = max(range(len(angles)), key=lambda i: abs(angles[i]))
+    reusable: Deflection | None = None
+    for i in (largest, *(i for i in range(len(angles)) if i != largest)):
+        found = deflect(plan, angles[i], progress, reusable)
+        reusable = found if len(found.steps) == 1 else reusable
+        yield i, found
+
+
+def combined(mesh: Mesh, deflections: Sequence[Deflection]) -> FloatArray:
+    """Return the points (N, 3) with every deflection of the same mesh carried out; their boxes must be disjoint."""
+    points = mesh.points.copy()
+    for one in deflections:
+        changed = one.plan.changed
+        points[changed] = one.points[changed]
+    return points
+
+
+def _stepped(plan: Plan, angle: float, count: int, progress: Progress, earlier: Step | None) -> Deflection:
+    """Go to the angle in `count` equal steps, each interpolated from where the last one ended."""
+    begin, amounts, nodes = perf_counter(), plan.job.amounts_at(angle), plan.sites.moving
+    points, steps, reached = plan.mesh.points, [], np.zeros((len(nodes), 3))
+    for k in range(1, count + 1):
+        state = earlier.state if earlier else plan.state(points)
+        target = plan.boundary.displacement(tuple(amount * k / count for amount in amounts))
+        steps.append(solve(state, target - reached, progress, earlier))
+        points, reached = steps[-1].points, target
+    points[nodes] = plan.mesh.points[nodes] + reached  # the places asked for, without the rounding of the steps
+    return Deflection(plan, angle, tuple(steps), points, plan.touched.inverted_at(points), perf_counter() - begin)

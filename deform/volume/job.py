@@ -1,0 +1,114 @@
+"""A job: one frozen value that says what is to move in a mesh, and how."""
+
+from dataclasses import dataclass, field, replace
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.surface.motions import Moving
+from sdm_deflect.deform.volume.box import Automatic, BoxRule
+from sdm_deflect.deform.volume.fitting import Fitting
+from sdm_deflect.deform.volume.sliding import SHAPES
+
+
+@dataclass(frozen=True, slots=True)
+class Sliding:
+    """A patch whose nodes stay on its shape.
+
+    Attributes
+    ----------
+    patch : name or wildcard.
+    shape : a key of `sliding.SHAPES`.
+    """
+
+    patch: str
+    shape: str
+
+    def __post_init__(self) -> None:
+        if self.shape not in SHAPES:
+            raise InputError(f"slide = {self.patch}:{self.shape}: the shape must be {' or '.join(SHAPES)}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Section:
+    """A face of an overlapping block that cuts the box: nodes may slide in its plane (section 5.2).
+
+    Attributes
+    ----------
+    patch : its name.
+    point : (3,) any point of the plane.
+    component : 0, 1 or 2: the axis along its normal.
+    slides : whether its nodes slide in it; else they stay.
+    """
+
+    patch: str
+    point: FloatArray
+    component: int
+    slides: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What moves, what stays, what slides, and in which box.
+
+    Attributes
+    ----------
+    surfaces : the moving surfaces; in a sweep the first one's amount is the angle, the others keep their ratio to it.
+    fixed : patches that do not move; wildcards allowed.
+    slides : patches that stay on a plane or a cylinder.
+    box : rule for the confining hexahedron.
+    sections : faces of an overlapping block that cut the box.
+    near_wall : whether fixed patches may reach into the box, their nodes are data sites, and the mesh near every wall
+        follows it rigidly, so that prism layers keep their heights. Without it, as in the paper, the moving surface
+        and the box are the only data sites, and no other patch may reach into the box.
+    zones : zones that deform beside those with a moving surface; ``("*",)`` for all.
+    fitting : numbers of the interpolation.
+    allow_inverted : whether a mesh that has inverted cells is taken.
+    """
+
+    surfaces: tuple[Moving, ...]
+    fixed: tuple[str, ...] = ()
+    slides: tuple[Sliding, ...] = ()
+    box: BoxRule = field(default_factory=Automatic)
+    sections: tuple[Section, ...] = ()
+    near_wall: bool = True
+    zones: tuple[str, ...] = ()
+    fitting: Fitting = field(default_factory=Fitting)
+    allow_inverted: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.surfaces:
+            raise InputError("no surface to move: name one")
+
+    @property
+    def angle(self) -> float:
+        """Amount of the first surface."""
+        return self.surfaces[0].amount
+
+    @property
+    def amounts(self) -> tuple[float, ...]:
+        """Amount of each surface."""
+        return tuple(moving.amount for moving in self.surfaces)
+
+    def amounts_at(self, angle: float) -> tuple[float, ...]:
+        """Return the amount of each surface when the first one's is `angle` and the others keep their ratio to it.
+
+        Raises
+        ------
+        InputError
+            If the first one's own amount is zero, so that nothing is in proportion to it.
+        """
+        if angle == self.angle:
+            return self.amounts
+        if not self.angle and any(self.amounts):
+            raise InputError(
+                f"angle = {self.angle:g} of {', '.join(self.surfaces[0].patches)}, the first surface: the others "
+                "cannot be in proportion to it; put a surface that moves first"
+            )
+        ratios = [amount / self.angle if self.angle else 1.0 for amount in self.amounts]
+        return tuple(angle * ratio for ratio in ratios)
+
+    def at(self, angle: float) -> "Job":
+        """Return the job with the first surface at `angle`, the others in their proportion to it."""
+        amounts = self.amounts_at(angle)
+        moved = (replace(one, amount=amount) for one, amount in zip(self.surfaces, amounts, strict=True))
+        return replace(self, surfaces=tuple(moved))

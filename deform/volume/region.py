@@ -1,0 +1,199 @@
+"""The part of a mesh that deforms: the box, the nodes inside, and what may not be there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from time import perf_counter
+
+import numpy as np
+from scipy.optimize import linprog
+from scipy.spatial import cKDTree
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Zone
+from sdm_deflect.deform.volume.boundary import SAME, Amounts, Boundary
+from sdm_deflect.deform.volume.box import Chosen, Scene
+from sdm_deflect.deform.volume.hexahedron import Hexahedron
+from sdm_deflect.deform.volume.job import Section
+
+POSES = 4  # positions between rest and the full angle that the box has to hold
+ON_FACE = 1e-6  # of the moving surfaces' size: nodes this near to a face of the box are on it
+TOUCHING = 1e-9  # of a box's size: boxes that share less depth only touch
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """The confining hexahedron and what is in it.
+
+    Attributes
+    ----------
+    box : the hexahedron, the reason for its shape, and its faces without zero sites.
+    inside : (M,) sorted indices of the nodes inside, in the zones that deform.
+    zones : names of those zones.
+    fixed : (F,) nodes inside that stay: of fixed patches, and of any other patch that touches a face of the box.
+    sections : faces of an overlapping block that cut the box, with their nodes inside (S,) that belong to no other
+        patch.
+    filter_seconds : time to find `inside`.
+    """
+
+    box: Chosen
+    inside: IntArray = field(repr=False)
+    zones: tuple[str, ...]
+    fixed: IntArray = field(repr=False)
+    sections: tuple[tuple[Section, IntArray], ...]
+    filter_seconds: float
+
+    @property
+    def hexahedron(self) -> Hexahedron:
+        """The box."""
+        return self.box.hexahedron
+
+    @classmethod
+    def of(cls, boundary: Boundary, all_amounts: Sequence[Amounts]) -> "Region":
+        """Confine the motion to all of the given amounts.
+
+        Raises
+        ------
+        InputError
+            If a moving node leaves the box, or the box contains nodes of a patch that is not declared, or cuts a
+            zone from one that fits to it.
+        """
+        mesh, zones = boundary.mesh, _zones(boundary)
+        box = boundary.job.box.choose(_scene(boundary, zones, all_amounts))
+        box.hexahedron.contains(mesh.points[:1])  # loads the compiled test: not part of the filter's time
+        start = perf_counter()
+        inside = _inside(mesh, zones, box.hexahedron)
+        seconds = perf_counter() - start
+        check_moving(boundary, box.hexahedron, all_amounts)
+        _check_clear(boundary, box.hexahedron, inside)
+        _check_interfaces(boundary, box.hexahedron, inside, zones)
+        fixed, sections = _at_rest(boundary, inside)
+        return cls(box, inside, tuple(zone.name for zone in zones), fixed, sections, seconds)
+
+
+def check_disjoint(boxes: Sequence[tuple[str, Hexahedron]]) -> None:
+    """Raise InputError naming the first pair of boxes that overlap, and by how much: each confines its own motion."""
+    for (one, a), (other, b) in combinations(boxes, 2):
+        depth = shared_depth(a, b)
+        if depth > TOUCHING * float(np.ptp(a.corners, axis=0).max()):
+            raise InputError(f"the boxes of {one} and {other} overlap by {2.0 * depth:.3g}; make them smaller")
+
+
+def shared_depth(a: Hexahedron, b: Hexahedron) -> float:
+    """Radius of the largest ball in both hexahedra; negative if they are apart (linear program)."""
+    planes = np.vstack([a.planes, b.planes])
+    constraints = np.column_stack([planes[:, :3], np.ones(len(planes))])
+    result = linprog([0.0, 0.0, 0.0, -1.0], A_ub=constraints, b_ub=planes[:, 3], bounds=[(None, None)] * 4)
+    return float(result.x[3])
+
+
+def _zones(boundary: Boundary) -> tuple[Zone, ...]:
+    """Return the zones that hold moving nodes, and those that the job adds."""
+    mesh, wanted = boundary.mesh, boundary.job.zones
+    names = [zone.name for zone in mesh.zones]
+    for name in wanted:
+        if name not in (*names, "*"):
+            raise InputError(f"{mesh.name}: zones: {name!r} is no zone; the zones are {', '.join(names)}")
+
+    def moves(zone: Zone) -> bool:
+        first, end = np.searchsorted(boundary.nodes, (zone.start, zone.stop))
+        return bool(end > first)
+
+    return tuple(z for z in mesh.zones if moves(z) or z.name in wanted or "*" in wanted)
+
+
+def _inside(mesh: Mesh, zones: tuple[Zone, ...], hexahedron: Hexahedron) -> IntArray:
+    parts = [zone.start + np.flatnonzero(hexahedron.contains(mesh.points[zone.start : zone.stop])) for zone in zones]
+    return np.concatenate(parts)
+
+
+def _scene(boundary: Boundary, zones: tuple[Zone, ...], all_amounts: Sequence[Amounts]) -> Scene:
+    mesh, moving = boundary.mesh, boundary.mesh.points[boundary.nodes]
+    shares = [k / POSES for k in range(1, POSES + 1)]
+    poses = dict.fromkeys(tuple(share * one for one in amounts) for amounts in all_amounts for share in shares)
+    moves = [boundary.displacement(pose) for pose in poses]
+    largest = max(float(np.linalg.norm(move, axis=1).max()) for move in moves)
+    axes = [moving.motion.axis for moving in boundary.job.surfaces if moving.motion.axis is not None]
+    nodes = mesh.on(*(name for name in mesh.names if name not in boundary.declared))
+    others = np.concatenate([nodes[(nodes >= zone.start) & (nodes < zone.stop)] for zone in zones])
+    track = np.vstack([moving + move for move in moves])
+    return Scene(moving, track, largest, axes[0] if axes else None, mesh.points[others])
+
+
+def check_moving(boundary: Boundary, hexahedron: Hexahedron, all_amounts: Sequence[Amounts]) -> None:
+    """Raise if a node that moves starts or ends outside."""
+    start = boundary.mesh.points[boundary.nodes]
+    for amounts in all_amounts:
+        move = boundary.displacement(amounts)
+        moves = np.abs(move).max(axis=1) > SAME * boundary.size
+        both = [hexahedron.contains(places[moves], ON_FACE * boundary.size) for places in (start, start + move)]
+        out = int(np.count_nonzero(~(both[0] & both[1])))
+        if out:
+            names = ", ".join(surface.named for surface in boundary.surfaces)
+            raise InputError(
+                f"{boundary.mesh.name}: {out} of {int(moves.sum())} moving nodes of {names} leave the box at "
+                f"{amounts[0]:g}; enlarge it"
+            )
+
+
+def _check_clear(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray) -> None:
+    """Raise if the box contains nodes of a patch that must not be there."""
+    mesh, job, tol = boundary.mesh, boundary.job, ON_FACE * boundary.size
+    allowed = boundary.declared if job.near_wall else tuple(set(boundary.declared) - set(boundary.fixed))
+    for patch in mesh.patches:
+        if patch.name in allowed:
+            continue
+        own = np.intersect1d(patch.nodes, inside, assume_unique=True)
+        own = np.setdiff1d(own, boundary.nodes, assume_unique=True)
+        for section in job.sections:
+            if section.patch == patch.name:
+                own = own[~_in_plane(mesh.points[own], section, tol)]
+        within = own[hexahedron.contains(mesh.points[own], -tol)]
+        shared = np.intersect1d(patch.nodes, boundary.nodes, assume_unique=True)
+        if len(within) or (len(shared) and patch.name not in boundary.declared):
+            remedy = f"name it in fixed or slide ({patch.name}:plane), or " if job.near_wall else ""
+            raise InputError(
+                f"{mesh.name}: the box contains {len(within)} of {len(patch.nodes)} nodes of {patch.name}"
+                + (f" ({len(shared)} shared with the moving surface)" if len(shared) else "")
+                + f", which must not move; {remedy}take a smaller box"
+            )
+
+
+def _check_interfaces(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray, zones: tuple[Zone, ...]) -> None:
+    """Raise if nodes of a zone that stays coincide with nodes inside: zones that fit must deform together."""
+    mesh, tol = boundary.mesh, SAME * boundary.size
+    known = np.union1d(boundary.nodes, boundary.fixed_nodes)
+    free = np.setdiff1d(inside, known, assume_unique=True)
+    for zone in (zone for zone in mesh.zones if zone not in zones):
+        near = _inside(mesh, (zone,), hexahedron)
+        if len(near) and len(free):
+            gap, _ = cKDTree(mesh.points[near]).query(mesh.points[free], distance_upper_bound=tol)
+            count = int(np.isfinite(gap).sum())
+            if count:
+                raise InputError(
+                    f"{mesh.name}: {count} nodes inside the box coincide with nodes of zone {zone.name}, which would "
+                    f"stay behind; add {zone.name} to zones"
+                )
+
+
+def _at_rest(boundary: Boundary, inside: IntArray) -> tuple[IntArray, tuple[tuple[Section, IntArray], ...]]:
+    """Return the boundary nodes inside that stay, and those of each section that slide in its plane."""
+    mesh, tol = boundary.mesh, ON_FACE * boundary.size
+    slides = [section for section in boundary.job.sections if section.slides]
+    moving = [name for surface in boundary.surfaces for name in surface.patches]
+    others = [name for name in mesh.names if name not in (*moving, *(one.patch for one in boundary.sliding))]
+    walls = mesh.on(*(name for name in others if name not in {section.patch for section in slides}))
+    sections = []
+    for section in slides:
+        own = np.intersect1d(mesh.patch(section.patch).nodes, inside, assume_unique=True)
+        own = np.setdiff1d(own, np.union1d(walls, boundary.nodes), assume_unique=True)
+        sections.append((section, own[_in_plane(mesh.points[own], section, tol)]))
+    fixed = np.setdiff1d(np.intersect1d(mesh.on(*others), inside, assume_unique=True), boundary.nodes)
+    for _, own in sections:
+        fixed = np.setdiff1d(fixed, own, assume_unique=True)
+    return fixed, tuple(sections)
+
+
+def _in_plane(points: FloatArray, section: Section, tol: float) -> BoolArray:
+    """Return which of points (N, 3) lie in the plane of a section."""
+    return np.asarray(np.abs(points[:, section.component] - section.point[section.component]) <= tol)

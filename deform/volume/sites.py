@@ -1,0 +1,202 @@
+"""Where displacements are known at the start of a step: nodes of the boundary, and zero sites on the box."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sdm_deflect.deform.edges import edges_of, median_edge, polygons_of
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.rbf.points import first_coincident
+from sdm_deflect.deform.rbf.sites import DataSites, pinned
+from sdm_deflect.deform.volume.boundary import SAME, Boundary
+from sdm_deflect.deform.volume.hexahedron import polygon_sites
+from sdm_deflect.deform.volume.region import Region
+from sdm_deflect.deform.volume.sliding import Plane
+
+NEIGHBOURS = 7
+REACH = 1.0  # median edges from a wall to where the mesh no longer follows it rigidly
+TOLERANCE = 0.01  # of the median edge: largest error at a site, unless the job says otherwise
+APART = 0.5  # of their spacing: zero sites keep it from the boundary's nodes and from each other
+MOST_FIXED = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
+MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sites:
+    """Rows of nodes whose displacement is known, and points on the box.
+
+    Attributes
+    ----------
+    moving : (K,) moving nodes.
+    distinct : rows of `moving` at places of their own: coincident nodes move as one.
+    fixed : (F,) nodes inside that stay.
+    sampled : rows of `fixed` that are data sites, at most `MOST_FIXED`, none where a moving node is.
+    sliding : nodes of each sliding patch inside that neither move nor stay.
+    sampled_sliding : rows of `slid` that are data sites, at most `MOST_FIXED`.
+    zero : sites of zero displacement on the box, and on sections of it for some directions.
+    spacing, edge, tolerance : lengths: between zero sites, of the surface's median edge, of a site's error.
+    """
+
+    moving: IntArray = field(repr=False)
+    distinct: IntArray = field(repr=False)
+    fixed: IntArray = field(repr=False)
+    sampled: IntArray = field(repr=False)
+    sliding: tuple[IntArray, ...] = field(repr=False)
+    sampled_sliding: IntArray = field(repr=False)
+    zero: tuple[DataSites, ...] = field(repr=False)
+    spacing: float
+    edge: float
+    tolerance: float
+
+    @property
+    def slid(self) -> IntArray:
+        """Sorted, distinct indices of all sliding nodes inside."""
+        return _union(self.sliding)
+
+    @property
+    def known(self) -> IntArray:
+        """Indices of all nodes of known displacement inside: moving, fixed, sliding; each once."""
+        return np.concatenate([self.moving, self.fixed, self.slid])
+
+    @property
+    def coincident(self) -> int:
+        """Number of moving nodes that are at the place of another."""
+        return len(self.moving) - len(self.distinct)
+
+    def zero_sites(self, component: int) -> int:
+        """Return the number of zero sites for one direction."""
+        return sum(len(sites) for sites in self.zero if component in sites.components)
+
+    @classmethod
+    def of(cls, boundary: Boundary, region: Region) -> "Sites":
+        """Place the sites."""
+        job, mesh = boundary.job, boundary.mesh
+        sliding = _sliding(boundary, region)
+        distinct, sampled, sampled_sliding = _distinct(boundary, region.fixed, _union(sliding))
+        if not job.near_wall:
+            sampled = sampled[:0]
+        edge = _surface_edge(boundary, distinct)
+        spacing = job.fitting.spacing or _spacing(region, job.fitting.spacing_edges * edge)
+        known = [boundary.nodes, region.fixed, *sliding] if job.near_wall else [boundary.nodes]
+        zero = _zero_sites(boundary, region, mesh.points[np.concatenate(known)], spacing)
+        tolerance = job.fitting.tolerance or TOLERANCE * edge
+        return cls(
+            boundary.nodes, distinct, region.fixed, sampled, sliding, sampled_sliding, zero, spacing, edge, tolerance
+        )
+
+    def parts(self, boundary: Boundary) -> list[IntArray]:
+        """Return rows of `known` that may move differently: each moving surface, and the rest."""
+        owner = np.full(len(self.known), len(boundary.surfaces))
+        for i, surface in reversed(list(enumerate(boundary.surfaces))):
+            owner[np.searchsorted(self.moving, surface.nodes)] = i
+        return [np.flatnonzero(owner == i) for i in range(len(boundary.surfaces) + 1)]
+
+    def edges(self, boundary: Boundary) -> IntArray:
+        """Return the edges (E, 2) between nodes of `known`, as rows; of near neighbours where there are no faces."""
+        mesh, known = boundary.mesh, self.known
+        faces = mesh.faces_of(boundary.declared)
+        if not faces:
+            near = cKDTree(mesh.points[known]).query(mesh.points[known], min(NEIGHBOURS, len(known)))[1]
+            return np.column_stack([np.repeat(near[:, 0], near.shape[1] - 1), near[:, 1:].ravel()])
+        row = np.full(len(mesh.points), -1, dtype=np.int32)
+        row[known] = np.arange(len(known))
+        edges = row[edges_of(polygons_of(faces))[0]]
+        return np.unique(np.sort(edges[(edges >= 0).all(axis=1)], axis=1), axis=0).astype(np.intp)
+
+
+def apart_from(sites: FloatArray, points: FloatArray, distance: float) -> FloatArray:
+    """Return the sites (P, 3) that keep at least this distance from all points (K, 3)."""
+    nearest, _ = cKDTree(points).query(sites)
+    return np.ascontiguousarray(sites[nearest >= distance])
+
+
+def _union(sliding: Sequence[IntArray]) -> IntArray:
+    return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *sliding]))
+
+
+def _distinct(boundary: Boundary, fixed: IntArray, slid: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Return rows of moving, fixed and sliding nodes at places of their own.
+
+    Raises
+    ------
+    InputError
+        If coincident nodes are to move differently.
+    """
+    mesh, tol = boundary.mesh, SAME * boundary.size
+    nodes = np.concatenate([boundary.nodes, fixed, slid])
+    first = first_coincident(mesh.points[nodes], tol)
+    move = np.vstack([boundary.displacement(boundary.job.amounts), np.zeros((len(fixed), 3))])
+    torn = np.flatnonzero(np.abs(move - move[first[: len(move)]]).max(axis=1) > 10.0 * tol)
+    if len(torn):
+        raise InputError(
+            f"{mesh.name}: {len(torn)} nodes of the moving surface lie exactly on nodes that move otherwise, such "
+            f"as nodes {nodes[first[torn[0]]]} and {nodes[torn[0]]}"
+        )
+    own = first == np.arange(len(nodes))
+    moving, at_rest, sliding = np.split(own, [len(boundary.nodes), len(move)])
+    return np.flatnonzero(moving), _sampled(at_rest), _sampled(sliding)
+
+
+def _sampled(own: BoolArray) -> IntArray:
+    """Return the rows of a mask, every n-th of them if they are more than `MOST_FIXED`."""
+    rows = np.flatnonzero(own)
+    return rows[:: max(1, -(-len(rows) // MOST_FIXED))]
+
+
+def _sliding(boundary: Boundary, region: Region) -> tuple[IntArray, ...]:
+    """Return the nodes of each sliding patch inside that neither move nor stay."""
+    known = np.union1d(boundary.nodes, region.fixed)
+    return tuple(
+        np.setdiff1d(np.intersect1d(patch.nodes, region.inside, assume_unique=True), known, assume_unique=True)
+        for patch in boundary.sliding
+    )
+
+
+def _surface_edge(boundary: Boundary, distinct: IntArray) -> float:
+    """Return the median edge of the moving surfaces; without faces, the median distance of nearest nodes."""
+    mesh = boundary.mesh
+    faces = [faces for surface in boundary.surfaces for faces in mesh.faces_of(surface.patches)]
+    if faces:
+        return median_edge(mesh.points, faces)
+    if len(distinct) < 2:
+        raise InputError(f"{mesh.name}: the moving surface has {len(distinct)} distinct nodes")
+    points = mesh.points[boundary.nodes[distinct]]
+    return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
+
+
+def _spacing(region: Region, wanted: float) -> float:
+    """Return the distance of sites on the box: as wanted, unless that takes too many."""
+    faces = [region.hexahedron.face(name) for name in ("x-", "x+", "y-", "y+", "z-", "z+")]
+    area = sum(float(np.linalg.norm(np.cross(f[2] - f[0], f[3] - f[1]))) / 2.0 for f in faces)
+    return max(wanted, float(np.sqrt(area / MOST_ZERO)))
+
+
+def _zero_sites(boundary: Boundary, region: Region, known: FloatArray, spacing: float) -> tuple[DataSites, ...]:
+    """Return the zero sites, apart from the nodes of known displacement (K, 3).
+
+    All faces of the box carry sites for all directions, but its open ones. On the section of a block's face they are
+    for its normal direction alone if nodes slide in its plane (section 5.2).
+    """
+    faces = _in_front(boundary, region.hexahedron.face_sites(spacing, skip=region.box.open_faces))
+    faces = apart_from(faces, known, APART * spacing)
+    found = [pinned(faces)] if len(faces) else []
+    known = np.vstack([known, faces])
+    for section in boundary.job.sections:
+        polygon = region.hexahedron.section(section.point, np.eye(3)[section.component])
+        on_block = apart_from(polygon_sites(polygon, spacing), known, APART * spacing)
+        found.append(pinned(on_block, (section.component,) if section.slides else (0, 1, 2)))
+    return tuple(found)
+
+
+def _in_front(boundary: Boundary, sites: FloatArray) -> FloatArray:
+    """Drop sites behind a sliding plane that bounds the mesh: nothing is there to be held."""
+    for patch in boundary.sliding:
+        if isinstance(patch.surface, Plane):
+            side = patch.surface.distance(boundary.mesh.points[boundary.nodes])
+            tol = SAME * boundary.size
+            if (side >= -tol).all() or (side <= tol).all():
+                sites = sites[patch.surface.distance(sites) * np.copysign(1.0, side.sum()) >= -tol]
+    return np.ascontiguousarray(sites)

@@ -1,0 +1,160 @@
+"""Shapes on which boundary nodes slide: planes and cylinders, fitted to the nodes and verified; sliding patches."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
+from sdm_deflect.deform.surface.axis import Axis, Cylinder
+
+RESIDUAL = 1e-5  # of the patch's size: files with six digits keep this
+SNAP = 1e-6  # a normal nearer to a coordinate axis than this is the axis
+SAMPLE = 2000  # nodes that a cylinder is fitted to; all are verified
+
+
+class SlidingSurface(Protocol):
+    """A shape on which nodes stay."""
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return the distance (N,) of points (N, 3) from it."""
+        ...
+
+    def projected(self, points: FloatArray, displacement: FloatArray) -> FloatArray:
+        """Return the displacement (N, 3) that is left when points may not leave it."""
+        ...
+
+    def rate(self, points: FloatArray, displacement: FloatArray, rate: FloatArray) -> FloatArray:
+        """Return the derivative (N, 3) of `projected`, given that of the displacement."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """A plane through `point` (3,) with unit `normal` (3,)."""
+
+    point: FloatArray
+    normal: FloatArray
+
+    @classmethod
+    def fitted(cls, points: FloatArray) -> "Plane":
+        """Return the least-squares plane of points (N, 3); along coordinate axes where it is so to rounding."""
+        center = points.mean(axis=0)
+        normal = np.linalg.svd(points - center, full_matrices=False)[2][2]
+        axis = np.round(normal)
+        if np.abs(normal - axis).max() < SNAP:
+            normal = axis + 0.0
+        return cls(center, normal)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return the signed distance (N,)."""
+        return np.asarray((points - self.point) @ self.normal)
+
+    def projected(self, points: FloatArray, displacement: FloatArray) -> FloatArray:
+        """Drop the normal component: in a plane along the axes that coordinate keeps its bits."""
+        return self.rate(points, displacement, displacement)
+
+    def rate(self, points: FloatArray, displacement: FloatArray, rate: FloatArray) -> FloatArray:
+        """Drop the normal component."""
+        del points, displacement
+        return np.asarray(rate - np.outer(rate @ self.normal, self.normal))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CylinderWall:
+    """A circular cylinder."""
+
+    cylinder: Cylinder
+
+    @classmethod
+    def fitted(cls, points: FloatArray) -> "CylinderWall":
+        """Return the least-squares cylinder of points (N, 3), started from each principal direction."""
+        some = points[np.linspace(0, len(points) - 1, min(SAMPLE, len(points))).astype(int)]
+        directions = np.linalg.svd(some - some.mean(axis=0), full_matrices=False)[2]
+        fits = [_fit_cylinder(some, direction) for direction in directions]
+        return cls(min(fits, key=lambda one: float(np.abs(one.distance(some)).max())))
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return the signed distance (N,), positive outside."""
+        return self.cylinder.distance(points)
+
+    def projected(self, points: FloatArray, displacement: FloatArray) -> FloatArray:
+        """Move radially back: each node keeps its own distance from the axis, and its bits if it did not move."""
+        radial = self.cylinder.axis.radial(points + displacement)
+        short = self._stretch(points, radial) - 1.0
+        return np.asarray(displacement + np.where(np.any(displacement, axis=1, keepdims=True), short * radial, 0.0))
+
+    def rate(self, points: FloatArray, displacement: FloatArray, rate: FloatArray) -> FloatArray:
+        """Differentiate the radial projection."""
+        axis = self.cylinder.axis
+        radial = axis.radial(points + displacement)
+        outward = radial / np.linalg.norm(radial, axis=1, keepdims=True)
+        along = np.outer(rate @ axis.direction, axis.direction)
+        across = rate - along
+        across -= np.sum(across * outward, axis=1, keepdims=True) * outward
+        return np.asarray(along + self._stretch(points, radial) * across)
+
+    def _stretch(self, points: FloatArray, radial: FloatArray) -> FloatArray:
+        """Return (N, 1) what brings radial vectors back to the length of the nodes' own."""
+        own = np.linalg.norm(self.cylinder.axis.radial(points), axis=1, keepdims=True)
+        return np.asarray(own / np.linalg.norm(radial, axis=1, keepdims=True))
+
+
+SHAPES: dict[str, Callable[[FloatArray], SlidingSurface]] = {"plane": Plane.fitted, "cylinder": CylinderWall.fitted}
+"""How a shape is fitted to the nodes of a patch."""
+
+
+def fitted(shape: str, points: FloatArray, patch: str) -> SlidingSurface:
+    """Fit a shape to the nodes (N, 3) of a patch and verify it.
+
+    Raises
+    ------
+    InputError
+        If the shape is unknown, or the patch is not of that shape.
+    """
+    if shape not in SHAPES:
+        raise InputError(f"slide = {patch}:{shape}: the shape must be {' or '.join(SHAPES)}")
+    if len(points) < 3:
+        raise InputError(f"slide = {patch}:{shape}: {len(points)} nodes do not determine a {shape}")
+    surface, size = SHAPES[shape](points), float(np.ptp(points, axis=0).max())
+    off = float(np.abs(surface.distance(points)).max())
+    if not off <= RESIDUAL * size:
+        raise InputError(
+            f"slide = {patch}:{shape}: the patch is no {shape}; of {len(points)} nodes one lies {off:.3g} off the "
+            f"best one, {off / size:.1e} of its size (allowed {RESIDUAL:.0e})"
+        )
+    return surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlidingPatch:
+    """A sliding patch: its shape, and all its nodes (K,)."""
+
+    patch: str
+    surface: SlidingSurface
+    nodes: IntArray = field(repr=False)
+
+    @classmethod
+    def of(cls, mesh: Mesh, name: str, shape: str) -> "SlidingPatch":
+        """Fit a shape to a patch; InputError if it has another."""
+        nodes = mesh.patch(name).nodes
+        return cls(name, fitted(shape, mesh.points[nodes], name), nodes)
+
+
+def _fit_cylinder(points: FloatArray, direction: FloatArray) -> Cylinder:
+    """Fit axis and radius from a first direction; parameters are slopes and offsets across it."""
+    center, size = points.mean(axis=0), float(np.ptp(points, axis=0).max())
+    u = np.linalg.svd(direction[None])[2][1]
+    v = np.cross(direction, u)
+    flat = np.column_stack([(points - center) @ u, (points - center) @ v]) / size
+    x, y, c = np.linalg.lstsq(np.column_stack([2.0 * flat, np.ones(len(flat))]), np.sum(flat**2, axis=1))[0]
+
+    def made(p: FloatArray) -> Cylinder:
+        axis = Axis(center + size * (p[0] * u + p[1] * v), direction + p[2] * u + p[3] * v)
+        return Cylinder(axis, size * max(abs(float(p[4])), 1e-12))
+
+    first = np.array([x, y, 0.0, 0.0, np.sqrt(max(c + x * x + y * y, 1e-12))])
+    return made(least_squares(lambda p: made(p).distance(points) / size, first, xtol=1e-15, ftol=1e-15, gtol=1e-15).x)

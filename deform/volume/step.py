@@ -1,0 +1,328 @@
+"""One step: from displacements of the moving nodes to those of every node inside the box, and their derivative."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+
+from sdm_deflect.deform.mesh import FloatArray, IntArray
+from sdm_deflect.deform.progress import Progress
+from sdm_deflect.deform.rbf.bases import RecordingBasis, with_values
+from sdm_deflect.deform.rbf.factor import CholeskyBasis
+from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, adapt, fused
+from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.points import farthest
+from sdm_deflect.deform.rbf.problem import Problem
+from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
+from sdm_deflect.deform.rbf.sites import DataSites, multivariate, univariate
+from sdm_deflect.deform.rbf.threads import single_threaded_blas
+from sdm_deflect.deform.surface.local_rotation import LocalRotation
+from sdm_deflect.deform.volume.boundary import Boundary
+from sdm_deflect.deform.volume.fitting import Fitting, RuleName, Strategy
+from sdm_deflect.deform.volume.near_wall import Nearby, NearWall, RigidFollow, layer_sites
+from sdm_deflect.deform.volume.region import Region
+from sdm_deflect.deform.volume.sites import REACH, Sites
+from sdm_deflect.deform.volume.sliding import SlidingSurface
+
+DIRECTIONS = ("x", "y", "z")
+ROUNDS = 8  # of putting nodes on several shapes, one after another
+RULES: dict[RuleName, Rule] = {"separated": Separated(), "worst": Worst()}
+GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]] = {
+    "squv": univariate,
+    "mv": multivariate,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fits:
+    """Fitted groups of directions, and the factors that found them."""
+
+    adaptations: tuple[Adaptation, ...]
+    factors: tuple[CholeskyBasis, ...] = field(repr=False)
+
+    @property
+    def interpolant(self) -> Interpolant:
+        """One interpolant for all three directions."""
+        return fused(self.adaptations)
+
+    @property
+    def error(self) -> float:
+        """Largest error at any data site."""
+        return max(one.max_error for one in self.adaptations)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepState:
+    """The mesh at the start of a step, and what of it is known.
+
+    Attributes
+    ----------
+    boundary, region, sites : the job's nodes, the box, and where displacements are known.
+    points : (N, 3) coordinates of the whole mesh.
+    free : (Q,) nodes inside that are not on a moving, fixed or sliding patch.
+    layers : the free ones that are data sites beside the moving surface.
+    near_wall : the free ones that follow boundary nodes nearby.
+    near_sliding : the sliding ones that follow moving and fixed nodes nearby.
+    turning : how boundary nodes turn.
+    """
+
+    boundary: Boundary
+    region: Region
+    sites: Sites
+    points: FloatArray = field(repr=False)
+    free: IntArray = field(repr=False)
+    layers: RigidFollow = field(repr=False)
+    near_wall: NearWall = field(repr=False)
+    near_sliding: NearWall = field(repr=False)
+    turning: LocalRotation = field(repr=False)
+
+    @classmethod
+    def of(cls, boundary: Boundary, region: Region, sites: Sites, points: FloatArray) -> "StepState":
+        """Sort the nodes inside, with the mesh at `points`."""
+        free = np.setdiff1d(region.inside, sites.known)
+        known = points[sites.known]
+        if not boundary.job.near_wall:
+            none, no_edges = np.empty((0, 3)), np.empty((0, 2), dtype=np.intp)
+            nearby = Nearby.of(none, known, [])
+            nothing = NearWall.of(none, known, nearby, 0.0)
+            turning = LocalRotation.of(known, no_edges, len(known))
+            return cls(boundary, region, sites, points, free, nothing.follow, nothing, nothing, turning)
+        parts, places, reach = sites.parts(boundary), points[free], REACH * sites.edge
+        nearby = Nearby.of(places, known, parts)
+        layers = RigidFollow.of(places, known, layer_sites(nearby, len(sites.moving), sites.edge), nearby)
+        near_wall = NearWall.of(places, known, nearby, reach)
+        certain, places = len(sites.moving) + len(sites.fixed), points[sites.slid]
+        nearby = Nearby.of(places, known, [part[part < certain] for part in parts])
+        near_sliding = NearWall.of(places, known, nearby, reach)
+        turning = LocalRotation.of(known, sites.edges(boundary), certain)
+        return cls(boundary, region, sites, points, free, layers, near_wall, near_sliding, turning)
+
+    @property
+    def fitting(self) -> Fitting:
+        """Numbers of the interpolation."""
+        return self.boundary.job.fitting
+
+    def groups(self, values: FloatArray, sliding: bool) -> tuple[DataSites, ...]:
+        """Group the sites, by the job's strategy, for displacements `values` (S, 3) of the known points.
+
+        `sliding` says whether the sliding nodes are among them.
+        """
+        sites = self.sites
+        slid = [sites.slid[sites.sampled_sliding]] if sliding else []
+        nodes = [sites.moving[sites.distinct], sites.fixed[sites.sampled], self.free[self.layers.rows], *slid]
+        moving = DataSites(self.points[np.concatenate(nodes)], values)
+        return GROUPINGS[self.fitting.strategy]([moving, *sites.zero])
+
+    def values(self, move: FloatArray, slid: FloatArray | None = None) -> FloatArray:
+        """Return the displacements (S, 3) of the known points, given those of moving (K, 3) and sliding nodes."""
+        boundary = self.boundary_values(move, np.zeros((len(self.sites.slid), 3)))
+        return self._at_sites(move, self.layers.displaced(boundary, self.turning.rotations(boundary)), slid)
+
+    def rates(self, move: FloatArray, speed: FloatArray, slid: FloatArray | None = None) -> FloatArray:
+        """Return the derivatives (S, 3) of `values`, given those of the moving and sliding nodes."""
+        none = np.zeros((len(self.sites.slid), 3))
+        boundary, rates = self.boundary_values(move, none), self.boundary_values(speed, none)
+        turning = self.turning.rotation_rates(boundary, rates)
+        return self._at_sites(speed, self.layers.displaced(rates, turning), slid)
+
+    def boundary_values(self, move: FloatArray, slid: FloatArray) -> FloatArray:
+        """Return the displacements of `sites.known`, given those of moving (K, 3) and sliding nodes."""
+        return np.vstack([move, np.zeros((len(self.sites.fixed), 3)), slid])
+
+    def _at_sites(self, move: FloatArray, beside: FloatArray, slid: FloatArray | None) -> FloatArray:
+        parts = [move[self.sites.distinct], np.zeros((len(self.sites.sampled), 3)), beside]
+        return np.vstack(parts if slid is None else [*parts, slid[self.sites.sampled_sliding]])
+
+    def free_displacement(self, values: FloatArray, turns: FloatArray, interpolated: FloatArray) -> FloatArray:
+        """Return the displacement (Q, 3) of the free nodes, or its derivative.
+
+        Parameters
+        ----------
+        values, turns
+            Displacements (B, 3) and rotations less the identity (B, 3, 3) of `sites.known`, or their derivatives.
+        interpolated
+            (Q, 3) of the interpolant at the free nodes.
+        """
+        out = self.near_wall.following(interpolated, values, turns)
+        for section, nodes in self.region.sections:
+            out[np.searchsorted(self.free, nodes), section.component] = 0.0
+        return out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """The fits of one step, and the displacement that follows.
+
+    Attributes
+    ----------
+    state : the mesh at its start.
+    move : (K, 3) displacement of the moving nodes.
+    first : the fit by which sliding nodes are carried, where there are any; they are then put on their shapes.
+    fits : the fit with all boundary nodes.
+    slid : (L, 3) displacement of the sliding nodes.
+    correction : largest distance of a boundary node from its place before it was put there.
+    points : (N, 3) coordinates at the end of the step.
+    evaluation_seconds : time to evaluate the interpolant at the free nodes.
+    """
+
+    state: StepState = field(repr=False)
+    move: FloatArray = field(repr=False)
+    first: Fits | None
+    fits: Fits
+    slid: FloatArray = field(repr=False)
+    correction: float
+    points: FloatArray = field(repr=False)
+    evaluation_seconds: float
+
+    @property
+    def error(self) -> float:
+        """Largest error at any data site, of both fits."""
+        return max(fits.error for fits in (self.first, self.fits) if fits)
+
+
+def solve(
+    state: StepState, move: FloatArray, progress: Progress, earlier: Step | None = None, frozen: bool = False
+) -> Step:
+    """Carry out one step: moving nodes (K, 3) go by `move`, on the centres of an earlier step if there is one.
+
+    With `frozen` no centre is added to those; the step's error says how good they are.
+    """
+    first, slid, sliding = None, np.empty((0, 3)), bool(len(state.sites.slid))
+    if sliding:
+        first = _fit(state, False, state.values(move), progress, earlier.first if earlier else None, frozen)
+        nodes = state.points[state.sites.slid]
+        slid = _on_shapes(state, _carried(state, first.interpolant(nodes), move))
+    values = state.values(move, slid if sliding else None)
+    fits = _fit(state, sliding, values, progress, earlier.fits if earlier else None, frozen)
+    known, boundary = state.sites.known, state.boundary_values(move, slid)
+    interpolant, points = fits.interpolant, state.points.copy()
+    off = np.linalg.norm(boundary - interpolant(points[known]), axis=1)
+    interpolant(points[:1])  # loads compiled code: not part of the evaluation's time
+    start = perf_counter()
+    displacement = interpolant(points[state.free])
+    seconds = perf_counter() - start
+    if boundary.any():
+        points[state.free] += state.free_displacement(boundary, state.turning.rotations(boundary), displacement)
+        points[known] += boundary
+    return Step(state, move, first, fits, slid, float(off.max()), points, seconds)
+
+
+def rate(step: Step, speed: FloatArray) -> FloatArray:
+    """Return d(points)/d(angle) (N, 3) at the end of a step, given that (K, 3) of the moving nodes.
+
+    The displacement is linear in the known values as long as the centres stay: a second right-hand side for the
+    same factor gives its derivative exactly.
+    """
+    state, move, slid, sliding = step.state, step.move, np.empty((0, 3)), step.first is not None
+    if step.first is not None:
+        nodes = state.points[state.sites.slid]
+        speeds = _on_same_centers(step.first, state.groups(state.rates(move, speed), False))(nodes)
+        carried = _carried(state, step.first.interpolant(nodes), move)
+        slid = _on_shapes_rate(state, carried, _carried_rate(state, speeds, move, speed))
+    values = state.rates(move, speed, slid if sliding else None)
+    interpolant = _on_same_centers(step.fits, state.groups(values, sliding))
+    boundary, rates = state.boundary_values(move, step.slid), state.boundary_values(speed, slid)
+    out, turning = np.zeros_like(state.points), state.turning.rotation_rates(boundary, rates)
+    out[state.free] = state.free_displacement(rates, turning, interpolant(state.points[state.free]))
+    out[state.sites.known] = rates
+    return out
+
+
+def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> IntArray:
+    """Return the rows of the initial centres: so many of the first `surface` sites and of the others."""
+    own, others = group.points[:surface], group.points[surface:]
+    return np.concatenate([farthest(own, count[0]), surface + farthest(others, count[1])])
+
+
+def _fit(
+    state: StepState, sliding: bool, values: FloatArray, progress: Progress, earlier: Fits | None, frozen: bool
+) -> Fits:
+    """Adapt centres to displacements `values` (S, 3) of the known points.
+
+    With an earlier fit its centres and factors come first: every site is checked, and centres are added where one is
+    off by more than the tolerance.
+    """
+    fitting, found, kept = state.fitting, [], []  # type: tuple[Fitting, list[Adaptation], list[CholeskyBasis]]
+    tolerance = state.sites.tolerance
+    for i, group in enumerate(state.groups(values, sliding)):
+        if earlier:
+            initial = earlier.factors[i].chosen
+        else:
+            counts = fitting.initial_surface, fitting.initial_hexahedron
+            initial = initial_centers(group, len(state.sites.distinct), counts)
+
+        most = len(initial) if frozen else fitting.max_centers
+        options = GreedyOptions(n_add=fitting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=most)
+
+        def start(problem: Problem, rows: IntArray, i: int = i) -> Basis:
+            basis = with_values(earlier.factors[i], problem.values) if earlier else CholeskyBasis.of(problem, rows)
+            return RecordingBasis(basis, kept.append)
+
+        found.append(
+            adapt(
+                group, ThinPlateSpline(), initial, options,
+                rule=RULES[fitting.rule], basis=start, progress=_named(progress, group),
+            )
+        )  # fmt: skip
+    return Fits(tuple(found), tuple(kept))
+
+
+def _named(progress: Progress, group: DataSites) -> Progress:
+    """Return a progress that tells which directions are fitted."""
+    names = "".join(DIRECTIONS[c] for c in group.components)
+
+    def named(text: str, fraction: float) -> None:
+        progress(f"{names}: {text}", fraction)
+
+    return named
+
+
+def _on_same_centers(earlier: Fits, groups: Sequence[DataSites]) -> Interpolant:
+    """Interpolate other values at the same points on exactly the centres of an earlier fit."""
+    solved = []
+    with single_threaded_blas():
+        for group, factor, fit in zip(groups, earlier.factors, earlier.adaptations, strict=True):
+            basis = with_values(factor, group.values)
+            interpolant = basis.kernel.problem.interpolant(basis.chosen, basis.refined())
+            solved.append(Adaptation(interpolant, group.components, factor.chosen, (), fit.stop, np.nan))
+    return fused(solved)
+
+
+def _carried(state: StepState, displacement: FloatArray, move: FloatArray) -> FloatArray:
+    """Let sliding nodes (L, 3) follow the moving and fixed ones nearby, before they are put on their shapes."""
+    values = state.boundary_values(move, np.zeros_like(displacement))
+    return state.near_sliding.following(displacement, values, state.turning.rotations(values))
+
+
+def _carried_rate(state: StepState, speeds: FloatArray, move: FloatArray, speed: FloatArray) -> FloatArray:
+    """Return the derivative (L, 3) of `_carried`, given that of the displacement."""
+    none = np.zeros_like(speeds)
+    values, rates = state.boundary_values(move, none), state.boundary_values(speed, none)
+    return state.near_sliding.following(speeds, rates, state.turning.rotation_rates(values, rates))
+
+
+def _on_shapes(state: StepState, displacement: FloatArray) -> FloatArray:
+    """Put sliding nodes (L, 3) on their shapes; those on several, on one after another."""
+    for surface, rows, points in _rounds(state):
+        displacement[rows] = surface.projected(points, displacement[rows])
+    return displacement
+
+
+def _on_shapes_rate(state: StepState, displacement: FloatArray, speed: FloatArray) -> FloatArray:
+    """Return the derivative (L, 3) of `_on_shapes`, given that of the displacement."""
+    for surface, rows, points in _rounds(state):
+        speed[rows] = surface.rate(points, displacement[rows], speed[rows])
+        displacement[rows] = surface.projected(points, displacement[rows])
+    return speed
+
+
+def _rounds(state: StepState) -> list[tuple[SlidingSurface, IntArray, FloatArray]]:
+    """Return each shape with the rows and points of the sliding nodes on it, once, or in turn if there are several."""
+    slid, patches = state.sites.slid, state.boundary.sliding
+    one = [
+        (patch.surface, np.searchsorted(slid, nodes), state.points[nodes])
+        for patch, nodes in zip(patches, state.sites.sliding, strict=True)
+    ]
+    return one * (ROUNDS if len(one) > 1 else 1)

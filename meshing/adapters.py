@@ -1,0 +1,173 @@
+"""Meshes of other libraries: what we take of them, and how they get their points back."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells, Mesh, Patch
+from sdm_deflect.deform.quality import quality_of
+from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.meshing.mesh import TetMesh
+
+FACES = ("triangle", "quad")
+VTK_SHAPES = {5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
+
+
+class Accepted(NamedTuple):
+    """A mesh as the deformation sees it, and how to make one of its own kind from new points (N, 3)."""
+
+    mesh: Mesh
+    with_points: Callable[[FloatArray], Any]
+
+
+def accepted(mesh: Any) -> Accepted:
+    """Take a Mesh, a TetMesh, a meshio or pyvista mesh, or arrays (points, {patch: nodes}).
+
+    meshio: patches are cell sets, or physical groups of Gmsh. pyvista: an unstructured grid whose faces carry the
+    cell array ``patch``, named by the field array ``patch_names``.
+
+    Raises
+    ------
+    InputError
+        For anything else, and for meshes without a patch.
+    """
+    if isinstance(mesh, Mesh):
+        return Accepted(_checked(mesh), mesh.with_points)
+    if isinstance(mesh, TetMesh):
+        return Accepted(_checked(mesh.as_mesh()), mesh.with_points)
+    if isinstance(mesh, tuple) and len(mesh) == 2 and isinstance(mesh[1], Mapping):
+        return Accepted(_checked(_of_arrays(*mesh)), lambda points: (points, mesh[1]))
+    library = type(mesh).__module__.split(".")[0]
+    if library in ADAPTERS:
+        flow, with_points = ADAPTERS[library](mesh)
+        return Accepted(_checked(replace(flow, name=f"{library} mesh")), with_points)
+    raise InputError(
+        f"a {type(mesh).__name__} is no mesh: give a Mesh, a TetMesh, a meshio or pyvista mesh, "
+        "or (points, {patch: node indices})"
+    )
+
+
+def _checked(mesh: Mesh) -> Mesh:
+    if not mesh.patches:
+        raise InputError(f"{mesh.name} has no named patch, so no surface to move")
+    return mesh
+
+
+def _of_arrays(points: Any, patches: Mapping[str, Any]) -> Mesh:
+    named = tuple(Patch(name, (), np.unique(np.asarray(own, dtype=np.intp))) for name, own in patches.items())
+    try:
+        return Mesh(np.asarray(points, dtype=np.float64), (), named, name="arrays")
+    except InputError as error:
+        raise InputError(f"arrays: {error}") from None
+
+
+def _of_meshio(mesh: Any) -> tuple[Mesh, Callable[[FloatArray], Any]]:
+    for block in mesh.cells:
+        if block.dim == 3 and block.type not in VOLUMES:
+            raise InputError(f"meshio mesh: cells of type {block.type} are not supported")
+    cells = tuple(_cells(block.type, block.data) for block in mesh.cells if block.type in VOLUMES)
+    patches = tuple(Patch(name, faces) for name, faces in _meshio_patches(mesh).items() if faces)
+
+    def with_points(points: FloatArray) -> Any:
+        copy = mesh.copy()
+        copy.points = points
+        return copy
+
+    return Mesh(np.asarray(mesh.points, dtype=np.float64), cells, patches), with_points
+
+
+def _meshio_patches(mesh: Any) -> dict[str, tuple[Cells, ...]]:
+    """Return the faces of each cell set; of each physical group where there are no sets."""
+    sets = {name: rows for name, rows in mesh.cell_sets.items() if not name.startswith("gmsh:")}
+    if not sets and "gmsh:physical" in mesh.cell_data:
+        tags = mesh.cell_data["gmsh:physical"]
+        names = {int(tag): name for name, (tag, dimension) in mesh.field_data.items() if dimension == 2}
+        sets = {name: [np.flatnonzero(own == tag) for own in tags] for tag, name in names.items()}
+    return {
+        name: tuple(
+            _cells(block.type, block.data[np.asarray(own, dtype=np.intp)])
+            for block, own in zip(mesh.cells, rows, strict=True)
+            if block.type in FACES and own is not None and len(own)
+        )
+        for name, rows in sets.items()
+    }
+
+
+def _of_pyvista(mesh: Any) -> tuple[Mesh, Callable[[FloatArray], Any]]:
+    grid = mesh.cast_to_unstructured_grid()
+    unknown = sorted({int(kind) for kind in np.unique(grid.celltypes)} - VTK_SHAPES.keys())
+    if unknown:
+        raise InputError(f"pyvista mesh: VTK cells of type {unknown[0]} are not supported")
+    if "patch" not in grid.cell_data or "patch_names" not in grid.field_data:
+        raise InputError("pyvista mesh: give faces the cell array 'patch' and names in the field array 'patch_names'")
+    label, names = np.asarray(grid.cell_data["patch"]), [str(name) for name in grid.field_data["patch_names"]]
+    nodes = {VTK_SHAPES[int(kind)]: own for kind, own in grid.cells_dict.items()}
+    labels = {shape: label[grid.celltypes == kind] for kind, shape in VTK_SHAPES.items()}
+    cells = tuple(_cells(shape, own) for shape, own in nodes.items() if shape in VOLUMES)
+    patches = [
+        Patch(name, tuple(_cells(shape, nodes[shape][labels[shape] == i]) for shape in FACES if shape in nodes))
+        for i, name in enumerate(names)
+    ]
+
+    def with_points(points: FloatArray) -> Any:
+        copy = mesh.copy()
+        copy.points = points
+        return copy
+
+    flow = Mesh(np.asarray(grid.points, dtype=np.float64), cells, tuple(p for p in patches if len(p)))
+    return flow, with_points
+
+
+def _cells(shape: str, nodes: Any) -> Cells:
+    return Cells(shape, np.asarray(nodes, dtype=np.intp).reshape(-1, CORNERS[shape]))
+
+
+ADAPTERS: dict[str, Callable[[Any], tuple[Mesh, Callable[[FloatArray], Any]]]] = {
+    "meshio": _of_meshio,
+    "pyvista": _of_pyvista,
+}
+
+
+def to_pyvista(mesh: Mesh, displacement: FloatArray) -> Any:
+    """Return a pyvista UnstructuredGrid of cells and faces.
+
+    Point array ``displacement`` (N, 3), cell arrays ``quality`` (nan on faces) and ``patch`` with the field array
+    ``patch_names``; its position 0 is ``volume``. Polyhedra are left out.
+    """
+    import pyvista as pv
+
+    kinds = {shape: kind for kind, shape in VTK_SHAPES.items()}
+    blocks = [(block, 0) for block in mesh.cells if isinstance(block, Cells)]
+    blocks += [
+        (faces, i) for i, patch in enumerate(mesh.patches, 1) for faces in patch.faces if isinstance(faces, Cells)
+    ]
+    cells = [np.insert(block.nodes, 0, block.nodes.shape[1], axis=1).ravel() for block, _ in blocks]
+    types = [np.full(len(block), kinds[block.shape], dtype=np.uint8) for block, _ in blocks]
+    none = np.empty(0, dtype=np.intp)
+    grid = pv.UnstructuredGrid(np.concatenate([none, *cells]), np.concatenate([none, *types]), mesh.points)
+    grid.point_data["displacement"] = displacement
+    quality = [np.full(len(block), np.nan) if i else quality_of(mesh.points, block) for block, i in blocks]
+    grid.cell_data["quality"] = np.concatenate([np.empty(0), *quality])
+    grid.cell_data["patch"] = np.concatenate([none, *(np.full(len(block), i) for block, i in blocks)])
+    grid.field_data["patch_names"] = ["volume", *mesh.names]
+    return grid
+
+
+def to_meshio(mesh: Mesh, displacement: FloatArray) -> Any:
+    """Return a meshio Mesh of cells and faces: point data ``displacement`` (N, 3), one cell set for each patch."""
+    import meshio
+
+    blocks = [(block.shape, block.nodes) for block in mesh.cells if isinstance(block, Cells)]
+    sets: dict[str, list[Any]] = {}
+    for patch in mesh.patches:
+        for faces in patch.faces:
+            if isinstance(faces, Cells):
+                sets.setdefault(patch.name, []).append((len(blocks), np.arange(len(faces))))
+                blocks.append((faces.shape, faces.nodes))
+    rows = {
+        name: [dict(own).get(i, np.empty(0, dtype=np.intp)) for i in range(len(blocks))] for name, own in sets.items()
+    }
+    return meshio.Mesh(mesh.points, blocks, point_data={"displacement": displacement}, cell_sets=rows)

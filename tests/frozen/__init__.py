@@ -1,0 +1,1 @@
+"""Meshes and deflected points kept from the version before the engine was one."""

@@ -1,0 +1,102 @@
+"""The points of every kind of deflection stay what they were: kept on fixed meshes by the version before this engine.
+
+Each ``.npz`` holds the rows of the nodes that moved and where they were; `mesh_*.npz` the meshes of the cases.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases.api import deflect
+from sdm_deflect.cases.sdm.job import deflected, plans_of
+from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.deform.surface.blended import Blended
+from sdm_deflect.deform.surface.motions import Rotation, Table
+from sdm_deflect.deform.surface.surface import OnPatches
+from sdm_deflect.deform.volume.deflection import combined
+from sdm_deflect.meshing.mesh import TetMesh
+from tests.meshing.formats.wing import wing
+
+SAME = 1e-10  # m
+FOLDER = Path(__file__).parent
+
+
+def frozen(name):
+    with np.load(FOLDER / f"{name}.npz", allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+def expected(before, kept, rows="rows", values="points"):
+    out = np.array(before)
+    out[kept[rows]] = kept[values]
+    return out
+
+
+@pytest.fixture(scope="module")
+def meshes():
+    def mesh(name):
+        kept = frozen(f"mesh_{name}")
+        indices = (kept[key].astype(np.intp) for key in ("tets", "triangles", "patch", "face"))
+        return TetMesh(kept["points"], *indices, tuple(map(str, kept["names"]))).as_mesh(name)
+
+    return {name: mesh(name) for name in ("aircraft", "block")}
+
+
+@pytest.mark.parametrize(
+    ("name", "angle", "strategy"),
+    [
+        ("aileron", -12.0, "squv"),
+        ("aileron", -12.0, "mv"),
+        ("aileron", -30.0, "squv"),
+        ("aileron", -30.0, "mv"),
+        ("aileron-chimera", -12.0, None),
+        ("aileron-chimera", -30.0, None),
+        ("tail", 12.0, None),
+        ("rudder", 15.0, None),
+        ("all", 12.0, None),
+    ],
+)
+def test_cases(meshes, name, angle, strategy):
+    case = case_named(name)
+    adaptation = replace(case.adaptation, strategy=strategy or case.adaptation.strategy)
+    case = replace(case, angle=angle, adaptation=adaptation)
+    mesh = meshes["block" if case.domain == "block" else "aircraft"]
+    kept = frozen(f"{name}{angle:+g}" + (f"_{strategy}" if strategy else ""))
+    results = deflected(case, plans_of(case, mesh))
+    points = combined(mesh, results)
+    assert np.abs(points - expected(mesh.points, kept)).max() < SAME
+    centers = [[len(fit.chosen) for fit in one.steps[0].fits.adaptations] for one in results]
+    assert centers == kept["centers"].tolist()
+    assert [len(one.steps) for one in results] == kept["steps"].tolist()
+
+
+@pytest.fixture(scope="module")
+def hybrid():
+    """The hybrid wing, the one whose flap ends at the symmetry plane, and what moves them."""
+    middle, inboard = wing(cells=4), wing(flap=(0.0, 0.5), cells=4)
+    whole, flap, fixed = ("wing_*", "flap_*"), ("flap_*",), {"fixed": ("wing_*",)}
+    slide = {"slide": {"symmetry": "plane"}}
+    table = frozen("wing_table_input")
+
+    def blended(one):
+        return {"motion": Blended(Rotation.about(*one.hinge), held=OnPatches(("wing_*",)))}
+
+    return {
+        "wing_rigid": (middle, whole, middle.hinge, 10.0, slide),
+        "wing_blended": (middle, flap, middle.hinge, 10.0, {**blended(middle), **fixed}),
+        "wing_sliding": (inboard, flap, inboard.hinge, 10.0, {**blended(inboard), **fixed, **slide}),
+        "wing_table": (middle, whole, None, 1.0, {"motion": Table(table["points"], table["vectors"]), **slide}),
+    }
+
+
+@pytest.mark.parametrize("name", ["wing_rigid", "wing_blended", "wing_sliding", "wing_table"])
+def test_hybrid_wing_and_its_sensitivity(hybrid, name):
+    one, surfaces, hinge, angle, options = hybrid[name]
+    kept = frozen(name)
+    result = deflect(one.mesh, surfaces, hinge, angle, **options)
+    before = one.mesh.points
+    assert np.abs(result.points - expected(before, kept)).max() < SAME
+    assert np.abs(result.sensitivity - expected(np.zeros_like(before), kept, "srows", "rates")).max() < SAME
+    assert len(result.deflection.steps) == kept["steps"]
