@@ -14,9 +14,8 @@ def is_reported(error: Exception) -> bool:
     from sdm_deflect.geometry.errors import CadError
     from sdm_deflect.meshing.errors import MeshingError
     from sdm_deflect.meshing.formats.format import MeshFileError
-    from sdm_deflect.meshing.vtu import FormatError
 
     return isinstance(
         error,
-        OutputError | SolveError | CadError | MeshingError | FormatError | MeshFileError,
+        OutputError | SolveError | CadError | MeshingError | MeshFileError,
     )

@@ -12,8 +12,8 @@ from sdm_deflect.meshing.formats.openfoam_boundary import parse
 from sdm_deflect.meshing.formats.openfoam_file import open_foam
 from sdm_deflect.meshing.formats.openfoam_write import header
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.zones import joined
-from sdm_deflect.meshing.vtu import read_vtu
 
 WHICH = ("deflected", "undeflected")
 WITH_ZONES = ("cgns",)

@@ -11,8 +11,8 @@ from sdm_deflect.cases.sdm.reference import reference
 from sdm_deflect.cases.sdm.validation import validate
 from sdm_deflect.cases.settings import resolve
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.vtu import read_vtu
 
 
 def validate_folder(folder: Path) -> tuple[Check, ...]:

@@ -20,8 +20,8 @@ from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh import BoolArray, FloatArray
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS
+from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.vtu import read_vtu
 
 Centres = dict[str, dict[str, FloatArray]]
 """Centres (C, 3) of the first step by control surface and direction."""

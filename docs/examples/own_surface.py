@@ -17,8 +17,8 @@ from sdm_deflect.deform.rbf.kernels import FloatArray, ThinPlateSpline
 from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.sites import DataSites, joined, pinned
 from sdm_deflect.deform.volume.hexahedron import box
+from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.vtu import read_vtu
 
 BEND = 0.125
 """Height (m) above which the fin bends."""

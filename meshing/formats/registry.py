@@ -8,7 +8,7 @@ from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.other import advice
 from sdm_deflect.meshing.formats.su2 import Su2
-from sdm_deflect.meshing.formats.vtk import Vtu
+from sdm_deflect.meshing.formats.vtu import Vtu
 
 FORMATS: dict[str, Format] = {
     "su2": Su2(),

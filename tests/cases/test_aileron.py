@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import pyvista as pv
 
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.meshing.vtu import read_vtu, read_vtu_arrays
+from sdm_deflect.meshing.formats.vtu import read_vtu
 
 pytestmark = pytest.mark.mesher
 
@@ -41,7 +42,7 @@ def test_files_of_the_contract(aileron_run):
     before, after = read_vtu(folder / "undeflected.vtu"), read_vtu(folder / "deflected.vtu")
     np.testing.assert_array_equal(before.points, run.mesh.points)
     np.testing.assert_array_equal(after.tets, before.tets)
-    arrays = read_vtu_arrays(folder / "deflected.vtu")
+    arrays = pv.read(folder / "deflected.vtu")
     np.testing.assert_array_equal(arrays["displacement"], after.points - before.points)
     np.testing.assert_allclose(arrays["quality"][: len(after.tets)], mean_ratio(after.points, after.tets))
 

@@ -16,7 +16,6 @@ from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.vtu import FormatError
 
 CORNERS = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
 TETS = np.array([[0, 1, 2, 4], [1, 3, 2, 7], [4, 6, 7, 2], [4, 7, 5, 1], [1, 2, 4, 7]])
@@ -90,7 +89,7 @@ def test_nothing_is_overwritten_and_nothing_is_left_behind(run, tmp_path):
     with pytest.raises(MeshFileError, match="exists already"):
         export_run(run, "openfoam", out=tmp_path / "case")
     (run / "deflected.vtu").write_bytes((run / "deflected.vtu").read_bytes()[:900])
-    with pytest.raises(FormatError, match="damaged"):
+    with pytest.raises(MeshFileError, match="damaged"):
         export_run(run, "openfoam", out=tmp_path / "new")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["aileron", "case"]
 

@@ -6,8 +6,8 @@ import pytest
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.finished import read_run, validate_folder
+from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
-from sdm_deflect.meshing.vtu import read_vtu
 
 
 @pytest.mark.mesher

@@ -40,6 +40,7 @@ def test_a_full_disk_is_an_error_that_names_the_file_and_keeps_the_old_one(form,
     command = [sys.executable, "-c", CHILD, form, tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
 
 
 def on_full_disks(form: str, folder: Path) -> None:

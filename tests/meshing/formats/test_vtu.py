@@ -1,14 +1,21 @@
 """VTK grids: a round trip loses nothing, whatever the encoding; VTK's own filters agree with what we write."""
 
+import contextlib
+import re
+from dataclasses import replace
+
+import meshio
 import numpy as np
 import pytest
 import pyvista as pv
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-from sdm_deflect.deform.mesh import Polyhedra
+from sdm_deflect.deform.mesh import Mesh, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.formats.vtk import Vtu
+from sdm_deflect.meshing.formats.polyhedral import bounded
+from sdm_deflect.meshing.formats.vtu import Vtu
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
@@ -137,6 +144,104 @@ def test_a_truncated_file_is_an_error_that_names_it(rich, encoding, fraction, tm
     with pytest.raises(MeshFileError, match=r"cut\.vtu"):
         Vtu().read(tmp_path / "cut.vtu")
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_damaged_bytes_are_an_error_or_another_mesh_and_nothing_worse(rich, encoding, tmp_path, capfd):
+    data = encoded(rich, tmp_path / "source.vtu", encoding).read_bytes()
+    random = np.random.default_rng(9)
+    for _ in range(150):
+        damaged = bytearray(data)
+        for at in random.integers(0, len(data), random.integers(1, 4)):
+            damaged[at] ^= 1 << random.integers(8)
+        (tmp_path / "cut.vtu").write_bytes(damaged)
+        with contextlib.suppress(MeshFileError):
+            Vtu().read(tmp_path / "cut.vtu")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (rb'NumberOfPoints="14" *', b'NumberOfPoints="99999999999"'),
+        (rb'NumberOfCells="25" *', b'NumberOfCells="-5"'),
+        (rb'(Name="Points" NumberOfComponents=)"3"', rb'\1"99999999999"'),
+        (rb'(?<=Name="Points")(.*?)offset="\d+"', rb'\1offset="-1"'),
+        (rb'(?<=Name="Points")(.*?)offset="\d+"', rb'\1offset="99999999999"'),
+        (rb'(?<=Name="Points")(.*?)offset="\d+"', rb'\1offset="3"'),
+        (rb"(?s)<Cells>.*</Cells>", b"<Cells></Cells>"),
+        (rb'type="Float64" Name="Points"', b'type="Bit" Name="Points"'),
+        (rb'type="UnstructuredGrid"', b'type="PolyData"'),
+        (rb"<VTKFile", b"<!DOCTYPE a [<!ENTITY b 'c'>]><VTKFile"),
+        (rb"vtkZLib", b"vtkOther"),
+    ],
+)
+@pytest.mark.parametrize("packing", [NONE, ZLIB, LZ4, LZMA])
+def test_false_counts_are_errors(rich, packing, old, new, tmp_path, capfd):
+    data = encoded(rich, tmp_path / "source.vtu", ("Appended", packing, 0, 64, 64)).read_bytes()
+    damaged = re.sub(old, lambda found: found.expand(new) if b"\\1" in new else new, data, count=1)
+    if damaged == data:
+        assert b"ZLib" in old
+        return
+    (tmp_path / "cut.vtu").write_bytes(damaged)
+    with pytest.raises(MeshFileError, match=r"cut\.vtu: "):
+        Vtu().read(tmp_path / "cut.vtu")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_pieces_are_one_mesh(tmp_path):
+    """Two grids side by side, as programs on many processors write them, polyhedra among them."""
+    mesh = hybrid()
+    solids = Mesh(mesh.points, (bounded(mesh).cells,), mesh.patches)
+    for one in (mesh, solids):
+        write_vtu(tmp_path / "one.vtu", one)
+        grid = pv.read(tmp_path / "one.vtu")
+        path = encoded(grid, tmp_path / "one.vtu", ENCODINGS[0])
+        text = path.read_text()
+        piece = text[text.index("<Piece") : text.index("</Piece>") + 8]
+        path.write_text(text.replace(piece, piece + piece))
+        both = Vtu().read(path)
+        np.testing.assert_array_equal(both.points, np.tile(mesh.points, (2, 1)))
+        assert sum(map(len, both.cells)) == 14
+        assert {p.name: len(p) for p in both.patches} == {p.name: 2 * len(p) for p in mesh.patches}
+        moved = np.vstack([mesh.points, mesh.points + 1.0])
+        Vtu().rewrite(path, moved, tmp_path / "moved.vtu")
+        np.testing.assert_array_equal(Vtu().read(tmp_path / "moved.vtu").points, moved)
+        assert (tmp_path / "moved.vtu").read_text().count("\n") > 0.9 * path.read_text().count("\n")
+
+
+def test_only_coordinates_that_changed_have_other_bytes_in_text(rich, tmp_path):
+    source = encoded(rich, tmp_path / "source.vtu", ENCODINGS[0])
+    points = Vtu().read(source).points
+    points[3, 1] = np.pi
+    Vtu().rewrite(source, points, tmp_path / "moved.vtu")
+    old, new = (path.read_text().split() for path in (source, tmp_path / "moved.vtu"))
+    other = [word for word in new if word not in old]
+    assert other[:1] == [repr(np.pi)] or repr(np.pi) in other
+    assert len(other) <= 3
+    grid = pv.read(tmp_path / "moved.vtu")
+    np.testing.assert_array_equal(grid.points, points)
+
+
+def test_meshio_reads_what_has_no_names(tmp_path):
+    mesh = hybrid()
+    write_vtu(tmp_path / "mesh.vtu", replace(mesh, patches=()), {"rates": 2.0 * mesh.points})
+    read = meshio.read(tmp_path / "mesh.vtu")
+    np.testing.assert_array_equal(read.points, mesh.points)
+    np.testing.assert_array_equal(read.point_data["rates"], 2.0 * mesh.points)
+    assert {block.type: len(block) for block in read.cells} == {block.shape: len(block) for block in mesh.cells}
+
+
+def test_polygons_among_lines_are_a_patch(tmp_path):
+    points = np.array([[np.cos(a), np.sin(a), z] for z in (0.0, 1.0) for a in np.arange(5) * 0.4 * np.pi])
+    sides = [[4, i, (i + 1) % 5, 5 + (i + 1) % 5, 5 + i] for i in range(5)]
+    faces = [[5, 4, 3, 2, 1, 0], [5, 5, 6, 7, 8, 9], *sides]
+    prism = [7, *(number for face in faces for number in face)]
+    cells = np.array([2, 0, 1, len(prism), *prism, 5, 0, 1, 2, 3, 4])
+    path = encoded(pv.UnstructuredGrid(cells, [3, 42, 7], points), tmp_path / "mesh.vtu", ENCODINGS[1])
+    mesh = Vtu().read(path)
+    assert [len(block) for block in mesh.cells] == [1]
+    assert [(patch.name, len(patch)) for patch in mesh.patches] == [("boundary", 1)]
 
 
 def test_damage_is_named(tmp_path):
