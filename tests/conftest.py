@@ -12,6 +12,8 @@ from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.pipeline import meshed
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.meshing.cache import FOLDER_VARIABLE
+from tests.deform.blocks import annulus_with_fin, block_with_body
+from tests.meshing.formats.wing import FLAP, wing
 
 # A shared machine may pause a test: no example of a property fails by the clock.
 settings.register_profile("untimed", deadline=None)
@@ -57,3 +59,33 @@ def make_mesh(shared_folder: Path, mesh_cache: Path):
 def aileron_mesh(make_mesh):
     """The undeflected small mesh of the aileron case and how it was made."""
     return make_mesh(case_named("aileron"))
+
+
+@pytest.fixture(scope="session")
+def flap_names():
+    """Patches of the flap of `hybrid_wing`."""
+    return FLAP
+
+
+@pytest.fixture(scope="session")
+def hybrid_wing():
+    """Half wing with a flap in the middle of its trailing edge, no gap."""
+    return wing(cells=4)
+
+
+@pytest.fixture(scope="session")
+def inboard_wing():
+    """The same with a flap that ends at the symmetry plane."""
+    return wing(flap=(0.0, 0.5), cells=4)
+
+
+@pytest.fixture(scope="session")
+def block():
+    """A cube of hexahedra around a cubic body."""
+    return block_with_body()
+
+
+@pytest.fixture(scope="session")
+def block_on_cylinder():
+    """A quarter annulus of hexahedra with a fin on its inner cylinder."""
+    return annulus_with_fin()

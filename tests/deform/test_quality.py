@@ -22,7 +22,7 @@ from sdm_deflect.deform.quality import (
     summarise,
 )
 from sdm_deflect.deform.touched import TouchedCells
-from tests.cases.own.blocks import block_with_body
+from tests.deform.blocks import block_with_body
 from tests.meshing.formats.examples import KINDS, hybrid
 
 REGULAR, ONE = np.array([[1.0, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]), np.array([[0, 1, 2, 3]])

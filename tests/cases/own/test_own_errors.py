@@ -9,7 +9,7 @@ from sdm_deflect.cases.own import deflect
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.volume.region import Region
-from tests.cases.own.blocks import joined
+from tests.deform.blocks import joined
 from tests.meshing.formats.examples import hybrid
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sdm_deflect.cases.own import Job, Moving, Rotation, deflect_job
 
-from tests.cases.own.blocks import two_bodies
+from tests.deform.blocks import two_bodies
 
 LEFT = Rotation.about([-1.0, 0, 0], [-1.0, 1, 0])
 RIGHT = Rotation.about([1.0, 0, 0], [1.0, 1, 0])

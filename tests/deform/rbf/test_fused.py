@@ -1,8 +1,9 @@
+"""One interpolant of several adaptations: a plate that turns, held by sites on the box around it."""
+
 import numpy as np
 import pytest
-from sdm_deflect.deform.volume.fused import displacement, fused, inside, prescribe
 
-from sdm_deflect.deform.rbf.greedy import adapt
+from sdm_deflect.deform.rbf.greedy import adapt, fused
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.selection import GreedyOptions
@@ -12,6 +13,7 @@ from sdm_deflect.deform.volume.hexahedron import box
 
 REGION = box(np.array([0.0, -1.0, -1.0]), np.array([2.0, 2.0, 1.0]))
 OPTIONS = GreedyOptions(n_add=6, tol_add=1e-3, tol_stop=1e-3)
+CLOUD = np.random.default_rng(0).uniform((-1, -2, -2), (3, 3, 2), (5_000, 3))
 
 
 def _plate(n=12):
@@ -30,18 +32,6 @@ def _fits(group):
 @pytest.fixture(scope="module")
 def squv():
     return _fits(univariate)
-
-
-CLOUD = np.random.default_rng(0).uniform((-1, -2, -2), (3, 3, 2), (5_000, 3))
-
-
-def test_points_outside_do_not_move_at_all(squv):
-    rows = inside(CLOUD, REGION)
-    moved = displacement(CLOUD, rows, fused(squv))
-    outside = np.setdiff1d(np.arange(len(CLOUD)), rows)
-    assert len(rows) > 500
-    assert np.array_equal((CLOUD + moved)[outside].view(np.int64), CLOUD[outside].view(np.int64))
-    assert moved[rows].any()
 
 
 def test_the_fused_interpolant_is_its_parts(squv):
@@ -77,22 +67,3 @@ def test_fusing_checks_what_it_gets(squv):
     other = adapt(DataSites(surface, surface[:, :1], (0,)), Multiquadric(1.0), farthest(surface, 9), OPTIONS)
     with pytest.raises(ValueError, match="different kernels"):
         fused([squv[1], other])
-
-
-def test_prescribed_nodes_take_their_places_exactly():
-    interpolated = np.random.default_rng(1).normal(size=(10, 3))
-    kept = interpolated.copy()
-    nodes, values = np.array([7, 2]), np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]])
-    exact = prescribe(interpolated, nodes, values)
-    assert np.array_equal(exact.displacement[nodes], values)
-    others = np.setdiff1d(np.arange(10), nodes)
-    assert np.array_equal(exact.displacement[others], interpolated[others])
-    assert exact.correction == np.abs(values - kept[nodes]).max()
-    assert np.array_equal(interpolated, kept)
-    assert prescribe(interpolated, np.empty(0, dtype=np.intp), values[:0]).correction == 0.0
-
-
-def test_a_node_shared_by_two_surfaces_must_not_be_moved_twice():
-    with pytest.raises(ValueError, match="prescribed twice"):
-        prescribe(np.zeros((5, 3)), np.array([1, 1]), np.array([[0.0, 0, 0], [1.0, 0, 0]]))
-    assert prescribe(np.ones((5, 3)), np.array([1, 1]), np.zeros(3)).correction == 1.0

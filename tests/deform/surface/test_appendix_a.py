@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from sdm_deflect.deform.surface.appendix import blend, blend_strip, elongate, slide_panel
 
+from sdm_deflect.deform.surface.appendix_a import blend, blend_strip, elongate, slide_panel
 from sdm_deflect.deform.surface.axis import Axis, Cylinder
 from sdm_deflect.deform.volume.hexahedron import box
 

@@ -1,26 +1,11 @@
+"""Data sites, and the groups that SQUV and MV make of them."""
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from sdm_deflect.deform.rbf.points import first_coincident
 from sdm_deflect.deform.rbf.sites import DataSites, joined, multivariate, pinned, univariate
 
 GRID = np.stack(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
-@settings(deadline=None)
-@given(st.lists(st.integers(0, 63), min_size=1, max_size=120))
-def test_coincident_points_are_found_exactly(rows):
-    got = first_coincident(GRID[rows])
-    assert got.tolist() == [rows.index(r) for r in rows]
-
-
-def test_coincidence_within_a_tolerance():
-    x = np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 1e-10, 0], [0, 0, -1e-10], [1e-8, 0, 0]])
-    assert first_coincident(x, 1e-9).tolist() == [0, 1, 1, 0, 4]
-    assert first_coincident(x).tolist() == [0, 1, 2, 3, 4]
-    assert first_coincident(np.empty((0, 3))).tolist() == []
 
 
 def test_sites_reject_what_makes_the_matrix_singular():
