@@ -5,11 +5,10 @@ from pathlib import Path
 
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.meshing.formats.folder import fresh_folder
-from sdm_deflect.meshing.formats.format import Progress, silent
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.meshing.files import fresh_folder
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
-from sdm_deflect.meshing.formats.openfoam_boundary import parse
-from sdm_deflect.meshing.formats.openfoam_file import open_foam
+from sdm_deflect.meshing.formats.openfoam_files import open_foam, parse
 from sdm_deflect.meshing.formats.openfoam_write import header
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import read_vtu

@@ -15,8 +15,7 @@ from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.guard import FULL
+from sdm_deflect.meshing.formats.format import FULL, MeshFileError
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
 

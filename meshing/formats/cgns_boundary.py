@@ -11,7 +11,7 @@ import numpy as np
 from sdm_deflect.deform.mesh import Cells, Patch, Polygons
 from sdm_deflect.meshing.formats.cgns_nodes import children, integers, text
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.polygons import taken
+from sdm_deflect.meshing.formats.shapes import taken
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 ON_FACES = ("FaceCenter", "CellCenter")

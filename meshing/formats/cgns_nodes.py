@@ -18,6 +18,7 @@ KINDS = {"int8": "C1", "int32": "I4", "int64": "I8", "float32": "R4", "float64":
 NAME_LENGTH = 32
 Array = NDArray[Any]
 Integer = type[np.int32] | type[np.int64]
+AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
 
 def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:

@@ -1,18 +1,21 @@
-"""What every mesh format can do."""
+"""What every mesh format can do, and errors that name the file."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.mesh import FloatArray
 
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the fraction done (nan where that is unknown)."""
-
-
-def silent(text: str, fraction: float) -> None:
-    """Report nothing."""
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of writing alone: no space, a quota, a limit of the size."""
 
 
 class MeshFileError(RuntimeError):
@@ -52,3 +55,38 @@ class Format(Protocol):
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """Write a mesh that came from elsewhere; return a sentence for each thing that the format cannot hold."""
         ...
+
+
+@contextmanager
+def about(path: Path) -> Iterator[None]:
+    """Name the file in every error that its content causes in the block.
+
+    Raises
+    ------
+    MeshFileError
+        In place of a MeshFileError, a ValueError or an OSError, as ``"file: what is wrong"``; an OSError of a full
+        disk passes, because it is of another file.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno in FULL:
+            raise
+        raise MeshFileError(f"{path}: {error.strerror or error}") from error
+    except (MeshFileError, ValueError) as error:
+        raise MeshFileError(f"{path}: {error}") from error
+
+
+def check_points(points: FloatArray, count: int) -> None:
+    """Refuse coordinates that do not fit a file of `count` points.
+
+    Raises
+    ------
+    ValueError
+        For another number of points, or coordinates that are not finite.
+    """
+    if points.shape != (count, 3):
+        raise ValueError(f"the file has {count} points, but coordinates {points.shape} were given")
+    bad = int(np.count_nonzero(~np.isfinite(points).all(axis=1)))
+    if bad:
+        raise ValueError(f"{bad} of the {count} points to write are not finite")

@@ -10,19 +10,20 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.meshing.files import fresh
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
-from sdm_deflect.meshing.formats.gmsh_file import GmshFile, opened
-from sdm_deflect.meshing.formats.gmsh_nodes import nodes
-from sdm_deflect.meshing.formats.gmsh_write import write_mesh
-from sdm_deflect.meshing.formats.guard import about, check_faces, check_points, fresh
-from sdm_deflect.meshing.formats.moved import with_bytes, with_numbers
-from sdm_deflect.meshing.formats.orientation import mirrored, oriented
+from sdm_deflect.meshing.formats.gmsh_file import GmshFile, nodes, opened
+from sdm_deflect.meshing.formats.numbers import with_bytes, with_numbers
+from sdm_deflect.meshing.formats.polyhedra import standard_cells
+from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, simple_faces
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
 FACES = {2: "triangle", 3: "quad"}
 PHYSICAL = re.compile(rb'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
+VOLUME = "volume"
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,3 +117,41 @@ def _patches(faces: dict[int, tuple[IntArray, Iterable[Elements]]], names: dict[
         name = f"entity_{part}" if free else names.get(physical, f"surface_{physical}")
         named.setdefault(name, []).extend(cells)
     return tuple(Patch(name, tuple(cells)) for name, cells in named.items())
+
+
+def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
+    """Write boundary faces, then cells; patch i is physical group i + 1, the cells are the group ``volume`` after them.
+
+    Raises
+    ------
+    MeshFileError
+        For polyhedra of other than the usual shapes, and faces of more than four corners.
+    """
+    import meshio
+
+    names = [patch.name.replace('"', "'") for patch in mesh.patches]
+    faces = [(f, tag) for tag, patch in enumerate(mesh.patches, 1) for f in simple_faces(patch) if len(f)]
+    solids = [(block, len(names) + 1) for block in standard_cells(mesh) if len(block)]
+    groups = [np.full(len(block), tag, dtype=np.int32) for block, tag in faces + solids]
+    turned = [mirrored("wedge", block.nodes) if block.shape == "wedge" else block.nodes for block, _ in faces + solids]
+    fields = {name: np.array([tag, 2]) for tag, name in enumerate(names, 1)} | {
+        _free(names): np.array([len(names) + 1, 3])
+    }
+    whole = meshio.Mesh(
+        mesh.points,
+        [(block.shape, nodes) for (block, _), nodes in zip(faces + solids, turned, strict=True)],
+        cell_data={"gmsh:physical": groups, "gmsh:geometrical": groups},
+        field_data=fields,
+    )
+    meshio.write(out, whole, file_format="gmsh22", binary=False)
+    renamed = [
+        f"patch {p.name} is called {name}" for p, name in zip(mesh.patches, names, strict=True) if p.name != name
+    ]
+    return (*renamed, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []))
+
+
+def _free(names: list[str]) -> str:
+    name = VOLUME
+    while name in names:
+        name += "_"
+    return name

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.gmsh_cursor import ByteCursor, Cursor, TextCursor
-from sdm_deflect.meshing.formats.gmsh_file import GmshFile
-from sdm_deflect.meshing.formats.su2_text import Lines
+from sdm_deflect.meshing.formats.gmsh_file import ByteCursor, Cursor, GmshFile, TextCursor
+from sdm_deflect.meshing.formats.numbers import Lines
 from sdm_deflect.meshing.mesh import IntArray
 
 CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}

@@ -1,15 +1,102 @@
-"""Gmsh's own files: their version and their sections."""
+"""Gmsh's own files: their version, their sections, and the numbers and nodes in them."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
 
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.gmsh_cursor import ByteCursor, Cursor, TextCursor
+import numpy as np
 
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.numbers import Lines, numbers
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
+
+REAL = np.dtype("f8")
 NAME = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 VERSIONS = {"2": 22, "2.0": 22, "2.1": 22, "2.2": 22, "4.1": 41}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reals:
+    """Numbers (K,) and the bytes begin to end - 1 of the file that each takes."""
+
+    values: FloatArray = field(repr=False)
+    begin: IntArray = field(repr=False)
+    end: IntArray = field(repr=False)
+
+
+class TextCursor:
+    """Numbers of a section in text, one after another."""
+
+    def __init__(self, content: bytes, offset: int, name: str) -> None:
+        self.words: Lines = numbers(content, np.float64)
+        self.offset, self.name, self.at = offset, name, 0
+
+    def reals(self, count: int) -> Reals:
+        """The next `count` numbers."""
+        own = slice(self.at, self.at + count)
+        self.at += count
+        if self.at > len(self.words.values):
+            raise _ended(self.name)
+        words = self.words
+        values = np.asarray(words.values[own], dtype=np.float64)
+        return Reals(values, self.offset + words.begin[own], self.offset + words.end[own])
+
+    def ints(self, count: int) -> IntArray:
+        """The next `count` integers."""
+        with np.errstate(invalid="ignore"):
+            return self.reals(count).values.astype(np.intp)
+
+    sizes = ints
+
+
+class ByteCursor:
+    """Numbers of a section in binary, one after another."""
+
+    def __init__(self, content: bytes, offset: int, name: str, order: str) -> None:
+        self.content, self.offset, self.name, self.order, self.at = content, offset, name, order, 0
+
+    def line(self) -> int:
+        """The integer on a line of text, as version 2.2 has them between binary data."""
+        end = self.content.find(b"\n", self.at) + 1
+        text, self.at = self.content[self.at : end], end or len(self.content)
+        return int(text)
+
+    def raw(self, count: int, kind: str) -> np.ndarray[tuple[int, ...], np.dtype[np.void]]:
+        """The next `count` values of a NumPy type such as ``"i4,3f8"``, in the file's byte order."""
+        own = np.dtype(kind).newbyteorder(self.order)  # type: ignore[arg-type]
+        end = self.at + count * own.itemsize
+        if count < 0 or end > len(self.content):
+            raise _ended(self.name)
+        values = np.frombuffer(self.content[self.at : end], own)
+        self.at = end
+        return values
+
+    def reals(self, count: int) -> Reals:
+        """The next `count` numbers."""
+        begin = self.offset + self.at + REAL.itemsize * np.arange(count)
+        return Reals(self.raw(count, "f8").astype(np.float64), begin, begin + REAL.itemsize)
+
+    def ints(self, count: int) -> IntArray:
+        """The next `count` integers of 4 bytes."""
+        return self.raw(count, "i4").astype(np.intp)
+
+    def peek(self, count: int) -> IntArray:
+        """The same, to be read again."""
+        at, values = self.at, self.ints(count)
+        self.at = at
+        return values
+
+    def sizes(self, count: int) -> IntArray:
+        """The next `count` integers of 8 bytes."""
+        return self.raw(count, "i8").astype(np.intp)
+
+
+Cursor = TextCursor | ByteCursor
+
+
+def _ended(name: str) -> MeshFileError:
+    return MeshFileError(f"section ${name} holds fewer numbers than it announces; the file is truncated or damaged")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,3 +173,63 @@ def _sections(data: bytes) -> dict[str, tuple[int, int]]:
     if data[at:].strip():
         raise MeshFileError(f"{data[at : at + 20].strip()!r} stands between sections; the file is damaged")
     return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nodes:
+    """Numbers (N,) of the nodes, coordinates (N, 3), and the bytes begin to end - 1 (both (N, 3)) that hold them."""
+
+    tags: IntArray = field(repr=False)
+    points: FloatArray = field(repr=False)
+    begin: IntArray = field(repr=False)
+    end: IntArray = field(repr=False)
+
+
+def nodes(file: GmshFile) -> Nodes:
+    """Return the nodes in the file's order.
+
+    Raises
+    ------
+    MeshFileError
+        If they are truncated, or two have the same number.
+    """
+    cursor = file.cursor("Nodes")
+    found = _nodes22(cursor) if file.version == 22 else _nodes41(cursor)
+    twice = len(found.tags) - len(np.unique(found.tags))
+    if twice:
+        raise MeshFileError(f"{twice} of {len(found.tags)} nodes have the number of another")
+    return found
+
+
+def _nodes22(cursor: Cursor) -> Nodes:
+    if isinstance(cursor, TextCursor):
+        count = int(cursor.ints(1)[0])
+        table = cursor.reals(4 * count)
+        own = _columns(table, 4, slice(1, 4))
+        return Nodes(table.values[::4].astype(np.intp), own.values, own.begin, own.end)
+    count = cursor.line()
+    first = cursor.offset + cursor.at + 4
+    records = cursor.raw(count, "i4,3f8")
+    begin = first + 28 * np.arange(count)[:, None] + 8 * np.arange(3)
+    return Nodes(records["f0"].astype(np.intp), records["f1"].astype(np.float64), begin, begin + 8)
+
+
+def _nodes41(cursor: Cursor) -> Nodes:
+    blocks = int(cursor.sizes(4)[0])
+    tags, found = [np.empty(0, dtype=np.intp)], []
+    for _ in range(blocks):
+        dimension, _, parametric = cursor.ints(3).tolist()
+        count = int(cursor.sizes(1)[0])
+        tags.append(cursor.sizes(count))
+        width = 3 + (dimension if parametric else 0)
+        found.append(_columns(cursor.reals(width * count), width, slice(3)))
+    none = np.empty((0, 3), dtype=np.intp)
+    begin, end = (np.concatenate([none, *(getattr(own, name) for own in found)]) for name in ("begin", "end"))
+    points = np.concatenate([np.empty((0, 3)), *(own.values for own in found)])
+    return Nodes(np.concatenate(tags), points, begin, end)
+
+
+def _columns(table: Reals, width: int, chosen: slice) -> Reals:
+    """Columns of a table of `width`: coordinates have a node's number before them, or parameters after them."""
+    begin, end = (places.reshape(-1, width)[:, chosen] for places in (table.begin, table.end))
+    return Reals(table.values.reshape(-1, width)[:, chosen], begin, end)

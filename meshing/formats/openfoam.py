@@ -9,15 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.deform.mesh import Mesh, Patch, Polyhedra
-from sdm_deflect.meshing.formats.folder import copied, fresh_folder
-from sdm_deflect.meshing.formats.format import MeshFileError, Progress, silent
-from sdm_deflect.meshing.formats.guard import about, check_points
-from sdm_deflect.meshing.formats.moved import with_bytes, with_numbers
-from sdm_deflect.meshing.formats.openfoam_boundary import parse
-from sdm_deflect.meshing.formats.openfoam_file import open_foam
-from sdm_deflect.meshing.formats.openfoam_lists import faces, labels, vectors
-from sdm_deflect.meshing.formats.openfoam_system import write_system
-from sdm_deflect.meshing.formats.openfoam_write import write_mesh
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.meshing.files import copied, fresh_folder
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.numbers import with_bytes, with_numbers
+from sdm_deflect.meshing.formats.openfoam_files import faces, labels, open_foam, parse, vectors
+from sdm_deflect.meshing.formats.openfoam_write import write_mesh, write_system
 from sdm_deflect.meshing.mesh import FloatArray
 
 MESH = Path("constant", "polyMesh")

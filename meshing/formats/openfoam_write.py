@@ -1,7 +1,8 @@
-"""The files of an OpenFOAM mesh, written anew."""
+"""OpenFOAM meshes written anew, with settings with which checkMesh, potentialFoam and simpleFoam run."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,14 +10,101 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.meshing.formats.openfoam_boundary import FoamPatch, kind_of, words, written
-from sdm_deflect.meshing.formats.polyhedral import Bounded, bounded
+from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
+from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
 from sdm_deflect.meshing.mesh import FloatArray
 
 LABEL, SCALAR = np.dtype("<i4"), np.dtype("<f8")
 FLAT = 1e-9
 """Fraction of a patch's extent by which its nodes may leave a plane that is called planar."""
 BANNER = "// Written by sdm-deflect.\n"
+SYMMETRY = ("symmetry", "sym")
+OPEN = ("far", "inlet", "outlet", "inflow", "outflow", "freestream", "chimera", "overset", "interface", "volume")
+CONTROL = """application     simpleFoam;
+startFrom       startTime;
+startTime       0;
+stopAt          endTime;
+endTime         500;
+deltaT          1;
+writeControl    timeStep;
+writeInterval   500;
+purgeWrite      1;
+writeFormat     binary;
+runTimeModifiable false;
+"""
+SCHEMES = """ddtSchemes
+{
+    default         steadyState;
+}
+gradSchemes
+{
+    default         cellLimited Gauss linear 1;
+}
+divSchemes
+{
+    default         none;
+    div(phi,U)      Gauss upwind;
+    div(div(phi,U)) Gauss linear;
+    div((nuEff*dev2(T(grad(U))))) Gauss linear;
+}
+laplacianSchemes
+{
+    default         Gauss linear limited 0.5;
+}
+interpolationSchemes
+{
+    default         linear;
+}
+snGradSchemes
+{
+    default         limited 0.5;
+}
+"""
+SOLUTION = """solvers
+{
+    Phi
+    {
+        solver          GAMG;
+        smoother        DICGaussSeidel;
+        tolerance       1e-9;
+        relTol          0.01;
+    }
+    p
+    {
+        $Phi;
+        tolerance       1e-7;
+        relTol          0.05;
+    }
+    U
+    {
+        solver          smoothSolver;
+        smoother        GaussSeidel;
+        tolerance       1e-8;
+        relTol          0.1;
+    }
+}
+potentialFlow
+{
+    nNonOrthogonalCorrectors 10;
+}
+SIMPLE
+{
+    nNonOrthogonalCorrectors 1;
+    pRefCell        0;
+    pRefValue       0;
+}
+relaxationFactors
+{
+    equations
+    {
+        U               0.7;
+    }
+    fields
+    {
+        p               0.3;
+    }
+}
+"""
 
 
 def header(kind: str, name: str, folder: str = "constant/polyMesh", form: str = "ascii", note: str = "") -> str:
@@ -82,3 +170,45 @@ def _binary(path: Path, kind: str, lists: Sequence[NDArray[np.generic]], note: s
                 file.write(b"(")
                 file.write(np.ascontiguousarray(values).data)
                 file.write(b")\n")
+
+
+def written(patches: Sequence[FoamPatch]) -> str:
+    """Return the content of a `boundary` file."""
+    lines = [f"{len(patches)}", "("]
+    for patch in patches:
+        group = "    inGroups 1(wall);\n" if patch.type == "wall" else ""
+        lines.append(
+            f"{patch.name}\n{{\n    type {patch.type};\n{group}    nFaces {patch.count};\n"
+            f"    startFace {patch.start};\n}}"
+        )
+    return "\n".join([*lines, ")", ""])
+
+
+def kind_of(name: str, planar: bool) -> str:
+    """Return the type of a patch that has but a name: what it says, a wall if nothing.
+
+    A plane of symmetry that is curved is a ``symmetry``: OpenFOAM takes ``symmetryPlane`` for planes alone.
+    """
+    low = name.lower()
+    if any(low.startswith(word) for word in SYMMETRY):
+        return "symmetryPlane" if planar else "symmetry"
+    return "patch" if any(word in low for word in OPEN) else "wall"
+
+
+def words(names: Sequence[str]) -> dict[str, str]:
+    """Word for each patch: its name where OpenFOAM can read it, else one that is not taken."""
+    found: dict[str, str] = {}
+    for name in names:
+        word = re.sub(r"[\s\"'/;{}()\[\]$#\\]", "_", name) or "_"
+        while word != name and (word in names or word in found.values()):
+            word += "_"
+        found[name] = word
+    return found
+
+
+def write_system(case: Path) -> None:
+    """Write the folder ``system`` of a case."""
+    folder = case / "system"
+    folder.mkdir()
+    for name, content in (("controlDict", CONTROL), ("fvSchemes", SCHEMES), ("fvSolution", SOLUTION)):
+        (folder / name).write_text(header("dictionary", name, "system") + content, encoding="utf-8")

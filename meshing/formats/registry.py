@@ -1,4 +1,6 @@
-"""The formats we know, by name and by suffix."""
+"""The formats we know, by name and by suffix, and what to do with files of others."""
+
+from __future__ import annotations
 
 from pathlib import Path
 
@@ -6,10 +8,22 @@ from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import Format, MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.formats.other import advice
 from sdm_deflect.meshing.formats.su2 import Su2
 from sdm_deflect.meshing.formats.vtu import Vtu
 
+FLUENT = "convert it to an OpenFOAM case: fluentMeshToFoam (fluent3DMeshToFoam for hanging nodes)"
+GMSH = "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh"
+VTK = 'convert it with PyVista: pyvista.read("FILE").cast_to_unstructured_grid().save("mesh.vtu")'
+EXPORT = "export it from the mesher as CGNS or SU2"
+SURFACE = "it holds a surface or a geometry; a mesh with volume cells is needed"
+ADVICE = {
+    ".cas": FLUENT, ".h5": EXPORT, ".neu": "convert it to an OpenFOAM case: gambitToFoam",
+    ".ccm": "convert it to an OpenFOAM case: ccmToFoam", ".ccmg": "convert it to an OpenFOAM case: ccmToFoam",
+    ".med": GMSH, ".unv": GMSH, ".bdf": GMSH, ".nas": GMSH, ".inp": EXPORT, ".ugrid": EXPORT,
+    ".vtk": VTK, ".pvtu": VTK, ".vtm": VTK, ".vtp": SURFACE, ".stl": SURFACE, ".obj": SURFACE, ".ply": SURFACE,
+    ".step": SURFACE, ".stp": SURFACE, ".igs": SURFACE, ".iges": SURFACE, ".brep": SURFACE,
+}  # fmt: skip
+"""By suffix, in lower case."""
 FORMATS: dict[str, Format] = {
     "su2": Su2(),
     "cgns": Cgns(),
@@ -18,6 +32,13 @@ FORMATS: dict[str, Format] = {
     "openfoam": OpenFoam(),
 }
 """Every format by its name; a format is added here and nowhere else."""
+
+
+def advice(path: Path) -> str:
+    """Return what to do with a file that no format reads; empty if that is not known."""
+    if path.suffix.lower() == ".gz":
+        return f"unpack it first: gunzip {path.name}"
+    return ADVICE.get(path.suffix.lower(), "").replace("FILE", path.name)
 
 
 def format_of(path: str | Path) -> Format:

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
-from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.meshing.formats.format import Progress, silent
-from sdm_deflect.meshing.formats.guard import about, fresh
-from sdm_deflect.meshing.formats.standard import standard_cells
-from sdm_deflect.meshing.formats.su2_read import read_zones
-from sdm_deflect.meshing.formats.su2_source import Su2File
-from sdm_deflect.meshing.formats.su2_write import copy_moved, write_mesh
-from sdm_deflect.meshing.mesh import FloatArray
+import numpy as np
+
+from sdm_deflect.deform.mesh import Mesh, Polyhedra
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.meshing.files import fresh
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.numbers import Lines, with_numbers
+from sdm_deflect.meshing.formats.polyhedra import standard_cells
+from sdm_deflect.meshing.formats.shapes import simple_faces
+from sdm_deflect.meshing.formats.su2_read import CHUNK, FACES, PARALLEL, SOLIDS, Su2File, coordinates, read_zones
+from sdm_deflect.meshing.formats.zones import part
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
+
+NUMBERS = {shape: number for number, shape in (SOLIDS | FACES).items()}
+ROWS = 1 << 15
+"""Lines written at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,3 +57,109 @@ class Su2:
         if len(mesh.zones) > 1:
             lost.append("SU2 numbers its zones; the names " + ", ".join(z.name for z in mesh.zones) + " are lost")
         return tuple(lost)
+
+
+def copy_moved(source: Su2File, points: FloatArray, out: BinaryIO) -> None:
+    """Copy a file with coordinates `points` (N, 3): only the characters of changed coordinates differ.
+
+    Raises
+    ------
+    MeshFileError, ValueError
+        If the file is damaged, or has another number of points.
+    """
+    tables = [section for section in source.sections if section.keyword == "NPOIN"]
+    check_points(points, sum(section.count for section in tables))
+    at = start = 0
+    for section in tables:
+        _copy(source.file, at, section.begin, out)
+        for text, lines in source.lines(section, np.float64):
+            out.write(_moved(text, lines, points[start : start + len(lines)]))
+            start += len(lines)
+        at = section.end
+    _copy(source.file, at, source.sections[-1].end, out)
+
+
+def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> dict[str, str]:
+    """Write a mesh of shapes that SU2 has; return the markers of patches whose names SU2 cannot read.
+
+    Raises
+    ------
+    MeshFileError
+        If it has polyhedra, or boundary faces of more than four corners.
+    """
+    if len(mesh.zones) > 1:
+        out.write(b"NZONE= %d\n" % len(mesh.zones))
+    renamed: dict[str, str] = {}
+    for i, zone in enumerate(mesh.zones):
+        if len(mesh.zones) > 1:
+            out.write(b"IZONE= %d\n" % (i + 1))
+        own = part(mesh, zone)
+        names = markers([patch.name for patch in own.patches])
+        renamed |= {name: marker for name, marker in names.items() if name != marker}
+        for text, done in _zone(own, names):
+            out.write(text.encode())
+            report((i + done) / len(mesh.zones))
+    return renamed
+
+
+def markers(patches: Sequence[str]) -> dict[str, str]:
+    """Marker of each patch: its name where SU2 can read it, else one that is not taken.
+
+    SU2 drops blanks, and its lists of markers are separated by commas and parentheses.
+    """
+    names: dict[str, str] = {}
+    for name in patches:
+        marker = re.sub(r"[\s(),%=]", "_", name) if name != PARALLEL else f"{name}_"
+        while marker != name and (marker in patches or marker in names.values()):
+            marker += "_"
+        names[name] = marker
+    return names
+
+
+def _copy(file: BinaryIO, begin: int, end: int, out: BinaryIO) -> None:
+    file.seek(begin)
+    for at in range(begin, end, CHUNK):
+        out.write(file.read(min(CHUNK, end - at)))
+
+
+def _moved(text: bytes, lines: Lines, points: FloatArray) -> bytes:
+    index = coordinates(lines)[: len(points)]
+    changed = lines.values[index] != points
+    if not changed.any():
+        return text
+    words = index[changed]
+    return with_numbers(text, lines.begin[words], lines.end[words], points[changed])
+
+
+def _zone(mesh: Mesh, names: dict[str, str]) -> Iterator[tuple[str, float]]:
+    """Text of one zone, and the fraction of it that is written."""
+    yield f"NDIME= 3\nNELEM= {sum(len(block) for block in mesh.cells)}\n", 0.0
+    number = 0
+    for block in mesh.cells:
+        if isinstance(block, Polyhedra):
+            raise MeshFileError(f"SU2 holds no polyhedra, and the mesh has {len(block)}")
+        yield from ((text, 0.7) for text in _table(f"{NUMBERS[block.shape]}", block.nodes, number))
+        number += len(block)
+    yield f"NPOIN= {len(mesh.points)}\n", 0.7
+    yield from ((text, 0.9) for text in _table("", mesh.points, 0))
+    yield f"NMARK= {len(mesh.patches)}\n", 0.9
+    for patch in mesh.patches:
+        yield f"MARKER_TAG= {names[patch.name]}\nMARKER_ELEMS= {len(patch)}\n", 0.9
+        for block in simple_faces(patch):
+            yield from ((text, 0.9) for text in _table(f"{NUMBERS[block.shape]}", block.nodes, None))
+    yield "", 1.0
+
+
+def _table(prefix: str, rows: FloatArray | IntArray, number: int | None) -> Iterator[str]:
+    """Lines of a prefix, the rows' values (floats so that they read back exactly), and the row's number if wanted."""
+    words = [prefix] * bool(prefix) + ["%r"] * rows.shape[1] + ["%d"] * (number is not None)
+    line = " ".join(words) + "\n"
+    width = line.count("%")
+    for start in range(0, len(rows), ROWS):
+        own = rows[start : start + ROWS]
+        values: list[float] = [0] * (width * len(own))
+        for i, column in enumerate(own.T):
+            values[i::width] = column.tolist()
+        if number is not None:
+            values[width - 1 :: width] = range(number + start, number + start + len(own))
+        yield (line * len(own)) % tuple(values)

@@ -1,24 +1,149 @@
-"""Zones, points, cells and markers of an SU2 file."""
+"""SU2 files read: their sections, and the zones, points, cells and markers in them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import BinaryIO
 
 import numpy as np
 
 from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.guard import check_faces
-from sdm_deflect.meshing.formats.orientation import oriented
-from sdm_deflect.meshing.formats.su2_source import Su2File, coordinates
-from sdm_deflect.meshing.formats.su2_text import Lines, Section
+from sdm_deflect.meshing.formats.numbers import COMMENT, Lines, numbers
+from sdm_deflect.meshing.formats.shapes import check_faces, oriented
 from sdm_deflect.meshing.formats.zones import joined
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
+CHUNK = 1 << 22
+"""Bytes of text handled at a time."""
 SOLIDS = {10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
 FACES = {5: "triangle", 9: "quad"}
 PARALLEL = "SEND_RECEIVE"
 """Marker of points that other processes hold; it is no boundary."""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A line ``KEYWORD= value``, and the lines after it up to the next one: bytes begin to end - 1."""
+
+    keyword: str
+    value: str
+    begin: int
+    end: int
+
+    @property
+    def count(self) -> int:
+        """The first number of the value, as in ``NPOIN= 14 14``; MeshFileError if there is none."""
+        first = self.value.split()[:1]
+        if not first or not first[0].isdecimal():
+            raise MeshFileError(f"{self.keyword}= {self.value} is not a count")
+        return int(first[0])
+
+
+def sections(file: BinaryIO) -> list[Section]:
+    """Find all keyword lines of a file, in its order."""
+    found: list[tuple[str, str, int, int]] = []
+    size = file.seek(0, 2)
+    for start, text in chunks(file, 0, size):
+        found += [(keyword, value, start + line, start + after) for keyword, value, line, after in _keywords(text)]
+    ends = [*(line for _, _, line, _ in found[1:]), size]
+    return [Section(keyword, value, begin, end) for (keyword, value, _, begin), end in zip(found, ends, strict=True)]
+
+
+def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:
+    at = text.find(b"=")
+    while at >= 0:
+        begin = text.rfind(b"\n", 0, at) + 1
+        end = text.find(b"\n", at) + 1 or len(text)
+        keyword, equals, value = COMMENT.sub(b"", text[begin:end]).decode("utf-8", "replace").partition("=")
+        if equals:
+            yield keyword.strip().upper(), value.strip(), begin, end
+        at = text.find(b"=", end)
+
+
+def chunks(file: BinaryIO, begin: int, end: int) -> Iterator[tuple[int, bytes]]:
+    """Read bytes begin to end - 1 as pieces of whole lines, each with the offset of its first byte."""
+    file.seek(begin)
+    carried, left = b"", end - begin
+    while left > 0:
+        text = file.read(min(CHUNK, left))
+        if not text:
+            break
+        left -= len(text)
+        text = carried + text
+        cut = text.rfind(b"\n") + 1 if left else len(text)
+        carried = text[cut:]
+        if cut:
+            yield begin, text[:cut]
+            begin += cut
+    if carried:
+        yield begin, carried
+
+
+@dataclass(frozen=True, slots=True)
+class Su2File:
+    """An open file and where its sections lie; `report` is told the fraction of the file that has been read."""
+
+    file: BinaryIO
+    sections: tuple[Section, ...]
+    report: Callable[[float], None]
+
+    @classmethod
+    def opened(cls, file: BinaryIO, report: Callable[[float], None]) -> Su2File:
+        """Find the sections of a file.
+
+        Raises
+        ------
+        MeshFileError
+            If it is no SU2 mesh, or not a three-dimensional one.
+        """
+        file.seek(0)
+        if b"\0" in file.read(4096):
+            raise MeshFileError("this is a binary file; an SU2 mesh is text")
+        found = tuple(sections(file))
+        dimensions = [section for section in found if section.keyword == "NDIME"]
+        if not dimensions:
+            raise MeshFileError("no NDIME= line; this is not an SU2 mesh, or it is truncated")
+        if any(section.count != 3 for section in dimensions):
+            raise MeshFileError("the mesh is two-dimensional (NDIME= 2); only meshes in three dimensions can be read")
+        return cls(file, found, report)
+
+    def lines(self, section: Section, kind: type[np.float64 | np.int64]) -> Iterator[tuple[bytes, Lines]]:
+        """Yield the text of a section and the numbers on its lines, some at a time.
+
+        Raises
+        ------
+        MeshFileError
+            At the end, if there are other than `section.count` lines of numbers.
+        """
+        total = 0
+        for begin, text in chunks(self.file, section.begin, section.end):
+            lines = numbers(text, kind)
+            total += len(lines)
+            yield text, lines
+            self.report((begin + len(text)) / self.sections[-1].end)
+        if total != section.count:
+            cause = "truncated or damaged" if total < section.count else "damaged"
+            raise MeshFileError(
+                f"{section.keyword}= {section.count}, but {total} lines of numbers follow; the file is {cause}"
+            )
+
+
+def coordinates(lines: Lines) -> IntArray:
+    """Index (L, 3) in `lines.values` of the coordinates on each line: three numbers, or four with the point's own.
+
+    Raises
+    ------
+    MeshFileError
+        If a line has another number of numbers.
+    """
+    sizes = np.diff(lines.first)
+    bad = int(np.count_nonzero((sizes != 3) & (sizes != 4)))
+    if bad:
+        raise MeshFileError(f"{bad} lines of points have other than 3 coordinates")
+    index: IntArray = lines.first[:-1, None] + np.arange(3)
+    return index
 
 
 def read_zones(source: Su2File) -> Mesh:

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.moved import with_numbers
-from sdm_deflect.meshing.formats.su2_text import numbers
+from sdm_deflect.meshing.formats.numbers import numbers, with_numbers
 from sdm_deflect.meshing.mesh import FloatArray
 
 Array = NDArray[Any]

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
-from sdm_deflect.meshing.formats.guard import fresh
-from sdm_deflect.meshing.formats.polyhedral import faces_by_cell
+from sdm_deflect.meshing.files import fresh
+from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 from sdm_deflect.meshing.mesh import IntArray, TetMesh
 
 Array = NDArray[np.generic]

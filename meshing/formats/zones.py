@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone
-from sdm_deflect.meshing.formats.polygons import taken
+from sdm_deflect.meshing.formats.shapes import taken
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 Faces = TypeVar("Faces", bound=Cells | Polygons)

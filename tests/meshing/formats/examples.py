@@ -6,7 +6,7 @@ import pyvista as pv
 from vtkmodules.vtkCommonDataModel import VTK_HEXAHEDRON, VTK_PYRAMID, VTK_TETRA, VTK_WEDGE
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone
-from sdm_deflect.meshing.formats.faces import FACES
+from sdm_deflect.meshing.formats.shapes import FACES
 
 POINTS = np.array(
     [

@@ -4,9 +4,17 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons
-from sdm_deflect.meshing.formats.faces import FACES, face_keys, loose_faces, node_keys
-from sdm_deflect.meshing.formats.orientation import MIRRORED, mirrored, oriented
-from sdm_deflect.meshing.formats.polygons import taken, turned
+from sdm_deflect.meshing.formats.shapes import (
+    FACES,
+    MIRRORED,
+    face_keys,
+    loose_faces,
+    mirrored,
+    node_keys,
+    oriented,
+    taken,
+    turned,
+)
 from sdm_deflect.meshing.formats.zones import joined, part
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid

@@ -7,7 +7,7 @@ from sdm_deflect.deform.mesh import Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.formats.standard import standard_cells
+from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.su2 import Su2
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import grid, hybrid

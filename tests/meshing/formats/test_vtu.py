@@ -13,7 +13,7 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 from sdm_deflect.deform.mesh import Mesh, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.formats.polyhedral import bounded
+from sdm_deflect.meshing.formats.polyhedra import bounded
 from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from tests.meshing.formats.alike import content

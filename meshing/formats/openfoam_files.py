@@ -1,22 +1,87 @@
-"""Lists of labels, vectors and faces in OpenFOAM's files, in text or binary."""
+"""OpenFOAM's own files: the header; lists of labels, vectors and faces, in text or binary; the patches."""
 
 from __future__ import annotations
 
+import gzip
 import re
+import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from sdm_deflect.deform.mesh import Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.openfoam_file import FoamFile
-from sdm_deflect.meshing.formats.polygons import polygons
-from sdm_deflect.meshing.formats.su2_text import numbers
+from sdm_deflect.meshing.formats.numbers import numbers
+from sdm_deflect.meshing.formats.shapes import polygons
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
+HEADER = re.compile(rb"FoamFile\s*\{([^}]*)\}")
+ENTRY = re.compile(rb"(\w+)\s+(\"[^\"]*\"|[^;]*);")
+COMMENT = re.compile(rb"//[^\n]*|/\*.*?\*/", re.DOTALL)
 BLANK = re.compile(rb"(?:\s|//[^\n]*(?:\n|$)|/\*.*?\*/)*", re.DOTALL)
 COUNT = re.compile(rb"(\d+)\s*([({])")
 FLAT = bytes.maketrans(b"(){}", b"    ")
+WORD = re.compile(rb"\"[^\"]*\"|[{}();]|[^\s{}();\"]+")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoamFile:
+    """The bytes of a file, unpacked, and what its header says.
+
+    Parameters
+    ----------
+    data
+        All bytes, header included.
+    start
+        Where the content begins, after the header.
+    entries
+        The header's entries, such as ``{"format": "binary", "class": "labelList"}``.
+    """
+
+    data: bytes = field(repr=False)
+    start: int
+    entries: dict[str, str]
+
+    @property
+    def binary(self) -> bool:
+        """Whether lists are binary."""
+        return self.entries.get("format", "ascii") == "binary"
+
+    def kind(self, what: str) -> np.dtype[np.generic]:
+        """Type of a binary ``label`` or ``scalar`` of this file; 32 and 64 bits unless its `arch` says otherwise."""
+        arch = self.entries.get("arch", "")
+        found = re.search(rf"{what}=(\d+)", arch)
+        bits = int(found[1]) if found else {"label": 32, "scalar": 64}[what]
+        order = ">" if "MSB" in arch else "<"
+        return np.dtype(f"{order}{'i' if what == 'label' else 'f'}{bits // 8}")
+
+    def text(self) -> bytes:
+        """The content with blanks in place of comments, so that every other byte stays where it was."""
+        return COMMENT.sub(lambda comment: b" " * len(comment[0]), self.data[self.start :])
+
+
+def open_foam(folder: Path, name: str) -> FoamFile:
+    """Read ``folder/name`` or ``folder/name.gz``.
+
+    Raises
+    ------
+    MeshFileError
+        If neither is there, or it has no header.
+    """
+    packed = folder / f"{name}.gz"
+    try:
+        plain = (folder / name).is_file() or not packed.is_file()
+        data = (folder / name).read_bytes() if plain else gzip.decompress(packed.read_bytes())
+    except (OSError, EOFError, zlib.error) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else "is truncated or damaged"
+        raise MeshFileError(f"{name}: {reason}") from error
+    header = HEADER.search(data)
+    if not header:
+        raise MeshFileError(f"{name}: has no FoamFile header; it is truncated, or not a file of OpenFOAM")
+    entries = {key.decode(): value.decode("utf-8", "replace").strip('"') for key, value in ENTRY.findall(header[1])}
+    return FoamFile(data, header.end(), entries)
 
 
 def labels(file: FoamFile) -> IntArray:
@@ -112,3 +177,61 @@ def _check(found: int, expected: int) -> None:
     if found != expected:
         cause = "truncated or damaged" if found < expected else "damaged"
         raise MeshFileError(f"holds {found} numbers or faces where {expected} should be; the file is {cause}")
+
+
+@dataclass(frozen=True, slots=True)
+class FoamPatch:
+    """A patch: faces start to start + count - 1."""
+
+    name: str
+    type: str
+    count: int
+    start: int
+
+
+def parse(text: bytes) -> list[FoamPatch]:
+    """Read the patches of a `boundary` file without its header and comments.
+
+    Raises
+    ------
+    MeshFileError
+        If an entry is missing, or another number of patches follows than is announced.
+    """
+    words = iter(WORD.findall(text))
+    patches = []
+    try:
+        count, _ = int(next(words)), next(words)
+        for word in words:
+            if word == b")":
+                break
+            _ = next(words)
+            patches.append(_patch(word.decode("utf-8", "replace").strip('"'), _entries(words)))
+    except (StopIteration, ValueError):
+        raise MeshFileError("the list of patches is truncated or damaged") from None
+    if len(patches) != count:
+        raise MeshFileError(f"{len(patches)} patches follow where there should be {count}; the file is damaged")
+    return patches
+
+
+def _entries(words: Iterator[bytes]) -> dict[str, str]:
+    """Entries of one level up to its closing brace; dictionaries inside it are passed over."""
+    found: dict[str, str] = {}
+    key: list[bytes] = []
+    while (word := next(words)) != b"}":
+        if word == b"{":
+            _entries(words)
+            key = []
+        elif word == b";":
+            if key:
+                found[key[0].decode()] = b" ".join(key[1:]).decode("utf-8", "replace")
+            key = []
+        else:
+            key.append(word)
+    return found
+
+
+def _patch(name: str, entries: dict[str, str]) -> FoamPatch:
+    missing = {"type", "nFaces", "startFace"} - entries.keys()
+    if missing:
+        raise MeshFileError(f"patch {name} has no {', '.join(sorted(missing))}")
+    return FoamPatch(name, entries["type"], int(entries["nFaces"]), int(entries["startFace"]))

@@ -1,0 +1,103 @@
+"""Numbers in text and bytes: found, read, and others put in their place."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
+
+SPACE = 32
+"""Bytes up to this one separate numbers."""
+COMMENT = re.compile(rb"%[^\r\n]*")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lines:
+    """Numbers on lines of text; lines without numbers are left out.
+
+    Parameters
+    ----------
+    values
+        (T,) all numbers.
+    first
+        (L + 1,) where each line begins in `values`, and where the last one ends.
+    begin, end
+        (T,) the bytes of the text that each number takes.
+    """
+
+    values: FloatArray | IntArray = field(repr=False)
+    first: IntArray = field(repr=False)
+    begin: IntArray = field(repr=False)
+    end: IntArray = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.first) - 1
+
+
+def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines:
+    """Read the numbers on lines of text; ``%`` begins a comment.
+
+    Raises
+    ------
+    MeshFileError
+        With the first piece of text that is no number.
+    """
+    if b"%" in text:
+        text = COMMENT.sub(lambda comment: b" " * len(comment[0]), text)
+    letters = np.frombuffer(text, dtype=np.uint8)
+    solid = np.concatenate([[False], letters > SPACE, [False]])
+    edges = np.flatnonzero(solid[1:] != solid[:-1])
+    begin, end = edges[0::2], edges[1::2]
+    line = np.searchsorted(np.flatnonzero(letters == ord("\n")), begin)
+    first = np.append(np.flatnonzero(np.diff(line, prepend=-1)), len(begin))
+    try:
+        values: Any = np.fromstring(text, dtype=kind, sep=" ")[: len(begin)]  # blank text reads as one 0
+    except ValueError:
+        raise MeshFileError(f"{_not_number(text, kind)!r} is not a number") from None
+    if len(values) != len(begin):
+        raise MeshFileError(f"{_not_number(text, kind)!r} is not a number")
+    return Lines(values, first, begin, end)
+
+
+def _not_number(text: bytes, kind: type[np.float64 | np.int64]) -> str:
+    for word in text.split():
+        try:
+            (int if kind is np.int64 else float)(word)
+        except ValueError:
+            return word.decode("utf-8", "replace")
+    return text[:20].decode("utf-8", "replace")
+
+
+def with_numbers(data: bytes, begin: IntArray, end: IntArray, values: FloatArray) -> bytes:
+    """Return text with other numbers in the bytes begin[i] to end[i] - 1, each with as many digits as it needs.
+
+    Parameters
+    ----------
+    data
+        The text.
+    begin, end
+        (K,) places of the numbers, in rising order.
+    values
+        (K,) what to write there.
+    """
+    if not len(values):
+        return data
+    first, last = begin.tolist(), end.tolist()
+    pieces = [b""] * (2 * len(first) + 1)
+    pieces[0::2] = [data[a:b] for a, b in zip([0, *last], [*first, len(data)], strict=True)]
+    pieces[1::2] = [repr(value).encode() for value in values.tolist()]
+    return b"".join(pieces)
+
+
+def with_bytes(data: bytes, begin: IntArray, values: FloatArray, kind: np.dtype[np.generic]) -> bytes:
+    """Return binary data with `values` (K,) as numbers of type `kind` from the bytes begin[i] on."""
+    changed = np.frombuffer(data, dtype=np.uint8).copy()
+    raw = np.ascontiguousarray(values, dtype=kind).view(np.uint8).reshape(len(values), kind.itemsize)
+    for column in range(kind.itemsize):
+        changed[begin + column] = raw[:, column]
+    return changed.tobytes()

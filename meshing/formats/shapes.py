@@ -1,0 +1,181 @@
+"""Cells and faces by shape: the order of their nodes, their faces, faces of any number of corners."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
+
+MIRRORED = {
+    "tetra": (0, 2, 1, 3), "pyramid": (0, 3, 2, 1, 4), "wedge": (0, 2, 1, 3, 5, 4),
+    "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5),
+}  # fmt: skip
+"""The same corners in the order of the mirror image. For a wedge: from CGNS and Gmsh to VTK, and back."""
+AXES = {"tetra": (1, 2, 3), "pyramid": (1, 3, 4), "wedge": (2, 1, 3), "hexahedron": (1, 3, 4)}
+"""Corners whose edges from corner 0 are a right-handed system in a cell that is not inverted."""
+SAMPLE = 1 << 16
+FACES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "tetra": ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+    "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
+    "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
+}
+"""Corners of the faces of each shape in VTK's order; normals (right-hand rule) point out of the cell."""
+ROWS = 1 << 18
+"""Cells handled at a time, so that temporaries stay small."""
+Keys = NDArray[np.uint64]
+
+
+def polygons(nodes: IntArray, sizes: IntArray) -> Polygons:
+    """Return the faces with `sizes` (F,) corners each, whose nodes follow one another in `nodes` (K,)."""
+    return Polygons(nodes, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp))
+
+
+def taken(faces: Polygons, rows: IntArray) -> Polygons:
+    """Return the faces `rows` (R,), in that order."""
+    return _gathered(faces, rows, np.zeros(len(rows), dtype=np.bool_))
+
+
+def turned(faces: Polygons, backward: BoolArray) -> Polygons:
+    """Return all faces, those marked in `backward` (F,) with their nodes in reverse order."""
+    return _gathered(faces, np.arange(len(faces)), backward)
+
+
+def simple_faces(patch: Patch) -> Iterator[Cells]:
+    """Yield the triangles and the quads of a patch.
+
+    Raises
+    ------
+    MeshFileError
+        If a face has more than four corners.
+    """
+    for faces in patch.faces:
+        if isinstance(faces, Cells):
+            yield faces
+            continue
+        sizes = np.diff(faces.offsets)
+        more = int(np.count_nonzero(sizes > 4))
+        if more:
+            raise MeshFileError(f"patch {patch.name}: {more} faces have more than four corners, which the format lacks")
+        for shape, corners in (("triangle", 3), ("quad", 4)):
+            first = faces.offsets[:-1][sizes == corners]
+            if len(first):
+                yield Cells(shape, faces.nodes[first[:, None] + np.arange(corners)])
+
+
+def _gathered(faces: Polygons, rows: IntArray, backward: BoolArray) -> Polygons:
+    sizes = np.diff(faces.offsets)[rows]
+    offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
+    within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], sizes)
+    flipped = np.repeat(backward, sizes)
+    within[flipped] = (np.repeat(sizes, sizes) - 1 - within)[flipped]
+    return Polygons(faces.nodes[np.repeat(faces.offsets[rows], sizes) + within], offsets)
+
+
+def oriented(points: FloatArray, cells: Cells) -> Cells:
+    """Return the cells in VTK's order, whichever of the two orders the file used for the block.
+
+    Formats that say "VTK's order" are written with wedges (and sometimes all cells) of either hand, and solvers turn
+    them as they read. A block is turned as a whole, where most of its cells are left-handed: single inverted cells
+    stay inverted.
+
+    Parameters
+    ----------
+    points
+        (N, 3) coordinates.
+    cells
+        Volume cells of one shape.
+    """
+    step = max(1, len(cells) // SAMPLE)
+    sample = cells.nodes[::step]
+    hands = _handedness(points, sample, AXES[cells.shape])
+    if 2 * int(np.count_nonzero(hands < 0.0)) <= len(sample):
+        return cells
+    return replace(cells, nodes=mirrored(cells.shape, cells.nodes))
+
+
+def mirrored(shape: str, nodes: IntArray) -> IntArray:
+    """Return nodes (M, k) of volume cells in the order of their mirror images."""
+    turned: IntArray = nodes[:, list(MIRRORED[shape])]
+    return turned
+
+
+def _handedness(points: FloatArray, nodes: IntArray, axes: tuple[int, ...]) -> FloatArray:
+    """Triple product (M,) of the edges from corner 0 to `axes`, in cubed length."""
+    origin = points[nodes[:, 0]]
+    a, b, c = (points[nodes[:, axis]] - origin for axis in axes)
+    product: FloatArray = np.einsum("ij,ij->i", np.cross(a, b), c)
+    return product
+
+
+def node_keys(points: int) -> Keys:
+    """Random numbers (N,), always the same: a face's key is the sum of its nodes', whatever node comes first.
+
+    Two different faces share a key with probability 2^-64.
+    """
+    return np.random.default_rng(20).integers(0, 1 << 64, points, dtype=np.uint64)
+
+
+def face_keys(faces: Cells | Polygons, keys: Keys) -> Keys:
+    """Key (F,) of each face, from the keys (N,) of the nodes; equal for faces of equal nodes."""
+    if isinstance(faces, Cells):
+        total: Keys = keys[faces.nodes].sum(axis=1, dtype=np.uint64)
+        return total
+    blocks = (faces.rows(i, i + ROWS) for i in range(0, len(faces), ROWS))
+    return np.concatenate([np.empty(0, np.uint64), *(np.add.reduceat(keys[b.nodes], b.offsets[:-1]) for b in blocks)])
+
+
+def loose_faces(mesh: Mesh) -> dict[str, int]:
+    """Count, by patch, the faces that are of no cell (patches without such faces are left out).
+
+    Only cells with three nodes on the boundary are looked at, some at a time: the memory is that of the boundary.
+    """
+    keys = node_keys(len(mesh.points))
+    mine = {patch.name: [face_keys(faces, keys) for faces in patch.faces] for patch in mesh.patches}
+    flat = [key for group in mine.values() for key in group]
+    missing = np.unique(np.concatenate([np.empty(0, np.uint64), *flat]))
+    for found in _cell_face_keys(mesh, keys):
+        missing = missing[~np.isin(missing, found)]
+        if not len(missing):
+            return {}
+    counts = {name: sum(int(np.isin(key, missing).sum()) for key in group) for name, group in mine.items()}
+    return {name: count for name, count in counts.items() if count}
+
+
+def _cell_face_keys(mesh: Mesh, keys: Keys) -> Iterator[Keys]:
+    on_boundary = np.zeros(len(mesh.points), dtype=np.bool_)
+    on_boundary[mesh.on(*(patch.name for patch in mesh.patches))] = True
+    for block in mesh.cells:
+        if isinstance(block, Polyhedra):
+            yield face_keys(block.faces, keys)
+            continue
+        for start in range(0, len(block), ROWS):
+            yield _keys_of_rows(block.shape, block.nodes[start : start + ROWS], keys, on_boundary)
+
+
+def _keys_of_rows(shape: str, nodes: IntArray, keys: Keys, on_boundary: BoolArray) -> Keys:
+    near = nodes[on_boundary[nodes].sum(axis=1) >= 3]
+    own = keys[near]
+    return np.concatenate([own[:, list(face)].sum(axis=1, dtype=np.uint64) for face in FACES[shape]])
+
+
+def check_faces(mesh: Mesh) -> None:
+    """Refuse boundary faces that are of no cell.
+
+    Raises
+    ------
+    MeshFileError
+        Naming the patches and how many of their faces are of no cell.
+    """
+    if not sum(len(block) for block in mesh.cells):
+        raise MeshFileError("there are no volume cells")
+    loose = loose_faces(mesh)
+    if loose:
+        counts = (f"{count} of {len(mesh.patch(name))} faces of patch {name}" for name, count in loose.items())
+        raise MeshFileError(f"{', '.join(counts)} are of no cell")
