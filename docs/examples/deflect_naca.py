@@ -6,7 +6,9 @@ Run `python naca_wing.py && python deflect_naca.py naca.msh`.
 import sys
 from pathlib import Path
 
-from sdm_deflect.cases.own import Blended, Rotation, deflect
+from sdm_deflect.cases.api import deflect
+from sdm_deflect.deform.surface.blended import Blended
+from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.meshing.formats.registry import format_of
 
 source = Path(sys.argv[1] if len(sys.argv) > 1 else "naca.msh")
@@ -18,6 +20,6 @@ result = deflect(
     motion=Blended(Rotation.about(*hinge)),
 )  # fmt: skip
 
-for check in result.report.checks:
+for check in result.checks:
     print(f"{check.name}: {check.value:.3g} (limit {check.limit:.3g}), {'passed' if check.passed else 'FAILED'}")
 format_of(source).rewrite(source, result.points, source.with_stem("naca-15"))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from sdm_deflect.cases.output import output_folder
 from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.sdm.case import Case, Deflection
+from sdm_deflect.cases.sdm.case import Case, SurfaceTurn
 from sdm_deflect.cases.sdm.metrics import Run
 from sdm_deflect.cases.sdm.pipeline import run_case
 from sdm_deflect.cases.sdm.registry import case_named
@@ -22,7 +22,7 @@ def elevator() -> Case:
         tail,
         name="elevator",
         title="both tails together",
-        deflections=(Deflection("tail_left"), Deflection("tail_right")),
+        deflections=(SurfaceTurn("tail_left"), SurfaceTurn("tail_right")),
         angle=-8.0,
         adaptation=replace(tail.adaptation, tolerance=5e-5),
     )

@@ -1,49 +1,78 @@
-"""A control surface that the package does not know: the tip of the fin bends to one side.
+"""A control surface and a motion that the package does not know: the tip of the fin bends to one side.
 
-It needs a mesh with named patches, a displacement of the patch's nodes, and a hexahedron that holds no other patch.
+It needs a mesh with named patches, a motion of the patches' nodes, and a hexahedron that holds no other patch.
 
     python docs/examples/own_surface.py runs/aileron/undeflected.vtu
 """
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from sdm_deflect.deform.volume.fused import displacement, fused, inside, prescribe
 
+from sdm_deflect.deform.mesh import BoolArray, FloatArray
 from sdm_deflect.deform.quality import mean_ratio, signed_volumes
-from sdm_deflect.deform.rbf.greedy import GreedyOptions, adapt
-from sdm_deflect.deform.rbf.kernels import FloatArray, ThinPlateSpline
-from sdm_deflect.deform.rbf.points import farthest
-from sdm_deflect.deform.rbf.sites import DataSites, joined, pinned
+from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.surface.motions import Moving
+from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.deform.volume.box import Given
+from sdm_deflect.deform.volume.deflection import Plan, deflect
 from sdm_deflect.deform.volume.hexahedron import box
+from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.mesh import TetMesh
 
-BEND = 0.125
-"""Height (m) above which the fin bends."""
+BEND, TOP = 0.125, 0.2133
+"""Heights (m) above which the fin bends, and of its tip."""
 REGION = box(np.array([0.70, -0.06, BEND]), np.array([1.00, 0.06, 0.27]))
-SIDEWAYS = (1,)
-"""Only y is displaced: one interpolant for one direction."""
 
 
-def bent(points: FloatArray, tip: float = 0.010) -> FloatArray:
-    """Return the displacement (N, 1) in y of points of the fin: a parabola, `tip` metres at the top."""
-    share = np.maximum(points[:, 2:] - BEND, 0.0) / (0.2133 - BEND)
-    return tip * share**2
+@dataclass(frozen=True, slots=True)
+class Bend:
+    """A parabola to starboard; the amount is how far (m) the tip goes."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of the amount."""
+        return "m"
+
+    @property
+    def axis(self) -> Axis | None:
+        """No hinge: the box is given."""
+        return None
+
+    def law(self, surface: Surface) -> "BendLaw":
+        """Return the motion of the nodes of a surface."""
+        return BendLaw(surface.points)
 
 
-def deflected(mesh: TetMesh) -> TetMesh:
-    """Return the mesh with the fin bent; nodes outside the region keep their bits."""
-    fin = mesh.on("fin", "rudder")
-    fin = fin[REGION.contains(mesh.points[fin])]
-    moving = DataSites(mesh.points[fin], bent(mesh.points[fin]), SIDEWAYS)
-    sites = joined([moving, pinned(REGION.face_sites(0.015), SIDEWAYS)])
-    options = GreedyOptions(n_add=10, tol_add=5e-5, tol_stop=5e-5)
-    fit = adapt(sites, ThinPlateSpline(), farthest(sites.points, 30), options)
-    moved = displacement(mesh.points, inside(mesh.points, REGION), fused([fit]))
-    exact = np.column_stack([np.zeros(len(fin)), moving.values, np.zeros(len(fin))])
-    return mesh.with_points(mesh.points + prescribe(moved, fin, exact).displacement)
+@dataclass(frozen=True, slots=True, eq=False)
+class BendLaw:
+    """The motion of points (K, 3)."""
+
+    points: FloatArray
+
+    @property
+    def exact(self) -> BoolArray:
+        """All nodes (K,) move as the parabola says; none is blended."""
+        return np.ones(len(self.points), dtype=bool)
+
+    def displacement(self, amount: float) -> FloatArray:
+        """Return how far each node (K, 3) moves."""
+        return amount * self.rate(amount)
+
+    def rate(self, amount: float) -> FloatArray:
+        """Return the derivative (K, 3) of the displacement: it is proportional to the amount."""
+        del amount
+        share = np.maximum(self.points[:, 2] - BEND, 0.0) / (TOP - BEND)
+        return np.outer(share**2, [0.0, 1.0, 0.0])
+
+
+def deflected(mesh: TetMesh, tip: float = 0.010) -> TetMesh:
+    """Return the mesh with the fin bent by `tip` metres; nodes outside the region keep their bits."""
+    job = Job(surfaces=(Moving(("fin", "rudder"), Bend(), tip),), box=Given(REGION))
+    return mesh.with_points(deflect(Plan.of(mesh.as_mesh(), job), tip).points)
 
 
 def main(file: Path) -> TetMesh:

@@ -6,11 +6,11 @@ The flap is a plate behind its hinge line x = z = 0. Every other point is moved 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from sdm_deflect.deform.volume.fused import displacement, fused, inside
 
-from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, adapt
+from sdm_deflect.deform.rbf.greedy import Adaptation, adapt, fused
 from sdm_deflect.deform.rbf.kernels import FloatArray, ThinPlateSpline
 from sdm_deflect.deform.rbf.points import farthest
+from sdm_deflect.deform.rbf.selection import GreedyOptions
 from sdm_deflect.deform.rbf.sites import DataSites, pinned, univariate
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.volume.hexahedron import Hexahedron, box
@@ -39,7 +39,9 @@ def deflected(points: FloatArray, degrees: float) -> FloatArray:
     """Return points (N, 3) of the cloud after the flap has turned; outside the region they keep their bits."""
     surface = flap()
     fits = adapted(DataSites(surface, HINGE.displacement(surface, degrees)))
-    return points + displacement(points, inside(points, REGION), fused(fits))
+    inside, out = REGION.contains(points), points.copy()
+    out[inside] += fused(fits)(points[inside])
+    return out
 
 
 def draw() -> Figure:

@@ -8,10 +8,12 @@ from filelock import FileLock
 
 from sdm_deflect.cases.output import output_folder
 from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.sdm.pipeline import background_mesh, combined, run_case
+from sdm_deflect.cases.sdm.job import deflected, plans_of
+from sdm_deflect.cases.sdm.pipeline import background_mesh, run_case
 from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.sdm.validation import validate
-from tests.cases.deflected_cad import built
+from sdm_deflect.cases.sdm.validation import site_checks, validate
+from sdm_deflect.deform.volume.deflection import combined
+from tests.cases.sdm.deflected_cad import built
 
 
 @pytest.fixture(scope="session")
@@ -39,7 +41,8 @@ def aileron_run(finish):
 @pytest.fixture(scope="session")
 def aileron_mv_run(finish):
     """The same with one set of centres for all directions."""
-    return finish(replace(case_named("aileron"), strategy="mv"))
+    case = case_named("aileron")
+    return finish(replace(case, adaptation=replace(case.adaptation, strategy="mv")))
 
 
 @pytest.fixture(scope="session")
@@ -60,8 +63,10 @@ def turned(make_mesh):
 
     def turn(case):
         mesh, _ = make_mesh(case)
-        results = [deflect(mesh, case, one, lambda text, fraction: None) for one in case.deflections]
-        points = combined(mesh, tuple(results))
-        return mesh, points, validate(case, mesh, points, [result.turn for result in results], built(case))
+        flow = mesh.as_mesh(case.name)
+        plans = plans_of(case, flow)
+        results = deflected(case, plans)
+        moved = mesh.with_points(combined(flow, results))
+        return mesh, moved, validate(case, mesh, moved, plans, built(case)) + site_checks(results)
 
     return turn

@@ -108,13 +108,13 @@ def test_words_that_are_not_known_are_named(run, words, said):
 
 def test_a_mistake_is_one_line(run):
     words = ["export", str(run), "--format", "su2", "--out", "/proc/none/mesh.su2"]
-    done = subprocess.run([sys.executable, "-m", "cases", *words], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-m", "sdm_deflect", *words], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "/proc/none/mesh.su2: cannot be written" in done.stderr
 
 
 def test_the_command_says_what_it_wrote(run):
-    words = [sys.executable, "-m", "cases", "export", str(run), "--format", "gmsh"]
+    words = [sys.executable, "-m", "sdm_deflect", "export", str(run), "--format", "gmsh"]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str(run.parent / "aileron-deflected.msh")

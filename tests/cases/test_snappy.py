@@ -7,12 +7,12 @@ import sys
 
 import numpy as np
 import pytest
-from sdm_deflect.cases.own.api import deflect
-from sdm_deflect.cases.own.blended import Blended
-from sdm_deflect.cases.own.motion import Rotation
 
+from sdm_deflect.cases.api import deflect
 from sdm_deflect.cases.inspection import inspected
 from sdm_deflect.deform.polyhedra import pyramids_of
+from sdm_deflect.deform.surface.blended import Blended
+from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
@@ -166,7 +166,7 @@ def test_the_aileron_deflects_and_checkmesh_finds_no_fault(case):
     mesh, hinge = OpenFoam().read(case), hinge_line(Fighter(), SURFACE)
     fixed = [name for name in mesh.names if name not in (SURFACE, "far_field")]
     result = deflect(mesh, [SURFACE], hinge, ANGLE, motion=Blended(Rotation.about(*hinge)), fixed=fixed)
-    assert result.report.passed, result.report.checks
+    assert result.passed, result.checks
     moved = np.linalg.norm(result.points - mesh.points, axis=1)[mesh.on(SURFACE)]
     assert moved.max() > 3e-3
     ends = [",".join(map(repr, map(float, end))) for end in hinge]

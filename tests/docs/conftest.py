@@ -3,6 +3,7 @@
 import pytest
 
 from sdm_deflect.cases.output import write_interpolants
+from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
@@ -11,7 +12,7 @@ from sdm_deflect.meshing.formats.vtu_write import write_vtu
 def finished(tmp_path_factory, aileron_mesh):
     """The aileron at -12 degrees, and a folder with those files of a run that the examples read."""
     case, (mesh, _), folder = case_named("aileron"), aileron_mesh, tmp_path_factory.mktemp("aileron")
-    result = deflect(mesh, case, case.deflections[0], lambda text, fraction: None)
+    (result,) = deflected(case, plans_of(case, mesh.as_mesh(case.name)))
     write_interpolants(folder / "interpolant.npz", (result,))
     displacement = {"displacement": result.points - mesh.points}
     write_vtu(folder / "deflected.vtu", mesh.with_points(result.points), point_data=displacement)

@@ -27,7 +27,7 @@ ELSEWHERE = (
     (r"sdm run rudder$", "tests/cases/view/test_live.py", 'case_named("rudder")'),
     (r"sdm run all$", "tests/cases/view/test_live.py", 'case_named("all")'),
     (r"sdm validate", "tests/cases/test_finished.py", "validate_folder(folder)"),
-    (r"sdm limit aileron", "tests/cases/test_limit.py", "limit"),
+    (r"sdm limit aileron", "tests/cases/sdm/test_limit.py", "limit"),
     (r"sdm study", "tests/cases/test_studies.py", "study"),
     (r"sdm view", "tests/cases/view", ""),
 )

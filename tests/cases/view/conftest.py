@@ -3,37 +3,34 @@
 import pytest
 
 from sdm_deflect.cases.output import write_deformation
-from sdm_deflect.cases.sdm.job import mover
-from sdm_deflect.cases.sdm.pipeline import combined
+from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.view.live import Live
-
-
-def silent(text, fraction):
-    pass
+from sdm_deflect.deform.progress import silent
+from sdm_deflect.deform.volume.deflection import _stepped, combined
 
 
 @pytest.fixture(scope="session")
 def bare_run(tmp_path_factory, make_mesh):
     """Deflect a case and write its files; return the folder."""
 
-    def run(case, solve=deflect):
+    def run(case, solve=deflected):
         mesh, _ = make_mesh(case)
-        results = tuple(solve(mesh, case, one, silent) for one in case.deflections)
+        flow = mesh.as_mesh(case.name)
+        results = solve(case, plans_of(case, flow))
         folder = tmp_path_factory.mktemp(case.name)
-        write_deformation(folder, case, mesh, combined(mesh, results), results, None)
+        write_deformation(folder, case, mesh, mesh.with_points(combined(flow, results)), results, None)
         return folder
 
     return run
 
 
-def in_two_steps(mesh, case, deflection, report):
+def in_two_steps(case, plans):
     """Deflect in two steps, which a run does only where one inverts cells."""
-    turn, move = turn_of(case, mesh, deflection), mover(case, mesh, deflection.surface)
-    start = mesh.points[turn.motion.nodes]
-    targets = [start + move(0.5 * turn.angle).displacements, start + turn.motion.displacements]
-    points, steps = follow(mesh, case, turn.region, turn.motion.nodes, targets, report)
-    return Deflected(turn, points, steps, 0)
+    return tuple(
+        _stepped(plan, turn.factor * case.angle, 2, silent, None)
+        for plan, turn in zip(plans, case.deflections, strict=True)
+    )
 
 
 @pytest.fixture(scope="session")

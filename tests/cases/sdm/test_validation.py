@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.sdm.case import Deflection
+from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.cases.sdm.validation import plane_deviation, validate
 from sdm_deflect.deform.checks import Check
-from tests.cases.deflected_cad import built
+from tests.cases.sdm.deflected_cad import built
 
 pytestmark = pytest.mark.mesher
 
@@ -16,8 +16,8 @@ pytestmark = pytest.mark.mesher
 def failing(run, points, case=None):
     """Names of the checks that fail on these points."""
     case = case or run.case
-    turns = [turn_of(case, run.mesh, one) for one in case.deflections]
-    checks = validate(case, run.mesh, run.mesh.with_points(points), turns, built(case))
+    plans = plans_of(case, run.mesh.as_mesh(case.name))
+    checks = validate(case, run.mesh, run.mesh.with_points(points), plans, built(case))
     return {check.name for check in checks if not check.passed}
 
 
@@ -32,16 +32,14 @@ def test_a_wrong_angle_is_noticed(aileron_run, tail_run):
         run, run.deflected.points, replace(run.case, angle=-12.001)
     )
     run, _ = tail_run
-    assert {"surface_to_cad", "root_on_cylinder"} <= failing(
-        run, run.deflected.points, replace(run.case, angle=12.001)
-    )
+    assert {"surface_to_cad", "root_on_cylinder"} <= failing(run, run.deflected.points, replace(run.case, angle=12.001))
 
 
 def test_a_bulged_panel_is_noticed(tail_run):
     run, _ = tail_run
     points = run.deflected.points.copy()
     panel = np.setdiff1d(run.mesh.on("fuselage_panel_left"), run.mesh.on("fuselage", "fuselage_rear", "tail_left"))
-    panel = np.intersect1d(panel, run.deflections[0].turn.region.inside)
+    panel = np.intersect1d(panel, run.deflections[0].plan.region.inside)
     points[panel, 1:] *= 1.0 + 1e-9
     assert failing(run, points) == {"cylindricity"}
 
@@ -66,7 +64,7 @@ def test_one_moved_border_node_is_noticed(tail_run):
 def test_one_node_moved_outside_is_noticed(aileron_run):
     run, _ = aileron_run
     points = run.deflected.points.copy()
-    inner = np.setdiff1d(np.arange(len(points)), run.deflections[0].turn.region.inside)
+    inner = np.setdiff1d(np.arange(len(points)), run.deflections[0].plan.region.inside)
     inner = np.setdiff1d(inner, run.mesh.on(*run.mesh.names[1:]))
     points[inner[0], 2] = np.nextafter(points[inner[0], 2], 1.0)
     assert failing(run, points) == {"outside_moved"}
@@ -75,7 +73,7 @@ def test_one_node_moved_outside_is_noticed(aileron_run):
 def test_one_inverted_cell_is_noticed(aileron_run):
     run, _ = aileron_run
     points = run.deflected.points.copy()
-    free = np.setdiff1d(run.deflections[0].turn.region.inside, run.mesh.on(*run.mesh.names[1:]))
+    free = np.setdiff1d(run.deflections[0].plan.region.inside, run.mesh.on(*run.mesh.names[1:]))
     points[free[0]] += [0.0, 0.0, 0.05]
     assert {"inverted_cells", "quality_min"} <= failing(run, points)
 
@@ -95,10 +93,11 @@ def test_deviation_from_a_plane_is_the_height_of_a_bump():
 def test_steps_are_taken_where_one_would_invert_cells(chimera_run):
     run, _ = chimera_run
     stiff = replace(run.case, confinement=replace(run.case.confinement, slide=False))
-    result = deflect(run.mesh, stiff, Deflection("aileron_left"), lambda text, fraction: None)
+    (result,) = deflected(stiff, plans_of(stiff, run.mesh.as_mesh(stiff.name)))
     assert len(result.steps) > 1
+    boundary = result.plan.boundary
     np.testing.assert_allclose(
-        result.points[result.turn.motion.nodes],
-        run.mesh.points[result.turn.motion.nodes] + result.turn.motion.displacements,
+        result.points[boundary.nodes],
+        run.mesh.points[boundary.nodes] + boundary.displacement((stiff.angle,)),
         atol=1e-15,
     )

@@ -2,10 +2,8 @@
 
 from functools import cache
 
-from sdm_deflect.cases.reference_worker import reduced
-
 from sdm_deflect.cases.sdm.case import Case
-from sdm_deflect.cases.sdm.reference import Reference, decoded, encoded, variants
+from sdm_deflect.cases.sdm.reference import Reference, decoded, encoded, reduced, variants
 
 
 @cache

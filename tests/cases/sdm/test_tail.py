@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.sdm.job import apex, axis_of, fuselage_cylinder
+from sdm_deflect.cases.sdm.job import apex_of, axis_of, fuselage_cylinder
 from sdm_deflect.geometry.datum import ends
 from sdm_deflect.geometry.parameters import Fighter, Tail
 
@@ -48,7 +48,7 @@ def test_panel_border_stays_and_panel_follows(tail_run):
 @pytest.mark.parametrize("tail", [Tail(), Tail(half_span=0.2, anhedral=-5.0, le_sweep=30.0)])
 def test_all_edges_of_a_tail_meet_in_its_apex(tail):
     sections = ends(Fighter(tail=tail), "tail_left")
-    point = apex(sections)
+    point = apex_of(sections)
     along = sections[1] - sections[0]
     off = np.cross(point - sections[0], along / np.linalg.norm(along, axis=1, keepdims=True))
     assert np.linalg.norm(off, axis=1).max() < 1e-14

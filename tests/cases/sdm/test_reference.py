@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.sdm.case import Deflection
+from sdm_deflect.cases.sdm.case import SurfaceTurn
 from sdm_deflect.cases.sdm.reference import ReferenceFace, reference, variants
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.geometry.errors import CadError
-from tests.cases.deflected_cad import built
+from tests.cases.sdm.deflected_cad import built
 
 
 def test_both_processes_build_the_same():
@@ -43,6 +43,6 @@ def test_planes_have_normals_out_of_the_body():
 
 
 def test_a_failure_says_what_failed():
-    wrong = replace(case_named("tail"), deflections=(Deflection("nose"),))
+    wrong = replace(case_named("tail"), deflections=(SurfaceTurn("nose"),))
     with reference(wrong) as wait, pytest.raises(CadError, match=r"the deflected CAD: .* no control surface 'nose'"):
         wait()

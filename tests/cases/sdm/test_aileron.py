@@ -51,7 +51,7 @@ def test_interpolant_file_alone_gives_the_interior(aileron_run):
     run, folder = aileron_run
     with np.load(folder / "interpolant.npz", allow_pickle=False) as file:
         assert str(file["kernel"]) == "thin_plate_spline"
-        inner = np.setdiff1d(run.deflections[0].turn.region.inside, run.mesh.on(*run.mesh.names[1:]))
+        inner = np.setdiff1d(run.deflections[0].plan.region.inside, run.mesh.on(*run.mesh.names[1:]))
         x = run.mesh.points[inner]
         for column, d in enumerate("xyz"):
             r = np.linalg.norm(x[:, None] - file[f"centers_{d}"], axis=2)
@@ -64,7 +64,7 @@ def test_interpolant_file_alone_gives_the_interior(aileron_run):
 def test_trailing_edge_turns_and_all_else_stays(aileron_run):
     run, _ = aileron_run
     moved = np.any(run.deflected.points != run.mesh.points, axis=1)
-    assert set(np.flatnonzero(moved)) <= set(run.deflections[0].turn.region.inside)
+    assert set(np.flatnonzero(moved)) <= set(run.deflections[0].plan.region.inside)
     still = run.mesh.on(*(n for n in run.mesh.names[1:] if n != "aileron_left"))
     assert not moved[still].any()
     nodes = run.mesh.on("aileron_left")
@@ -74,10 +74,10 @@ def test_trailing_edge_turns_and_all_else_stays(aileron_run):
 
 
 def test_squv_needs_fewest_centres_in_y_and_both_strategies_converge(aileron_run, aileron_mv_run):
-    squv = {f.components[0]: f for f in aileron_run[0].deflections[0].steps[0].fits}
+    squv = {f.components[0]: f for f in aileron_run[0].deflections[0].steps[0].fits.adaptations}
     assert len(squv[1].chosen) < min(len(squv[0].chosen), len(squv[2].chosen))
     for run, _ in (aileron_run, aileron_mv_run):
-        for fit in run.deflections[0].steps[0].fits:
+        for fit in run.deflections[0].steps[0].fits.adaptations:
             assert fit.history[-1].max_residual < run.case.adaptation.tolerance
 
 
@@ -91,7 +91,7 @@ def test_other_angles_pass(finish, angle):
 def test_second_run_writes_the_same_bytes_on_any_number_of_threads(aileron_run, tmp_path, threads):
     _, first = aileron_run
     environment = {**os.environ, "NUMBA_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
-    words = [sys.executable, "-m", "cases", "run", "aileron", "--quiet", "--out", str(tmp_path)]
+    words = [sys.executable, "-m", "sdm_deflect", "run", "aileron", "--quiet", "--out", str(tmp_path)]
     subprocess.run(words, env=environment, check=True, capture_output=True)
     for name in ("case.toml", "undeflected.vtu", "deflected.vtu", "interpolant.npz"):
         assert (first / name).read_bytes() == (tmp_path / name).read_bytes(), name

@@ -44,10 +44,11 @@ def test_y_has_most_sites_and_fewest_centres(chimera_run):
 def test_sliding_is_better_than_pinning(chimera_run):
     _, folder = chimera_run
     inside = json.loads((folder / "metrics.json").read_text())["deflections"]["aileron_left"]["quality_inside"]
-    assert inside["after"]["inverted"] == 0
-    assert inside["after"]["min"] >= 0.2
-    assert inside["after"]["min"] > inside["after_pinned"]["min"]
-    assert inside["after"]["below_0_4"] < inside["after_pinned"]["below_0_4"]
+    after, pinned = (inside[name]["tetra"] for name in ("after", "after_pinned"))
+    assert after["inverted"] == 0
+    assert after["min"] >= 0.2
+    assert after["min"] > pinned["min"]
+    assert after["below_0_4"] < pinned["below_0_4"]
 
 
 def test_a_hole_larger_than_the_block_leaves_orphans(chimera_run):
