@@ -89,7 +89,7 @@ def _lines(run: Run, figures: Json, folder: Path) -> Iterator[str]:
             f"{one['steps']} step{'s' if one['steps'] > 1 else ''}"
         )
     if run.pinned:
-        states = list(figures["quality_inside"].values())[1:]
+        states = [kinds["tetra"] for kinds in figures["quality_inside"].values()][1:]
         for state, q in zip(("sliding", "pinned"), states, strict=True):
             yield (
                 f"Chimera face {state}: smallest quality inside {q['min']:.3f}, {q['below_0_4']:.3%} below 0.4, "

@@ -70,7 +70,8 @@ def metrics(run: Run) -> Json:
     """Return the content of metrics.json of a case (SI units, degrees)."""
     case, first = run.case, run.deflections[0]
     before, after = (summarise(mean_ratio(mesh.points, mesh.tets)) for mesh in (run.mesh, run.deflected))
-    surface = deflection_figures(first)
+    surfaces = {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflections}
+    surface = surfaces[first.plan.surface]
     if run.pinned:
         surface["quality_inside"]["after_pinned"] = by_shape([run.pinned])
     return {
@@ -84,11 +85,11 @@ def metrics(run: Run) -> Json:
             "quality_min": before.min,
             "boundary_to_cad_max": run.origin.boundary_to_cad_max,
         },
-        **surface,
+        **{name: value for name, value in surface.items() if name != "angle_deg"},
         "evaluation": _evaluation(run),
         "quality": {"before": _quality(before), "after": _quality(after), "inverted": after.inverted},
         "validation": verdict_figures(run.checks),
-        "deflections": {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflections},
+        "deflections": surfaces,
         "timings": run.seconds,
         "total_seconds": sum(run.seconds.values()),
         "peak_rss_bytes": peak_rss_bytes(),
