@@ -168,6 +168,8 @@ def surface_to_rigid_cad(shape: Shape, cad: Faces) -> Check:
     nodes, rotation = shape.exact, shape.axis.matrix(shape.angle)
     distance = np.zeros(len(nodes))
     for own, normal in shape.faces(nodes):
+        if abs(normal @ shape.axis.direction) > 0.5:  # an end of the wedge turns in its plane
+            continue
         place = np.searchsorted(nodes, own)
         away = distance_to_plane(shape.deflected.points[own], cad, rotation @ normal)
         distance[place] = np.maximum(distance[place], away)
