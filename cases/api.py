@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdm_deflect.cases.job_settings import job_of
+from sdm_deflect.cases.job_settings import settings_of
 from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, verdict_figures
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
 from sdm_deflect.deform.errors import InputError
@@ -192,8 +192,9 @@ def deflect(
     InputError
         If an argument is unknown or of a wrong type, or names, hinge, angle or box do not suit the mesh: one sentence.
     """
-    job = job_of(surfaces, hinge, angle, options)
-    return run_job(accepted(mesh), job, (job.angle,), min_quality, progress)[0]
+    settings = settings_of(surfaces, hinge, angle, {**options, "min_quality": min_quality})
+    job = settings.job()
+    return run_job(accepted(mesh), job, (job.angle,), settings.min_quality, progress)[0]
 
 
 def sweep(
@@ -222,8 +223,8 @@ def sweep(
     One result for each angle, in the order of `angles`.
     """
     wanted = _angles(angles)
-    job = job_of(surfaces, hinge, max(wanted, key=abs), options)
-    return run_job(accepted(mesh), job, wanted, min_quality, progress)
+    settings = settings_of(surfaces, hinge, max(wanted, key=abs), {**options, "min_quality": min_quality})
+    return run_job(accepted(mesh), settings.job(), wanted, settings.min_quality, progress)
 
 
 def deflect_job(mesh: Any, job: Job, angles: Sequence[float] = (), progress: Progress = silent) -> tuple[Result, ...]:

@@ -1,21 +1,22 @@
-"""What a run prints: one calm table at the end."""
+"""What commands print: calm tables, at the end."""
 
 import os
-from collections.abc import Iterator, Sequence
-from math import isfinite
-from pathlib import Path
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich import box
 from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from sdm_deflect.cases.metrics import Json
-from sdm_deflect.cases.sdm.metrics import Run, metrics
-from sdm_deflect.deform.checks import Check
+from sdm_deflect.cases.metrics import notes_of
+from sdm_deflect.deform.checks import Check, Verdict
+from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.volume.deflection import Plan
 
 if TYPE_CHECKING:
+    from sdm_deflect.cases.deflect_file import Judged, Outcome
     from sdm_deflect.cases.doctor import Finding
 
 WIDTH = 160
@@ -31,80 +32,126 @@ def console() -> Console:
     return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else Console(width=WIDTH)
 
 
-def check_figures(check: Check) -> Json:
-    """Return a check as JSON has it."""
-    value = check.value if isfinite(check.value) else None
-    return {
-        "name": check.name,
-        "value": value,
-        "limit": check.limit,
-        "passed": check.passed,
-        "unit": check.unit,
-        "where": check.where,
-    }
-
-
 def verdict(checks: Sequence[Check], title: str) -> Table:
-    """Return the checks as one calm table."""
-    table = _table(title, value="right", limit="right", verdict="left")
+    """Return the checks as one table."""
+    table = _table(title, ("check",), ("value", "limit"), ("verdict", "measured over"))
     for check in checks:
         sign, unit = "<=" if check.judgement == "at most" else ">=", check.unit.removeprefix("-")
-        table.add_row(
-            Text(check.name), f"{check.value:.4g}", f"{sign} {check.limit:.4g} {unit}".rstrip(),
-            Text("passed") if check.passed else Text("FAILED", style="bold"), Text(check.where),
-        )  # fmt: skip
+        value, limit = f"{check.value:.4g}", f"{sign} {check.limit:.4g} {unit}".rstrip()
+        table.add_row(Text(check.name), value, limit, _word(check.verdict), Text(check.where))
     return table
 
 
 def findings(found: Sequence["Finding"]) -> Group:
     """Return what was found on a machine, and what would help."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("", "found", ""):
-        table.add_column(heading, no_wrap=not heading)
+    table = _table("", ("",), (), ("found", " "))
     for one in found:
         mark = Text("well") if one.well else Text("NOT WELL", style="bold")
         table.add_row(Text(one.name), Text(one.text), mark)
-    ill = [one for one in found if not one.well]
-    lines = [Text(f"{one.name}: {one.remedy}") for one in ill] or [Text("all is well")]
-    return Group(table, *lines)
+    ill = [f"{one.name}: {one.remedy}" for one in found if not one.well]
+    return Group(table, *texts(ill or ["all is well"]))
 
 
-def summary(run: Run, folder: Path) -> Group:
-    """Return the verdict, what was run and how long it took."""
-    case = run.case
-    title = f"{case.name} {case.angle:+g} deg, {case.scale}, {case.strategy}"
-    return Group(verdict(run.checks, title), *(Text(line) for line in _lines(run, metrics(run), folder)))
+def plan_table(plan: Plan) -> Group:
+    """Return patches with their part, the box, and what will be computed."""
+    table = _table(f"{plan.mesh.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
+    inside = plan.region.inside
+    for patch in plan.mesh.patches:
+        name, nodes = patch.name, patch.nodes
+        count = len(np.intersect1d(nodes, inside, assume_unique=True))
+        table.add_row(Text(name), Text(_part(plan, name)), str(len(nodes)), str(count))
+    return Group(table, *texts(_lines(plan)))
 
 
-def _lines(run: Run, figures: Json, folder: Path) -> Iterator[str]:
-    before, after = (figures["quality"][state]["min"] for state in ("before", "after"))
-    yield (
-        f"mesh: {figures['mesh']['points']} points, {figures['mesh']['cells']} tetrahedra, "
-        f"quality min {before:.3f} before, {after:.3f} after"
-    )
-    for name, one in figures["deflections"].items():
-        fits = ", ".join(f"{d}: {fit['centers']} ({fit['max_error']:.1e} m)" for d, fit in one["adaptation"].items())
-        yield (
-            f"{name} {one['angle_deg']:+g} deg: {one['confinement']['inside']} nodes inside, centres {fits}, "
-            f"{one['steps']} step{'s' if one['steps'] > 1 else ''}"
-        )
-    if run.pinned:
-        states = [kinds["tetra"] for kinds in figures["quality_inside"].values()][1:]
-        for state, q in zip(("sliding", "pinned"), states, strict=True):
-            yield (
-                f"Chimera face {state}: smallest quality inside {q['min']:.3f}, {q['below_0_4']:.3%} below 0.4, "
-                f"{q['inverted']} inverted"
-            )
-    stages = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in run.seconds.items())
-    yield f"{stages}; results in {folder}"
-    yield "all validations passed" if run.passed else "A VALIDATION FAILED"
+def result_table(done: "Outcome") -> Group:
+    """Return the checks of a single angle, or a row for each of many, and what was written."""
+    plan, unit = done.plan, done.plan.job.surfaces[0].motion.unit
+    ordered = sorted(done.angles, key=lambda one: one.angle)
+    title = f"{plan.boundary.surfaces[0].named} of {plan.mesh.name}"
+    if len(ordered) == 1:
+        only = ordered[0]
+        body = [verdict(only.checks, f"{title}, {only.angle:+g} {unit}"), quality_table(plan.before, only.quality)]
+    else:
+        failed = [one for one in ordered if not one.passed]
+        body = [sweep_table(ordered, title), *(verdict(one.checks, f"{one.angle:+g} {unit}") for one in failed)]
+    extra = [one.seconds for one in done.angles[1:]]
+    speed = f"first angle {done.angles[0].seconds:.2f} s"
+    if extra:
+        speed += f", {sum(extra) / len(extra):.2f} s for each further one"
+    wrote = [f"wrote {', '.join(str(path) for path in done.files)}"] if done.files else []
+    last = "all validations passed" if done.passed else "A VALIDATION FAILED"
+    losses = [f"not held by this format: {text}" for text in done.lost]
+    return Group(*body, *texts([*_lines(plan), *losses, speed, *wrote, last]))
 
 
-def _table(title: str, **columns: str) -> Table:
-    """Return a table of checks: the name, these columns by their alignment, and what was measured over."""
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("check", no_wrap=True)
-    for heading, justify in columns.items():
-        table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
-    table.add_column("measured over")
+def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
+    """Return the quality of the touched cells before and after, by type."""
+    headings = ("cells", "min", "1 %", "mean", "inverted")
+    table = _table("cells with a node in the box: before, after", ("type", "measure"), headings)
+    for old, new in zip(before, after, strict=True):
+        pairs = [f"{a:.3f}, {b:.3f}" for a, b in ((old.min, new.min), (old.p01, new.p01), (old.mean, new.mean))]
+        table.add_row(old.shape, old.measure, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
     return table
+
+
+def sweep_table(angles: Sequence["Judged"], title: str) -> Table:
+    """Return one row for each angle."""
+    headings = ("angle", "steps", "centres", "site error", "least quality", "seconds", "verdict")
+    table = _table(title, (), headings)
+    for one in angles:
+        fits = one.figures["adaptation"]
+        centers = ", ".join(f"{name}: {fit['centers']}" for name, fit in fits.items())
+        error = max(fit["max_error"] for fit in fits.values())
+        least = min((quality.min for quality in one.quality), default=float("nan"))
+        table.add_row(
+            f"{one.angle:+g}",
+            str(one.figures["steps"]),
+            centers,
+            f"{error:.1e}",
+            f"{least:.3f}",
+            f"{one.seconds:.2f}",
+            _word("passed" if one.passed else "FAILED"),
+        )
+    return table
+
+
+def texts(lines: Iterable[str]) -> list[Text]:
+    """Return lines in which brackets are brackets."""
+    return [Text(line) for line in lines]
+
+
+def _table(title: str, left: Sequence[str], right: Sequence[str], rest: Sequence[str] = ()) -> Table:
+    """Return an empty table; the columns of `rest` break their lines where there is no room."""
+    table = Table(title=Text(title) if title else None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in (*left, *right, *rest):
+        table.add_column(heading, justify="right" if heading in right else "left", no_wrap=heading not in rest)
+    return table
+
+
+def _word(verdict: Verdict) -> Text:
+    return Text(verdict, style="bold" if verdict == "FAILED" else "")
+
+
+def _lines(plan: Plan) -> list[str]:
+    sites, region = plan.sites, plan.region
+    corners = region.hexahedron.corners
+    return [
+        f"box {region.box.why}; from {_point(corners[0])} to {_point(corners[7])}",
+        f"{len(region.inside)} of {len(plan.mesh.points)} nodes inside, {plan.touched.count} cells touched",
+        f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
+        f"{sum(map(len, sites.zero))} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
+        *(f"note: {note}" for note in notes_of(plan)),
+    ]
+
+
+def _point(corner: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{x:.4g}" for x in corner) + ")"
+
+
+def _part(plan: Plan, name: str) -> str:
+    for moving, surface in zip(plan.job.surfaces, plan.boundary.surfaces, strict=True):
+        if name in surface.patches:
+            return f"moves by {moving.amount:+g} {moving.motion.unit}"
+    if name in plan.boundary.fixed:
+        return "fixed"
+    return "slides" if name in plan.boundary.declared else "outside"

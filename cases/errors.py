@@ -2,8 +2,6 @@
 
 from sdm_deflect.deform.errors import InputError
 
-__all__ = ["InputError", "is_reported"]
-
 
 def is_reported(error: Exception) -> bool:
     """True for errors whose message tells the user what is wrong; any other exception is a defect of ours."""
@@ -15,7 +13,4 @@ def is_reported(error: Exception) -> bool:
     from sdm_deflect.meshing.errors import MeshingError
     from sdm_deflect.meshing.formats.format import MeshFileError
 
-    return isinstance(
-        error,
-        OutputError | SolveError | CadError | MeshingError | MeshFileError,
-    )
+    return isinstance(error, OutputError | SolveError | CadError | MeshingError | MeshFileError)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from sdm_deflect.cases.errors import InputError
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh_folder

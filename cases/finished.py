@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import plans_of
 from sdm_deflect.cases.sdm.reference import reference
+from sdm_deflect.cases.sdm.registry import resolve
 from sdm_deflect.cases.sdm.validation import validate
-from sdm_deflect.cases.settings import resolve
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.mesh import TetMesh
 

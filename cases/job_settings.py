@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, structured
+from sdm_deflect.deform.checks import MIN_QUALITY
 from sdm_deflect.deform.errors import InputError, nearest
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
@@ -82,6 +83,8 @@ class JobSettings:
     margin : distance from the surface to an automatic box; 0: chosen.
     zones : further zones that deform; ``*`` for all.
     allow_inverted : whether a mesh that has inverted cells is taken.
+    min_quality : share of the undeflected mesh's least quality that the touched cells of each type must keep; 0: no
+        such check.
     fitting : how the displacement is interpolated; its names stand beside the others.
     """
 
@@ -92,7 +95,12 @@ class JobSettings:
     margin: float = 0.0
     zones: tuple[str, ...] = ()
     allow_inverted: bool = False
+    min_quality: float = MIN_QUALITY
     fitting: Fitting = field(default_factory=Fitting)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.min_quality <= 1.0:
+            raise InputError(f"min_quality = {self.min_quality:g} must be a share between 0 and 1")
 
     def job(self) -> Job:
         """Return the job; files are read.
@@ -137,8 +145,8 @@ def job_settings(nested: Mapping[str, Any]) -> JobSettings:
         raise InputError(str(error) if several else str(error).replace("surface[0].", "")) from None
 
 
-def job_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any]) -> Job:
-    """Return the job that arguments of `deflect` describe.
+def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any]) -> JobSettings:
+    """Return the settings that arguments of `deflect` describe.
 
     Parameters
     ----------
@@ -159,7 +167,7 @@ def job_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any]) ->
     own, rest = _parted(options)
     own = {"patches": surfaces, "hinge": hinge, **({} if angle is None else {"angle": angle, "amount": angle}), **own}
     try:
-        return job_settings({**rest, "surface": [own]}).job()
+        return job_settings({**rest, "surface": [own]})
     except InputError as error:
         raise InputError(str(error).replace("patches =", "surfaces =")) from None
 

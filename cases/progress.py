@@ -1,6 +1,6 @@
 """Stages of a run: who reports progress, who shows it, and how long each stage took."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import isnan
@@ -8,17 +8,16 @@ from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
+from sdm_deflect.deform.progress import Progress, silent
+
 if TYPE_CHECKING:
     from rich.console import Console
-
-Report = Callable[[str, float], None]
-"""Called by a library with what it is doing and the fraction done (nan when that is unknown)."""
 
 
 class Display(Protocol):
     """Shows the stages of a run."""
 
-    def begin(self, stage: str) -> Report:
+    def begin(self, stage: str) -> Progress:
         """Announce a stage; the returned callable takes its progress."""
         ...
 
@@ -30,9 +29,9 @@ class Display(Protocol):
 class Silent:
     """Shows nothing."""
 
-    def begin(self, stage: str) -> Report:
+    def begin(self, stage: str) -> Progress:
         """Return a callable that ignores what it is told."""
-        return lambda text, fraction: None
+        return silent
 
     def end(self, stage: str, seconds: float) -> None:
         """Ignore the end of a stage."""
@@ -46,7 +45,7 @@ class Lines:
     every: bool = True
     _last: dict[str, str] = field(init=False, default_factory=dict)
 
-    def begin(self, stage: str) -> Report:
+    def begin(self, stage: str) -> Progress:
         """Announce a stage."""
         start = perf_counter()
 
@@ -77,9 +76,10 @@ class Bars:
     _tasks: dict[str, Any] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+        from rich import progress
+        from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-        self._bars = Progress(
+        self._bars = progress.Progress(
             SpinnerColumn(),
             TextColumn("{task.fields[stage]:<12}", markup=False),
             BarColumn(bar_width=24),
@@ -97,7 +97,7 @@ class Bars:
     ) -> None:
         self._bars.stop()
 
-    def begin(self, stage: str) -> Report:
+    def begin(self, stage: str) -> Progress:
         """Add a bar for the stage."""
         task = self._bars.add_task("", total=None, stage=stage)
         self._tasks[stage] = task
@@ -141,7 +141,7 @@ class Stopwatch:
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[Report]:
+    def stage(self, name: str) -> Iterator[Progress]:
         """Time one stage; stages of the same name add up."""
         report, start = self.display.begin(name), perf_counter()
         yield report

@@ -15,7 +15,7 @@ from os import PathLike
 from pathlib import Path
 from tomllib import TOMLDecodeError, loads
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import tomli_w
 from cattrs import Converter
@@ -28,9 +28,6 @@ from cattrs.errors import (
 from cattrs.gen import make_dict_structure_fn
 
 from sdm_deflect.deform.errors import InputError, nearest
-
-if TYPE_CHECKING:
-    from sdm_deflect.cases.sdm.case import Case
 
 T = TypeVar("T")
 Nested = dict[str, Any]
@@ -59,13 +56,13 @@ def structured(table: Mapping[str, Any], kind: type[T]) -> T:
     try:
         return _converter().structure(_deepened(table, kind), kind)
     except BaseValidationError as errors:
-        found = list(_sentences(errors, ()))
+        found = list(_sentences(errors, (), kind))
         raise InputError(min(found, key=lambda sentence: not sentence.startswith(UNKNOWN))) from None
 
 
 def changed(value: T, changes: Mapping[str, Any]) -> T:
     """Return a dataclass with the values of a nested table in place of its own; InputError as `structured`."""
-    return structured(_merged(_flattened(asdict(value)), changes), type(value))  # type: ignore[call-overload]
+    return structured(merged(_flattened(asdict(value)), changes), type(value))  # type: ignore[call-overload]
 
 
 def to_toml(value: Any) -> str:
@@ -82,7 +79,7 @@ def to_toml(value: Any) -> str:
         raise InputError(f"these settings hold an object of Python that no file can hold: {error}") from None
 
 
-def names_of(kind: type[Any]) -> list[str]:
+def names_of(kind: Any) -> list[str]:
     """Return the names of the settings of a dataclass."""
     hints = get_type_hints(kind)
     inner = [name for inline in INLINE if inline in hints for name in names_of(hints[inline])]
@@ -104,7 +101,7 @@ def read_toml(path: Path) -> Nested:
 
 
 def assigned(assignments: Sequence[str]) -> Nested:
-    """Plan ["wing.half_span=0.3", ...] into nested tables; values are written as in TOML, texts also without quotes.
+    """Turn ["wing.half_span=0.3", ...] into nested tables; values are written as in TOML, texts also without quotes.
 
     Raises
     ------
@@ -126,46 +123,6 @@ def assigned(assignments: Sequence[str]) -> Nested:
     return nested
 
 
-def resolve(
-    name: str,
-    scale: str | None = None,
-    angle: float | None = None,
-    strategy: str | None = None,
-    assignments: Sequence[str] = (),
-    config: Path | None = None,
-) -> "Case":
-    """Return the case: registered defaults, then the configuration file, then options, then assignments.
-
-    Raises
-    ------
-    InputError
-        One sentence: what is wrong, which value, what would be right.
-    """
-    from sdm_deflect.cases.sdm.registry import case_named
-
-    tables, changes = read_toml(config) if config else {}, assigned(assignments)
-    options: Nested = {"angle": angle} if angle is not None else {}
-    if strategy is not None:
-        options["adaptation"] = {"strategy": strategy}
-    changes = _merged(options, changes)
-    name = name or str(tables.get("name", ""))
-    if not name:
-        raise InputError("no case given; name one (see sdm list), or give the case.toml of a run")
-    if changes.get("name", name) != name:
-        raise InputError(f"name = {changes['name']!r}: a case keeps its name, {name}")
-    size = changes.get("scale", scale)
-    if size not in (None, tables.get("scale", size)):
-        raise InputError(f"scale = {size!r}: {config} holds the sizes of {tables['scale']}; leave one of them out")
-    case = case_named(name, str(size or tables.get("scale", "small")))
-    case = changed(case, _merged(tables, changes))
-
-
-    from sdm_deflect.cases.sdm.job import check_case
-
-    check_case(case)
-    return case
-
-
 def _without_none(pairs: list[tuple[str, Any]]) -> Nested:
     return {name: value for name, value in pairs if value is not None}
 
@@ -181,12 +138,12 @@ def _value(text: str) -> Any:
     return text
 
 
-def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Nested:
+def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> Nested:
     """Return nested tables with other values in place of their own."""
     out = dict(base)
     for name, new in changes.items():
         old = out.get(name)
-        out[name] = _merged(old, new) if isinstance(old, Mapping) and isinstance(new, Mapping) else new
+        out[name] = merged(old, new) if isinstance(old, Mapping) and isinstance(new, Mapping) else new
     return out
 
 
@@ -204,9 +161,9 @@ def _deepened(table: Mapping[str, Any], kind: type[Any]) -> Nested:
             own = {name: out.pop(name) for name in names_of(hints[inline]) if name in out}
             given = out.get(inline, {})
             if isinstance(given, hints[inline]):
-                out[inline] = _merged(asdict(given), own)
+                out[inline] = merged(asdict(given), own)
             elif isinstance(given, Mapping):
-                out[inline] = _merged(own, given)
+                out[inline] = merged(own, given)
     return out
 
 
@@ -348,24 +305,39 @@ ORIGINS: dict[Any, Callable[[Any, Any], Any]] = {
 }
 
 
-def _sentences(error: BaseException, path: tuple[str | int, ...]) -> Iterator[str]:
+def _sentences(error: BaseException, path: tuple[str | int, ...], kind: Any) -> Iterator[str]:
     """Yield a sentence for each mistake below a place in the tables."""
     notes = [note for note in getattr(error, "__notes__", ()) if isinstance(note, NOTES)]
     path += tuple(note.name if isinstance(note, AttributeValidationNote) else note.index for note in reversed(notes))
     if isinstance(error, BaseExceptionGroup):
         for inner in error.exceptions:
-            yield from _sentences(inner, path)
+            yield from _sentences(inner, path, notes[0].type if notes else kind)
     elif isinstance(error, ForbiddenExtraKeysError):
         name = min(error.extra_fields)
-        yield f"{UNKNOWN} {_dotted((*path, name))}; {nearest(name, names_of(error.cl))}"
+        yield f"{UNKNOWN} {_dotted((*path, name))}; {_meant(name, error.cl)}"
     elif isinstance(error, KeyError):
         yield f"{_dotted(path)} is missing"
     elif isinstance(error, _UnfitError):
         yield f"{_dotted(path)} = {error}"
     elif isinstance(error, ValueError):
-        yield str(error)
+        yield _placed(str(error), path, kind)
     else:
         raise error
+
+
+def _meant(name: str, kind: type[Any]) -> str:
+    """Return what an unknown name may mean: the same name in a table within, or a name that comes near it."""
+    tables = get_type_hints(kind)
+    for inline in INLINE:
+        tables |= get_type_hints(tables.pop(inline)) if inline in tables else {}
+    found = [f"{table}.{name}" for table, own in tables.items() if is_dataclass(own) and name in names_of(own)]
+    return f"did you mean {', '.join(found)}?" if found else nearest(name, names_of(kind))
+
+
+def _placed(sentence: str, path: tuple[str | int, ...], kind: Any) -> str:
+    """Return what a dataclass says of one of its values with the place of the dataclass before it."""
+    outer = not path or path[-1] in INLINE or not is_dataclass(kind)
+    return sentence if outer or sentence.partition(" ")[0] not in names_of(kind) else f"{_dotted(path)}.{sentence}"
 
 
 def _dotted(path: tuple[str | int, ...]) -> str:

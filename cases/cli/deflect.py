@@ -41,13 +41,7 @@ from sdm_deflect.cases.cli.options import (
 @click.option("--strategy", type=STRATEGIES, help="squv: centres for each direction; mv: common ones.")
 @click.option("--tolerance", type=float, help="Error at a data site (default: 1 % of the surface's median edge).")
 @click.option("--allow-inverted", is_flag=True, default=None, help="Take a mesh that has inverted cells already.")
-@click.option(
-    "--min-quality",
-    type=click.FloatRange(0.0, 1.0),
-    default=0.1,
-    show_default=True,
-    help="Share of the undeflected mesh's least quality that each type of cell must keep; 0: no such check.",
-)
+@click.option("--min-quality", type=float, help="Share of its least quality that a type of cell must keep (0.1).")
 @set_option
 @click.option("--config", type=FILE, help="The same in a TOML file; several surfaces as [[surface]].")
 @click.option("--out", type=FILE, help="File to write (default: MESH-deflected); the suffix says the format.")
@@ -56,17 +50,15 @@ from sdm_deflect.cases.cli.options import (
 @report_option
 @json_option
 @progress_options
-def deflect(
-    mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, report: bool, min_quality: float, **given: Any
-) -> int:
+def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, report: bool, **given: Any) -> int:
     """Deflect marked surfaces of a mesh file, and let the mesh around them follow.
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
+    from sdm_deflect.cases.console import plan_table, result_table
     from sdm_deflect.cases.deflect_file import deflect_file, figures, plan_figures, planned
     from sdm_deflect.cases.job_settings import angles_of, job_settings
     from sdm_deflect.cases.mesh_files import Targets, inputs_of
-    from sdm_deflect.cases.tables import plan_table, result_table
 
     text, as_json = given.pop("angles"), given.pop("as_json")
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
@@ -74,14 +66,15 @@ def deflect(
     if many:
         given["angle"] = max(many, key=abs)
     nested, config = _tables(given), given["config"]
-    job = job_settings(nested).job()
+    settings = job_settings(nested)
+    job = settings.job()
     wanted = Targets.of(mesh, out, many or (job.angle,), sensitivity)
     wanted.check((*inputs_of(nested, Path()), *([config] if config else ())))
     with watched(quiet or (as_json and not verbose), verbose) as watch:
         if dry_run:
             plan = planned(mesh, job, wanted.angles, watch)
         else:
-            done = deflect_file(wanted, job, watch, min_quality)
+            done = deflect_file(wanted, job, watch, settings.min_quality)
     if dry_run:
         names = [str(path) for path in (*map(wanted.mesh, wanted.angles), *wanted.extra)]
         if as_json:

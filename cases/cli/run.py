@@ -36,20 +36,11 @@ def list_cases(as_json: bool) -> None:
     """List the cases with their default angle."""
     from sdm_deflect.cases.sdm.registry import CASES
 
-    rows = [
-        {
-            "name": case.name,
-            "angle_deg": case.angle,
-            "title": case.title,
-            "surfaces": [d.surface for d in case.deflections],
-        }
-        for case in CASES.values()
-    ]
     if as_json:
-        print_json(rows)
+        print_json([{"name": one.name, "angle_deg": one.angle, "title": one.title} for one in CASES.values()])
         return
-    for row in rows:
-        click.echo(f"{row['name']:<18}{row['angle_deg']:+6.1f} deg  {row['title']}")
+    for one in CASES.values():
+        click.echo(f"{one.name:<18}{one.angle:+6.1f} deg  {one.title}")
 
 
 @click.command()
@@ -68,13 +59,13 @@ def run(
     case: str, out: Path | None, cache: bool, report: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any
 ) -> int:
     """Run a case: geometry, mesh, deformation, validation, report."""
-    from sdm_deflect.cases.settings import resolve
+    from sdm_deflect.cases.sdm.registry import resolve
 
     resolved = resolve(case, **given)
 
-    from sdm_deflect.cases.console import summary
+    from sdm_deflect.cases.console import texts, verdict
     from sdm_deflect.cases.output import output_folder
-    from sdm_deflect.cases.sdm.metrics import metrics
+    from sdm_deflect.cases.sdm.metrics import metrics, summary
     from sdm_deflect.cases.sdm.pipeline import run_case
 
     folder = out or Path("runs") / resolved.name
@@ -83,7 +74,9 @@ def run(
     if as_json:
         print_json(metrics(result))
     else:
-        print_tables(summary(result, folder))
+        title = f"{resolved.name} {resolved.angle:+g} deg, {resolved.scale}, {resolved.strategy}"
+        last = "all validations passed" if result.passed else "A VALIDATION FAILED"
+        print_tables(verdict(result.checks, title), *texts([*summary(result), f"results in {folder}", last]))
     return code_of(result.passed)
 
 
@@ -97,7 +90,7 @@ def geometry(
     out: Path, case: str, angle: float | None, assignments: tuple[str, ...], quiet: bool, verbose: bool
 ) -> None:
     """Write the CAD alone, deflected by --angle (default 0)."""
-    from sdm_deflect.cases.settings import resolve
+    from sdm_deflect.cases.sdm.registry import resolve
     from sdm_deflect.deform.errors import InputError
 
     if out.suffix not in (".step", ".brep", ".stl"):
@@ -121,17 +114,17 @@ def geometry(
 @progress_options
 def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
     """Repeat the validation of a finished run from its files."""
-    from sdm_deflect.cases.console import check_figures, verdict
+    from sdm_deflect.cases.console import verdict
     from sdm_deflect.cases.finished import validate_folder
+    from sdm_deflect.cases.metrics import verdict_figures
 
     with watched(quiet, verbose) as watch, watch.stage("validation"):
         checks = validate_folder(folder)
-    passed = all(check.passed for check in checks)
     if as_json:
-        print_json({"folder": folder, "checks": [check_figures(check) for check in checks], "passed": passed})
+        print_json({"folder": folder, **verdict_figures(checks)})
     else:
         print_tables(verdict(checks, str(folder)))
-    return code_of(passed)
+    return code_of(all(check.passed for check in checks))
 
 
 @click.command()
@@ -203,18 +196,9 @@ def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, v
 @set_option
 @json_option
 @progress_options
-def limit(
-    case: str,
-    threshold: float,
-    resolution: float,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
-    verbose: bool,
-    **given: Any,
-) -> None:
+def limit(case: str, threshold: float, resolution: float, out: Path | None, as_json: bool, **given: Any) -> None:
     """Find the largest angle of each sign that inverts no cell and keeps a quality, by bisection."""
-    from sdm_deflect.cases.settings import resolve
+    from sdm_deflect.cases.sdm.registry import resolve
     from sdm_deflect.deform.errors import InputError
 
     for name, value, high in (("quality", threshold, 1.0), ("resolution", resolution, 30.0)):

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.finished import read_run
 from sdm_deflect.cases.metrics import Json
 from sdm_deflect.cases.sdm.case import Case
@@ -17,6 +16,7 @@ from sdm_deflect.cases.sdm.job import plans_of
 from sdm_deflect.cases.sdm.reference import reference
 from sdm_deflect.cases.sdm.validation import validate
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import BoolArray, FloatArray
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS

@@ -1,5 +1,6 @@
 """What a run of a case produced, and its metrics.json."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib.metadata import version
 
@@ -94,6 +95,29 @@ def metrics(run: Run) -> Json:
         "total_seconds": sum(run.seconds.values()),
         "peak_rss_bytes": peak_rss_bytes(),
     }
+
+
+def summary(run: Run) -> Iterator[str]:
+    """Yield what was run and how long it took, a line for each thing."""
+    figures = metrics(run)
+    before, after = (figures["quality"][state]["min"] for state in ("before", "after"))
+    yield (
+        f"mesh: {figures['mesh']['points']} points, {figures['mesh']['cells']} tetrahedra, "
+        f"quality min {before:.3f} before, {after:.3f} after"
+    )
+    for name, one in figures["deflections"].items():
+        fits = ", ".join(f"{d}: {fit['centers']} ({fit['max_error']:.1e} m)" for d, fit in one["adaptation"].items())
+        yield (
+            f"{name} {one['angle_deg']:+g} deg: {one['confinement']['inside']} nodes inside, centres {fits}, "
+            f"{one['steps']} step{'s' if one['steps'] > 1 else ''}"
+        )
+    if run.pinned:
+        for state, q in (("sliding", run.deflections[0].quality[0]), ("pinned", run.pinned)):
+            yield (
+                f"Chimera face {state}: smallest quality inside {q.min:.3f}, {q.below_0_4:.3%} below 0.4, "
+                f"{q.inverted} inverted"
+            )
+    yield ", ".join(f"{name} {seconds:.1f} s" for name, seconds in run.seconds.items())
 
 
 def _evaluation(run: Run) -> Json:

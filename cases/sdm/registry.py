@@ -1,8 +1,11 @@
-"""The cases by name."""
+"""The cases by name, and what users change in them."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from sdm_deflect.cases.sdm.case import Case, Confinement, SurfaceTurn, adaptation
+from sdm_deflect.cases.settings import Nested, assigned, changed, merged, read_toml
 from sdm_deflect.deform.errors import InputError, nearest
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.generate.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
@@ -74,4 +77,41 @@ def case_named(name: str, scale: str = "small") -> Case:
     case = replace(case, scale=scale, mesh=sizes[scale], background=BACKGROUND_SCALES[scale])
     if scale == "paper" and name in PAPER_SPACING:
         case = replace(case, adaptation=replace(case.adaptation, spacing_edges=PAPER_SPACING[name]))
+    return case
+
+
+def resolve(
+    name: str,
+    scale: str | None = None,
+    angle: float | None = None,
+    strategy: str | None = None,
+    assignments: Sequence[str] = (),
+    config: Path | None = None,
+) -> Case:
+    """Return the case: registered defaults, then the configuration file, then options, then assignments.
+
+    Raises
+    ------
+    InputError
+        One sentence: what is wrong, which value, what would be right.
+    """
+    tables, changes = read_toml(config) if config else {}, assigned(assignments)
+    options: Nested = {"angle": angle} if angle is not None else {}
+    if strategy is not None:
+        options["adaptation"] = {"strategy": strategy}
+    changes = merged(options, changes)
+    name = name or str(tables.get("name", ""))
+    if not name:
+        raise InputError("no case given; name one (see sdm list), or give the case.toml of a run")
+    if changes.get("name", name) != name:
+        raise InputError(f"name = {changes['name']!r}: a case keeps its name, {name}")
+    size = changes.get("scale", scale)
+    if size not in (None, tables.get("scale", size)):
+        raise InputError(f"scale = {size!r}: {config} holds the sizes of {tables['scale']}; leave one of them out")
+    case = case_named(name, str(size or tables.get("scale", "small")))
+    case = changed(case, merged(tables, changes))
+
+    from sdm_deflect.cases.sdm.job import check_case  # compiled code: a mistake needs none
+
+    check_case(case)
     return case

@@ -4,9 +4,9 @@ import socket
 import webbrowser
 from typing import Any
 
-from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.view.guard import guard
 from sdm_deflect.cases.view.page import Page
+from sdm_deflect.deform.errors import InputError
 
 HOST = "127.0.0.1"
 

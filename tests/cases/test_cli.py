@@ -33,7 +33,7 @@ def sdm(capsys, monkeypatch, tmp_path):
     [
         (["run", "aleron"], "unknown case 'aleron'; did you mean aileron?"),
         (["run"], "no case given"),
-        (["run", "aileron", "--angle", "95"], "angle = 95 deg is outside -60 ... 60 deg"),
+        (["run", "aileron", "--angle", "95"], "angle = 95 deg is outside -90 ... 90 deg"),
         (["run", "aileron", "--angle", "nan"], "angle = nan is not a finite number"),
         (["run", "aileron", "--angle", "steep"], "steep"),
         (["run", "aileron", "--scale", "huge"], "'huge' is not one of 'small', 'medium', 'paper'"),
@@ -41,7 +41,7 @@ def sdm(capsys, monkeypatch, tmp_path):
         (["run", "aileron", "--set", "wing.half_span=-1"], "wing.half_span = -1 m is outside"),
         (["run", "aileron", "--set", "wing.half_span=nan"], "wing.half_span = nan is not a finite number"),
         (["run", "aileron", "--set", "aileron.gap=0.25"], "gap"),
-        (["run", "aileron", "--set", "adaptation.tolerance=0"], "adaptation.tolerance = 0 m is outside"),
+        (["run", "aileron", "--set", "adaptation.n_add=0"], "adaptation.n_add = 0 must be"),
         (["run", "aileron", "--set", "adaptation.max_centers=8"], "is fewer than the 20 initial centres"),
         (["run", "aileron", "--set", "confinement.aft=0"], "confinement.aft = 0 m is outside"),
         (["run", "aileron", "--config", "none.toml"], "none.toml"),
@@ -122,6 +122,53 @@ def test_a_shell_is_told_what_may_follow(typed, offered, sdm, monkeypatch):
 def test_a_shell_gets_its_script(shell, sdm, monkeypatch):
     monkeypatch.setenv("_SDM_COMPLETE", f"{shell}_source")
     assert "_SDM_COMPLETE" in sdm()[1]
+
+
+HEAVY = ("numba", "scipy", "pyvista", "vtkmodules", "matplotlib", "cadquery", "OCP", "gmsh", "h5py", "trimesh")
+LOADED = """
+import json, sys
+from sdm_deflect.cases.cli import main
+try:
+    main()
+except SystemExit as stop:
+    print(json.dumps([stop.code, *sorted({name.partition(".")[0] for name in sys.modules})]), file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        ("", 2),
+        ("--help", 0),
+        ("run -h", 0),
+        ("--version", 0),
+        ("list", 0),
+        ("list --json", 0),
+        ("run nosuch", 2),
+        ("run", 2),
+        ("run aileron --scale huge", 2),
+        ("run aileron --angle 95", 2),
+        ("run aileron --set wing.half_spam=1", 2),
+        ("run aileron --set adaptation.n_add=few", 2),
+        ("run aileron --config none.toml", 2),
+        ("run aileron --nope", 2),
+        ("limit nosuch", 2),
+        ("limit tail --quality 3", 2),
+        ("geometry --out sdm.obj", 2),
+        ("export runs/aileron --format stl", 2),
+        ("study table9", 2),
+        ("deflect", 2),
+        ("deflect wing.su2 --hinge 0,0,0 --angle 5", 2),
+        ("fly", 2),
+    ],
+)
+def test_answers_without_work_load_no_heavy_library(words, code, tmp_path):
+    """What they load is tested instead of their time, which depends on the machine."""
+    command = [sys.executable, "-c", LOADED, *words.split()]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    ended, *loaded = json.loads(done.stderr.splitlines()[-1])
+    assert ended == code, done.stderr
+    assert {*HEAVY, "rich"} & set(loaded) == set()
 
 
 @pytest.mark.parametrize("suffix", [".step", ".brep", ".stl"])

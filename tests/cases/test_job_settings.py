@@ -6,7 +6,8 @@ from tomllib import loads
 
 import numpy as np
 import pytest
-from sdm_deflect.cases.job_settings import JobSettings, angles_of, job_of, job_settings, read_job, with_options
+
+from sdm_deflect.cases.job_settings import JobSettings, angles_of, job_settings, read_job, settings_of, with_options
 from sdm_deflect.cases.settings import structured, to_toml
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.surface.blended import Blended
@@ -49,7 +50,7 @@ def test_a_configuration_of_two_surfaces(two):
 def test_options_replace_what_a_configuration_says(two):
     options = {"angle": 4.0, "fixed": ("wing",), "slide": {"root": "cylinder"}, "hinge": None, "patches": ()}
     job = job_settings(with_options(two, options, ["max_centers=700", "box=auto", "margin=0.5"])).job()
-    assert job.amounts_at(job.angle) == (4.0, -2.0)
+    assert job.amounts == (4.0, -2.0)
     assert job.fixed == ("wing",)
     assert {one.patch for one in job.slides} == {"symmetry", "root"}
     assert (job.fitting.max_centers, job.box) == (700, Automatic(0.5))
@@ -79,6 +80,10 @@ def test_files_are_relative_to_the_configuration(tmp_path):
     (tmp_path / "box.toml").write_text("corner = 3")
     with pytest.raises(InputError, match=r"box\.toml: .*corner.*did you mean corners"):
         job_settings(read_job(tmp_path / "job.toml")).job()
+
+
+def job_of(surfaces, hinge, angle, options):
+    return settings_of(surfaces, hinge, angle, options).job()
 
 
 def test_keywords_are_the_same_settings():
@@ -120,6 +125,8 @@ def test_keywords_are_the_same_settings():
         (("a", HINGE, 5), {"strategy": "both"}, "strategy = 'both' is not one of squv, mv"),
         (("a", HINGE, 5), {"max_steps": 1.5}, "max_steps = 1.5 is not a whole number"),
         (("a", HINGE, 5), {"max_centers": 3}, "max_centers = 3 must be a number of at least 8"),
+        (("a", HINGE, 5), {"min_quality": 2}, "min_quality = 2 must be a share between 0 and 1"),
+        (("a", HINGE, 5), {"min_quality": "none"}, "min_quality = 'none' is not a number"),
         (("a", HINGE, 5), {"allow_inverted": "false"}, "allow_inverted = 'false' is neither true nor false"),
         (("a", HINGE, 5), {"box": 5}, "box = 5 is not a list"),
         (("a", HINGE, 5), {"box": "none.toml"}, "none.toml"),

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sdm_deflect.cases.sdm.registry import CASES, case_named
-from sdm_deflect.cases.settings import assigned, changed, read_toml, resolve, structured, to_toml
+from sdm_deflect.cases.sdm.registry import CASES, case_named, resolve
+from sdm_deflect.cases.settings import assigned, changed, read_toml, structured, to_toml
 from sdm_deflect.deform.errors import InputError
 
 AILERON = CASES["aileron"]
@@ -48,13 +48,15 @@ def test_toml_repeats_the_case(name, scale, tmp_path):
         ("wing.halfspan=0.3", "unknown setting wing.halfspan; did you mean half_span?"),
         ("wng.half_span=0.3", "unknown setting wng; did you mean wing?"),
         ("adaptation.n_add=1.5", "adaptation.n_add = 1.5 is not a whole number"),
-        ("adaptation.tolerance=0", "adaptation.tolerance = 0 m is outside"),
+        ("adaptation.n_add=0", "adaptation.n_add = 0 must be a number of at least 1"),
         ("adaptation.max_centers=9", "adaptation.max_centers = 9 is fewer than the 20 initial centres"),
         ("adaptation.rule=best", "adaptation.rule = 'best' is not one of separated, worst"),
         ("aileron.gap=0.5", "gap"),
-        ("angle=95", "angle = 95 deg is outside -60 ... 60 deg"),
-        ("strategy=both", "strategy = 'both' is not one of squv, mv"),
-        ("strategy=", "strategy = '' is not one of squv, mv"),
+        ("angle=95", "angle = 95 deg is outside -90 ... 90 deg"),
+        ("adaptation.strategy=both", "adaptation.strategy = 'both' is not one of squv, mv"),
+        ("adaptation.strategy=", "adaptation.strategy = '' is not one of squv, mv"),
+        ("strategy=mv", "unknown setting strategy; did you mean adaptation.strategy?"),
+        ("half_span=0.3", "unknown setting half_span; did you mean wing.half_span, tail.half_span?"),
         ("domain=moon", "domain = 'moon' is not one of aircraft, block"),
         ("title=", "title = '' is empty"),
         ("title=5", "title = 5 is not text"),

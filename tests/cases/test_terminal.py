@@ -8,10 +8,10 @@ import pytest
 from rich.console import Console
 
 from sdm_deflect.cases.console import WIDTH, console, summary, verdict
-from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.progress import Bars, Lines, Silent, Stopwatch, shown
 from sdm_deflect.cases.report.data import report_data_of_folder
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.errors import InputError
 
 ESCAPE = "\x1b"
 CHECKS = (
