@@ -2,14 +2,14 @@
 
 from contextlib import nullcontext
 from io import StringIO
-from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from sdm_deflect.cases.console import WIDTH, console, summary, verdict
+from sdm_deflect.cases.console import WIDTH, console, texts, verdict
 from sdm_deflect.cases.progress import Bars, Lines, Silent, Stopwatch, shown
 from sdm_deflect.cases.report.data import report_data_of_folder
+from sdm_deflect.cases.sdm.metrics import summary
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.errors import InputError
 
@@ -101,10 +101,21 @@ def test_report_of_no_run_is_a_sentence(tmp_path):
         report_data_of_folder(tmp_path)
 
 
+def test_a_check_over_nothing_is_not_applicable():
+    text = printed(verdict([Check("on_symmetry", 0.0, 0.0, "", "0 sliding nodes", over=0)], "case"))
+    assert "not applicable" in text
+    assert "passed" not in text
+
+
+def test_brackets_in_a_line_are_brackets():
+    out = StringIO()
+    Console(file=out, width=WIDTH).print(*texts(["results in runs/[bold]mine"]))
+    assert out.getvalue().strip() == "results in runs/[bold]mine"
+
+
 @pytest.mark.mesher
-def test_summary_has_one_table_and_the_folder_as_it_is(aileron_run):
-    text = printed(summary(aileron_run[0], Path("runs/[bold]mine")))
-    assert "results in runs/[bold]mine" in text
-    assert text.count("measured over") == 1
-    assert "centres x:" in text
-    assert text.strip().endswith("all validations passed")
+def test_summary_has_a_line_for_each_surface_and_the_times(aileron_run):
+    mesh, surface, times = summary(aileron_run[0])
+    assert mesh.startswith("mesh: ")
+    assert "centres x:" in surface
+    assert "deformation" in times
