@@ -86,7 +86,13 @@ class Blended:
         if hinge is None:
             raise InputError(f"{surface.named}: a blended motion needs a hinge")
         held = self.held.of(surface, hinge)
-        driven = self.driven.of(surface, hinge) & ~held
+        follow = self.driven.of(surface, hinge)
+        driven = follow & ~held
+        if follow.any() and not driven.any():
+            raise InputError(
+                f"{surface.named}: all {int(follow.sum())} nodes that follow the motion are held as well; name fewer "
+                "patches or nodes in held, or in fixed, which is held by default"
+            )
         for mask, what in ((held, "nodes that stay, such as its hinge edge"), (driven, "nodes that follow the motion")):
             if not mask.any():
                 raise InputError(f"{surface.named}: found no {what}; name a patch or give a list of nodes")

@@ -74,14 +74,32 @@ def test_a_dry_run_says_what_would_be_done_and_writes_nothing(files, sdm, tmp_pa
         assert text in " ".join(table.split())
     plan = json.loads(sdm("deflect", source, *TURN, "--dry-run", "--json")[1])
     assert plan["files"] == [str(tmp_path / "wing-deflected.su2")]
-    assert plan["sites"]["moving"] > 0
+    assert plan["sites"]["surface"] > 0
     assert [path.name for path in tmp_path.iterdir()] == ["wing.su2"]
 
 
 def test_a_setting_that_is_set_counts(files, sdm):
-    words = ["deflect", files["su2"], *TURN, "--dry-run", "--json"]
-    plain, coarse = (json.loads(sdm(*words, *more)[1])["sites"]["zero"] for more in ([], ["--set", "spacing_edges=4"]))
-    assert coarse < plain
+    words = ["deflect", files["su2"], *TURN, "--dry-run", "--json", "--set", "tolerance=0.0125"]
+    assert json.loads(sdm(*words)[1])["sites"]["tolerance"] == 0.0125
+
+
+def test_wildcards_of_fixed_patches_mean_the_others(files, sdm):
+    """A wildcard for what stays that also matches the moving patch does not stop it."""
+    words = ["--surface", "flap_*", "--fixed", "*_*", "--slide", "symmetry:plane", "--motion", "blended", *HINGE]
+    code, table, complaint = sdm("deflect", files["su2"], *words, "--angle", "8", "--dry-run", "-q")
+    assert code == 0, complaint
+    assert "moves by +8 deg" in table
+
+
+@pytest.mark.parametrize(("share", "code"), [("0.999", 1), ("0.1", 0), ("0", 0)])
+def test_quality_may_not_fall_below_its_share(share, code, files, sdm, tmp_path):
+    words = ["deflect", files["su2"], *TURN, "--out", tmp_path / "w.su2", "--json"]
+    ended, out, _ = sdm(*words, "--min-quality", share)
+    (one,) = json.loads(out)["angles"]
+    found = {check["name"]: check["passed"] for check in one["validation"]["checks"] if "quality_min" in check["name"]}
+    assert ended == code
+    assert bool(found) == (share != "0")
+    assert all(found.values()) == (code == 0)
 
 
 def test_a_sweep_writes_a_file_for_each_angle_with_report_and_sensitivities(files, sdm, tmp_path):
@@ -97,7 +115,7 @@ def test_a_sweep_writes_a_file_for_each_angle_with_report_and_sensitivities(file
     assert {f"flap_{a}-sensitivity.{s}" for a in angles for s in ("npz", "vtu")} <= names
     report = json.loads(table)
     assert report["passed"]
-    assert [one["angle"] for one in report["angles"]] == [8.0, -4.0, 0.0, 4.0]
+    assert [one["angle"] for one in report["angles"]] == [-4.0, 0.0, 4.0, 8.0]
     with np.load(tmp_path / "flap_+4-sensitivity.npz") as arrays:
         points, rates = arrays["points"], arrays["d_points_d_angle"]
     read = {a: FORMATS["su2"].read(tmp_path / f"flap_{a}.su2").points for a in angles}
@@ -132,6 +150,7 @@ def test_a_configuration_says_the_same_as_options(files, sdm, tmp_path):
         ([*FLAP, "--hinge", "0,0", "0,0,1", "--angle", "3"], ["'0,0' is no point", "the hinge needs two"]),
         ([*FLAP, "--hinge", "0,0,0", "--angle", "3"], ["'--angle' is no point", "the hinge needs two"]),
         ([*FLAP, "--hinge", "0,0,0", "0,nan,0", "--angle", "3"], ["hinge[1][1] = nan is not a finite number"]),
+        ([*TURN, "--held", "flap_upper,flap_lower,flap_base"], ["nodes that follow the motion are held as well"]),
         ([*TURN, "--held", ""], ["held = '' is empty"]),
         ([*TURN, "--set", "max_center=9"], ["unknown setting max_center; did you mean max_centers"]),
         ([*TURN, "--set", "stripe=9"], ["unknown setting stripe; did you mean strip"]),
@@ -146,6 +165,7 @@ def test_a_configuration_says_the_same_as_options(files, sdm, tmp_path):
         ([*TURN, "--box", "none.toml"], ["none.toml"]),
         ([*TURN, "--slide", "far_field"], ["NAME:plane or NAME:cylinder"]),
         ([*TURN, "--fixed", "wing_tip", "--slide", "wing_tip:plane"], ["wing_tip cannot be fixed and sliding"]),
+        ([*TURN, "--min-quality", "2"], ["min_quality = 2 must be a share between 0 and 1"]),
         ([*TURN, "--steps", "0"], ["--steps 0"]),
         ([*TURN, "--margin", "-1"], ["margin = -1"]),
         ([*TURN, "--out", "wing.xyz"], ["no mesh format has the suffix '.xyz'"]),
