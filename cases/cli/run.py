@@ -65,14 +65,14 @@ def run(
 
     from sdm_deflect.cases.console import texts, verdict
     from sdm_deflect.cases.output import output_folder
-    from sdm_deflect.cases.sdm.metrics import metrics, summary
+    from sdm_deflect.cases.sdm.metrics import summary
     from sdm_deflect.cases.sdm.pipeline import run_case
 
     folder = out or Path("runs") / resolved.name
     with output_folder(folder) as scratch, watched(quiet or (as_json and not verbose), verbose) as watch:
         result = run_case(resolved, watch, scratch, cache, report)
     if as_json:
-        print_json(metrics(result))
+        click.echo((folder / "metrics.json").read_text(encoding="utf-8"), nl=False)
     else:
         title = f"{resolved.name} {resolved.angle:+g} deg, {resolved.scale}, {resolved.strategy}"
         last = "all validations passed" if result.passed else "A VALIDATION FAILED"
