@@ -36,9 +36,9 @@ def read(path: str | Path) -> Mesh:
     InputError, MeshFileError
         If the format is unknown, or the file is missing or damaged.
     """
-    from sdm_deflect.cases.mesh_files import read as read_file
+    from sdm_deflect.meshing.formats.registry import read as read_file
 
-    return read_file(Path(path))
+    return read_file(path)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from sdm_deflect.cases.mesh_files import Targets, read, write_mesh, write_sensitivity
+from sdm_deflect.cases.mesh_files import Targets, write_mesh, write_sensitivity
 from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, verdict_figures
 from sdm_deflect.cases.output import output_folder
 from sdm_deflect.cases.progress import Stopwatch
@@ -13,6 +13,7 @@ from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.touched import Layers
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
 from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.meshing.formats.registry import read
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, Mesh
 from sdm_deflect.deform.quality import POLYHEDRON, by_shape, oriented
+from sdm_deflect.meshing.formats.format import printable
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 
 Json = dict[str, Any]
@@ -35,7 +36,7 @@ def inspect(path: Path) -> str:
         lines.append("the file counts the nodes of cells left-handed; judged accordingly")
     if found["patches"]:
         lines.append("patches (faces): " + _listed(found["patches"]))
-    return "\n".join(_printable(line) for line in lines)
+    return "\n".join(printable(line) for line in lines)
 
 
 def inspected(path: Path) -> Json:
@@ -103,8 +104,3 @@ def _quality_line(found: Json) -> str:
 
 def _listed(counts: dict[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items())
-
-
-def _printable(line: str) -> str:
-    """Return a line in which characters that command a terminal are shown as escapes."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in line)

@@ -11,8 +11,11 @@ import numpy as np
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.quality import quality_of
+from sdm_deflect.meshing.formats.format import printable
 from sdm_deflect.meshing.formats.openfoam import case_folder
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
+from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
 SENSITIVITY = "d_points_d_angle"
@@ -107,24 +110,25 @@ def inputs_of(given: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
     return tuple(found)
 
 
-def read(path: Path, progress: Progress = silent) -> Mesh:
-    """Read a mesh file; MeshFileError, an error of one line, if that is impossible."""
-    mesh = format_of(path).read(path, progress)
-    return replace(mesh, name=path.resolve().name, source=str(path.resolve()))
-
-
 def write_mesh(
     source: Path | None, mesh: Mesh, points: FloatArray, out: Path, progress: Progress = silent
 ) -> tuple[str, ...]:
     """Write the mesh with new points; return what the format of `out` cannot hold.
 
-    In the format of the source only coordinates change; all else in the file stays, byte by byte.
+    In the format of the source only coordinates change; all else in the file stays, byte by byte. A .vtu made from
+    another format shows the point array ``displacement`` and the cell array ``quality``.
     """
     form = format_of(out)
     if source and format_of(source) is form:
         form.rewrite(source, points, out, progress)
         return ()
-    return form.write(mesh.with_points(points), out, progress)
+    moved = mesh.with_points(points)
+    if isinstance(form, Vtu):
+        quality = np.concatenate([np.empty(0), *(quality_of(points, block) for block in mesh.cells)])
+        lost = form.write(moved, out, progress, {"displacement": points - mesh.points}, {"quality": quality})
+    else:
+        lost = form.write(moved, out, progress)
+    return tuple(map(printable, lost))
 
 
 def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tuple[Path, Path], unit: str) -> None:

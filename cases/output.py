@@ -15,7 +15,8 @@ from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
-from sdm_deflect.meshing.formats.format import FULL, MeshFileError
+from sdm_deflect.meshing.files import renamed
+from sdm_deflect.meshing.formats.format import FULL
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
 
@@ -41,7 +42,7 @@ def output_folder(target: Path) -> Iterator[Path]:
     except OSError as error:
         raise OutputError(f"--out {target}: {error.strerror}; choose a folder that can be written") from None
     try:
-        with scratch as name:
+        with scratch as name, renamed(Path(name), target):
             yield Path(name)
             for path in sorted(p for p in Path(name).rglob("*") if p.is_file()):
                 final = target / path.relative_to(name)
@@ -50,8 +51,6 @@ def output_folder(target: Path) -> Iterator[Path]:
     except BaseException as error:
         if new and not any(target.iterdir()):
             target.rmdir()
-        if isinstance(error, MeshFileError):
-            raise MeshFileError(str(error).replace(f"{scratch.name}/", f"{target}/")) from error
         if isinstance(error, OSError) and error.errno in FULL:
             raise OutputError(f"{target}: cannot be written: {error.strerror}") from error
         raise

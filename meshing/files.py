@@ -86,10 +86,20 @@ def fresh_folder(out: Path, source: Path | None = None) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as name:
             beside = Path(name, "new")
             beside.mkdir()
-            yield beside
+            with renamed(beside, out):
+                yield beside
             if out.exists():
                 out.rmdir()
             beside.rename(out)
+
+
+@contextmanager
+def renamed(beside: Path, out: Path) -> Iterator[None]:
+    """Name `out` in errors of what is written for it at `beside`."""
+    try:
+        yield
+    except MeshFileError as error:
+        raise MeshFileError(str(error).replace(str(beside), str(out))) from error
 
 
 def copied(source: Path, into: Path, without: tuple[str, ...]) -> None:

@@ -21,6 +21,14 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 class MeshFileError(RuntimeError):
     """A mesh file is damaged, or holds what we cannot read; the message names the file and what is wrong."""
 
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
+
+
+def printable(text: str) -> str:
+    """Return text in which characters that command a terminal are shown as escapes: names in files may hold any."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
 
 class Format(Protocol):
     """Reads, rewrites and writes the files of one format."""

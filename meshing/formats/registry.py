@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import Format, MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
@@ -39,6 +42,19 @@ def advice(path: Path) -> str:
     if path.suffix.lower() == ".gz":
         return f"unpack it first: gunzip {path.name}"
     return ADVICE.get(path.suffix.lower(), "").replace("FILE", path.name)
+
+
+def read(path: str | Path, progress: Progress = silent) -> Mesh:
+    """Read a mesh file, or an OpenFOAM case; the mesh bears its name.
+
+    Raises
+    ------
+    MeshFileError
+        If the format is unknown, or the file is missing, truncated or damaged.
+    """
+    given = Path(path)
+    mesh = format_of(given).read(given, progress)
+    return replace(mesh, name=given.resolve().name, source=str(given.resolve()))
 
 
 def format_of(path: str | Path) -> Format:

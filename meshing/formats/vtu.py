@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -68,10 +69,17 @@ class Vtu:
         with fresh(out, source) as beside:
             beside.write_bytes(data)
 
-    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
-        """See `Format.write`; zones become one grid."""
+    def write(
+        self,
+        mesh: Mesh,
+        out: Path,
+        progress: Progress = silent,
+        point_data: Mapping[str, Array] | None = None,
+        cell_data: Mapping[str, Array] | None = None,
+    ) -> tuple[str, ...]:
+        """See `Format.write` and, for further arrays, `write_vtu`; zones become one grid."""
         progress(f"writing {out.name}", 0.0)
-        write_vtu(out, mesh)
+        write_vtu(out, mesh, point_data, cell_data)
         return ("its zones are one grid",) if len(mesh.zones) > 1 else ()
 
 

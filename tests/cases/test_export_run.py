@@ -1,5 +1,6 @@
 """Exported runs hold the run's mesh, by name, in every format; nothing of the run changes."""
 
+import resource
 import subprocess
 import sys
 
@@ -118,3 +119,14 @@ def test_the_command_says_what_it_wrote(run):
     words = [sys.executable, "-m", "sdm_deflect", "export", str(run), "--format", "gmsh"]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str(run.parent / "aileron-deflected.msh")
+
+
+def test_a_full_disk_names_the_case_to_be(run, tmp_path):
+    """A limit of the size of files stands for the disk."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
+    try:
+        with pytest.raises(MeshFileError, match=rf"^{tmp_path / 'case'}: cannot be written: "):
+            export_run(run, "openfoam", out=tmp_path / "case")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    assert not (tmp_path / "case").exists()

@@ -1,16 +1,16 @@
 """What `sdm deflect` writes never overwrites what it reads, another of its files, or a file of somebody else."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from sdm_deflect.cases.own.files import Targets, inputs_of, write_report, write_sensitivity
+import pyvista as pv
 
 from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.mesh_files import Targets, inputs_of, write_mesh, write_sensitivity
+from sdm_deflect.deform.quality import quality_of
+from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.meshing.formats.examples import hybrid
-
-BOTH = frozenset({"sensitivity", "json"})
 
 
 @pytest.fixture
@@ -19,20 +19,19 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def targets(source, out, angles=(8.0,), extras=()):
-    return Targets.of(Path(source), Path(out) if out else None, angles, frozenset(extras))
+def targets(source, out, angles=(8.0,), sensitive=False):
+    return Targets.of(Path(source), Path(out) if out else None, angles, sensitive)
 
 
 def test_names():
-    many = targets("wing.su2", "out/flap.v2.cgns", (-12.0, 0.5, 1e-7), BOTH)
+    many = targets("wing.su2", "out/flap.v2.cgns", (-12.0, 0.5, 1e-7), True)
     assert [str(many.mesh(angle)) for angle in many.angles] == [
         "out/flap.v2_-12.cgns", "out/flap.v2_+0.5.cgns", "out/flap.v2_+1e-07.cgns"
     ]  # fmt: skip
     assert [path.name for path in many.sensitivity(-12.0)] == [
         "flap.v2_-12-sensitivity.npz", "flap.v2_-12-sensitivity.vtu"
     ]  # fmt: skip
-    assert many.report.name == "flap.v2.json"
-    assert len(many.extra) == 7
+    assert len(many.extra) == 6
     assert targets("wing.su2", None).mesh(8.0) == Path("wing-deflected.su2")
 
 
@@ -41,9 +40,9 @@ def test_names_of_cases(folder):
         Path(name).mkdir(parents=True)
     Path("alpha-12.5/case.foam").touch()
     for source in ("alpha-12.5", "alpha-12.5/case.foam"):
-        case = targets(source, None, (5.0, 10.0), BOTH)
+        case = targets(source, None, (5.0, 10.0), True)
         assert case.mesh(5.0) == Path("alpha-12.5-deflected_+5")
-        assert case.report == Path("alpha-12.5-deflected.json")
+        assert case.extra[0] == Path("alpha-12.5-deflected_+5-sensitivity.npz")
     assert targets("wing.su2", "new/case.foam").mesh(8.0) == Path("new")
 
 
@@ -64,14 +63,14 @@ def test_angles_that_differ_have_names_that_differ(folder):
 
 
 def test_the_source_is_never_a_target(folder):
-    for name, out, angles, extras in (
-        ("wing.su2", "wing.su2", (8.0,), ()),
-        ("wing_+5.su2", "wing.su2", (5.0, 10.0), ()),
-        ("n-sensitivity.vtu", "n.vtu", (5.0,), {"sensitivity"}),
+    for name, out, angles, sensitive in (
+        ("wing.su2", "wing.su2", (8.0,), False),
+        ("wing_+5.su2", "wing.su2", (5.0, 10.0), False),
+        ("n-sensitivity.vtu", "n.vtu", (5.0,), True),
     ):
         Path(name).write_text("mine")
         with pytest.raises(InputError, match=r"this is a file that is read; name another one in out"):
-            targets(name, out, angles, extras).check()
+            targets(name, out, angles, sensitive).check()
 
 
 def test_a_link_to_the_source_is_the_source(folder):
@@ -82,38 +81,36 @@ def test_a_link_to_the_source_is_the_source(folder):
 
 
 def test_files_that_settings_name_are_inputs(folder):
-    for name in ("job.json", "held.txt", "box.toml"):
+    for name in ("job.vtu", "held.txt", "box.toml"):
         Path(name).touch()
-    given = {"config": Path("job.json"), "box": "box.toml", "surface": [{"held": "held.txt", "patches": ["flap"]}]}
+    given = {"config": Path("job.vtu"), "box": "box.toml", "surface": [{"held": "held.txt", "patches": ["flap"]}]}
     inputs = inputs_of(given, Path())
-    assert inputs == (Path("job.json"), Path("box.toml"), Path("held.txt"))
-    with pytest.raises(InputError, match=r"job\.json: this is a file that is read"):
-        targets("wing.su2", "job.su2", extras={"json"}).check(inputs)
+    assert inputs == (Path("job.vtu"), Path("box.toml"), Path("held.txt"))
+    with pytest.raises(InputError, match=r"job\.vtu: this is a file that is read"):
+        targets("wing.su2", "job.vtu").check(inputs)
 
 
 def test_two_targets_of_one_name(folder):
-    twice = Targets(Path("w.su2"), Path("flap.vtu"), (5.0, 5.0), BOTH)
+    twice = Targets(Path("w.su2"), Path("flap.vtu"), (5.0, 5.0), True)
     with pytest.raises(InputError, match=r"flap_\+5\.vtu would be written twice"):
         twice.check()
 
 
 def test_files_of_others_stay(folder):
-    for name in ("flap.json", "flap-sensitivity.npz", "flap-sensitivity.vtu", "flap_+5.su2"):
+    for name in ("flap-sensitivity.npz", "flap-sensitivity.vtu", "flap_+5.su2"):
         Path(name).write_text('{"answer": 42}')
         angles = (5.0, 10.0) if "+5" in name else (8.0,)
         with pytest.raises(InputError, match=r"exists already, and only the file that out names.*choose another"):
-            targets("wing.su2", "flap.su2", angles, BOTH).check()
+            targets("wing.su2", "flap.su2", angles, True).check()
         Path(name).unlink()
 
 
 def test_earlier_files_are_replaced(folder):
-    job = targets("wing.su2", "flap.su2", extras=BOTH)
+    job = targets("wing.su2", "flap.su2", sensitive=True)
     mesh = hybrid()
     write_sensitivity(mesh, mesh.points, np.ones_like(mesh.points), job.sensitivity(8.0), "m")
-    write_report({"mesh": {}, "angles": [], "files": [], "passed": True}, job.report)
     job.out.write_text("an earlier mesh")
     job.check()
-    assert json.loads(job.report.read_text())["passed"]
 
 
 def test_folders(folder):
@@ -127,3 +124,15 @@ def test_folders(folder):
             targets("mesh.su2", out, angles).check()
     with pytest.raises(InputError, match="lies in the case that is read"):
         targets("case", "case/new").check()
+
+
+def test_a_vtu_of_another_format_shows_displacement_and_quality(folder):
+    mesh = hybrid()
+    FORMATS["su2"].write(mesh, Path("wing.su2"))
+    moved = mesh.points + np.array([0.0, 0.0, 0.25])
+    assert write_mesh(Path("wing.su2"), mesh, moved, Path("flap.vtu")) == ()
+    grid = pv.read("flap.vtu")
+    np.testing.assert_array_equal(grid.points, moved)
+    np.testing.assert_allclose(grid.point_data["displacement"], np.tile([0.0, 0.0, 0.25], (14, 1)), atol=1e-15)
+    quality = np.concatenate([quality_of(moved, block) for block in mesh.cells])
+    np.testing.assert_array_equal(grid.cell_data["quality"], [*quality, *np.zeros(18)])

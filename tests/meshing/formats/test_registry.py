@@ -1,11 +1,13 @@
 """A file's name says its format, or what to do with it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.registry import FORMATS, format_of
+from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
+from tests.meshing.formats.examples import hybrid
 
 
 @pytest.mark.parametrize(
@@ -44,3 +46,25 @@ def test_a_missing_file_is_an_error_that_names_it(form, tmp_path):
     path = tmp_path / f"none{FORMATS[form].suffixes[0]}"
     with pytest.raises(MeshFileError, match="none"):
         FORMATS[form].read(path if form != "openfoam" else tmp_path / "none")
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_mesh_bears_the_name_of_its_file(form, tmp_path, monkeypatch):
+    path = tmp_path / ("case" if form == "openfoam" else f"wing{FORMATS[form].suffixes[0]}")
+    FORMATS[form].write(hybrid(), path)
+    for given in (path, str(path)):
+        mesh = read(given)
+        assert (mesh.name, mesh.source) == (path.name, str(path))
+    if form == "openfoam":
+        monkeypatch.chdir(path)
+        assert read(".").name == "case"
+
+
+def test_a_name_that_commands_a_terminal_is_shown_as_escapes(tmp_path):
+    mesh = hybrid()
+    named = replace(mesh.patches[0], name="\x1b[2J\x07floor")
+    path = tmp_path / "wing.su2"
+    FORMATS["su2"].write(replace(mesh, patches=(named, *mesh.patches[1:])), path)
+    path.write_text(path.read_text().replace("5 1 2 8", "5 1 2 9"))
+    with pytest.raises(MeshFileError, match=r"1 of 3 faces of patch \\x1b\[2J\\x07floor are of no cell"):
+        read(path)
