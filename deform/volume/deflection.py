@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import ceil, nan
 from time import perf_counter
 
@@ -98,7 +99,7 @@ class Plan:
         return StepState.of(self.boundary, self.region, self.sites, points)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Deflection:
     """The mesh at one angle and how it got there.
 
@@ -124,7 +125,7 @@ class Deflection:
         """Amount of each moving surface."""
         return self.plan.job.amounts_at(self.angle)
 
-    @property
+    @cached_property
     def quality(self) -> tuple[Quality, ...]:
         """Quality of the touched cells by type."""
         return self.plan.touched.quality(self.points)

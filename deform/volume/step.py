@@ -244,8 +244,9 @@ def _fit(
     With an earlier fit its centres and factors come first: every site is checked, and centres are added where one is
     off by more than the tolerance.
     """
-    fitting, found, kept = state.fitting, [], []  # type: tuple[Fitting, list[Adaptation], list[CholeskyBasis]]
-    tolerance = state.sites.tolerance
+    fitting, tolerance = state.fitting, state.sites.tolerance
+    found: list[Adaptation] = []
+    kept: list[CholeskyBasis] = []
     for i, group in enumerate(state.groups(values, sliding)):
         if earlier:
             initial = earlier.factors[i].chosen
