@@ -103,6 +103,8 @@ class Case:
 
     def __post_init__(self) -> None:
         check_quantities(self, "case")
+        if not self.deflections:
+            raise ValueError("deflections is empty; a case turns at least one control surface")
         if self.scale not in SCALES:
             raise ValueError(f"scale = {self.scale!r} is not one of {', '.join(SCALES)}")
         for one in self.deflections:

@@ -7,7 +7,7 @@ import numpy as np
 
 from sdm_deflect.cases.sdm.case import Case, SurfaceTurn
 from sdm_deflect.deform.edges import median_edge
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, nearest
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.surface.axis import Axis, Cylinder
@@ -106,7 +106,11 @@ def block_stations(case: Case, surface: str) -> FloatArray:
 
 
 def check_case(case: Case) -> None:
-    """Raise InputError if a control surface of the case has no hexahedron, or its Chimera block no faces."""
+    """Raise InputError if a control surface of the case is none, or has no hexahedron, or its block no faces."""
+    for turn in case.deflections:
+        if turn.surface not in datum.SURFACES:
+            hint = nearest(turn.surface, datum.SURFACES, "there are")
+            raise InputError(f"deflections: unknown control surface {turn.surface!r}; {hint}")
     try:
         for turn in case.deflections:
             block_stations(case, turn.surface)

@@ -67,6 +67,8 @@ def test_toml_repeats_the_case(name, scale, tmp_path):
         ("confinement.corners=5", "confinement.corners = 5 is not a list"),
         ("confinement.corners=[[0, 1]]", "confinement.corners[0] = [0, 1] must hold 3 values"),
         ("confinement.corners=[[0, 1, nan]]", "confinement.corners[0][2] = nan is not a finite number"),
+        ("deflections=[]", "deflections is empty; a case turns at least one control surface"),
+        ("deflections=[{surface='ruder'}]", "unknown control surface 'ruder'; did you mean rudder?"),
         ("deflections=[{surface='rudder', factr=2}]", "unknown setting deflections[0].factr; did you mean factor"),
         ("deflections=[{factor=2}]", "deflections[0].surface is missing"),
         ("half_span", "not of the form key=value"),
