@@ -15,6 +15,9 @@ from sdm_deflect.meshing.cache import FOLDER_VARIABLE
 from tests.deform.blocks import annulus_with_fin, block_with_body
 from tests.meshing.formats.wing import FLAP, wing
 
+KEPT_MESHES = "SDM_DEFLECT_TEST_MESHES"
+"""Environment variable: a folder in which meshes are kept from one test run to the next."""
+
 # A shared machine may pause a test: no example of a property fails by the clock.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
@@ -39,9 +42,10 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> P
 @pytest.fixture(scope="session", autouse=True)
 def mesh_cache(shared_folder: Path):
     """Keep the user's mesh cache out of the tests."""
+    folder = Path(os.environ.get(KEPT_MESHES) or shared_folder / "meshes")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(FOLDER_VARIABLE, str(shared_folder / "meshes"))
-        yield shared_folder / "meshes"
+        patch.setenv(FOLDER_VARIABLE, str(folder))
+        yield folder
 
 
 @pytest.fixture(scope="session")
