@@ -118,9 +118,9 @@ class Shape:
 
     @property
     def hinge(self) -> IntArray:
-        """Nodes on the edges of the hinge that must keep their place."""
+        """Nodes on the edges of the hinge: they keep their place."""
         wedge = Wedge.of(self.plan.mesh, self.case.fighter, self.surface)
-        return wedge.nodes[wedge.hinge & self.plan.boundary.laws[0].exact]
+        return wedge.nodes[wedge.hinge]
 
     def faces(self, nodes: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
         """For each CAD face of the surface: its nodes among those given, and its undeflected unit normal (3,)."""
@@ -128,6 +128,17 @@ class Shape:
         for face in np.unique(self.mesh.face[own]):
             on_face = np.unique(self.mesh.triangles[own & (self.mesh.face == face)])
             yield np.intersect1d(on_face, nodes), plane_normal(self.mesh.points[on_face])
+
+    def sides(self, nodes: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
+        """For each side of a hinged surface: its nodes among those given, and its rigidly rotated unit normal (3,)."""
+        for own, normal in self.faces(nodes):
+            if abs(normal @ self.axis.direction) <= 0.5:  # an end of the wedge turns in its plane
+                yield own, self.axis.matrix(self.angle) @ normal
+
+    def left_behind(self, nodes: IntArray, normal: FloatArray) -> FloatArray:
+        """Distance (N,) of nodes that keep their place from a plane that they are on, rotated with its normal (3,)."""
+        before = self.mesh.points[nodes]
+        return np.asarray(np.abs((before - self.axis.rotated(before, self.angle)) @ normal), dtype=np.float64)
 
 
 def surface_checks(shape: Shape, reference: Reference) -> Iterator[Check]:
@@ -162,22 +173,19 @@ def surface_to_cad(shape: Shape, cad: Faces, nodes: IntArray, limit: float) -> C
 def surface_to_rigid_cad(shape: Shape, cad: Faces) -> Check:
     """Distance of a blended surface's nodes from the planes of the rigidly rotated CAD faces that they belong to.
 
-    It grows from zero at the trailing edge to the hinge, whose nodes stay where a rigid rotation by theta would move
-    them by 2 r sin(theta / 2), r being their distance from the axis: no node may be further off than that.
+    Each face stays planar: the distance grows from zero at the trailing edge to the hinge, whose nodes keep their
+    place. No node may be further off than those are from the planes that turned away from them.
     """
-    nodes, rotation = shape.exact, shape.axis.matrix(shape.angle)
+    nodes = shape.exact
     distance = np.zeros(len(nodes))
-    for own, normal in shape.faces(nodes):
-        if abs(normal @ shape.axis.direction) > 0.5:  # an end of the wedge turns in its plane
-            continue
+    for own, normal in shape.sides(nodes):
         place = np.searchsorted(nodes, own)
-        away = distance_to_plane(shape.deflected.points[own], cad, rotation @ normal)
+        away = distance_to_plane(shape.deflected.points[own], cad, normal)
         distance[place] = np.maximum(distance[place], away)
-    hinge = shape.mesh.points[shape.hinge]
-    limit = float(np.linalg.norm(shape.axis.displacement(hinge, shape.angle), axis=1).max())
+    largest = max(float(shape.left_behind(*side).max(initial=0.0)) for side in shape.sides(shape.hinge))
+    limit = largest + shape.case.limits.planarity
     where = f"{worst(distance, shape.deflected.points[nodes])}; zero at the trailing edge, largest at the hinge"
-    largest = float(distance.max())
-    return Check("surface_to_rigid_cad", largest, limit, "m", where, nodes=nodes, distances=distance)
+    return Check("surface_to_rigid_cad", float(distance.max()), limit, "m", where, nodes=nodes, distances=distance)
 
 
 def planarity(shape: Shape) -> Check:
@@ -206,14 +214,11 @@ def hinge_offset(shape: Shape, rigid: Faces) -> Check:
     fore or aft and half thickness x (1 - cos theta) up or down. A fixed hinge node P on a face with unit normal
     n is therefore |(P - R P) . R n| from the plane of the rotated face: that is compared with the CAD.
     """
-    hinge = shape.hinge
-    rotation, off, largest = shape.axis.matrix(shape.angle), [np.zeros(1)], 0.0
-    for nodes, normal in shape.faces(hinge):
-        if abs(normal @ shape.axis.direction) > 0.5:  # an end of the wedge
-            continue
-        before = shape.mesh.points[nodes]
-        expected = np.abs((before - shape.axis.rotated(before, shape.angle)) @ (rotation @ normal))
-        away = distance_to_plane(shape.deflected.points[nodes], rigid, rotation @ normal)
+    hinge = np.intersect1d(shape.hinge, shape.exact, assume_unique=True)
+    off, largest = [np.zeros(1)], 0.0
+    for nodes, normal in shape.sides(hinge):
+        expected = shape.left_behind(nodes, normal)
+        away = distance_to_plane(shape.deflected.points[nodes], rigid, normal)
         off.append(np.abs(away - expected))
         largest = max(largest, float(expected.max()))
     half = float(np.linalg.norm(shape.axis.radial(shape.mesh.points[hinge]), axis=1).max())

@@ -13,12 +13,17 @@ from tests.cases.sdm.deflected_cad import built
 pytestmark = pytest.mark.mesher
 
 
-def failing(run, points, case=None):
-    """Names of the checks that fail on these points."""
+def checked(run, points, case=None):
+    """The checks of these points by name."""
     case = case or run.case
     plans = plans_of(case, run.mesh.as_mesh(case.name))
     checks = validate(case, run.mesh, run.mesh.with_points(points), plans, built(case))
-    return {check.name for check in checks if not check.passed}
+    return {check.name: check for check in checks}
+
+
+def failing(run, points, case=None):
+    """Names of the checks that fail on these points."""
+    return {name for name, check in checked(run, points, case).items() if not check.passed}
 
 
 def test_the_right_mesh_passes(tail_run):
@@ -33,6 +38,34 @@ def test_a_wrong_angle_is_noticed(aileron_run, tail_run):
     )
     run, _ = tail_run
     assert {"surface_to_cad", "root_on_cylinder"} <= failing(run, run.deflected.points, replace(run.case, angle=12.001))
+
+
+def test_a_blended_aileron_is_as_far_from_the_rigid_cad_as_its_hinge_stays_behind(aileron_run):
+    run, _ = aileron_run
+    check = checked(run, run.deflected.points)["surface_to_rigid_cad"]
+    assert check.passed
+    assert check.value == pytest.approx(2.76e-4, rel=0.02)
+    assert 0.9 * check.limit < check.value
+    moved = run.mesh.points[check.nodes] != run.deflected.points[check.nodes]
+    trailing = run.mesh.points[check.nodes, 0] > run.case.fighter.wing.x_te - 1e-6
+    assert moved[trailing].any()
+    assert check.distances[trailing].max() < 1e-15
+
+
+@pytest.mark.parametrize("angle", [-11.0, -13.0, 12.0])
+def test_an_aileron_turned_by_another_angle_is_far_from_the_rigid_cad(aileron_run, angle):
+    run, _ = aileron_run
+    assert "surface_to_rigid_cad" in failing(run, run.deflected.points, replace(run.case, angle=angle))
+
+
+def test_a_tail_is_rigid_cad_but_for_its_root(tail_run):
+    run, _ = tail_run
+    checks = checked(run, run.deflected.points)
+    rigid, cad = checks["surface_to_rigid_cad"], checks["surface_to_cad"]
+    assert (rigid.value, rigid.limit) == (cad.value, run.case.limits.surface_to_cad)
+    wrong = checked(run, run.deflected.points, replace(run.case, angle=12.001))
+    assert not wrong["surface_to_rigid_cad"].passed
+    assert not wrong["surface_to_cad"].passed
 
 
 def test_a_bulged_panel_is_noticed(tail_run):
