@@ -16,7 +16,7 @@ from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from sdm_deflect.deform.volume.box import Automatic, BoxRule, Given
 from sdm_deflect.deform.volume.fitting import LARGEST_ANGLE, Fitting
-from sdm_deflect.deform.volume.job import Job, Sliding
+from sdm_deflect.deform.volume.job import Job, Section, Sliding
 
 Point = tuple[float, float, float]
 MOST_ANGLES = 1000
@@ -71,6 +71,28 @@ class SurfaceSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class SectionSettings:
+    """A face of an overlapping block that cuts the box: a table ``[[section]]``.
+
+    Attributes
+    ----------
+    patch : name of the block's outer faces.
+    point : a point of the plane.
+    axis : the axis along its normal.
+    slides : whether nodes slide in it.
+    """
+
+    patch: str
+    point: Point
+    axis: Literal["x", "y", "z"]
+    slides: bool = True
+
+    def section(self) -> Section:
+        """Return it as the engine has it."""
+        return Section(self.patch, np.array(self.point), "xyz".index(self.axis), self.slides)
+
+
+@dataclass(frozen=True, slots=True)
 class JobSettings:
     """What moves, what stays, what slides, and in which box.
 
@@ -81,6 +103,10 @@ class JobSettings:
     slide : patches that stay on their shape.
     box : ``"auto"``, a .toml file with `corners`, the corners, or a `BoxRule`.
     margin : distance from the surface to an automatic box; 0: chosen.
+    open_faces : faces of a given box without zero sites, such as ``y-``.
+    section : faces of an overlapping block that cut the box (the paper's section 5.2).
+    near_wall : whether the mesh near walls follows them rigidly; False, as in the paper: the moving surface and the box
+        are the only data sites.
     zones : further zones that deform; ``*`` for all.
     allow_inverted : whether a mesh that has inverted cells is taken.
     min_quality : share of the undeflected mesh's least quality that the touched cells of each type must keep; 0: no
@@ -93,6 +119,9 @@ class JobSettings:
     slide: dict[str, Literal["plane", "cylinder"]] = field(default_factory=dict)
     box: str | tuple[Point, ...] | BoxRule = "auto"
     margin: float = 0.0
+    open_faces: tuple[str, ...] = ()
+    section: tuple[SectionSettings, ...] = ()
+    near_wall: bool = True
     zones: tuple[str, ...] = ()
     allow_inverted: bool = False
     min_quality: float = MIN_QUALITY
@@ -117,6 +146,8 @@ class JobSettings:
             fixed=self.fixed,
             slides=tuple(Sliding(patch, shape) for patch, shape in self.slide.items()),
             box=self._box(),
+            sections=tuple(one.section() for one in self.section),
+            near_wall=self.near_wall,
             zones=self.zones,
             fitting=self.fitting,
             allow_inverted=self.allow_inverted,
@@ -124,8 +155,14 @@ class JobSettings:
 
     def _box(self) -> BoxRule:
         if isinstance(self.box, str):
-            return Automatic(self.margin) if self.box == "auto" else _box_of(Path(self.box))
-        return Given.at(np.array(self.box)) if isinstance(self.box, tuple) else self.box
+            box: BoxRule = Automatic(self.margin) if self.box == "auto" else _box_of(Path(self.box))
+        else:
+            box = Given.at(np.array(self.box)) if isinstance(self.box, tuple) else self.box
+        if not self.open_faces:
+            return box
+        if not isinstance(box, Given):
+            raise InputError("open_faces needs a box given by its corners")
+        return Given(box.hexahedron, frozenset(self.open_faces))
 
 
 @dataclass(frozen=True, slots=True)

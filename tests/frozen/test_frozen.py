@@ -34,14 +34,15 @@ def expected(before, kept, rows="rows", values="points"):
     return out
 
 
+def frozen_mesh(name):
+    kept = frozen(f"mesh_{name}")
+    indices = (kept[key].astype(np.intp) for key in ("tets", "triangles", "patch", "face"))
+    return TetMesh(kept["points"], *indices, tuple(map(str, kept["names"]))).as_mesh(name)
+
+
 @pytest.fixture(scope="module")
 def meshes():
-    def mesh(name):
-        kept = frozen(f"mesh_{name}")
-        indices = (kept[key].astype(np.intp) for key in ("tets", "triangles", "patch", "face"))
-        return TetMesh(kept["points"], *indices, tuple(map(str, kept["names"]))).as_mesh(name)
-
-    return {name: mesh(name) for name in ("aircraft", "block")}
+    return {name: frozen_mesh(name) for name in ("aircraft", "block")}
 
 
 @pytest.mark.parametrize(
