@@ -11,7 +11,6 @@ from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel, Multiquadric, Thi
 from sdm_deflect.deform.rbf.points import farthest, first_coincident
 from sdm_deflect.deform.rbf.sites import DataSites, joined, pinned
 from sdm_deflect.deform.surface.axis import Cylinder
-from sdm_deflect.deform.volume.hexahedron import Hexahedron
 
 LINEAR = Multiquadric(1e4)  # the paper's: linear in r down to 0.1 mm
 DEFAULT_PANEL = ThinPlateSpline()
@@ -84,7 +83,7 @@ def blend_strip(
 
 def elongate(
     nodes: FloatArray,
-    region: Hexahedron,
+    inside: NDArray[np.bool_],
     root: FloatArray,
     root_by: FloatArray,
     still: FloatArray,
@@ -96,8 +95,8 @@ def elongate(
     ----------
     nodes
         (N, 3) nodes of the rotated tail.
-    region
-        Encloses the root region; nodes outside do not move.
+    inside
+        (N,) True for nodes of the root region; the others do not move.
     root, root_by
         (M, 3) rotated nodes of the root line, and (M, k) their ways to the fuselage: displacements (k = 3), or
         lengths along given directions (k = 1), which keep planes that contain these directions planar.
@@ -110,7 +109,6 @@ def elongate(
     """
     columns = root_by.shape[1]
     stretch = fit(kernel, np.vstack([root, still]), np.vstack([root_by, np.zeros((len(still), columns))]))
-    inside = np.flatnonzero(region.contains(nodes))
     out = np.zeros((len(nodes), columns))
     out[inside] = stretch(nodes[inside])
     return out

@@ -44,8 +44,8 @@ class Rib:
 class Blended:
     """Between held nodes and driven ones, by a multiquadric that is linear in the distance.
 
-    Held nodes far from the hinge are on a rib without a gap: there a strip of the surface is blended spanwise, and
-    beyond it planar faces stay planar (appendix A).
+    Held nodes far from the hinge are on a rib without a gap: there a strip of the surface is blended spanwise. Beyond
+    it planar faces stay planar (appendix A) if the hinge nodes are those of the hinge edges alone.
 
     Attributes
     ----------

@@ -1,6 +1,7 @@
 """An all-moving surface on a cylindrical body: its root stays on the body, whose panel follows (appendix A)."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -89,11 +90,26 @@ class RootLaw:
         InputError
             If the tail turns so far that its root misses the cylinder.
         """
+        return self._moved(amount, self._region(amount))
+
+    def rate(self, amount: float) -> FloatArray:
+        """Return the derivative (K, 3), by a central difference of fourth order with the same root region."""
+        region = self._region(amount)
+        near, far = (
+            self._moved(amount + k * DIFFERENCE, region) - self._moved(amount - k * DIFFERENCE, region) for k in (1, 2)
+        )
+        return np.asarray((8.0 * near - far) / (12.0 * DIFFERENCE))
+
+    def _region(self, amount: float) -> "RootRegion":
+        rotated = self.motion.hinge.rotated(self.points[self.tail], amount)
+        return RootRegion.of(rotated, rotated[self.panel[self.tail]], self.motion.depth)
+
+    def _moved(self, amount: float, region: "RootRegion") -> FloatArray:
         motion, out = self.motion, np.zeros_like(self.points)
         rotated = motion.hinge.rotated(self.points[self.tail], amount)
         apex = motion.hinge.rotated(motion.apex[None], amount)[0]
         root = self.panel[self.tail]
-        out[self.tail] = rotated + _extension(motion, rotated, root, apex) - self.points[self.tail]
+        out[self.tail] = rotated + _extension(motion, rotated, root, apex, region) - self.points[self.tail]
         both = self.tail & self.panel
         follow = self.panel & ~both & ~self.stays
         values = slide_panel(
@@ -102,15 +118,28 @@ class RootLaw:
         out[follow] = values[follow[self.panel]]
         return out
 
-    def rate(self, amount: float) -> FloatArray:
-        """Return the derivative (K, 3), by a central difference of fourth order."""
-        near, far = (
-            self.displacement(amount + k * DIFFERENCE) - self.displacement(amount - k * DIFFERENCE) for k in (1, 2)
-        )
-        return np.asarray((8.0 * near - far) / (12.0 * DIFFERENCE))
+
+class RootRegion(NamedTuple):
+    """Which of the tail's nodes (T,) are extended, and still points (F, 3) outboard, as shares of the root's box."""
+
+    inside: BoolArray
+    still: FloatArray
+
+    @classmethod
+    def of(cls, rotated: FloatArray, root: FloatArray, depth: float) -> "RootRegion":
+        """Take the nodes (T, 3) of a rotated tail within `depth` of its root nodes (R, 3)."""
+        low, high = _ends(root, depth)
+        region, tip = box(low, high), "y-" if root[:, 1].mean() < 0.0 else "y+"
+        return cls(region.contains(rotated), (region.sites_on(tip, 0.25 * depth) - low) / (high - low))
 
 
-def _extension(motion: RootOnCylinder, rotated: FloatArray, root: BoolArray, apex: FloatArray) -> FloatArray:
+def _ends(root: FloatArray, depth: float) -> tuple[FloatArray, FloatArray]:
+    return root.min(axis=0) - depth, root.max(axis=0) + depth
+
+
+def _extension(
+    motion: RootOnCylinder, rotated: FloatArray, root: BoolArray, apex: FloatArray, region: RootRegion
+) -> FloatArray:
     """Return the displacement (T, 3) that extends the rotated tail (T, 3) onto the cylinder along rays to its apex.
 
     The root nodes slide until they meet the cylinder. Nodes within `depth` outboard of them slide by a multiquadric of
@@ -122,10 +151,8 @@ def _extension(motion: RootOnCylinder, rotated: FloatArray, root: BoolArray, ape
     except ValueError as error:
         raise InputError(f"the tail turns so far that its root misses the fuselage: {error}") from None
     distances = np.einsum("ij,ij->i", onto, rays[root])[:, None]
-    low, high = rotated[root].min(axis=0) - motion.depth, rotated[root].max(axis=0) + motion.depth
-    region, tip = box(low, high), "y-" if rotated[root][:, 1].mean() < 0.0 else "y+"
-    still = region.sites_on(tip, 0.25 * motion.depth)
-    kernel = Multiquadric(motion.epsilon)
-    extension = elongate(rotated, region, rotated[root], distances, still, kernel) * rays
+    low, high = _ends(rotated[root], motion.depth)
+    still, kernel = low + region.still * (high - low), Multiquadric(motion.epsilon)
+    extension = elongate(rotated, region.inside, rotated[root], distances, still, kernel) * rays
     extension[root] = onto
     return np.asarray(extension)

@@ -98,7 +98,7 @@ def test_the_root_is_stretched_along_its_rays_and_the_tip_stays():
     onto = FUSELAGE.projected_along(rotated[:count], rays[:count])
     lengths = np.sum((onto - rotated[:count]) * rays[:count], axis=1, keepdims=True)
     region = box(np.array([0.7, 0.0, -0.1]), np.array([1.0, 0.1, 0.2]))
-    by = elongate(rotated, region, rotated[:count], lengths, region.sites_on("y+", 0.02)) * rays
+    by = elongate(rotated, region.contains(rotated), rotated[:count], lengths, region.sites_on("y+", 0.02)) * rays
     outside = ~region.contains(rotated)
     assert outside.any()
     assert not by[outside].any()
@@ -112,7 +112,7 @@ def test_displacements_may_be_stretched_too():
     rotated, count, _ = _rotated_tail(12.0)
     region = box(np.array([0.7, 0.0, -0.1]), np.array([1.0, 0.1, 0.2]))
     by = FUSELAGE.projected(rotated[:count]) - rotated[:count]
-    moved = elongate(rotated, region, rotated[:count], by, region.sites_on("y+", 0.02))
+    moved = elongate(rotated, region.contains(rotated), rotated[:count], by, region.sites_on("y+", 0.02))
     assert moved.shape == rotated.shape
     np.testing.assert_allclose(moved[:count], by, atol=1e-12)
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdm_deflect.cases.errors import InputError
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.volume.box import Automatic, Given, Scene, frame
 
@@ -62,14 +62,35 @@ def test_the_margin_is_at_least_three_times_the_motion():
         assert f"margin {margin:.4g}" in Automatic().choose(scene(0, angle=angle)).why
 
 
-def test_given_boxes(tmp_path):
+def test_given_boxes():
     two = Given.at(np.array([[1, 1, 1], [0, 0, 0.0]]))
     assert two.hexahedron.corners.min() == 0.0
-    (tmp_path / "box.toml").write_text("corners = [[0, 0, 0], [1, 1, 1]]")
-    assert np.array_equal(Given.read(tmp_path / "box.toml").hexahedron.corners, two.hexahedron.corners)
-    for text, words in (
-        ("x = 1", "no `corners`"), ("corners = [[0, 0, 0], [1, 1]]", "box.toml"), ("corners = [[0,0,0]]", "8 points"),
-    ):  # fmt: skip
-        (tmp_path / "box.toml").write_text(text)
+    assert two.choose(scene()).hexahedron is two.hexahedron
+    assert two.choose(scene()).why == "corners as given"
+    eight = Given.at(two.hexahedron.corners)
+    assert np.array_equal(eight.hexahedron.corners, two.hexahedron.corners)
+    for corners, words in (([[0, 0, 0]], "8 points"), ([[0, 0, 0], [1, 1]], "the box: "), ("auto", "the box: ")):
         with pytest.raises(InputError, match=words):
-            Given.read(tmp_path / "box.toml")
+            Given.at(corners)
+
+
+def test_open_faces_are_faces():
+    unit = Given.at(np.array([[0, 0, 0], [1, 1, 1.0]])).hexahedron
+    assert Given(unit, frozenset({"y-"})).choose(scene()).open_faces == {"y-"}
+    with pytest.raises(InputError, match=r"open_faces: 'left' is no face of the box; the faces are x-, x\+"):
+        Given(unit, frozenset({"left"}))
+
+
+@pytest.mark.parametrize("margin", [-1.0, np.nan, np.inf])
+def test_a_margin_is_a_length(margin):
+    with pytest.raises(InputError, match=f"margin = {margin} must be a positive length"):
+        Automatic(margin)
+
+
+def test_without_a_hinge_the_box_follows_the_extents():
+    made = scene()._replace(hinge=None)
+    chosen = Automatic(0.4).choose(made).hexahedron
+    assert chosen.contains(np.vstack([made.moving, made.track]), -0.4 + 1e-9).all()
+    _, axes = frame(made)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)

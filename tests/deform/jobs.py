@@ -1,0 +1,33 @@
+"""Jobs for the engine in the few words that tests need."""
+
+import numpy as np
+
+from sdm_deflect.deform.surface.blended import Blended
+from sdm_deflect.deform.surface.motions import Moving, Rotation
+from sdm_deflect.deform.surface.surface import OnPatches
+from sdm_deflect.deform.volume.box import Automatic, Given
+from sdm_deflect.deform.volume.deflection import Plan, deflect
+from sdm_deflect.deform.volume.job import Job, Sliding
+
+Y_AXIS = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+FLAP = ("flap_*",)
+WING = ("wing_*", "flap_*")
+
+
+def job(patches, hinge=Y_AXIS, angle=10.0, motion=None, slide=None, box=None, **more):
+    """Patches that turn about a hinge (2, 3); `box` is a rule, or its corners."""
+    moving = Moving(tuple(patches), motion or Rotation.about(*hinge), angle)
+    slides = tuple(Sliding(patch, shape) for patch, shape in (slide or {}).items())
+    rule = Automatic() if box is None else Given.at(np.array(box, dtype=float)) if isinstance(box, list) else box
+    return Job((moving,), slides=slides, box=rule, **more)
+
+
+def turn(mesh, patches=("body",), hinge=Y_AXIS, angle=10.0, **more):
+    """Plan one angle and bring the mesh to it."""
+    return deflect(Plan.of(mesh, job(patches, hinge, angle, **more)), angle)
+
+
+def blended(w, **more):
+    """Settings of the flap of a wing: blended, the wing fixed, the symmetry plane sliding."""
+    motion = Blended(Rotation.about(*w.hinge), held=OnPatches(("wing_*",)))
+    return {"motion": motion, "fixed": ("wing_*",), "slide": {"symmetry": "plane"}, **more}

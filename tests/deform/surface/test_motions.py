@@ -1,0 +1,140 @@
+"""Motions of surfaces: rigid, and from a table; how far they go."""
+
+import numpy as np
+import pytest
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import Mesh, Patch
+from sdm_deflect.deform.surface import motions
+from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.surface.blended import Blended
+from sdm_deflect.deform.surface.motions import Moving, Rotation, Table
+from sdm_deflect.deform.surface.surface import Surface
+from tests.deform.jobs import WING, turn
+
+rng = np.random.default_rng(11)
+HINGE = Rotation.about([0.7, 0.0, 0.0], [0.7, 1.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def flap(hybrid_wing, flap_names):
+    return Surface.of(hybrid_wing.mesh, flap_names)
+
+
+def cloud(points):
+    """A surface without faces."""
+    return Surface.of(Mesh(points, (), (Patch("all", (), np.arange(len(points))),)), ("all",))
+
+
+def bending(p):
+    return 0.02 * np.column_stack([0.0 * p[:, 0], 0.0 * p[:, 0], p[:, 1]])
+
+
+def test_a_positive_angle_is_right_handed_from_the_first_hinge_point_to_the_second():
+    axis = Rotation.about([0, 0, 0], [0, 0, 2]).axis
+    np.testing.assert_allclose(axis.rotated(np.array([[1.0, 0.0, 5.0]]), 90.0), [[0.0, 1.0, 5.0]], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("ends", "words"),
+    [
+        (([1, 2, 3], [1, 2, 3]), "the hinge has no length: both its points are at 1, 2, 3"),
+        (([1e300, 0, 0], [1e300, 0, 0]), "the hinge has no length"),
+        (([0, 0], [1, 0, 0]), "must be two points of three numbers"),
+        (([0, 0, 0], [0, np.nan, 0]), "must be two points of three numbers"),
+        (("a", [0, 0, 1]), "must be two points of three numbers"),
+    ],
+)
+def test_what_is_no_hinge(ends, words):
+    with pytest.raises(InputError, match=words):
+        Rotation.about(*ends)
+
+
+def test_rates_are_derivatives_of_displacements(flap):
+    table = Table(rng.random((40, 3)), rng.random((40, 3)))
+    for motion in (HINGE, Blended(HINGE), table):
+        law, h = motion.law(flap), 1e-4
+        difference = (law.displacement(0.7 + h) - law.displacement(0.7 - h)) / (2.0 * h)
+        np.testing.assert_allclose(law.rate(0.7), difference, atol=1e-8)
+        assert np.abs(difference).max() > 1e-3
+
+
+def test_every_node_of_a_rigid_surface_keeps_its_shape(flap):
+    assert HINGE.law(flap).exact.all()
+    assert Table(rng.random((5, 3)), rng.random((5, 3))).law(flap).exact.all()
+    assert (HINGE.unit, Blended(HINGE).unit) == ("deg", "deg")
+
+
+def test_a_table_of_an_affine_field_is_reproduced(hybrid_wing, tmp_path):
+    """Bending given at points of another mesh, read from either kind of file."""
+    mesh = hybrid_wing.mesh
+    places = rng.uniform([0, 0, -0.1], [1, 1, 0.1], (60, 3))
+    np.savez(tmp_path / "table.npz", points=places, vectors=bending(places))
+    np.savetxt(tmp_path / "table.csv", np.hstack([places, bending(places)]), delimiter=",", header="x,y,z,dx,dy,dz")
+    for name in ("table.npz", "table.csv"):
+        result = turn(mesh, WING, angle=1.0, motion=Table.read(tmp_path / name), slide={"symmetry": "plane"})
+        nodes = mesh.on("wing_upper", "flap_lower")
+        np.testing.assert_allclose(result.points[nodes] - mesh.points[nodes], bending(mesh.points[nodes]), atol=1e-9)
+        assert result.inverted == 0
+
+
+def test_a_share_of_a_table_is_that_share_of_its_vectors():
+    surface, table = cloud(rng.random((30, 3))), Table(rng.random((9, 3)), rng.random((9, 3)))
+    law = table.law(surface)
+    np.testing.assert_allclose(law.displacement(-0.25), -0.25 * law.displacement(1.0), atol=1e-15)
+    assert not law.displacement(0.0).any()
+    assert Moving(("wing",), table, 200.0).motion.unit == "of the table"
+
+
+def test_a_table_reproduces_its_own_points_even_if_it_names_some_twice():
+    places = rng.random((20, 3))
+    vectors = np.sin(4.0 * places)
+    twice = Table(np.vstack([places, places[:5]]), np.vstack([vectors, vectors[:5]]))
+    np.testing.assert_allclose(twice.law(cloud(places)).displacement(1.0), vectors, atol=1e-10)
+
+
+def test_a_long_table_is_thinned_to_what_a_direct_solve_takes(monkeypatch):
+    monkeypatch.setattr(motions, "MOST", 60)
+    places = rng.random((500, 3))
+    law = Table(places, bending(places)).law(cloud(places))
+    np.testing.assert_allclose(law.displacement(1.0), bending(places), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        ("x,y\n1,2\n", "no table of points"),
+        ("x,y,z,dx,dy,dz\n0,0,0,1,1,1\n", "it needs at least 4"),
+        ("x,y,z,dx,dy,dz\n0,0,zero,1,1,1\n", "no table of points"),
+    ],
+)
+def test_a_table_that_is_none(content, match, tmp_path):
+    (tmp_path / "bad.csv").write_text(content)
+    with pytest.raises(InputError, match=match):
+        Table.read(tmp_path / "bad.csv")
+
+
+def test_arrays_that_are_no_table(tmp_path):
+    with pytest.raises(InputError, match=r"points \(9, 3\) and vectors \(8, 3\) must be \(P, 3\) both"):
+        Table(np.zeros((9, 3)), np.zeros((8, 3)))
+    with pytest.raises(InputError, match="all finite"):
+        Table(np.full((9, 3), np.nan), np.zeros((9, 3)))
+    np.savez(tmp_path / "other.npz", points=np.zeros((9, 3)))
+    with pytest.raises(InputError, match=r"other\.npz: no table of points"):
+        Table.read(tmp_path / "other.npz")
+
+
+def test_axis_of_a_table_may_be_given():
+    axis = Axis.through(np.zeros(3), np.ones(3))
+    assert Table(rng.random((5, 3)), rng.random((5, 3)), axis).axis is axis
+
+
+@pytest.mark.parametrize("angle", [91.0, -120.0, float("nan"), float("inf")])
+def test_an_angle_out_of_range(angle):
+    with pytest.raises(InputError, match=f"angle = {angle:g}"):
+        Moving(("flap",), HINGE, angle)
+
+
+def test_a_surface_has_a_name():
+    with pytest.raises(InputError, match="no surface to move: name one"):
+        Moving((), HINGE, 1.0)

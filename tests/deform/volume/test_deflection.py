@@ -1,0 +1,252 @@
+"""One angle, several, sensitivities: the same centres for other values; steps where one inverts cells."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import Cells, Mesh
+from sdm_deflect.deform.progress import silent
+from sdm_deflect.deform.volume import deflection
+from sdm_deflect.deform.volume.deflection import Plan, combined, deflect, sweep, turned
+from sdm_deflect.deform.volume.fitting import Fitting
+from sdm_deflect.deform.volume.step import rate, solve
+from tests.deform.blocks import two_bodies
+from tests.deform.jobs import FLAP, blended, job, turn
+
+BOX = [[0.2, -0.2, -0.5], [1.6, 0.95, 0.5]]
+ANGLES = (-10.0, -5.0, 0.0, 5.0, 10.0)
+
+
+def flapped(w, angle, angles=(), **more):
+    return Plan.of(w.mesh, job(FLAP, w.hinge, angle, **blended(w, **more)), angles)
+
+
+def central(ends, h):
+    return (ends[1] - ends[0]) / (2.0 * h)
+
+
+@pytest.fixture(scope="module")
+def swept(inboard_wing):
+    """By angle; in the order of computing."""
+    plan = flapped(inboard_wing, -10.0, ANGLES, box=BOX)
+    return {one.angle: one for _, one in sweep(plan, ANGLES)}
+
+
+@pytest.mark.parametrize("strategy", ["squv", "mv"])
+def test_sensitivities_are_central_differences(inboard_wing, strategy):
+    h = 1e-3
+    plan = flapped(inboard_wing, 8.0, fitting=Fitting(strategy=strategy))
+    result = deflect(plan, 8.0)
+    either = [deflect(plan, 8.0 + step, earlier=result) for step in (-h, h)]
+    for one in either:  # the same centres, so the field is a smooth function of the angle
+        assert [len(fit.chosen) for fit in one.steps[0].fits.adaptations] == [
+            len(fit.chosen) for fit in result.steps[0].fits.adaptations
+        ]
+    difference = central([one.points for one in either], h)
+    np.testing.assert_allclose(result.sensitivity(), difference, atol=2e-9)
+    assert np.abs(difference).max() > 1e-3
+
+
+def test_sensitivities_on_a_cylinder(block_on_cylinder):
+    h, hinge = 1e-3, [[0, 0, 0], [0, 0, 1]]
+    result = turn(block_on_cylinder, hinge=hinge, angle=5.0, slide={"round": "cylinder"}, fixed=("rest",))
+    ends = [deflect(result.plan, 5.0 + step, earlier=result).points for step in (-h, h)]
+    np.testing.assert_allclose(result.sensitivity(), central(ends, h), atol=1e-8)
+
+
+def test_sensitivity_of_the_last_of_several_steps(inboard_wing):
+    """The end of the last step varies, the steps before it do not."""
+    h, plan = 1e-3, flapped(inboard_wing, 8.0)
+    course = deflection._stepped(plan, 8.0, 2, silent, None)
+    boundary, last = plan.boundary, course.steps[-1]
+    assert len(course.steps) == 2
+    before = boundary.displacement((4.0,))
+    ends = [solve(last.state, boundary.displacement((8.0 + d,)) - before, silent, last).points for d in (-h, h)]
+    np.testing.assert_allclose(course.sensitivity(), central(ends, h), atol=1e-8)
+    assert np.array_equal(course.sensitivity(), rate(last, boundary.rate((8.0,), (1.0,))))
+
+
+def test_a_sweep_equals_single_runs_within_the_tolerance(swept, inboard_wing):
+    """Prescribed nodes are the same to the bit.
+
+    Two interpolants that each keep every site within the tolerance differ there by at most twice that in each
+    direction; they were never found to differ by more between the sites either (1.6 times it).
+    """
+    mesh = inboard_wing.mesh
+    assert tuple(sorted(swept)) == ANGLES
+    for angle in (-5.0, 5.0, 10.0):
+        plan = flapped(inboard_wing, angle, box=BOX)
+        single, one = deflect(plan, angle), swept[angle]
+        nodes = np.union1d(plan.sites.moving, plan.sites.fixed)
+        assert len(nodes) > len(mesh.on("flap_upper", "flap_lower"))
+        assert np.array_equal(one.points[nodes], single.points[nodes])
+        on_plane = mesh.on("symmetry")
+        assert np.array_equal(one.points[on_plane, 1], single.points[on_plane, 1])
+        assert np.abs(one.points - single.points).max() < 2.0 * plan.sites.tolerance
+
+
+def test_every_angle_of_a_sweep_is_verified_at_all_sites(swept):
+    for result in swept.values():
+        checks = {check.name: check for check in checks_of(result)}
+        assert all(check.passed for check in checks.values())
+        assert checks["site_error"].value <= result.plan.sites.tolerance
+    assert np.array_equal(swept[0.0].points, swept[0.0].plan.mesh.points)
+
+
+def test_a_sweep_starts_with_the_largest_angle_and_says_where_each_belongs(inboard_wing, swept):
+    assert next(iter(swept)) == -10.0
+    plan = swept[0.0].plan
+    found = list(sweep(plan, (2.0, -6.0, 4.0)))
+    assert [i for i, _ in found] == [1, 0, 2]
+    assert [one.angle for _, one in found] == [-6.0, 2.0, 4.0]
+
+
+def test_a_sweep_adds_centres_to_those_of_the_largest_angle(swept):
+    first = swept[-10.0].steps[0].fits
+    for angle in (-5.0, 5.0):
+        fits = swept[angle].steps[0].fits
+        for before, after in zip(first.adaptations, fits.adaptations, strict=True):
+            assert np.array_equal(after.chosen[: len(before.chosen)], before.chosen)
+
+
+def test_centres_are_added_where_a_site_exceeds_the_tolerance(inboard_wing):
+    plan = flapped(inboard_wing, 2.0, (2.0, 12.0), box=BOX)
+    first = deflect(plan, 2.0)
+    more = deflect(plan, 12.0, earlier=first)
+    old, new = (one.steps[0].fits for one in (first, more))
+    assert sum(len(f.chosen) for f in new.adaptations) > sum(len(f.chosen) for f in old.adaptations)
+    for before, after in zip(old.adaptations, new.adaptations, strict=True):
+        assert np.array_equal(after.chosen[: len(before.chosen)], before.chosen)
+    assert new.error <= plan.sites.tolerance
+
+
+@pytest.mark.parametrize("angle", [10.0, 4.0, -7.0])
+def test_turning_on_frozen_centres_is_deflecting_on_the_same_centres(angle, swept):
+    """Where no centre has to be added, the two are one: to the last bit."""
+    known = swept[10.0]
+    frozen, free = turned(known, angle), deflect(known.plan, angle, earlier=known)
+    chosen = [[fit.chosen for fit in one.steps[0].fits.adaptations] for one in (frozen, free, known)]
+    for ours, theirs, first in zip(*chosen, strict=True):
+        assert np.array_equal(ours, first)
+        assert np.array_equal(theirs, first)
+    assert np.array_equal(frozen.points, free.points)
+    assert frozen.angle == angle
+    assert frozen.inverted == free.inverted == 0
+
+
+def test_frozen_centres_stay_where_a_deflection_would_add_some(inboard_wing):
+    plan = flapped(inboard_wing, 2.0, (2.0, 12.0), box=BOX)
+    known = deflect(plan, 2.0)
+    frozen, free = turned(known, 12.0), deflect(plan, 12.0, earlier=known)
+    assert frozen.steps[0].error > plan.sites.tolerance >= free.steps[0].error
+    for ours, first in zip(frozen.steps[0].fits.adaptations, known.steps[0].fits.adaptations, strict=True):
+        assert np.array_equal(ours.chosen, first.chosen)
+    assert np.array_equal(frozen.points[plan.sites.moving], free.points[plan.sites.moving])
+
+
+def test_turning_back_to_zero_moves_nothing(swept):
+    known = swept[10.0]
+    assert np.array_equal(turned(known, 0.0).points, known.plan.mesh.points)
+
+
+def test_turning_a_deflection_of_two_steps(inboard_wing):
+    """Each step serves its half of the angle; the surface is where it was asked to be in any case."""
+    plan = flapped(inboard_wing, 8.0, (-8.0, 10.0))
+    known = deflection._stepped(plan, 8.0, 2, silent, None)
+    np.testing.assert_allclose(turned(known, 8.0).points, known.points, atol=1e-13)
+    moving = plan.sites.moving
+    for angle, step in ((10.0, 1), (5.0, 1), (4.0, 0), (1.0, 0), (-6.0, 0)):
+        found = turned(known, angle)
+        assert found.steps[0].state is known.steps[step].state
+        expected = plan.mesh.points[moving] + plan.boundary.displacement((angle,))
+        assert np.array_equal(found.points[moving], expected)
+        outside = np.setdiff1d(np.arange(len(found.points)), plan.changed)
+        assert np.array_equal(found.points[outside], plan.mesh.points[outside])
+
+
+def test_a_turn_beyond_the_box_is_refused(inboard_wing):
+    flat = [[0.2, -0.2, -0.12], [1.6, 0.95, 0.12]]
+    known = deflect(flapped(inboard_wing, 10.0, box=flat), 10.0)
+    with pytest.raises(InputError, match=r"moving nodes of flap_.* leave the box at 40; enlarge it"):
+        turned(known, 40.0)
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Let inverted cells depend on the number of steps alone: {steps: count}; record the numbers that are tried."""
+
+    def count(mesh, inverted, max_steps=8):
+        plan = Plan.of(mesh, job(("body",), fitting=Fitting(max_steps=max_steps)))
+        tried, stepped = [], deflection._stepped
+
+        def known(plan, angle, count, progress, earlier):
+            tried.append(count)
+            found = stepped(plan, angle, count, progress, earlier)
+            return replace(found, inverted=inverted[count])
+
+        monkeypatch.setattr(deflection, "_stepped", known)
+        return deflect(plan, plan.angle), tried
+
+    return count
+
+
+def test_steps_are_halved_until_no_further_cell_is_inverted(block, counted):
+    found, tried = counted(block, {1: 9, 2: 3, 4: 0, 8: 5})
+    assert (tried, len(found.steps), found.inverted) == ([1, 2, 4], 4, 0)
+
+
+def test_the_best_attempt_is_kept_if_none_succeeds(block, counted):
+    found, tried = counted(block, {1: 9, 2: 3, 4: 5, 8: 7})
+    assert (tried, len(found.steps), found.inverted) == ([1, 2, 4, 8], 2, 3)
+
+
+def test_of_equal_attempts_the_one_of_fewer_steps_is_kept(block, counted):
+    found, _ = counted(block, {1: 4, 2: 4}, max_steps=2)
+    assert (len(found.steps), found.inverted) == (1, 4)
+
+
+def test_steps_end_where_one_step_does_and_at_the_places_asked_for(block):
+    """The moving nodes are set, not added up: no rounding of steps is left in them."""
+    plan = Plan.of(block, job(("body",)))
+    one, four = (deflection._stepped(plan, 10.0, count, silent, None) for count in (1, 4))
+    moving = plan.sites.moving
+    assert np.array_equal(one.points[moving], four.points[moving])
+    assert np.array_equal(four.points[moving], block.points[moving] + plan.boundary.displacement((10.0,)))
+
+
+def test_deflections_of_one_mesh_are_carried_out_together():
+    mesh = two_bodies()
+    left, right = (
+        Plan.of(mesh, job((name,), [[x, 0, 0], [x, 1, 0]], box=[[x - 0.9, -1.4, -1.5], [x + 0.9, 1.4, 1.5]]))
+        for name, x in (("left", -1.25), ("right", 1.25))
+    )
+    one, other = deflect(left, 10.0), deflect(right, 10.0)
+    both = combined(mesh, (one, other))
+    assert np.array_equal(both[left.changed], one.points[left.changed])
+    assert np.array_equal(both[right.changed], other.points[right.changed])
+    rest = np.setdiff1d(np.arange(len(both)), np.union1d(left.changed, right.changed))
+    assert np.array_equal(both[rest], mesh.points[rest])
+
+
+def test_the_mesh_given_is_never_touched(block):
+    before = block.points.copy()
+    turn(block)
+    assert np.array_equal(block.points, before)
+
+
+def test_a_mesh_numbered_left_handed_gives_the_same_points(block):
+    (cells,) = block.cells
+    mirrored = Mesh(block.points, (Cells("hexahedron", cells.nodes[:, [4, 5, 6, 7, 0, 1, 2, 3]]),), block.patches)
+    result = turn(mirrored)
+    assert result.plan.touched.orientation == (-1.0,)
+    assert all(check.passed for check in checks_of(result))
+    assert np.array_equal(result.points, turn(block).points)
+
+
+def test_planning_tells_what_it_does(block):
+    seen = []
+    Plan.of(block, job(("body",)), progress=lambda text, fraction: seen.append(text))
+    assert seen == ["surfaces", "box", "cells"]

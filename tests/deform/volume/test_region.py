@@ -1,0 +1,229 @@
+"""The box and what is in it: what moves, what must not be there, sections of overlapping blocks, zones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Zone
+from sdm_deflect.deform.volume.box import Automatic
+from sdm_deflect.deform.volume.deflection import Plan, deflect
+from sdm_deflect.deform.volume.hexahedron import Hexahedron, box
+from sdm_deflect.deform.volume.job import Section
+from sdm_deflect.deform.volume.region import check_disjoint, shared_depth
+from tests.deform.blocks import joined
+from tests.deform.jobs import FLAP, job, turn
+
+LOW, HIGH = np.zeros(3), np.ones(3)
+
+
+@pytest.mark.parametrize(("gap", "depth"), [(-0.4, 0.2), (0.0, 0.0), (0.6, -0.3)])
+def test_depth_of_two_boxes(gap, depth):
+    shift = np.array([1.0 + gap, 0.0, 0.0])
+    assert shared_depth(box(LOW, HIGH), box(LOW + shift, HIGH + shift)) == pytest.approx(depth, abs=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_depth_is_symmetric_turns_with_the_boxes_and_is_positive_where_they_share_a_point(seed):
+    rng = np.random.default_rng(seed)
+    q = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    q *= np.linalg.det(q)
+    a, b = (box(centre - size, centre + size) for centre, size in rng.uniform(0.2, 1.5, (2, 2, 3)))
+    turned = [Hexahedron(one.corners @ q.T + 2.0) for one in (a, b)]
+    depth = shared_depth(a, b)
+    assert shared_depth(b, a) == pytest.approx(depth, abs=1e-9)
+    assert shared_depth(*turned) == pytest.approx(depth, abs=1e-8)
+    # Of two boxes along the axes the shared part is one, too, where there is any.
+    low, high = np.maximum(a.corners[0], b.corners[0]), np.minimum(a.corners[7], b.corners[7])
+    assert (depth > 0.0) == bool((high > low).all())
+    if depth > 0.0:
+        assert depth == pytest.approx((high - low).min() / 2.0, abs=1e-9)
+
+
+def test_boxes_that_overlap_are_named_with_their_depth():
+    def named(shift):
+        return [(name, box(LOW + k * shift, HIGH + k * shift)) for k, name in enumerate(("flap", "tab", "rudder"))]
+
+    check_disjoint(named(np.array([1.0, 0.0, 0.0])))  # they only touch
+    check_disjoint(named(np.array([1.0 - 1e-11, 0.0, 0.0])))
+    check_disjoint([])
+    with pytest.raises(InputError, match=r"the boxes of flap and tab overlap by 0\.25; make them smaller"):
+        check_disjoint(named(np.array([0.75, 0.0, 0.0])))
+    beside = np.array([4.5, 0.9, 0.0])
+    far = [*named(np.array([2.0, 0.0, 0.0])), ("tail", box(LOW + beside, HIGH + beside))]
+    with pytest.raises(InputError, match=r"the boxes of rudder and tail overlap by 0\.1"):
+        check_disjoint(far)
+
+
+def test_a_surface_that_leaves_the_box(block):
+    with pytest.raises(InputError, match=r"\d+ of 24 moving nodes of body leave the box at 10; enlarge it"):
+        turn(block, box=[[-0.4, -1, -1], [1, 1, 1]])
+
+
+def test_a_box_that_cuts_another_patch_names_it_and_counts(block):
+    sentence = r"the box contains \d+ of 81 nodes of x\+, which must not move; name it in fixed or slide \(x\+:plane\)"
+    with pytest.raises(InputError, match=sentence):
+        turn(block, box=[[-1, -1, -1], [3, 1, 1]])
+
+
+def test_patches_that_share_nodes_with_the_surface_must_be_declared(hybrid_wing):
+    w = hybrid_wing
+    with pytest.raises(InputError, match=r"nodes of wing_upper \(\d+ shared with the moving surface\)"):
+        turn(w.mesh, FLAP, w.hinge, slide={"symmetry": "plane"})
+
+
+def test_an_automatic_box_gives_way_to_other_patches(block):
+    result = turn(block)
+    assert "give way" not in result.plan.region.box.why
+    wide = turn(block, box=Automatic(margin=1.6))
+    assert "faces that give way to other patches" in wide.plan.region.box.why
+    corners = wide.plan.region.hexahedron.corners
+    assert np.abs(corners).max() < 2.0
+
+
+def test_coincident_nodes_move_as_one_and_are_counted(block):
+    """A patch with nodes of its own at the same places, as thin walls have them."""
+    n, body = len(block.points), block.patch("body")
+    nodes = body.nodes
+    place = np.full(n, -1)
+    place[nodes] = n + np.arange(len(nodes))
+    second = Patch("back", tuple(Cells(f.shape, place[f.nodes]) for f in body.faces))
+    points = np.vstack([block.points, block.points[nodes]])
+    doubled = replace(block, points=points, patches=(*block.patches, second), zones=())
+    result = turn(doubled, ("body", "back"))
+    assert np.array_equal(result.points[n:], result.points[nodes])
+    assert result.plan.sites.coincident == 26
+    with pytest.raises(InputError, match=r"24 nodes of the moving surface lie exactly on nodes that move otherwise"):
+        turn(doubled, fixed=("back",))
+
+
+def test_zones(block):
+    apart = joined(block, block.with_points(block.points + np.array([10.0, 0.0, 0.0])))
+    result = turn(apart)
+    n = len(block.points)
+    assert result.plan.region.zones == ("near",)
+    assert np.array_equal(result.points[n:], apart.points[n:])
+    assert np.array_equal(result.points[:n], turn(block).points)
+    over = joined(block, block.with_points(0.251 * block.points + [0.7531, 0.013, 0.017]))
+    assert np.array_equal(turn(over).points[n:], over.points[n:])
+    both = turn(over, zones=("far",), fixed=("*'",))
+    assert np.any(both.points[n:] != over.points[n:])
+    with pytest.raises(InputError, match="zones: 'north' is no zone; the zones are near, far"):
+        turn(over, zones=("north",))
+
+
+def test_zones_that_fit_must_deform_together(block):
+    """Half of the points of the mesh in a zone of their own: the two touch where they were cut."""
+    (cells,) = block.cells
+    right = block.points[cells.nodes].mean(axis=1)[:, 0] > 1.0
+    parts = [np.unique(cells.nodes[own]) for own in (~right, right)]
+    place = [np.searchsorted(part, cells.nodes[own]) for part, own in zip(parts, (~right, right), strict=True)]
+    n = len(parts[0])
+    body = Patch("body", (Cells("quad", np.searchsorted(parts[0], block.patch("body").faces[0].nodes)),))
+    mesh = Mesh(
+        np.vstack([block.points[part] for part in parts]),
+        (Cells("hexahedron", np.vstack([place[0], n + place[1]])),),
+        (body,),
+        (Zone("left", 0, n), Zone("right", n, n + len(parts[1]))),
+        name="pair",
+    )
+    wide = [[-1.9, -1.9, -1.9], [1.9, 1.9, 1.9]]
+    sentence = r"pair: \d+ nodes inside the box coincide with nodes of zone right, which would stay behind; add right"
+    with pytest.raises(InputError, match=sentence):
+        turn(mesh, box=wide)
+    together = turn(mesh, box=wide, zones=("right",))
+    gap = np.abs(together.points[:n, None] - together.points[None, n:]).max(axis=2)
+    before = np.abs(mesh.points[:n, None] - mesh.points[None, n:]).max(axis=2)
+    assert (before == 0.0).any()
+    assert gap[before == 0.0].max() == 0.0
+
+
+CUT = [[-1.6, -1.6, -2.5], [1.6, 1.6, 1.6]]
+"""A box that the lower face of the block cuts, z = -2, as faces of a Chimera block do."""
+
+
+def cut(block, slides, z=-2.0):
+    section = Section("z-", np.array([0.0, 0.0, z]), 2, slides)
+    return Plan.of(block, job(("body",), box=CUT, sections=(section,), near_wall=False))
+
+
+def test_without_a_section_the_patch_must_not_be_in_the_box(block):
+    for fixed in ((), ("z-",)):
+        with pytest.raises(InputError, match=r"the box contains \d+ of 81 nodes of z-, which must not move; take"):
+            turn(block, box=CUT, near_wall=False, fixed=fixed)
+
+
+def test_nodes_of_a_section_slide_in_its_plane_and_no_other_boundary_node_moves(block):
+    plan = cut(block, True)
+    ((section, nodes),) = plan.region.sections
+    inside = plan.region.hexahedron.contains(block.points)
+    assert section.patch == "z-"
+    assert np.array_equal(nodes, np.flatnonzero(inside & (block.points[:, 2] == -2.0)))
+    result = deflect(plan, plan.angle)
+    assert np.array_equal(result.points[nodes, 2], block.points[nodes, 2])
+    assert (result.points[nodes, :2] != block.points[nodes, :2]).any()
+    others = np.setdiff1d(block.on("x-", "x+", "y-", "y+", "z-", "z+"), nodes)
+    assert np.array_equal(result.points[others], block.points[others])
+
+
+def test_sites_of_a_section_are_for_its_normal_alone(block):
+    plan = cut(block, True)
+    sliding, held = plan.sites, cut(block, False).sites
+    faces, section = sliding.zero
+    assert (faces.components, section.components) == ((0, 1, 2), (2,))
+    np.testing.assert_allclose(section.points[:, 2], -2.0)
+    assert sliding.zero_sites(2) == sliding.zero_sites(0) + len(section)
+    assert held.zero_sites(2) == held.zero_sites(0) == sliding.zero_sites(2)
+
+
+def test_a_section_that_does_not_slide_keeps_the_bits_of_its_nodes(block):
+    plan = cut(block, False)
+    assert plan.region.sections == ()
+    own = np.intersect1d(block.on("z-"), plan.region.inside)
+    assert len(own)
+    assert np.isin(own, plan.region.fixed).all()
+    result = deflect(plan, plan.angle)
+    assert np.array_equal(result.points[own], block.points[own])
+    assert np.any(result.points != block.points)
+
+
+def test_a_section_elsewhere_is_no_excuse(block):
+    with pytest.raises(InputError, match=r"the box contains \d+ of 81 nodes of z-, which must not move"):
+        cut(block, True, z=-1.0)
+
+
+def test_without_near_wall_following_boundary_nodes_in_a_face_of_the_box_keep_their_bits(block):
+    """Undeclared patches may touch the box; their nodes there are no sites, but stay."""
+    plan = Plan.of(block, job(("body",), box=[[-1.5, -1.5, -2.0], [1.5, 1.5, 1.5]], near_wall=False))
+    held = np.intersect1d(block.on("z-"), plan.region.inside)
+    assert len(held)
+    assert np.array_equal(plan.region.fixed, held)
+    assert len(plan.sites.sampled) == 0
+    result = deflect(plan, plan.angle)
+    assert np.array_equal(result.points[held], block.points[held])
+    checks = {check.name: check for check in checks_of(result)}
+    assert checks["fixed_surfaces_moved"].over == len(held)
+
+
+def test_without_near_wall_following_the_free_nodes_go_where_the_interpolant_says(block):
+    plan = Plan.of(block, job(("body",), box=[[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]], near_wall=False))
+    step = deflect(plan, plan.angle).steps[-1]
+    free = step.state.free
+    expected = block.points[free] + step.fits.interpolant(block.points[free])
+    assert np.array_equal(step.points[free], expected)
+    assert len(step.state.layers.rows) == len(step.state.near_wall.follow.rows) == 0
+
+
+def test_a_wildcard_stands_for_a_patch_in_every_zone_and_a_plain_name_does_not():
+    names = ("block/wing_left", "background/wing_left", "wing_right", "tail")
+    points = np.zeros((1, 3))
+    mesh = Mesh(points, (), tuple(Patch(name, (), np.array([0])) for name in names), name="pair.cgns")
+    assert mesh.named(["wing*"], "fixed") == names[:3]
+    assert mesh.named(["block/*"], "fixed") == names[:1]
+    with pytest.raises(InputError, match=r"'wing_left' is no patch; did you mean .*block/wing_left"):
+        mesh.named(["wing_left"], "fixed")
