@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.inspection import inspect, inspected
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.quality import MEASURES, mean_ratio
 from sdm_deflect.meshing.formats.cgns import Cgns

@@ -9,7 +9,7 @@ import pytest
 
 from sdm_deflect.meshing.formats.registry import format_of
 
-EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ import meshio
 import numpy as np
 import pytest
 import pyvista as pv
-from sdm_deflect.cases.own import deflect
 
-from sdm_deflect.cases.errors import InputError
+from sdm_deflect.cases.api import deflect
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.meshing.adapters import accepted
 from sdm_deflect.meshing.mesh import TetMesh
 from tests.meshing.formats.examples import KINDS
@@ -27,7 +27,7 @@ def test_arrays(block, expected):
     assert np.array_equal(points, result.points)
     body = block.on("body")
     assert np.array_equal(result.points[body], expected[body])
-    assert {check.name for check in result.report.checks} == {"outside_moved", "fixed_surfaces_moved", "site_error"}
+    assert {check.name for check in result.checks} == {"outside_moved", "fixed_surfaces_moved", "site_error"}
 
 
 def test_meshio_with_cell_sets(block, expected):
