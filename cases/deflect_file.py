@@ -68,6 +68,8 @@ def deflect_file(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float
     found: list[Judged] = []
     names: list[Path] = []
     lost: tuple[str, ...] = ()
+    if wanted.reported:
+        from sdm_deflect.cases.report.folder import write_run_folder  # loads graphics libraries
     with output_folder(wanted.out.parent) as scratch:
         results = sweep(plan, wanted.angles)
         for _ in wanted.angles:
@@ -79,6 +81,11 @@ def deflect_file(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float
             names.append(wanted.mesh(one.angle))
             with watch.stage("write") as progress:
                 lost = write_mesh(wanted.source, plan.mesh, one.points, scratch / names[-1].name, progress)
+            if wanted.reported:
+                with watch.stage("report") as progress:
+                    out, seconds = names[-1], {**watch.seconds}
+                    place = scratch / wanted.report(one.angle).name
+                    write_run_folder(place, one, found[-1].checks, out, seconds, min_quality)
             if wanted.sensitive:
                 with watch.stage("sensitivity"):
                     arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))

@@ -212,6 +212,7 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
 def read_job(path: Path) -> Nested:
     """Return the tables of a configuration file; files that it names are taken as relative to it."""
     nested = read_toml(path)
+    nested.pop("mesh", None)  # of the settings beside a report, which the command names itself
     for table in (nested, *_tables(nested.get("surface"))):
         for key in ("box", "table", "held", "driven"):
             value = table.get(key)

@@ -19,6 +19,8 @@ from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
 SENSITIVITY = "d_points_d_angle"
+SETTINGS = "settings.toml"
+"""In the folder of a report, by which it is told from others."""
 RULE = "only the file that out names, and an earlier sensitivity, are replaced"
 
 
@@ -32,19 +34,23 @@ class Targets:
     out : the mesh that is written; a folder for OpenFOAM. With several angles, the names of all begin with it.
     angles : distinct, in the order asked for.
     sensitive : whether d(points)/d(angle) is written beside each mesh.
+    reported : whether a folder with a report is written beside each mesh.
     """
 
     source: Path
     out: Path
     angles: tuple[float, ...]
     sensitive: bool = False
+    reported: bool = False
 
     @classmethod
-    def of(cls, source: Path, out: Path | None, angles: Sequence[float], sensitive: bool = False) -> "Targets":
+    def of(
+        cls, source: Path, out: Path | None, angles: Sequence[float], sensitive: bool = False, reported: bool = False
+    ) -> "Targets":
         """Return the targets of a job; `out` is beside the source if None. MeshFileError for an unknown format."""
         chosen = out or _beside(source)
         named = case_folder(chosen) if format_of(chosen) is FORMATS["openfoam"] else chosen
-        return cls(source, named, tuple(angles), sensitive)
+        return cls(source, named, tuple(angles), sensitive, reported)
 
     def mesh(self, angle: float) -> Path:
         """Return the mesh of one angle, such as ``wing-deflected_-12.su2`` where there are several."""
@@ -54,6 +60,15 @@ class Targets:
         """Return the .npz and the .vtu of the sensitivity at one angle."""
         own = replace(self, out=self.mesh(angle))
         return own._named("-sensitivity", ".npz"), own._named("-sensitivity", ".vtu")
+
+    def report(self, angle: float) -> Path:
+        """Return the folder of the report at one angle."""
+        return replace(self, out=self.mesh(angle))._named("-report", "")
+
+    @property
+    def reports(self) -> tuple[Path, ...]:
+        """All folders of reports."""
+        return tuple(self.report(angle) for angle in self.angles) if self.reported else ()
 
     @property
     def extra(self) -> tuple[Path, ...]:
@@ -78,6 +93,9 @@ class Targets:
             seen.add(target.resolve())
             if target.exists() and not self._replaced(target):
                 raise InputError(f"{target} exists already, and {RULE}; delete it, or choose another name in out")
+        for folder in self.reports:
+            if folder.exists() and not (folder / SETTINGS).is_file():
+                raise InputError(f"{folder} exists already and is no earlier report; delete it, or choose another out")
         if self._is_folder and self.out.resolve().is_relative_to(case_folder(self.source).resolve()):
             raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
 

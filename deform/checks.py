@@ -64,6 +64,8 @@ class Check:
             "limit": self.limit,
             "passed": self.passed,
             "verdict": self.verdict,
+            "judgement": self.judgement,
+            "over": self.over,
             "unit": self.unit,
             "where": self.where,
         }

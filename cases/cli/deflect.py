@@ -68,7 +68,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     nested, config = _tables(given), given["config"]
     settings = job_settings(nested)
     job = settings.job()
-    wanted = Targets.of(mesh, out, many or (job.angle,), sensitivity)
+    wanted = Targets.of(mesh, out, many or (job.angle,), sensitivity, report)
     wanted.check((*inputs_of(nested, Path()), *([config] if config else ())))
     with watched(quiet or (as_json and not verbose), verbose) as watch:
         if dry_run:
@@ -76,7 +76,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
         else:
             done = deflect_file(wanted, job, watch, settings.min_quality)
     if dry_run:
-        names = [str(path) for path in (*map(wanted.mesh, wanted.angles), *wanted.extra)]
+        names = [str(path) for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *wanted.reports)]
         if as_json:
             print_json({**plan_figures(plan), "files": names})
         else:

@@ -131,17 +131,14 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
 @click.argument("folder", type=FILE)
 @progress_options
 def report(folder: Path, quiet: bool, verbose: bool) -> int:
-    """Make report.html and figures/ of a finished run anew from its files."""
-    from sdm_deflect.cases.output import output_folder
-    from sdm_deflect.cases.report.data import report_data_of_folder
-    from sdm_deflect.cases.report.page import write_report
-    from sdm_deflect.cases.report.pictures import drawn
+    """Make report.html and figures/ of a finished run, or of a deflected mesh, anew from the files beside it."""
+    from sdm_deflect.cases.mesh_files import SETTINGS
+    from sdm_deflect.cases.report import folder as deflected
+    from sdm_deflect.cases.report import sdm
 
-    with watched(quiet, verbose) as watch:
-        with watch.stage("validation"):
-            data = report_data_of_folder(folder)
-        with watch.stage("report"), output_folder(folder) as scratch:
-            write_report(data, drawn(data, scratch / "figures"), scratch)
+    of_mesh = (folder / SETTINGS).is_file()
+    with watched(quiet, verbose) as watch, watch.stage("report"):
+        data = deflected.report_of_folder(folder) if of_mesh else sdm.report_of_folder(folder)
     click.echo(f"{folder / 'report.html'}: {(folder / 'report.html').stat().st_size / 1e6:.1f} MB")
     return code_of(data.passed)
 

@@ -1,9 +1,13 @@
-"""The paper's figures of the aircraft: its patches and blocks (1), the gap beside an aileron (5), the tail (6, 8)."""
+"""The paper's figures of the aircraft: patches and blocks (1), quality (3, 4, 7), the gap (5), the tail (6, 8)."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from sdm_deflect.cases.report.figures import bars
 from sdm_deflect.cases.report.pictures import Picture
 from sdm_deflect.cases.report.scene3d import (
     BLUE,
@@ -12,24 +16,28 @@ from sdm_deflect.cases.report.scene3d import (
     GREY,
     MAGENTA,
     ORANGE,
+    Layer,
     View,
     box,
-    cells_by_quality,
-    centroids,
     components_of,
     dots,
     framed,
     patches,
     plain,
-    walls,
+    quality_rgb,
 )
 from sdm_deflect.cases.sdm.job import BLOCK, panel_of
 from sdm_deflect.cases.sdm.metrics import Run
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.geometry.confinement import block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.mesh import TetMesh
 
+FAR_FIELD = "far_field"
+TET_FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+EDGE = (40, 40, 40)
+BINS = np.linspace(0.0, 1.0, 51)
 WHOLE, GAP, TAIL = (900, 620), (900, 700), (900, 640)
 """Width and height in pixels of each view."""
 OUTBOARD, ALONG = 4.0, 4.5
@@ -59,17 +67,43 @@ def blocks(aircraft: Run, chimera: Run) -> Picture:
     )
 
 
+def walls(mesh: TetMesh) -> list[str]:
+    """Return the patches of the aircraft itself."""
+    return [name for name in mesh.names[1:] if name not in (FAR_FIELD, BLOCK)]
+
+
+def shell(tets: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the triangles (F, 3) that bound a set of tetrahedra (M, 4), and the row (F,) of each one's cell."""
+    faces = tets[:, TET_FACES].reshape(-1, 3)
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    outer = np.sort(first[count == 1])
+    return faces[outer], outer // 4
+
+
+def cells_by_quality(mesh: TetMesh, chosen: BoolArray, **looks: Any) -> Layer:
+    """Return the outside of the chosen (M,) cells, coloured by their mean ratio."""
+    tets = mesh.tets[chosen]
+    triangles, cell = shell(tets)
+    rgb = quality_rgb(mean_ratio(mesh.points, tets)[cell])
+    return Layer(mesh.points, triangles, rgb, **{"edge": EDGE, "ambient": 0.85, **looks})
+
+
+def centroids(mesh: TetMesh) -> FloatArray:
+    """Return the centroids (M, 3) of the cells."""
+    return np.asarray(mesh.points[mesh.tets].mean(axis=1))
+
+
 def whole(mesh: TetMesh) -> View:
     """Look at the aircraft from ahead, port and above."""
-    layers = patches(mesh, walls(mesh), edge=(70, 70, 70), width=0.6)
+    layers = patches(mesh.as_mesh(), walls(mesh), edge=(70, 70, 70), width=0.6)
     return framed(layers, mesh.points[mesh.on(*walls(mesh))], (-1.0, -1.1, 0.9), WHOLE)
 
 
 def overlapping(run: Run, background: TetMesh) -> View:
     """Look at the block around the aileron from behind, port and above."""
     corners = block_corners(run.case.fighter, run.case.block, run.deflections[0].plan.surface)
-    around = patches(background, walls(background), edge=(120, 120, 120), width=0.4)
-    own = patches(run.mesh, walls(run.mesh), edge=(60, 60, 60), width=0.6)
+    around = patches(background.as_mesh(), walls(background), edge=(120, 120, 120), width=0.4)
+    own = patches(run.mesh.as_mesh(), walls(run.mesh), edge=(60, 60, 60), width=0.6)
     outside = plain(run.mesh.points, run.mesh.triangles_of(BLOCK), MAGENTA, opacity=0.12)
     return framed((*around, *own, outside, box(corners)), corners, (0.9, -1.0, 0.9), WHOLE)
 
@@ -92,7 +126,7 @@ def gap(run: Run) -> View:
     plan, mesh = run.deflections[0].plan, run.deflected
     own, face, end = stations(run)
     width = abs(face - own)
-    grey = patches(mesh, walls(mesh), DARK)
+    grey = patches(mesh.as_mesh(), walls(mesh), DARK)
     cells = cells_by_quality(mesh, in_gap(run), width=1.2)
     focus = np.array([end[1, 0], own - np.sign(face - own) * width, 2.0 * width])
     return View((*grey, cells, box(plan.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 14.0 * width, GAP)
@@ -121,17 +155,19 @@ def confinement(run: Run) -> Picture:
     """Figure 6: surface meshes of tail and panel, the hexahedron and the zero sites on its faces."""
     plan, mesh = run.deflections[0].plan, run.mesh
     surface = plan.surface
-    shown = patches(mesh, (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
-    rest = patches(mesh, (name for name in walls(mesh) if name not in plan.patches), GREY,
-                   opacity=0.25)  # fmt: skip
+    shown = patches(mesh.as_mesh(), (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
+    others = [name for name in walls(mesh) if name not in run.deflections[0].plan.patches]
+    rest = patches(mesh.as_mesh(), others, GREY, opacity=0.25)
     zero = tuple(dots(part.points, BLUE, 10.0) for part in plan.sites.zero)
     corners = plan.region.hexahedron.corners
     view = framed((*rest, *shown, *zero, box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
     return Picture(
-        (view,), (f"{len(plan.sites.zero[0])} sites at zero, {len(plan.sites.moving)} on the surface",),
+        (view,),
+        (f"{len(plan.sites.zero[0])} sites at zero, {len(plan.sites.moving)} on the surface",),
         "Surface mesh of the left tail and of the fuselage panel on which it turns; the hexahedron in magenta and the "
-        "data sites of zero displacement on its faces as blue dots.", columns=1,
-    )  # fmt: skip
+        "data sites of zero displacement on its faces as blue dots.",
+        columns=1,
+    )
 
 
 def around(run: Run) -> Picture:
@@ -148,10 +184,9 @@ def around(run: Run) -> Picture:
 
 def section(run: Run, mesh: TetMesh) -> View:
     """Look from the tip at the cells inboard of a cut across the tail."""
-    plan = run.deflections[0].plan
-    span, region = ends(run.case.fighter, plan.surface), plan.region
+    span, region = ends(run.case.fighter, run.deflections[0].plan.surface), run.deflections[0].plan.region
     middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
-    grey = patches(mesh, (plan.surface,), GREY)
+    grey = patches(mesh.as_mesh(), (run.deflections[0].plan.surface,), GREY)
     cells = cells_by_quality(mesh, cut(run, middle), width=0.8)
     return View((*grey, cells, box(region.hexahedron.corners, 2.0)), middle, (0.12, -1.0, 0.3), 0.16, TAIL)
 
@@ -168,8 +203,8 @@ def panel(run: Run, mesh: TetMesh) -> View:
     meshed = [name for name in walls(mesh) if name.startswith("fuselage_")]
     shaded = [name for name in walls(mesh) if name not in meshed and not name.startswith("wing")]
     layers = (
-        *patches(mesh, shaded, GREY),
-        *patches(mesh, meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
+        *patches(mesh.as_mesh(), shaded, GREY),
+        *patches(mesh.as_mesh(), meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
         plain(run.mesh.points, border(run.mesh, surface), ORANGE, width=5.0),
     )
     focus = mesh.points[mesh.on(panel_of(surface))].mean(axis=0)
@@ -183,3 +218,27 @@ def border(mesh: TetMesh, surface: str) -> IntArray:
     distinct, count = np.unique(edges, axis=0, return_counts=True)
     outer = distinct[count == 1]
     return np.asarray(outer[~np.isin(outer, mesh.on(surface)).all(axis=1)])
+
+
+def histograms(runs: Sequence[Run], titles: Sequence[str]) -> tuple[Figure, str]:
+    """Draw one pair of histograms of all cells of the mesh for each run (3, 4, 7), and say what is seen."""
+    figure = Figure(figsize=(4.6 * len(runs), 3.6), layout="constrained")
+    axes = figure.subplots(1, len(runs), sharey=True, squeeze=False)[0]
+    texts = [pair(run, one, title) for run, one, title in zip(runs, axes, titles, strict=True)]
+    axes[0].set_ylabel("cells (log above 1)")
+    axes[0].legend(loc="upper left", fontsize="small")
+    return figure, "Histograms of the mean ratio before and after the deflection. " + " ".join(texts)
+
+
+def pair(run: Run, axes: Axes, title: str) -> str:
+    """Draw the histograms of one run: of the whole mesh as in the paper, and of the cells that touch the hexahedron."""
+    before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
+    near = run.mesh.touching(run.deflections[0].plan.region.inside)
+    bars(axes, after, BINS, "deflected", color="#d55e00", alpha=0.5, fill=True)
+    bars(axes, before, BINS, "undeflected", color="black", lw=1.4)
+    bars(axes, after[near], BINS, "deflected, at the hexahedron", color="#0072b2", lw=1.8)
+    bars(axes, before[near], BINS, "undeflected, at the hexahedron", color="black", lw=1.2, ls=":")
+    axes.set(xlabel="mean ratio", yscale="symlog", xlim=(0.0, 1.0), ylim=(0.0, None))
+    axes.set_title(f"{title}\nsmallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")
+    axes.grid(alpha=0.3)
+    return f"{title}: smallest {before.min():.3f} before and {after.min():.3f} after."

@@ -1,6 +1,5 @@
-"""Plots: convergence and quality histograms, of one run's control surfaces and of several runs."""
+"""Plots of one run: convergence and quality histograms, one panel for each box and type of cell."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -11,11 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.report.data import Course, ReportData
-from sdm_deflect.cases.sdm.metrics import Run
+from sdm_deflect.cases.report.data import Box, Convergence, ReportData, shape_of
 from sdm_deflect.deform.mesh import FloatArray
-from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.quality import MEASURES, POLYHEDRON, quality_of
 
 STYLES = (
     {"color": "#0072b2", "ls": "-", "marker": "o"},
@@ -23,10 +20,9 @@ STYLES = (
     {"color": "#333333", "ls": ":", "marker": "^"},
 )
 """Of the directions x, y, z: told apart by dashes and markers, too."""
-BINS = np.linspace(0.0, 1.0, 51)
 COLUMNS = 2
 SMALLEST = 1e-16
-"""Residuals (m) below are drawn here: an axis of logarithms has no zero."""
+"""Residuals below are drawn here: an axis of logarithms has no zero."""
 
 
 def panels(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
@@ -43,77 +39,68 @@ def panels(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]
 
 def convergence(data: ReportData) -> tuple[Figure, str]:
     """Largest residual against the number of centres, per direction (the paper's figure 2), and what is seen."""
-    figure, axes = panels(len(data.plans), 4.6, 3.5)
-    tolerance, texts = data.case.adaptation.tolerance, []
-    for one, plan in zip(axes, data.plans, strict=True):
-        courses = [course for course in data.courses if course.surface == plan.surface and course.step == 1]
-        for course in courses:
+    figure, axes = panels(len(data.boxes), 4.6, 3.5)
+    texts, unit = [], data.length.name
+    for one, box in zip(axes, data.boxes, strict=True):
+        first = [course for course in box.convergence if course.step == 1]
+        for course in first:
             _course(one, course)
-        one.axhline(tolerance, color="0.4", lw=1, label=f"tolerance {tolerance:g} m")
-        one.set(xlabel="centres", ylabel="largest residual at the data sites, m", title=plan.surface)
+        one.axhline(box.tolerance, color="0.4", lw=1, label=f"tolerance {box.tolerance:.3g} {unit}")
+        one.set(xlabel="centres", ylabel=f"largest residual at the data sites, {unit}", title=box.name)
         one.legend(loc="best", fontsize="small")
         one.grid(alpha=0.3)
-        ends = ", ".join(f"{c.errors[-1]:.1e} m with {c.centres[-1]} centres in {c.directions}" for c in courses)
-        texts.append(f"{plan.surface}: {ends}.")
-    return figure, f"Largest residual against the number of centres; tolerance {tolerance:g} m. " + " ".join(texts)
+        ends = ", ".join(f"{c.errors[-1]:.1e} {unit} with {c.centres[-1]} centres in {c.directions}" for c in first)
+        texts.append(f"{box.name}: {ends}; tolerance {box.tolerance:.3g} {unit}.")
+    return figure, "Largest residual against the number of centres. " + " ".join(texts)
 
 
-def _course(axes: Axes, course: Course) -> None:
-    style = STYLES["xyz".index(course.directions[0])]
+def _course(axes: Axes, course: Convergence) -> None:
+    style: dict[str, Any] = STYLES["xyz".index(course.directions[0])]
     errors = np.maximum(course.errors, SMALLEST)
     axes.semilogy(course.centres, errors, label=f"$f_{{{course.directions}}}$", lw=1.8, ms=4.5, **style)
 
 
 def quality(data: ReportData) -> tuple[Figure, str]:
-    """Mean ratio of the cells that touch each hexahedron, before and after on common bins, and what is seen."""
-    figure, axes = panels(len(data.plans), 4.6, 3.5)
-    texts = [histogram(data, plan, one) for one, plan in zip(axes, data.plans, strict=True)]
-    return figure, "Histograms of the mean ratio before and after the deflection. " + " ".join(texts)
+    """Quality of the cells that touch each hexahedron by type, before and after, and what is seen."""
+    found = [(box, shape, *pair) for box in data.boxes for shape, pair in _qualities(data, box).items()]
+    figure, axes = panels(len(found), 4.6, 3.5)
+    texts = [_histogram(data, one, *part) for one, part in zip(axes, found, strict=True)]
+    return figure, "Histograms of the quality of cells before and after the deflection. " + " ".join(texts)
 
 
-def histogram(data: ReportData, plan: Plan, axes: Axes) -> str:
-    """Draw the histograms of one control surface's hexahedron and say what is seen."""
-    cells = data.mesh.tets[data.touching(plan)]
-    before, after = (mean_ratio(mesh.points, cells) for mesh in (data.mesh, data.deflected))
-    axes.stairs(np.histogram(after, BINS)[0], BINS, label="deflected", color="#e0a36a", fill=True)
-    axes.stairs(np.histogram(before, BINS)[0], BINS, label="undeflected", color="black", lw=1.4)
-    limit = data.case.limits.quality_min
-    axes.axvline(limit, color="0.35", lw=1, ls="--", label=f"limit {limit:g}")
-    axes.set(xlabel="mean ratio of a cell", ylabel="cells (log above 1)", yscale="symlog", xlim=(0.0, 1.0))
-    axes.set_title(f"{plan.surface}: smallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")
+def _qualities(data: ReportData, box: Box) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Quality of the touched cells before and after, by type."""
+    parts: dict[str, list[list[FloatArray]]] = {}
+    touched = box.touched
+    for block, rows, sign in zip(data.mesh.cells, touched.rows, touched.orientation, strict=True):
+        if len(rows):
+            pair = [quality_of(points, block, rows, sign) for points in (data.mesh.points, data.points)]
+            parts.setdefault(shape_of(block), []).append(pair)
+    return {shape: (np.concatenate([p[0] for p in own]), np.concatenate([p[1] for p in own])) for shape, own in
+            parts.items()}  # fmt: skip
+
+
+def _histogram(data: ReportData, axes: Axes, box: Box, shape: str, before: FloatArray, after: FloatArray) -> str:
+    """Draw the histograms of one type of cell in one hexahedron and say what is seen."""
+    top = 1.0 if shape != POLYHEDRON else 0.25
+    bins = np.linspace(min(0.0, float(before.min()), float(after.min())), top, 51)
+    bars(axes, after, bins, "deflected", color="#e0a36a", fill=True)
+    bars(axes, before, bins, "undeflected", color="black", lw=1.4)
+    if data.quality_limit is not None and shape == "tetra":
+        axes.axvline(data.quality_limit, color="0.35", lw=1, ls="--", label=f"limit {data.quality_limit:g}")
+    label = f"{MEASURES[shape]} of a cell"
+    axes.set(xlabel=label, ylabel="cells (log above 1)", yscale="symlog", xlim=(bins[0], bins[-1]))
+    name = box.name if shape == "tetra" else f"{box.name}, {shape}"
+    axes.set_title(f"{name}: smallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")
     axes.legend(loc="upper left", fontsize="small")
     axes.grid(alpha=0.3)
     return (
-        f"{plan.surface}: {len(cells)} cells that touch the hexahedron; smallest {before.min():.3f} before and "
-        f"{after.min():.3f} after, mean {before.mean():.3f} before and {after.mean():.3f} after."
+        f"{box.name}: {len(before)} {shape} cells that touch the hexahedron; smallest {MEASURES[shape]} "
+        f"{before.min():.3f} before and {after.min():.3f} after, mean {before.mean():.3f} before and "
+        f"{after.mean():.3f} after."
     )
 
 
-def histograms(runs: Sequence[Run], titles: Sequence[str]) -> tuple[Figure, str]:
-    """Draw one pair of histograms of all cells of the mesh for each run, and say what is seen."""
-    figure = Figure(figsize=(4.6 * len(runs), 3.6), layout="constrained")
-    axes = figure.subplots(1, len(runs), sharey=True, squeeze=False)[0]
-    texts = [pair(run, one, title) for run, one, title in zip(runs, axes, titles, strict=True)]
-    axes[0].set_ylabel("cells (log above 1)")
-    axes[0].legend(loc="upper left", fontsize="small")
-    return figure, "Histograms of the mean ratio before and after the deflection. " + " ".join(texts)
-
-
-def pair(run: Run, axes: Axes, title: str) -> str:
-    """Draw the histograms of one run: of the whole mesh as in the paper, and of the cells that touch the hexahedron."""
-    before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
-    region = run.deflections[0].plan.region
-    near = run.mesh.touching(region.inside)
-    bars(axes, after, "deflected", color="#d55e00", alpha=0.5, fill=True)
-    bars(axes, before, "undeflected", color="black", lw=1.4)
-    bars(axes, after[near], "deflected, at the hexahedron", color="#0072b2", lw=1.8)
-    bars(axes, before[near], "undeflected, at the hexahedron", color="black", lw=1.2, ls=":")
-    axes.set(xlabel="mean ratio", yscale="symlog", xlim=(0.0, 1.0), ylim=(0.0, None))
-    axes.set_title(f"{title}\nsmallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")
-    axes.grid(alpha=0.3)
-    return f"{title}: smallest {before.min():.3f} before and {after.min():.3f} after."
-
-
-def bars(axes: Axes, quality: FloatArray, label: str, **looks: Any) -> None:
-    """Draw one histogram on the common bins."""
-    axes.stairs(np.histogram(quality, BINS)[0], BINS, label=label, **looks)
+def bars(axes: Axes, values: FloatArray, bins: FloatArray, label: str, **looks: Any) -> None:
+    """Draw one histogram; what lies beyond the bins counts in the last one."""
+    axes.stairs(np.histogram(np.clip(values, bins[0], bins[-1]), bins)[0], bins, label=label, **looks)

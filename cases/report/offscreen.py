@@ -93,7 +93,7 @@ def add(plotter: Any, layer: Layer) -> None:
     """Add one layer to a picture."""
     import pyvista
 
-    kind = {1: "verts", 2: "lines", 3: "faces"}[layer.cells.shape[1]]
+    kind = {1: "verts", 2: "lines"}.get(layer.cells.shape[1], "faces")
     sized = np.column_stack([np.full(len(layer.cells), layer.cells.shape[1]), layer.cells])
     data = pyvista.PolyData(layer.points, **{kind: sized.ravel()})
     data.cell_data["rgb"] = np.broadcast_to(layer.rgb, (len(layer.cells), 3)).astype(np.uint8)

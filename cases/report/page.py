@@ -1,50 +1,49 @@
 """The page of a run: one self-contained file that asks no network for anything."""
 
 from base64 import b64encode
-from collections.abc import Iterable
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Iterable, Iterator
 from gzip import compress
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from PIL import Image
 
-from sdm_deflect.cases.report.data import ReportData
-from sdm_deflect.cases.report.pictures import Exhibit, Gallery, compared
+from sdm_deflect.cases.metrics import Json
+from sdm_deflect.cases.report.data import ReportData, drawn_measure
+from sdm_deflect.cases.report.pictures import Exhibit, Gallery
 from sdm_deflect.cases.report.turnable import MOST_CELLS, turnable
-from sdm_deflect.cases.sdm.case import Case
-from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.cases.surroundings import surroundings, versions
+from sdm_deflect.deform.quality import Quality
 
 
 def write_report(data: ReportData, gallery: Gallery, folder: Path) -> None:
-    """Write report.html and the figures that show the validation into `folder`; the gallery is the other figures."""
-    exhibits = (*gallery.exhibits, *compared(data, folder / "figures"))
-    (folder / "report.html").write_text(page(data, replace(gallery, exhibits=exhibits)), encoding="utf-8")
+    """Write report.html into `folder`."""
+    (folder / "report.html").write_text(page(data, gallery), encoding="utf-8")
 
 
 def page(data: ReportData, gallery: Gallery) -> str:
     """Return the page; every text in it is escaped, and no script but its own two can run."""
     library, viewer = plotly(), own("viewer.js")
     environment = Environment(
-        loader=PackageLoader("sdm_deflect.cases.report", "."), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+        loader=PackageLoader("sdm_deflect.cases.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.filters |= {"inline": inline, "pixels": pixels, "meaning": meaning}
     return environment.get_template("page.html").render(
         data=data,
         figures=data.figures,
         gallery=gallery,
-        states=STATES,
+        qualities=list(qualities(data)),
+        measure=drawn_measure(data.mesh),
         scene=turnable(data),
         most_cells=MOST_CELLS,
-        parameters=parameter_tables(data.case),
-        toml=to_toml(data.case),
-        toml_file=b64encode(to_toml(data.case).encode()).decode("ascii"),
+        toml_file=b64encode(data.settings.encode()).decode("ascii"),
         surroundings=surroundings(),
         versions=versions(),
         style=own("style.css"),
@@ -52,6 +51,17 @@ def page(data: ReportData, gallery: Gallery) -> str:
         viewer=viewer,
         policy=policy([library, viewer]),
     )
+
+
+def qualities(data: ReportData) -> Iterator[tuple[str, str, Quality | Json]]:
+    """Yield box, state and quality of the touched cells of each type."""
+    for box, after in zip(data.boxes, data.after, strict=True):
+        for one, then in zip(box.before, after, strict=True):
+            yield box.name, STATES["before"], one
+            yield box.name, STATES["after"], then
+        pinned = data.figures.get("deflections", {}).get(box.name, {}).get("quality_inside", {}).get("after_pinned")
+        for one in (pinned or {}).values():
+            yield box.name, STATES["after_pinned"], one
 
 
 def policy(scripts: Iterable[str]) -> str:
@@ -87,7 +97,10 @@ CHECKS = {
     "fixed_surfaces_moved": "largest displacement of a surface that must not move",
     "quality_min": "worst cell of the deflected mesh, by mean ratio (1 is regular)",
     "planarity": "nodes of planar CAD faces from their best plane",
-    "surface_to_cad": "moved nodes from the deflected CAD",
+    "surface_to_cad": "moved nodes from the deflected CAD (of hinged surfaces: blended by the same rule)",
+    "surface_to_rigid_cad": "moved nodes from the CAD rotated rigidly; at most what blending changes",
+    "site_error": "residual at the data sites",
+    "first_layer": "change of the height of the first layer of cells, as a share of it",
     "trailing_edge_angle": "trailing edge from the angle that was asked",
     "hinge_offset": "blended wedge from the known offset to the rigid one at the hinge",
     "cylindricity": "nodes of the fuselage panel from the cylinder",
@@ -101,47 +114,8 @@ STATES = {
     "after_pinned": "deflected, Chimera face pinned instead of sliding",
 }
 
-Rows = list[tuple[str, str, str, str]]
-"""Name, value, unit and meaning of parameters."""
-
 
 def meaning(check: str) -> str:
     """Return what a check measures, empty for one that is not known."""
-    return CHECKS.get(check.partition(":")[0], "")
-
-
-def parameter_tables(case: Case) -> dict[str, Rows]:
-    """Return every parameter of a case, by table as in case.toml."""
-    tables: dict[str, Rows] = {"case": []}
-    for name, value in _values(case):
-        if name == "fighter":
-            tables |= {part: _rows(component) for part, component in _values(value) if is_dataclass(component)}
-        elif is_dataclass(value):
-            tables[name] = _rows(value)
-        else:
-            tables["case"].append((name, _shown(value), *_declared(case, name)))
-    return tables
-
-
-def _rows(table: Any) -> Rows:
-    return [(name, _shown(value), *_declared(table, name)) for name, value in _values(table)]
-
-
-def _values(table: Any) -> list[tuple[str, Any]]:
-    return [(one.name, getattr(table, one.name)) for one in fields(table)]
-
-
-def _declared(table: Any, name: str) -> tuple[str, str]:
-    """Return unit and meaning of a field that is a quantity."""
-    metadata = next(one.metadata for one in fields(table) if one.name == name)
-    return str(metadata.get("unit", "")).removeprefix("-"), str(metadata.get("doc", ""))
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:g}"
-    if isinstance(value, tuple):
-        return ", ".join(_shown(one) for one in value) or "none"
-    if is_dataclass(value):
-        return " ".join(_shown(one) for _, one in _values(value))
-    return str(value)
+    name = check.partition(":")[0]
+    return CHECKS.get(name, "nodes of a sliding patch from its shape" if name.startswith("on_") else "")

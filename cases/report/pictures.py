@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 
@@ -18,17 +18,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from PIL import Image as ImageFile
 
-from sdm_deflect.cases.report import cad_map, figures, slices
-from sdm_deflect.cases.report.data import ReportData
+from sdm_deflect.cases.report import figures, slices
+from sdm_deflect.cases.report.data import METRES, Box, Length, Moved, ReportData, round_length
 from sdm_deflect.cases.report.offscreen import Image, RenderError, rendered, rendering
-from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE, View, box, framed, patches, walls
-from sdm_deflect.cases.sdm.job import BLOCK
-from sdm_deflect.deform.volume.deflection import Plan
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE, View, box, framed, patches
+from sdm_deflect.deform.mesh import FloatArray
 
 INCHES = 5.2
 """Width of one image."""
-ROUND_LENGTHS = tuple(first * 10.0**power for power in range(-6, 3) for first in (1, 2, 5))
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +39,7 @@ class Picture:
     legend : colours by name.
     quality : True for a colour bar of the mean ratio.
     alternative : what the picture shows, in words.
+    length : the unit of length.
     """
 
     views: tuple[View, ...]
@@ -50,6 +48,7 @@ class Picture:
     columns: int = 2
     legend: dict[str, str] = field(default_factory=dict)
     quality: bool = False
+    length: Length = METRES
 
 
 def figure_of(picture: Picture) -> Figure:
@@ -74,7 +73,7 @@ def assembled(picture: Picture, images: Sequence[Image]) -> Figure:
         one.imshow(shown)
         one.set_title(title, fontsize="medium")
         one.set_axis_off()
-        _scale(one, view)
+        _scale(one, view, picture.length)
     if picture.quality:
         shades = ScalarMappable(QUALITY_RANGE, QUALITY_MAP)
         figure.colorbar(shades, ax=axes.tolist(), label="mean ratio of a cell", extend="min", shrink=0.85)
@@ -84,44 +83,55 @@ def assembled(picture: Picture, images: Sequence[Image]) -> Figure:
     return figure
 
 
-def _scale(axes: Axes, view: View) -> None:
+def _scale(axes: Axes, view: View, unit: Length) -> None:
     """Draw a bar of a round length across the line of sight: parallel projection has one scale."""
     width, height = view.pixels
-    metres = view.height / height
-    longest = 0.25 * width * metres
-    length = max(round_length for round_length in ROUND_LENGTHS if round_length <= longest)
+    pixel = view.height / height
+    length = round_length(0.25 * width * pixel)
     right, low = 0.97 * width, 0.95 * height
-    axes.plot([right - length / metres, right], [low, low], color="black", lw=2.5)
-    axes.annotate(f"{1e3 * length:g} mm", (right, low - 0.015 * height), fontsize="small", va="bottom", ha="right")
+    axes.plot([right - length / pixel, right], [low, low], color="black", lw=2.5)
+    axes.annotate(unit.text(length, "g"), (right, low - 0.015 * height), fontsize="small", va="bottom", ha="right")
 
 
 PIXELS = (900, 640)
-TOWARDS = (1.0, -0.6, 0.45)
-"""From behind, port and above; mirrored for surfaces to starboard."""
+BEHIND, BESIDE, ABOVE = 1.0, 0.6, 0.45
+"""Direction from a surface to the eye: along its chord, along its span away from the middle, upwards."""
 
 
-def before_after(data: ReportData, plan: Plan) -> Picture:
-    """Draw a control surface with its hexahedron, before and after side by side."""
-    moved = np.linalg.norm(data.deflected.points - data.mesh.points, axis=1)[plan.sites.moving]
-    count = len(data.mesh.triangles_of(plan.surface))
+def before_after(data: ReportData, own: Box, surface: Moved) -> Picture:
+    """Draw a moving surface with its hexahedron, before and after side by side."""
+    moved = np.linalg.norm((data.points - data.mesh.points)[surface.nodes], axis=1)
+    count = sum(len(data.mesh.patch(name)) for name in surface.patches)
     return Picture(
-        tuple(close(data, mesh, plan) for mesh in (data.mesh, data.deflected)),
-        (f"{plan.surface}, undeflected", f"{plan.surface}, {plan.angle:+g} deg"),
-        f"Surface mesh of {plan.surface} ({count} triangles) and its surroundings before (left) and after (right) it "
-        f"turns by {plan.angle:+g} deg; nodes move by up to {1e3 * moved.max():.1f} mm. The edges of the hexahedron, "
+        tuple(close(data, points, own, surface) for points in (data.mesh.points, data.points)),
+        (f"{surface.name}, undeflected", f"{surface.name}, {surface.turned}"),
+        f"Surface mesh of {surface.name} ({count} faces) and its surroundings before (left) and after (right) it goes "
+        f"by {surface.turned}; nodes move by up to {data.length.text(moved.max())}. The edges of the hexahedron, "
         "outside of which nothing moves, are magenta.",
+        length=data.length,
     )
 
 
-def close(data: ReportData, mesh: TetMesh, plan: Plan) -> View:
-    """Look at a control surface; the picture holds it before and after."""
-    nodes = mesh.on(plan.surface)
-    held = np.vstack([data.mesh.points[nodes], data.deflected.points[nodes]])
-    corners = plan.region.hexahedron.corners
-    names = [name for name in walls(mesh) if name != BLOCK]
-    side = 1.0 if corners[:, 1].mean() <= 1e-9 else -1.0
-    layers = (*patches(mesh, names, edge=(70, 70, 70), width=0.7), box(corners, 2.5))
-    return framed(layers, held, (TOWARDS[0], side * TOWARDS[1], TOWARDS[2]), PIXELS)
+def close(data: ReportData, points: FloatArray, own: Box, surface: Moved) -> View:
+    """Look at a moving surface; the picture holds it before and after."""
+    held = np.vstack([data.mesh.points[surface.nodes], data.points[surface.nodes]])
+    moving = [name for one in data.surfaces for name in one.patches]
+    layers = patches(
+        data.mesh.with_points(points), data.drawn, moving=moving, edge=(70, 70, 70), width=0.7, ambient=0.5
+    )
+    return framed((*layers, box(own.hexahedron.corners, 2.5)), held, towards(data, own, surface), PIXELS)
+
+
+def towards(data: ReportData, own: Box, surface: Moved) -> tuple[float, float, float]:
+    """Return the direction to the eye: from behind the surface, from above (z), from its outer end."""
+    chord = slices.directions(data.mesh.points, surface)[1] % 2 if surface.axis is not None else 0
+    eye = np.array([0.0, 0.0, ABOVE])
+    outwards = (own.hexahedron.corners.mean(axis=0) - data.middle)[1 - chord]
+    size = float(np.ptp(own.hexahedron.corners, axis=0).max())
+    reach = surface.axis.radial(data.mesh.points[surface.nodes])[:, chord] if surface.axis else np.ones(1)
+    eye[chord] = -BEHIND if -reach.min() > 1.5 * reach.max() else BEHIND
+    eye[1 - chord] = BESIDE if outwards > 1e-6 * size else -BESIDE
+    return float(eye[0]), float(eye[1]), float(eye[2])
 
 
 LARGEST = 300_000
@@ -164,7 +174,7 @@ def compressed(figure: Figure, dpi: int, step: int) -> bytes:
 
 
 Drawn = tuple[str, str, Figure, str]
-"""Part of the page, name, figure, and what it shows in words."""
+"""Part of the page, name of a surface, figure, and what it shows in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,45 +197,42 @@ class Gallery:
         """Return the pictures of one part of the page."""
         return [one for one in self.exhibits if one.part == part]
 
+    def with_more(self, exhibits: Sequence[Exhibit]) -> "Gallery":
+        """Return the gallery with further pictures."""
+        return replace(self, exhibits=(*self.exhibits, *exhibits))
+
 
 def drawn(data: ReportData, folder: Path) -> Gallery:
-    """Draw every picture that needs no validation into `folder`."""
+    """Draw every picture that needs no verdict into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    pictures = [before_after(data, plan) for plan in data.plans]
+    each = [(own, surface) for own in data.boxes for surface in own.surfaces]
+    pictures = [before_after(data, *one) for one in each]
     missing = ""
     with rendering(tuple(view for picture in pictures for view in picture.views)) as images:
-        exhibits = [_saved(folder, *plot) for plot in plots(data)]
+        exhibits = [saved(folder, *plot) for plot in plots(data)]
         try:
-            exhibits += [_saved(folder, *one) for one in renderings(data, pictures, images())]
+            rest = iter(images())
+            for (_, surface), picture in zip(each, pictures, strict=True):
+                figure = assembled(picture, [next(rest) for _ in picture.views])
+                exhibits.append(saved(folder, "before_after", surface.name, figure, picture.alternative))
         except RenderError as error:
             missing = str(error)
     return Gallery(tuple(exhibits), missing)
 
 
-def compared(data: ReportData, folder: Path) -> list[Exhibit]:
-    """Draw the distances from the CAD that the validation found into `folder`."""
-    maps = ((f"cad_map_{plan.surface}", *cad_map.cad_map(data, plan)) for plan in data.plans)
-    return [_saved(folder, "cad_map", *one) for one in maps]
-
-
 def plots(data: ReportData) -> Iterator[Drawn]:
     """Yield each plot that needs no graphics library."""
-    yield "convergence", "convergence", *figures.convergence(data)
-    yield "quality", "quality", *figures.quality(data)
-    for plan in data.plans:
-        yield "slices", f"slices_{plan.surface}", *slices.slices(data, plan)
+    yield "convergence", "", *figures.convergence(data)
+    if data.mesh.cells:
+        yield "quality", "", *figures.quality(data)
+        for own in data.boxes:
+            for surface in own.surfaces:
+                yield "slices", surface.name, *slices.slices(data, own, surface)
 
 
-def renderings(data: ReportData, pictures: Sequence[Picture], images: Sequence[Image]) -> Iterator[Drawn]:
-    """Yield the pictures of each control surface, put together from the images of their views."""
-    rest = iter(images)
-    for plan, picture in zip(data.plans, pictures, strict=True):
-        figure = assembled(picture, [next(rest) for _ in picture.views])
-        yield "before_after", f"before_after_{plan.surface}", figure, picture.alternative
-
-
-def _saved(folder: Path, part: str, name: str, figure: Figure, alternative: str) -> Exhibit:
-    path = folder / f"{file_name(name)}.png"
+def saved(folder: Path, part: str, name: str, figure: Figure, alternative: str) -> Exhibit:
+    """Write a figure of one part of the page, such as of one surface, into a folder."""
+    path = folder / f"{file_name(f'{part}_{name}' if name else part)}.png"
     write_sharp_png(figure, path)
     return Exhibit(part, path, alternative)
 

@@ -1,7 +1,7 @@
 """What a picture shows, as plain arrays with colours: no graphics library is needed to compose or to test one."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 from zlib import crc32
@@ -11,11 +11,7 @@ import numpy as np
 from matplotlib.colors import Normalize, to_rgb
 from numpy.typing import NDArray
 
-from sdm_deflect.cases.sdm.job import BLOCK
-from sdm_deflect.deform.edges import median_edge
-from sdm_deflect.deform.mesh import Cells
-from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray, TetMesh
+from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh
 
 Array = NDArray[np.generic]
 Colour = tuple[int, int, int]
@@ -24,20 +20,20 @@ LOOKS = ("opacity", "edge", "width", "ambient")
 MARGIN = 1.08
 """Size of a picture over what it frames."""
 FINEST = 4.0
-"""Edges of triangles shorter than so many pixels are not drawn."""
+"""Edges of faces shorter than so many pixels are not drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """Triangles, lines or dots.
+    """Faces, lines or dots.
 
     Attributes
     ----------
-    points : (N, 3), metres.
-    cells : (F, k) node indices: k = 3 for triangles, 2 for lines, 1 for dots.
+    points : (N, 3), in the mesh's unit of length.
+    cells : (F, k) node indices: k = 1 for dots, 2 for lines, 3 or more for faces.
     rgb : (F, 3) colour of each cell, or (1, 3) for all, 0 to 255.
     opacity : 0 to 1.
-    edge : colour of the triangles' edges, or None for none.
+    edge : colour of the faces' edges, or None for none.
     width : of lines and edges, or size of dots, in pixels.
     ambient : share of the light that falls from everywhere: 1 shows the colours as they are.
     """
@@ -51,8 +47,8 @@ class Layer:
     ambient: float = 0.35
 
     def __post_init__(self) -> None:
-        if self.cells.ndim != 2 or self.cells.shape[1] not in (1, 2, 3):
-            raise ValueError(f"cells {self.cells.shape} must be (F, 1), (F, 2) or (F, 3)")
+        if self.cells.ndim != 2 or not self.cells.shape[1]:
+            raise ValueError(f"cells {self.cells.shape} must be (F, k): dots, lines or faces of k nodes")
         if self.rgb.shape not in ((len(self.cells), 3), (1, 3)):
             raise ValueError(f"rgb {self.rgb.shape} must be ({len(self.cells)}, 3) or (1, 3)")
 
@@ -63,9 +59,9 @@ class View:
 
     Attributes
     ----------
-    focus : (3,) point in the middle of the picture, metres.
+    focus : (3,) point in the middle of the picture.
     towards : (3,) direction from there to the eye.
-    height : of the picture, in metres at the focus.
+    height : of the picture, a length at the focus.
     pixels : width and height.
     up : (3,) direction that is up in the picture.
     """
@@ -93,15 +89,17 @@ def framed(
 
 
 def legible(view: View) -> View:
-    """Return the view without the edges of triangles so small in it that they would blacken it."""
+    """Return the view without the edges of faces so small in it that they would blacken it."""
     pixel = view.height / view.pixels[1]
-    layers = (replace(one, edge=None) if one.edge and _edge(one) < FINEST * pixel else one for one in view.layers)
+    layers = (replace(one, edge=None) if one.edge and median_edge(one) < FINEST * pixel else one for one in view.layers)
     return replace(view, layers=tuple(layers))
 
 
-def _edge(layer: Layer) -> float:
-    """Return the median length (m) of the triangles' edges."""
-    return median_edge(layer.points, [Cells("triangle", layer.cells)])
+def median_edge(layer: Layer) -> float:
+    """Median length of the edges of faces; 0 without faces."""
+    corners = layer.points[layer.cells]
+    lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    return float(np.median(lengths)) if lengths.size else 0.0
 
 
 def plain(points: FloatArray, cells: IntArray, colour: Colour, **looks: Any) -> Layer:
@@ -147,7 +145,7 @@ def _tuples(values: dict[str, Any]) -> dict[str, Any]:
 
 QUALITY_MAP = "cividis"
 QUALITY_RANGE = Normalize(0.4, 1.0)
-"""Mean ratios below 0.4 get the darkest colour."""
+"""Cells of a quality below 0.4 get the darkest colour."""
 
 COMPONENTS = {
     "fuselage": "#bbbbbb",
@@ -165,8 +163,10 @@ COMPONENTS = {
 }
 """After Paul Tol's muted scheme."""
 
-OTHERS = ("#4477aa", "#ee8866", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bbcc33", "#99ddff")
+OTHERS = ("#bbbbbb", "#88ccee", "#44aa99", "#dddddd", "#ddcc77", "#999933", "#6699cc", "#b8b8d8")
 """For patches that are no component of our aircraft: taken in turn by the letters of the name."""
+MOVING = COMPONENTS["aileron"]
+"""For such patches that move."""
 
 DARK: Colour = (90, 90, 90)
 GREY: Colour = (190, 190, 190)
@@ -181,10 +181,10 @@ def component(patch: str) -> str:
     return "fuselage" if stem.startswith("fuselage") else stem
 
 
-def patch_colour(patch: str) -> Colour:
+def patch_colour(patch: str, moving: bool = False) -> Colour:
     """Return the colour of a patch's component."""
     name = component(patch)
-    colour = COMPONENTS.get(name) or OTHERS[crc32(name.encode()) % len(OTHERS)]
+    colour = COMPONENTS.get(name) or (MOVING if moving else OTHERS[crc32(name.encode()) % len(OTHERS)])
     r, g, b = (round(255 * share) for share in to_rgb(colour))
     return r, g, b
 
@@ -202,47 +202,48 @@ def components_of(patches: Iterable[str]) -> list[str]:
 
 
 def quality_rgb(quality: FloatArray) -> IntArray:
-    """Return the colours (F, 3) of mean ratios (F,)."""
+    """Return the colours (F, 3) of qualities (F,)."""
     shades = mpl.colormaps[QUALITY_MAP](QUALITY_RANGE(quality))[:, :3]
     return np.asarray(np.rint(255.0 * shades), dtype=np.intp)
 
 
-TET_FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 BOX_EDGES = np.array([[i, i | bit] for bit in (1, 2, 4) for i in range(8) if not i & bit])
 """Edges of a hexahedron whose corner i has the binary code zyx."""
-EDGE: Colour = (40, 40, 40)
-FAR_FIELD = "far_field"
 
 
-def patches(mesh: TetMesh, names: Iterable[str], colour: Colour | None = None, **looks: object) -> tuple[Layer, ...]:
-    """Return the surface meshes of patches, in one colour or in those of their components."""
-    return tuple(plain(mesh.points, mesh.triangles_of(name), colour or patch_colour(name), **looks) for name in names)
+def patches(
+    mesh: Mesh, names: Iterable[str], colour: Colour | None = None, moving: Sequence[str] = (), **looks: Any
+) -> tuple[Layer, ...]:
+    """Return the faces of patches, or their nodes as dots, in one colour or in those of their components."""
+    layers, points = [], mesh.points
+    for name in names:
+        patch, own = mesh.patch(name), colour or patch_colour(name, name in moving)
+        layers += [plain(points, cells, own, **looks) for cells in by_size(patch.faces)]
+        if not patch.faces:
+            layers.append(dots(points[patch.nodes], own, 4.0))
+    return tuple(layers)
 
 
-def walls(mesh: TetMesh) -> list[str]:
-    """Return the patches of the aircraft itself."""
-    return [name for name in mesh.names[1:] if name not in (FAR_FIELD, BLOCK)]
+def by_size(faces: Iterable[Faces]) -> list[IntArray]:
+    """Return faces as arrays (F, k), one for each number k of corners."""
+    found: dict[int, list[IntArray]] = {}
+    for block in faces:
+        if isinstance(block, Cells):
+            found.setdefault(block.nodes.shape[1], []).append(block.nodes)
+            continue
+        sizes = np.diff(block.offsets)
+        for k in np.unique(sizes):
+            rows = block.offsets[:-1][sizes == k, None] + np.arange(k)
+            found.setdefault(int(k), []).append(block.nodes[rows])
+    return [np.concatenate(found[k]) for k in sorted(found)]
 
 
-def shell(tets: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the triangles (F, 3) that bound a set of tetrahedra (M, 4), and the row (F,) of each one's cell."""
-    faces = tets[:, TET_FACES].reshape(-1, 3)
-    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    outer = np.sort(first[count == 1])
-    return faces[outer], outer // 4
-
-
-def cells_by_quality(mesh: TetMesh, chosen: BoolArray, **looks: object) -> Layer:
-    """Return the outside of the chosen (M,) cells, coloured by their mean ratio."""
-    tets = mesh.tets[chosen]
-    triangles, cell = shell(tets)
-    rgb = quality_rgb(mean_ratio(mesh.points, tets)[cell])
-    return Layer(mesh.points, triangles, rgb, **{"edge": EDGE, "ambient": 0.85, **looks})  # type: ignore[arg-type]
-
-
-def centroids(mesh: TetMesh) -> FloatArray:
-    """Return the centroids (M, 3) of the cells."""
-    return np.asarray(mesh.points[mesh.tets].mean(axis=1))
+def triangles_of(faces: Iterable[Faces]) -> IntArray:
+    """Return faces cut into triangles (T, 3) of the same normals, all from a face's first corner."""
+    parts = [np.empty((0, 3), dtype=np.intp)]
+    for cells in by_size(faces):
+        parts += [cells[:, [0, i, i + 1]] for i in range(1, cells.shape[1] - 1)]
+    return np.concatenate(parts)
 
 
 def box(corners: FloatArray, width: float = 3.0) -> Layer:

@@ -1,38 +1,43 @@
-"""Plane slices through the mesh around a control surface, coloured by quality: no graphics library is needed."""
+"""Plane slices through the cells around a surface, coloured by quality: no graphics library is needed."""
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
-import pyvista
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from sdm_deflect.cases.report.data import ReportData
+from sdm_deflect.cases.report.data import Box, Moved, ReportData, drawn_measure, drawn_quality
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
-from sdm_deflect.deform.mesh import FloatArray
-from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.deform.volume.deflection import Plan
-from sdm_deflect.geometry.datum import hinged
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.deform.edges import edges_of, polygons_of
+from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Volume
 
 AXES = "xyz"
 AROUND = 0.06
 """Margin around the hexahedron, by its size."""
 ALONG = 0.7
-"""Where the chord at the root is cut: behind the hinge line of a wedge."""
+"""Where the chord at the inner end is cut: behind the hinge line of a wedge."""
 ROOT = 0.15
-"""Share of the span that counts as the root."""
+"""Share of the span that counts as the inner end."""
+CLOSE = 0.128
+"""Half the width and height of what is seen of the inner end, by the size of the hexahedron."""
 BAR = (0.89, 0.2, 0.025, 0.6)
 """Where the bar of colours stands in the figure: left, bottom, width, height."""
-CLOSE = 0.03
-"""Half the width and height (m) of what is seen of the root."""
+EDGES = {
+    "tetra": ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)),
+    "pyramid": ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
+    "wedge": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+    "hexahedron": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+}
+"""Edges of each shape in VTK's order of nodes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """A plane x, y or z = const, where it lies (m), what it shows, and the box (2, 3) of which it is drawn."""
+    """A plane x, y or z = const, where it lies, what it shows, and the part (2, 3) of it that is drawn."""
 
     axis: int
     station: float
@@ -48,90 +53,151 @@ class Plane:
         """A point (3,) of the plane."""
         return np.asarray(np.eye(3)[self.axis] * self.station)
 
-    def __str__(self) -> str:
-        return f"{self.what}, {AXES[self.axis]} = {1e3 * self.station:.1f} mm"
+
+def directions(points: FloatArray, surface: Moved) -> tuple[int, int]:
+    """Return the coordinate axes along a surface's span and chord, from its hinge and its nodes at points (N, 3)."""
+    own = points[surface.nodes]
+    extent = np.ptp(own, axis=0)
+    if surface.axis is None:
+        span = int(np.argmax(extent))
+        return span, int(np.argmax(np.where(np.arange(3) == span, -1.0, extent)))
+    span = int(np.argmax(np.abs(surface.axis.direction)))
+    reach = np.abs(surface.axis.radial(own)).max(axis=0)
+    reach[span] = -1.0
+    return span, int(np.argmax(reach))
 
 
-def planes(data: ReportData, plan: Plan) -> tuple[Plane, Plane]:
-    """The two planes of a control surface: a chord at half span; across the chord, close to the root or gap."""
-    points, corners = data.mesh.points[data.mesh.on(plan.surface)], plan.region.hexahedron.corners
-    span = int(np.ptp(points, axis=0)[1:].argmax()) + 1
-    outwards = np.abs(points[:, span])
+def planes(data: ReportData, box: Box, surface: Moved) -> tuple[Plane, Plane]:
+    """The two planes of a surface: a chord at half span; across the chord, close to the inner end."""
+    points, corners = data.mesh.points[surface.nodes], box.hexahedron.corners
+    span, chord = directions(data.mesh.points, surface)
+    size = float(np.ptp(corners, axis=0).max())
+    outwards = np.abs(points[:, span] - data.middle[span])
     inner = points[outwards <= outwards.min() + ROOT * np.ptp(outwards)]
-    middle = inner.mean(axis=0)
-    middle[span] = points[outwards.argmin(), span] + 0.4 * CLOSE * np.sign(points[:, span].mean())
-    x = (1.0 - ALONG) * inner[:, 0].min() + ALONG * inner[:, 0].max()
-    margin = AROUND * np.ptp(corners, axis=0).max()
-    around = np.array([corners.min(axis=0) - margin, corners.max(axis=0) + margin])
+    middle, close = inner.mean(axis=0), CLOSE * size
+    side = np.sign(points[:, span].mean() - data.middle[span]) or 1.0
+    middle[span] = points[outwards.argmin(), span] + 0.4 * close * side
+    station = (1.0 - ALONG) * inner[:, chord].min() + ALONG * inner[:, chord].max()
+    around = np.array([corners.min(axis=0) - AROUND * size, corners.max(axis=0) + AROUND * size])
     half = float(points[:, span].min() + points[:, span].max()) / 2
-    end = "the inner end and its gap" if hinged(plan.surface) else "the root"
     return (
         Plane(span, half, "section at half span", around),
-        Plane(0, float(x), f"section through {end}", np.array([middle - CLOSE, middle + CLOSE])),
+        Plane(chord, float(station), "section through the inner end", np.array([middle - close, middle + close])),
     )
 
 
-def slices(data: ReportData, plan: Plan) -> tuple[Figure, str]:
-    """Draw both planes of a control surface before and after the deflection, and say what is seen."""
-    chosen = planes(data, plan)
+def slices(data: ReportData, box: Box, surface: Moved) -> tuple[Figure, str]:
+    """Draw both planes of a surface before and after the deflection, and say what is seen."""
     figure = Figure(figsize=(9.6, 9.0))
     figure.subplots_adjust(left=0.08, right=0.85, bottom=0.06, top=0.91, wspace=0.22, hspace=0.25)
     axes, texts = figure.subplots(2, 2), []
-    for row, plane in zip(axes, chosen, strict=True):
-        smallest = [
-            draw(one, mesh, plan, plane, state)
-            for one, mesh, state in zip(
-                row, (data.mesh, data.deflected), ("undeflected", f"{plan.angle:+g} deg"), strict=True
-            )
-        ]
-        before, after = smallest
-        texts.append(f"{str(plane).capitalize()}: smallest of its cells {before:.3f} before, {after:.3f} after.")
-    shades = ScalarMappable(QUALITY_RANGE, QUALITY_MAP)
-    figure.colorbar(shades, cax=figure.add_axes(BAR), label="mean ratio of a cell", extend="min")
-    figure.suptitle(plan.surface, fontsize="medium")
+    for row, plane in zip(axes, planes(data, box, surface), strict=True):
+        states = zip(row, (data.mesh.points, data.points), ("undeflected", surface.turned), strict=True)
+        before, after = [_slice(one, data, points, box, plane, state) for one, points, state in states]
+        place = f"{plane.what.capitalize()}, {AXES[plane.axis]} = {data.length.text(plane.station)}"
+        texts.append(f"{place}: smallest of its cells {before:.3f} before, {after:.3f} after.")
+    shades, measure = ScalarMappable(QUALITY_RANGE, QUALITY_MAP), drawn_measure(data.mesh)
+    figure.colorbar(shades, cax=figure.add_axes(BAR), label=f"{measure} of a cell", extend="min")
+    figure.suptitle(surface.name, fontsize="medium")
     return figure, (
-        f"Plane slices through the cells around {plan.surface}, coloured by mean ratio, before (left) and after "
+        f"Plane slices through the cells around {surface.name}, coloured by {measure}, before (left) and after "
         "(right); walls are black, the hexahedron is dashed. " + " ".join(texts)
     )
 
 
-def draw(axes: Axes, mesh: TetMesh, plan: Plan, plane: Plane, state: str) -> float:
+def _slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane: Plane, state: str) -> float:
     """Draw one slice; return the smallest quality of a cell in it."""
-    polygons, quality = cut_cells(mesh, plane)
-    drawn = PolyCollection(
-        polygons, array=quality, cmap=QUALITY_MAP, norm=QUALITY_RANGE, edgecolors="0.15", linewidths=0.25
+    factor, unit, (right, up) = data.length.factor, data.length.shown, plane.across
+    found = [cut_cells(points, block, plane, sign) for block, sign in
+             zip(data.mesh.cells, box.touched.orientation, strict=True)]  # fmt: skip
+    polygons = [factor * polygon for some, _ in found for polygon in some]
+    shades = np.concatenate([np.empty(0), *(own for _, own in found)])
+    axes.add_collection(
+        PolyCollection(polygons, array=shades, cmap=QUALITY_MAP, norm=QUALITY_RANGE, edgecolors="0.15", linewidths=0.25)
     )
-    axes.add_collection(drawn)
-    axes.add_collection(LineCollection(list(cut_walls(mesh, plane)), colors="black", linewidths=1.6))
-    section = 1e3 * plan.region.hexahedron.section(plane.point(), np.eye(3)[plane.axis])[:, plane.across]
+    walls = factor * cut_walls(data.mesh, points, plane)
+    axes.add_collection(LineCollection(list(walls), colors="black", linewidths=1.6))
+    section = factor * box.hexahedron.section(plane.point(), np.eye(3)[plane.axis])[:, plane.across]
     axes.plot(*np.vstack([section, section[:1]]).T, color="#cc00cc", lw=1.3, ls="--")
-    right, up = plane.across
     axes.set(
-        xlim=1e3 * plane.window[:, right], ylim=1e3 * plane.window[:, up],
-        xlabel=f"{AXES[right]}, mm", ylabel=f"{AXES[up]}, mm", aspect="equal",
-    )  # fmt: skip
-    axes.set_title(f"{plane.what}\n{state}", fontsize="small")
-    return float(quality.min(initial=1.0))
+        xlim=factor * plane.window[:, right],
+        ylim=factor * plane.window[:, up],
+        xlabel=f"{AXES[right]}, {unit}",
+        ylabel=f"{AXES[up]}, {unit}",
+        aspect="equal",
+    )
+    axes.set_title(f"{plane.what}, {state}", fontsize="small")
+    return float(shades.min(initial=1.0))
 
 
-def cut_cells(mesh: TetMesh, plane: Plane) -> tuple[list[FloatArray], FloatArray]:
-    """Polygons (k, 2) in mm in which the plane cuts the cells of its window, and the quality (P,) of those cells."""
-    corners, shown = mesh.points[mesh.tets], list(plane.across)
-    low, high = corners.min(axis=1)[:, shown], corners.max(axis=1)[:, shown]
-    near = np.all((high > plane.window[0, shown]) & (low < plane.window[1, shown]), axis=1)
-    heights = corners[..., plane.axis] - plane.station
-    cells = mesh.tets[near & (heights.min(axis=1) < 0.0) & (heights.max(axis=1) > 0.0)]
-    grid = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: cells}, mesh.points)
-    grid.cell_data["quality"] = mean_ratio(mesh.points, cells)
-    cut = grid.slice(normal=np.eye(3)[plane.axis], origin=plane.point(), generate_triangles=False)
-    flat = 1e3 * np.asarray(cut.points, dtype=np.float64)[:, plane.across]
-    polygons = [flat[face] for face in cut.irregular_faces]
-    return polygons, np.asarray(cut.cell_data["quality"], dtype=np.float64)
+def cut_cells(
+    points: FloatArray, block: Volume, plane: Plane, orientation: float = 1.0
+) -> tuple[list[FloatArray], FloatArray]:
+    """Polygons (k, 2) in which the plane cuts the cells of its window, and the drawn quality (P,) of those cells."""
+    rows = _crossed(points, block, plane)
+    cell, edges = _edges(block, rows)
+    polygons = _cut(points, cell, edges, len(rows), plane)
+    kept = [i for i, polygon in enumerate(polygons) if len(polygon) > 2]
+    return [polygons[i] for i in kept], drawn_quality(points, block, rows[kept], orientation)
 
 
-def cut_walls(mesh: TetMesh, plane: Plane) -> FloatArray:
-    """Segments (S, 2, 2) in mm in which the plane cuts the boundary."""
-    sized = np.column_stack([np.full(len(mesh.triangles), 3), mesh.triangles])
-    cut = pyvista.PolyData(mesh.points, sized.ravel()).slice(normal=np.eye(3)[plane.axis], origin=plane.point())
-    flat = 1e3 * np.asarray(cut.points, dtype=np.float64)[:, plane.across]
-    return np.asarray(flat[np.asarray(cut.lines).reshape(-1, 3)[:, 1:]])
+def cut_walls(mesh: Mesh, points: FloatArray, plane: Plane) -> FloatArray:
+    """Segments (S, 2, 2) in which the plane cuts the boundary."""
+    faces = polygons_of(tuple(chain.from_iterable(patch.faces for patch in mesh.patches)))
+    if not len(faces):
+        return np.empty((0, 2, 2))
+    edges, face = edges_of(faces)
+    heights = points[:, plane.axis] - plane.station
+    crossing = (heights[edges[:, 0]] < 0.0) != (heights[edges[:, 1]] < 0.0)
+    parts = _cut(points, face[crossing], edges[crossing], len(faces), plane)
+    segments = [part for part in parts if len(part) == 2]
+    return np.array(segments).reshape(-1, 2, 2)
+
+
+def _crossed(points: FloatArray, block: Volume, plane: Plane) -> IntArray:
+    """Rows of the cells that the plane cuts in its window."""
+    above = points[:, plane.axis] >= plane.station
+    (right, up), window = plane.across, plane.window
+    beyond = [above, ~above]
+    beyond += [points[:, c] > window[0, c] for c in (right, up)] + [points[:, c] < window[1, c] for c in (right, up)]
+    return np.flatnonzero(np.all([_any(block, mask) for mask in beyond], axis=0))
+
+
+def _any(block: Volume, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """True for cells (M,) with a node in the mask (N,)."""
+    if isinstance(block, Cells):
+        return np.asarray(np.logical_or.reduce([mask[column] for column in block.nodes.T]))
+    face = np.logical_or.reduceat(mask[block.faces.nodes], block.faces.offsets[:-1])
+    flags = np.zeros(len(block), dtype=bool)
+    flags[block.owner[face]] = True
+    flags[block.neighbour[face[: len(block.neighbour)]]] = True
+    return flags
+
+
+def _edges(block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
+    """Edges (E, 2) of some cells, and which of the rows (E,) each belongs to."""
+    if isinstance(block, Cells):
+        own = block.nodes[rows][:, EDGES[block.shape]]
+        return np.repeat(np.arange(len(rows)), own.shape[1]), own.reshape(-1, 2)
+    place = np.full(len(block), -1, dtype=np.intp)
+    place[rows] = np.arange(len(rows))
+    edges, face = edges_of(block.faces)
+    inner = face < len(block.neighbour)
+    cell = np.concatenate([place[block.owner[face]], place[block.neighbour[face[inner]]]])
+    both = np.column_stack([cell, np.sort(np.concatenate([edges, edges[inner]]), axis=1)])
+    both = np.unique(both[cell >= 0], axis=0)
+    return both[:, 0], both[:, 1:]
+
+
+def _cut(points: FloatArray, cell: IntArray, edges: IntArray, count: int, plane: Plane) -> list[FloatArray]:
+    """Return for each of `count` convex cells the corners (k, 2) of its section, one after another around it."""
+    a, b = points[edges[:, 0]], points[edges[:, 1]]
+    low, high = a[:, plane.axis] - plane.station, b[:, plane.axis] - plane.station
+    crossing = (low < 0.0) != (high < 0.0)
+    cell, a, b, low, high = (array[crossing] for array in (cell, a, b, low, high))
+    places = (a + (low / (low - high))[:, None] * (b - a))[:, plane.across]
+    number = np.bincount(cell, minlength=count)
+    sums = [np.bincount(cell, column, minlength=count) for column in places.T]
+    off = places - (np.column_stack(sums) / np.maximum(number, 1)[:, None])[cell]
+    order = np.lexsort((np.arctan2(off[:, 1], off[:, 0]), cell))
+    return np.split(places[order], np.cumsum(number)[:-1]) if count else []

@@ -8,23 +8,21 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from sdm_deflect.cases.metrics import Json
-from sdm_deflect.cases.report.data import ReportData
+from sdm_deflect.cases.report.data import ReportData, drawn_measure, drawn_quality
 from sdm_deflect.cases.report.scene3d import (
     BLUE,
     BOX_EDGES,
-    FAR_FIELD,
     ORANGE,
     QUALITY_MAP,
     QUALITY_RANGE,
     Colour,
     hexadecimal,
     patch_colour,
+    triangles_of,
 )
-from sdm_deflect.cases.sdm.job import BLOCK
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.deform.volume.deflection import Plan
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.deform.edges import area_vectors, edges_of, polygons_of, sharp_edges
+from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Patch, Polyhedra
+from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
 MOST_CELLS = 40_000
 """So many of the worst cells of all hexahedra are in the page: a browser has to draw them."""
@@ -35,49 +33,79 @@ MOST_DOTS = 10_000
 MARGIN = 0.2
 """Around the hexahedron of a view, by its largest extent."""
 SHADES = 9
+CREASE = 20.0
+"""Edges at which faces turn by more degrees stay as they are in thinned patches."""
+TABLES = {
+    "tetra": [0, 2, 1, 0, 1, 3, 1, 2, 3, 0, 3, 2],
+    "pyramid": [0, 3, 2, 0, 2, 1, 0, 1, 4, 1, 2, 4, 2, 3, 4, 3, 0, 4],
+    "wedge": [0, 1, 2, 3, 5, 4, 0, 3, 4, 0, 4, 1, 1, 4, 5, 1, 5, 2, 2, 5, 3, 2, 3, 0],
+    "hexahedron": [
+        0, 3, 2, 0, 2, 1, 4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4, 1, 2, 6, 1, 6, 5, 2, 3, 7, 2, 7, 6, 3, 0, 4, 3, 4, 7,
+    ],
+}  # fmt: skip
+"""Corners of the triangles on the outside of each shape."""
 
 
 def turnable(data: ReportData) -> Json:
     """Return patches, hexahedra, sites, centres and cells of a run, before and after."""
     return {
         "patches": list(patches(data)),
-        "boxes": [box(plan) for plan in data.plans],
+        "boxes": [{"name": one.name, "segments": single(one.hexahedron.corners[BOX_EDGES])} for one in data.boxes],
         "dots": list(dots(data)),
         "cells": cells(data),
         "views": list(views(data)),
         "colours": {"range": [QUALITY_RANGE.vmin, QUALITY_RANGE.vmax], "shades": shades()},
+        "measure": drawn_measure(data.mesh),
+        "unit": data.length.name,
+        "middle": float(data.middle[1]),
     }
 
 
 def patches(data: ReportData) -> Iterator[Json]:
-    """Yield the surface meshes; the far field is left out, a block's outer faces are hidden at first.
+    """Yield the surface meshes.
 
-    Triangles point out of the body, as lighting wants them. The name of a thinned patch says that it is.
+    Faces point out of the body, as lighting wants them. The name of a thinned patch says that it is.
     """
-    inside = np.concatenate([plan.region.inside for plan in data.plans])
-    for name in data.mesh.names[1:]:
-        if name != FAR_FIELD:
-            colour = hexadecimal(patch_colour(name))
-            whole = data.mesh.triangles_of(name)
-            shown = thinned(data.mesh, whole, inside) if len(whole) > MOST_TRIANGLES else whole
-            label = name if len(shown) == len(whole) else f"{name} (thinned)"
-            yield {"name": label, "colour": colour, "hidden": name == BLOCK, **_both(data, shown[:, ::-1])}
+    inside = np.concatenate([one.nodes for one in data.boxes])
+    moving = [name for one in data.surfaces for name in one.patches]
+    for patch in data.mesh.patches:
+        if patch.name not in (*data.drawn, *data.hidden) or not patch.faces:
+            continue
+        whole = triangles_of(patch.faces)
+        shown = thinned(data.mesh, patch, inside) if len(whole) > MOST_TRIANGLES else whole
+        thin = len(shown) < len(whole)
+        yield {
+            "name": f"{patch.name} (thinned)" if thin else patch.name,
+            "colour": hexadecimal(patch_colour(patch.name, patch.name in moving)),
+            "hidden": patch.name in data.hidden,
+            **_both(data, shown[:, ::-1], None if thin else _edges(patch)),
+        }
 
 
-def thinned(mesh: TetMesh, triangles: IntArray, keep: IntArray) -> IntArray:
-    """Return fewer of the triangles (F, 3) of a patch: nodes in one box of a lattice become the one in its middle.
+def _edges(patch: Patch) -> IntArray | None:
+    """Return the edges (E, 2) of faces that are no triangles."""
+    if all(isinstance(block, Cells) and block.shape == "triangle" for block in patch.faces):
+        return None
+    return np.unique(np.sort(edges_of(polygons_of(patch.faces))[0], axis=1), axis=0)
 
-    The nodes `keep` (K,) stay, and all on edges of CAD faces: creases, and what the patch shares with others.
+
+def thinned(mesh: Mesh, patch: Patch, keep: IntArray) -> IntArray:
+    """Return fewer triangles (F, 3) of a patch: nodes in one box of a lattice become the one in its middle.
+
+    The nodes `keep` (K,) stay, and all on creases and on what the patch shares with others.
     """
+    triangles, faces = triangles_of(patch.faces), polygons_of(patch.faces)
     a, b, c = mesh.points[triangles].transpose(1, 0, 2)
     size = np.sqrt(1.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / MOST_TRIANGLES)
     nodes = np.unique(triangles)
     place = mesh.points[nodes] / size
     nodes = nodes[np.argsort(np.linalg.norm(place % 1.0 - 0.5, axis=1), kind="stable")]
-    face, stays = _faces(mesh)
+    stays = np.zeros(len(mesh.points), dtype=bool)
     stays[keep] = True
+    stays[mesh.on(*(name for name in mesh.names if name != patch.name))] = True
+    stays[sharp_edges(mesh.points, faces, CREASE).ravel()] = True
     own = np.where(stays[nodes], nodes, -1)
-    key = np.column_stack([np.floor(mesh.points[nodes] / size).astype(np.intp), face[nodes], own])
+    key = np.column_stack([np.floor(mesh.points[nodes] / size).astype(np.intp), _side(mesh, patch)[nodes], own])
     _, first, box_of = np.unique(key, axis=0, return_index=True, return_inverse=True)
     merged = np.arange(len(mesh.points))
     merged[nodes] = nodes[first[box_of.ravel()]]
@@ -87,42 +115,66 @@ def thinned(mesh: TetMesh, triangles: IntArray, keep: IntArray) -> IntArray:
     return np.asarray(corners[np.sort(once)])
 
 
-def box(plan: Plan) -> Json:
-    """Return the edges of a hexahedron as pairs of points."""
-    return {"name": plan.surface, "segments": single(plan.region.hexahedron.corners[BOX_EDGES])}
+def _side(mesh: Mesh, patch: Patch) -> IntArray:
+    """Return to which of six sides each node (N,) of a patch looks, so that both sides of a thin body stay apart."""
+    faces, normal = polygons_of(patch.faces), np.zeros_like(mesh.points)
+    edges, face = edges_of(faces)
+    np.add.at(normal, edges[:, 0], area_vectors(mesh.points, faces)[face])
+    axis = np.abs(normal).argmax(axis=1)
+    return np.asarray(2 * axis + (normal[np.arange(len(normal)), axis] > 0.0))
 
 
 def dots(data: ReportData) -> Iterator[Json]:
     """Yield data sites of all surfaces, and the centres of each direction."""
-    sites = [data.mesh.points[plan.sites.moving] for plan in data.plans]
-    zero = [part.points for plan in data.plans for part in plan.sites.zero]
+    sites = [data.mesh.points[one.sites] for one in data.boxes]
     yield _dots("sites", "sites on the surface", sites, ORANGE)
-    yield _dots("sites", "sites of zero displacement", zero, BLUE)
+    yield _dots("sites", "sites of zero displacement", [one.zero for one in data.boxes], BLUE)
     for direction, colour in zip("xyz", (BLUE, ORANGE, (30, 30, 30)), strict=True):
-        own = [centres[direction] for centres in data.centres.values()]
+        own = [one.centres[direction] for one in data.boxes]
         yield _dots("centres", f"centres for {direction}", own, colour)
 
 
 def cells(data: ReportData) -> Json:
     """Return the worst cells that touch a hexahedron, by their quality before or after, and how many there are."""
-    near = np.flatnonzero(np.any([data.touching(plan) for plan in data.plans], axis=0))
-    quality = np.array([mean_ratio(mesh.points, mesh.tets[near]) for mesh in (data.mesh, data.deflected)])
-    kept = np.sort(np.argsort(quality.min(axis=0), kind="stable")[:MOST_CELLS])
-    return {
-        "all": len(near),
-        "before": single(quality[0, kept]),
-        "after": single(quality[1, kept]),
-        **_both(data, data.mesh.tets[near[kept]]),
-    }
+    found = []
+    for i, block in enumerate(data.mesh.cells):
+        rows = np.unique(np.concatenate([one.touched.rows[i] for one in data.boxes]))
+        sign = data.boxes[0].touched.orientation[i]
+        qualities = [drawn_quality(points, block, rows, sign) for points in (data.mesh.points, data.points)]
+        found.append((block, rows, np.array(qualities)))
+    worst = np.concatenate([np.empty(0), *(pair.min(axis=0) for _, _, pair in found)])
+    limit = np.partition(worst, MOST_CELLS - 1)[MOST_CELLS - 1] if len(worst) > MOST_CELLS else np.inf
+    groups = []
+    for block, rows, pair in found:
+        kept = np.flatnonzero(pair.min(axis=0) <= limit)
+        corners = _corners(block, rows[kept])
+        groups.append({**corners[0], "before": single(pair[0, kept]), "after": single(pair[1, kept]),
+                       **_both(data, corners[1])})  # fmt: skip
+    return {"all": len(worst), "groups": groups}
+
+
+def _corners(block: Cells | Polyhedra, rows: IntArray) -> tuple[Json, IntArray]:
+    """Return how triangles are made of cells, and the nodes (C, k) of these; of polyhedra these are triangles."""
+    if isinstance(block, Cells):
+        return {"table": TABLES[block.shape], "cell": None}, block.nodes[rows]
+    place = np.full(len(block), -1, dtype=np.intp)
+    place[rows] = np.arange(len(rows))
+    faces, cell = faces_by_cell(block)
+    own = np.repeat(place[cell], np.maximum(np.diff(faces.offsets) - 2, 0))
+    first = np.repeat(faces.offsets[:-1], np.maximum(np.diff(faces.offsets) - 2, 0))
+    step = np.arange(len(first)) - np.searchsorted(first, first) + 1
+    triangles = np.column_stack([faces.nodes[first], faces.nodes[first + step], faces.nodes[first + step + 1]])
+    kept = own >= 0
+    return {"table": [0, 1, 2], "cell": integers(own[kept])}, triangles[kept]
 
 
 def views(data: ReportData) -> Iterator[Json]:
-    """Yield names and boxes (low, high) of what can be looked at: each control surface, then everything."""
-    for plan in data.plans:
-        corners = plan.region.hexahedron.corners
-        yield _view(plan.surface, corners, MARGIN * float(np.ptp(corners, axis=0).max()))
-    names = [name for name in data.mesh.names[1:] if name != FAR_FIELD]
-    yield _view("everything", data.mesh.points[data.mesh.on(*names)], 0.0)
+    """Yield names and boxes (low, high) of what can be looked at: each hexahedron, then everything."""
+    for one in data.boxes:
+        corners = one.hexahedron.corners
+        yield _view(one.name, corners, MARGIN * float(np.ptp(corners, axis=0).max()))
+    every = [one.hexahedron.corners for one in data.boxes]
+    yield _view("everything", np.vstack([data.mesh.points[data.mesh.on(*data.drawn)], *every]), 0.0)
 
 
 def shades() -> list[list[object]]:
@@ -135,28 +187,22 @@ def single(values: FloatArray) -> str:
     return b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
 
 
-def _both(data: ReportData, faces: IntArray) -> Json:
+def integers(values: IntArray) -> str:
+    """Return indices in base64 of little-endian 32 bits."""
+    return b64encode(values.astype("<u4").tobytes()).decode("ascii")
+
+
+def _both(data: ReportData, faces: IntArray, edges: IntArray | None = None) -> Json:
     """Return cells or triangles (F, k) with their own nodes before and after (None where none of them moves)."""
     nodes, local = np.unique(faces, return_inverse=True)
-    before, after = (_at(mesh, nodes) for mesh in (data.mesh, data.deflected))
+    before, after = data.mesh.points[nodes], data.points[nodes]
     return {
         "points": single(before),
         "moved": None if np.array_equal(before, after) else single(after),
-        "faces": b64encode(local.astype("<u4").tobytes()).decode("ascii"),
+        "faces": integers(local),
+        "corners": faces.shape[1],
+        "edges": None if edges is None else integers(np.searchsorted(nodes, edges)),
     }
-
-
-def _faces(mesh: TetMesh) -> tuple[IntArray, BoolArray]:
-    """Return a CAD face of each node (N,), and whether it is on others, too (N,)."""
-    label, face = mesh.face * len(mesh.names) + mesh.patch, np.full(len(mesh.points), -1)
-    face[mesh.triangles] = label[:, None]
-    several = np.zeros(len(mesh.points), dtype=bool)
-    several[mesh.triangles[face[mesh.triangles] != label[:, None]]] = True
-    return face, several
-
-
-def _at(mesh: TetMesh, nodes: IntArray) -> FloatArray:
-    return np.asarray(mesh.points[nodes])
 
 
 def _dots(group: str, name: str, points: list[FloatArray], colour: Colour) -> Json:

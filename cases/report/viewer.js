@@ -17,9 +17,12 @@
     return { ...part, points, moved: part.moved ? numbers(part.moved) : points, faces: new Uint32Array(bytes(part.faces)) };
   }
 
-  const patches = data.patches.map(unpacked).map((patch) => ({ ...patch, edges: edges(patch.faces) }));
-  const cells = unpacked(data.cells);
-  const quality = { undeflected: numbers(data.cells.before), deflected: numbers(data.cells.after) };
+  const patches = data.patches.map(unpacked).map((patch) => (
+    { ...patch, edges: patch.edges ? new Uint32Array(bytes(patch.edges)) : edges(patch.faces) }));
+  const groups = data.cells.groups.map(unpacked).map((group) => ({
+    ...group, cell: group.cell ? new Uint32Array(bytes(group.cell)) : null,
+    quality: { undeflected: numbers(group.before), deflected: numbers(group.after) },
+  }));
   const boxes = data.boxes.map((box) => numbers(box.segments));
   const dots = data.dots.map((one) => ({ ...one, points: numbers(one.points) }));
   const SIZE = 2.8; // diagonal of what is looked at, by the size of the picture: about 3 fills it
@@ -60,7 +63,7 @@
     const mesh = {
       ...common, type: "mesh3d", ...axes(at(patch)), color: patch.colour, ...light,
       i: column(patch.faces, 3, 0), j: column(patch.faces, 3, 1), k: column(patch.faces, 3, 2),
-      showlegend: true, hovertemplate: "%{x:.4f}, %{y:.4f}, %{z:.4f} m<extra>" + text(patch.name) + "</extra>",
+      showlegend: true, hovertemplate: "%{x:.4f}, %{y:.4f}, %{z:.4f} " + text(data.unit) + "<extra>" + text(patch.name) + "</extra>",
     };
     const wire = {
       ...common, type: "scatter3d", mode: "lines", ...lines(at(patch), patch.edges), showlegend: false,
@@ -84,37 +87,49 @@
     visible: control(one.group).checked,
   }));
 
+  // The triangles around the cells of a group that are below the threshold.
+  function outside(group, threshold) {
+    const own = group.quality[state], i = [], j = [], k = [], intensity = [];
+    const rows = group.faces.length / group.corners;
+    for (let row = 0; row < rows; row += 1) {
+      const value = own[group.cell ? group.cell[row] : row], first = row * group.corners;
+      if (value >= threshold) continue;
+      for (let t = 0; t < group.table.length; t += 3) {
+        i.push(group.faces[first + group.table[t]]);
+        j.push(group.faces[first + group.table[t + 2]]);
+        k.push(group.faces[first + group.table[t + 1]]);
+        intensity.push(value);
+      }
+    }
+    return { i, j, k, intensity };
+  }
+
   function bad() {
-    const threshold = Number(control("threshold").value), corners = cells.faces, own = quality[state];
-    const i = [], j = [], k = [], intensity = [];
-    let count = 0, inverted = 0;
-    own.forEach((value, cell) => {
-      if (value >= threshold) return;
-      count += 1;
-      inverted += value <= 0 ? 1 : 0;
-      const [a, b, c, d] = corners.subarray(4 * cell, 4 * cell + 4);
-      i.push(a, a, b, a); j.push(c, b, c, d); k.push(b, d, d, c);
-      intensity.push(value, value, value, value);
-    });
+    const threshold = Number(control("threshold").value);
+    const measure = data.measure.length > 24 ? "quality" : text(data.measure);
+    const values = groups.flatMap((group) => Array.from(group.quality[state]));
+    const count = values.filter((value) => value < threshold).length;
+    const inverted = values.filter((value) => value <= 0).length;
     control("count").textContent =
       count + " of " + data.cells.all + " cells below " + threshold.toFixed(2) + ", " + inverted + " inverted";
-    return {
-      type: "mesh3d", ...axes(at(cells)), i, j, k, intensity, intensitymode: "cell", ...light,
+    return groups.map((group, number) => ({
+      type: "mesh3d", ...axes(at(group)), ...outside(group, threshold), intensitymode: "cell", ...light,
       colorscale: data.colours.shades, cmin: data.colours.range[0], cmax: data.colours.range[1], showlegend: false,
-      colorbar: { title: { text: "mean ratio", side: "right" }, len: 0.5, x: 1, xanchor: "right", y: 0.3, thickness: 14 },
+      showscale: number === 0,
+      colorbar: { title: { text: measure, side: "right" }, len: 0.5, x: 1, xanchor: "right", y: 0.3, thickness: 14 },
       name: "cells", visible: control("cells").checked && count > 0,
-      hovertemplate: "mean ratio %{intensity:.3f}<extra></extra>",
-    };
+      hovertemplate: "quality %{intensity:.3f}<extra></extra>",
+    }));
   }
 
   function layout() {
     const view = data.views[control("view").value], ink = dark() ? "#d8d8d8" : "#333333", grid = dark() ? "#444444" : "#dddddd";
     const span = view.high.map((high, c) => high - view.low[c]), diagonal = Math.hypot(...span);
     const axis = (name, c) => ({
-      title: { text: name + ", m" }, range: [view.low[c], view.high[c]], color: ink, gridcolor: grid, zeroline: false,
+      title: { text: name + ", " + data.unit }, range: [view.low[c], view.high[c]], color: ink, gridcolor: grid, zeroline: false,
       showbackground: false, nticks: 6, showspikes: false,
     });
-    const side = view.low[1] + view.high[1] > 1e-3 ? -1 : 1;
+    const side = view.low[1] + view.high[1] > 2 * data.middle + 1e-3 * span[1] ? -1 : 1;
     return {
       scene: {
         xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
@@ -133,7 +148,7 @@
   };
 
   function draw() {
-    const traces = [...patches.flatMap(surface), ...hexahedra(), ...scattered(), bad()];
+    const traces = [...patches.flatMap(surface), ...hexahedra(), ...scattered(), ...bad()];
     return Plotly.react(plot, traces, layout(), settings).then(() => { plot.dataset.state = state; });
   }
 

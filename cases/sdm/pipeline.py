@@ -55,9 +55,11 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
     run = Run(case, mesh, origin, moved, results, whole, checks, watch.seconds, background, stiff)
     if report:
         from sdm_deflect.cases.report.page import write_report
+        from sdm_deflect.cases.report.sdm import compared
 
         with watch.stage("report") as progress:
-            write_report(shown.judged(checks, metrics(run)), gallery, folder)
+            data = shown.judged(checks, metrics(run))
+            write_report(data, gallery.with_more(compared(data, folder / "figures")), folder)
             progress(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
     write_metrics(run, folder)
     return run
@@ -67,8 +69,8 @@ def drawn_report(
     case: Case, mesh: TetMesh, moved: TetMesh, results: Sequence[Deflection], folder: Path, watch: Stopwatch
 ) -> tuple["ReportData", "Gallery"]:
     """Return what the report shows, and its pictures, which are in `folder`."""
-    from sdm_deflect.cases.report.data import report_data_of
     from sdm_deflect.cases.report.pictures import drawn
+    from sdm_deflect.cases.report.sdm import report_data_of
 
     with watch.stage("pictures") as progress:
         shown = report_data_of(case, mesh, moved, results)

@@ -13,7 +13,6 @@ from numba import get_num_threads
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.progress import Display, Stopwatch
 from sdm_deflect.cases.report import aircraft
-from sdm_deflect.cases.report.figures import histograms
 from sdm_deflect.cases.report.offscreen import RenderError
 from sdm_deflect.cases.report.pictures import figure_of, write_png
 from sdm_deflect.cases.sdm.case import Case
@@ -236,7 +235,7 @@ def _statements(figure: int, runs: dict[float, Run], note: str = "") -> Iterator
 
 
 def _histograms(number: int, runs: list[Run], titles: list[str], found: Iterator[str] | list[str], folder: Path) -> str:
-    figure, alternative = histograms(runs, titles)
+    figure, alternative = aircraft.histograms(runs, titles)
     return _shown(figure, alternative, folder / f"figure{number}.png") + "\n\n" + "\n".join(found)
 
 

@@ -1,5 +1,6 @@
 """Finished runs that the tests of this folder share."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,44 @@ from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.sdm.validation import site_checks, validate
 from sdm_deflect.deform.volume.deflection import combined
 from tests.cases.sdm.deflected_cad import built
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+SWITCHES = [
+    "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
+    "--disable-background-networking",
+]  # fmt: skip
+DRAWN = "#turnable[data-state=deflected]"
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Chromium without a window, drawing by software."""
+    api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    if CHROMIUM is None:
+        pytest.skip("there is no Chromium: apt-get install chromium")
+    with api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=SWITCHES)
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def opened(browser):
+    """Open a file; return the page, what it asked of any network, and what it complained of."""
+    context = browser.new_context(viewport={"width": 1200, "height": 900})
+    asked, complaints = [], []
+
+    def open_file(path):
+        tab = context.new_page()
+        tab.on("request", lambda request: asked.append(request.url))
+        tab.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
+        tab.on("pageerror", lambda error: complaints.append(str(error)))
+        tab.goto(path.as_uri())
+        tab.wait_for_selector(DRAWN, timeout=60_000)
+        return tab, asked, complaints
+
+    yield open_file
+    context.close()
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.report import aircraft
-from sdm_deflect.cases.report.figures import histograms
+from sdm_deflect.cases.report.aircraft import cells_by_quality, histograms, shell, walls
 from sdm_deflect.cases.report.offscreen import RenderError, rendered
 from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
 from sdm_deflect.cases.report.scene3d import (
@@ -18,7 +18,6 @@ from sdm_deflect.cases.report.scene3d import (
     QUALITY_RANGE,
     Layer,
     View,
-    cells_by_quality,
     decoded,
     encoded,
     framed,
@@ -26,8 +25,6 @@ from sdm_deflect.cases.report.scene3d import (
     patch_colour,
     plain,
     quality_rgb,
-    shell,
-    walls,
 )
 from sdm_deflect.deform.quality import signed_volumes
 from tests.pictures import differing, inked, pixels, shades, share
@@ -70,8 +67,8 @@ def test_views_survive_the_way_to_another_process():
 
 
 def test_wrong_layers_are_named():
-    with pytest.raises(ValueError, match=r"cells \(1, 4\) must be"):
-        plain(TRIANGLE, np.array([[0, 1, 2, 0]]), (0, 0, 0))
+    with pytest.raises(ValueError, match=r"cells \(1, 0\) must be"):
+        plain(TRIANGLE, np.empty((1, 0), dtype=int), (0, 0, 0))
     with pytest.raises(ValueError, match=r"rgb \(2, 3\) must be \(1, 3\) or"):
         Layer(TRIANGLE, np.array([[0, 1, 2]]), np.zeros((2, 3), dtype=int))
 
@@ -137,7 +134,7 @@ def test_png_is_written_small(tmp_path):
 def test_histograms_hold_every_cell_before_and_after(tail_run):
     run, _ = tail_run
     figure, text = histograms([run], ["+12 deg"])
-    near = np.isin(run.mesh.tets, run.deflections[0].turn.region.inside).any(axis=1)
+    near = np.isin(run.mesh.tets, run.deflections[0].plan.region.inside).any(axis=1)
     counts = [patch.get_data().values.sum() for patch in figure.axes[0].patches]
     assert counts == [len(near), len(near), near.sum(), near.sum()]
     assert "smallest" in text

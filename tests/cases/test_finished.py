@@ -14,7 +14,8 @@ from sdm_deflect.meshing.formats.vtu_write import write_vtu
 def test_the_same_checks_pass_again(aileron_run):
     run, folder = aileron_run
     checks = validate_folder(folder)
-    assert {c.name: c.passed for c in checks} == {c.name: True for c in run.checks}
+    fitted = ("site_error",)  # of interpolants that a folder is not judged by
+    assert {c.name: c.passed for c in checks} == {c.name: True for c in run.checks if c.name not in fitted}
 
 
 @pytest.mark.mesher

@@ -1,7 +1,6 @@
 """The page of a run in a browser: offline, without complaints, turnable; and nothing in a name becomes markup."""
 
 import re
-import shutil
 from base64 import b64decode
 from collections import Counter
 from dataclasses import replace
@@ -12,20 +11,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sdm_deflect.cases.report.data import report_data_of, report_data_of_folder
 from sdm_deflect.cases.report.offscreen import rendering
 from sdm_deflect.cases.report.page import page, write_report
 from sdm_deflect.cases.report.pictures import Gallery, drawn
+from sdm_deflect.cases.report.scene3d import triangles_of
+from sdm_deflect.cases.report.sdm import report_data_of, report_data_of_folder
 from sdm_deflect.cases.report.turnable import thinned, turnable
 from sdm_deflect.cases.sdm.metrics import metrics
 from sdm_deflect.deform.quality import mean_ratio
 
 EVIL = "</script><script>document.title='broken'</script><img src=x onerror=\"document.title='broken'\">"
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-SWITCHES = [
-    "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
-    "--disable-background-networking",
-]  # fmt: skip
 DRAWN = "#turnable[data-state={}]"
 
 pytestmark = pytest.mark.mesher
@@ -34,37 +29,6 @@ pytestmark = pytest.mark.mesher
 def data_of(run):
     """What the page of a run shows, of one that has just ended."""
     return report_data_of(run.case, run.mesh, run.deflected, run.deflections).judged(run.checks, metrics(run))
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """Chromium without a window, drawing by software."""
-    api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-    if CHROMIUM is None:
-        pytest.skip("there is no Chromium: apt-get install chromium")
-    with api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=CHROMIUM, args=SWITCHES)
-        yield started
-        started.close()
-
-
-@pytest.fixture
-def opened(browser):
-    """Open a file; return the page, what it asked of any network, and what it complained of."""
-    context = browser.new_context(viewport={"width": 1200, "height": 900})
-    asked, complaints = [], []
-
-    def open_file(path):
-        tab = context.new_page()
-        tab.on("request", lambda request: asked.append(request.url))
-        tab.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
-        tab.on("pageerror", lambda error: complaints.append(str(error)))
-        tab.goto(path.as_uri())
-        tab.wait_for_selector(DRAWN.format("deflected"), timeout=60_000)
-        return tab, asked, complaints
-
-    yield open_file
-    context.close()
 
 
 def seen(tab):
@@ -104,9 +68,9 @@ def test_threshold_shows_the_cells_below_it(aileron_run, opened):
     before = seen(tab)
     tab.locator("#scene-threshold").fill("0.8")
     assert changed(before, seen(tab)) > 500
-    near = data_of(run).touching(run.deflections[0].turn)
+    near = run.deflections[0].plan.touched.rows[0]
     expected = np.count_nonzero(mean_ratio(run.deflected.points, run.mesh.tets[near]) < 0.8)
-    said = f"{expected} of {np.count_nonzero(near)} cells below 0.80, 0 inverted"
+    said = f"{expected} of {len(near)} cells below 0.80, 0 inverted"
     assert tab.locator("#scene-count").inner_text() == said
     assert complaints == []
 
@@ -119,7 +83,7 @@ def test_every_picture_says_what_it_shows(aileron_run, opened):
         assert re.search(r"\d", words)
         assert image.evaluate("one => one.naturalWidth") > 400
     assert "aileron_left" in tab.locator("#turnable").get_attribute("aria-label")
-    assert tab.locator("figure").count() == 5
+    assert tab.locator("figure").count() == 6
     linked = [link.get_attribute("href") for link in tab.locator("nav a").all()]
     assert all(tab.locator(target).count() == 1 for target in linked)
 
@@ -146,7 +110,7 @@ def test_missing_graphics_is_a_sentence(aileron_run, tmp_path, monkeypatch):
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "No picture of the surface meshes could be drawn" in text
     assert "apt-get install" in text
-    assert text.count("<figure>") == 4
+    assert text.count("<figure>") == 3
     assert 'id="scene-data"' in text
 
 
@@ -154,10 +118,11 @@ def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
     run, folder = aileron_run
     fresh, stored = data_of(run), report_data_of_folder(folder)
     assert stored.checks == fresh.checks
-    assert [(c.surface, c.directions, c.centres) for c in stored.courses] == [
-        (c.surface, c.directions, c.centres) for c in fresh.courses
+    (own,), (other,) = stored.boxes, fresh.boxes
+    assert [(c.box, c.directions, c.centres) for c in own.convergence] == [
+        (c.box, c.directions, c.centres) for c in other.convergence
     ]
-    np.testing.assert_array_equal(stored.centres["aileron_left"]["z"], fresh.centres["aileron_left"]["z"])
+    np.testing.assert_array_equal(own.centres["z"], other.centres["z"])
     assert turnable(stored) == turnable(fresh)
 
 
@@ -174,12 +139,13 @@ def test_turnable_picture_holds_the_meshes(tail_run):
 
 def test_large_patches_are_thinned_away_from_the_hexahedra(tail_run, monkeypatch):
     run, _ = tail_run
-    data, mesh = data_of(run), run.mesh
-    inside = data.turns[0].region.inside
+    data = data_of(run)
+    mesh = data.mesh
+    inside = data.boxes[0].nodes
     monkeypatch.setattr("sdm_deflect.cases.report.turnable.MOST_TRIANGLES", 150)
     for name in ("fuselage", "tail_left", "tail_right"):
-        whole = mesh.triangles_of(name)
-        shown = thinned(mesh, whole, inside)
+        whole = triangles_of(mesh.patch(name).faces)
+        shown = thinned(mesh, mesh.patch(name), inside)
         edges, ends = ({tuple(sorted(pair)) for pair in sides(one)} for one in (shown, whole))
         counts = Counter(tuple(sorted(pair)) for pair in sides(whole))
         assert set(shown.ravel()) <= set(whole.ravel())

@@ -1,0 +1,341 @@
+"""The folder beside a deflected mesh: settings, figures, arrays, pictures and the page, from which it is made anew."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from importlib.metadata import version
+from os.path import relpath
+from pathlib import Path
+from tomllib import TOMLDecodeError, loads
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from sdm_deflect.cases.job_settings import job_settings
+from sdm_deflect.cases.mesh_files import SETTINGS
+from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, peak_rss_bytes, verdict_figures
+from sdm_deflect.cases.output import output_folder, write_convergence, write_interpolants
+from sdm_deflect.cases.report.data import (
+    MESH_UNITS,
+    Convergence,
+    ReportData,
+    Rows,
+    box_of,
+    centres_of,
+    check_of,
+    convergence_of,
+    in_view,
+    middle_of,
+    name_of,
+    read_centres,
+    read_convergence,
+)
+from sdm_deflect.cases.report.page import write_report
+from sdm_deflect.cases.report.pictures import drawn
+from sdm_deflect.deform.checks import MIN_QUALITY, Check
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polygons, Polyhedra, Volume
+from sdm_deflect.deform.quality import quality_of
+from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.surface.blended import Blended
+from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
+from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
+from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.deform.volume.fitting import Fitting
+from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.formats.shapes import taken, turned
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
+
+MOST_CELLS = 2_000_000
+"""Of larger meshes deflected.vtu holds the cells that may change alone."""
+PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
+
+
+def folder_of(out: Path) -> Path:
+    """Return the folder of a deflected mesh file: ``wing-report`` beside ``wing.su2``."""
+    return out.with_name(f"{out.stem}-report")
+
+
+def write_run_folder(
+    folder: Path,
+    one: Deflection,
+    checks: tuple[Check, ...],
+    out: Path | None,
+    timings: Mapping[str, float],
+    min_quality: float = MIN_QUALITY,
+) -> ReportData:
+    """Write settings.toml, metrics.json, deflected.vtu, convergence.csv, interpolant.npz, figures and report.html.
+
+    Parameters
+    ----------
+    folder
+        Where to; it may exist.
+    one
+        The deflection.
+    checks
+        The verdict on it.
+    out
+        The file of the deflected mesh; `folder` is, or will be, that of `folder_of`. None if there is no file.
+    timings
+        Seconds by stage.
+    min_quality
+        The setting by which the quality was judged.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write_convergence(folder / "convergence.csv", [one])
+    write_interpolants(folder / "interpolant.npz", [one])
+    nested = {**settings_of(one, out, folder), "min_quality": min_quality}
+    (folder / SETTINGS).write_text(tomli_w.dumps(nested), encoding="utf-8")
+    write_deflected(folder / "deflected.vtu", one)
+    figures = metrics_of(one, checks, out, timings)
+    (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    settings = (folder / SETTINGS).read_text(encoding="utf-8")
+    data = _data(one.plan, one.points, settings, convergence_of(one), centres_of(one)).judged(checks, figures)
+    write_report(data, drawn(data, folder / "figures"), folder)
+    return data
+
+
+def report_of_folder(folder: Path) -> ReportData:
+    """Make report.html and the figures of a folder anew, from its files and the mesh that settings.toml names.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or damaged, or the mesh is another than it was.
+    """
+    try:
+        settings = (folder / SETTINGS).read_text(encoding="utf-8")
+        nested = loads(settings)
+        figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+        convergence = read_convergence(folder / "convergence.csv")
+        centres = read_centres(folder / "interpolant.npz", [""])[""]
+        checks = tuple(check_of(row) for row in figures["validation"]["checks"])
+    except (OSError, KeyError, TypeError, TOMLDecodeError, ValueError) as error:
+        raise InputError(f"{folder} is not the whole folder of a deflection: {error}") from None
+    path = nested.pop("mesh", "")
+    if not path:
+        raise InputError(f"{folder / SETTINGS} names no mesh: that of this deflection was no file")
+    source = (folder / path).resolve()
+    mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
+    plan = Plan.of(mesh, job_settings(_beside(nested, folder)).job())
+    if len(mesh.points) != figures["mesh"]["points"]:
+        raise InputError(
+            f"{source} has {len(mesh.points)} points, but {figures['mesh']['points']} when it was deflected"
+        )
+    data = _data(plan, _read_points(folder / "deflected.vtu", plan), settings, convergence, centres)
+    data = data.judged(checks, figures)
+    with output_folder(folder) as scratch:
+        write_report(data, drawn(data, scratch / "figures"), scratch)
+    return data
+
+
+def _data(
+    plan: Plan,
+    points: FloatArray,
+    settings: str,
+    convergence: tuple[Convergence, ...],
+    centres: dict[str, FloatArray],
+) -> ReportData:
+    mesh, box = plan.mesh, box_of(plan, name_of(plan.patches), convergence, centres)
+    moves = "; ".join(f"{surface.name} by {surface.turned}" for surface in box.surfaces)
+    shown = in_view(mesh, (*plan.patches, *plan.boundary.fixed))
+    return ReportData(
+        title=f"{mesh.name}: {moves}",
+        facts=(("mesh", mesh.name), ("strategy", plan.job.fitting.strategy.upper())),
+        mesh=mesh,
+        points=points,
+        boxes=(box,),
+        length=MESH_UNITS,
+        settings=settings,
+        settings_file=SETTINGS,
+        repeat=f"sdm deflect {loads(settings).get('mesh', 'MESH')} --config {SETTINGS}",
+        tables=_tables(loads(settings)),
+        middle=middle_of(mesh, shown),
+        drawn=shown,
+        hidden=tuple(name for name in mesh.names if name not in shown),
+    )
+
+
+def metrics_of(one: Deflection, checks: tuple[Check, ...], out: Path | None, timings: Mapping[str, float]) -> Json:
+    """Return the content of metrics.json; lengths in the mesh's unit."""
+    plan, own = one.plan, deflection_figures(one)
+    part = [] if is_small(plan.mesh) else [PART.format(cells=plan.touched.count)]
+    return {
+        "mesh": mesh_figures(plan),
+        "angle_deg": one.angle,
+        "unit": plan.job.surfaces[0].motion.unit,
+        "strategy": plan.job.fitting.strategy,
+        "version": version("sdm-deflect"),
+        **own,
+        "evaluation": {"seconds": sum(step.evaluation_seconds for step in one.steps)},
+        "validation": verdict_figures(checks),
+        "deflections": {name_of(plan.patches): own},
+        "notes": [*notes_of(plan), *part],
+        "files": [str(out)] if out else [],
+        "timings": dict(timings),
+        "total_seconds": sum(timings.values()),
+        "peak_rss_bytes": peak_rss_bytes(),
+    }
+
+
+def settings_of(one: Deflection, out: Path | None, folder: Path) -> dict[str, Any]:
+    """Return every setting as resolved, as a configuration has it; a table of displacements becomes a file here."""
+    plan, job = one.plan, one.plan.job
+    fitting = {item.name: getattr(job.fitting, item.name) for item in fields(Fitting)}
+    fitting |= {"tolerance": plan.sites.tolerance, "spacing": plan.sites.spacing}
+    home, source = folder_of(out) if out else folder, plan.mesh.source
+    named = {"mesh": relpath(source, home)} if source else {}
+    surfaces = zip(job.surfaces, plan.boundary.surfaces, one.amounts, strict=True)
+    return {
+        **named,
+        "fixed": list(plan.boundary.fixed),
+        "slide": {name: one.shape for one in job.slides for name in plan.mesh.named([one.patch], "slide")},
+        "box": plan.region.hexahedron.corners.tolist(),
+        "zones": [name for name in plan.region.zones if name],
+        "allow_inverted": job.allow_inverted,
+        **fitting,
+        "surface": [_surface(i, *surface, folder) for i, surface in enumerate(surfaces)],
+    }
+
+
+def _surface(number: int, moving: Moving, surface: Surface, amount: float, folder: Path) -> dict[str, Any]:
+    motion, table = moving.motion, {"patches": list(surface.patches)}
+    base = motion.base if isinstance(motion, Blended) else motion
+    out: dict[str, Any] = {**table, **_base(base, surface, amount, folder / f"table_{number}.npz")}
+    if isinstance(motion, Blended):
+        out |= {"motion": "blended", "strip": motion.rib.share}
+        out |= {"held": _nodes(motion.held, surface), "driven": _nodes(motion.driven, surface)}
+    return out
+
+
+def _base(base: Motion, surface: Surface, amount: float, table: Path) -> dict[str, Any]:
+    hinge = {"hinge": _ends(base.axis, surface.points)} if base.axis else {}
+    if isinstance(base, Table):
+        np.savez_compressed(table, points=base.points, vectors=base.vectors)
+        return {**hinge, "table": table.name, "amount": amount}
+    if isinstance(base, Rotation):
+        return {**hinge, "angle": amount}
+    return {**hinge, "angle" if base.unit == "deg" else "amount": amount, "law": type(base).__name__}
+
+
+def _ends(axis: Axis, points: FloatArray) -> list[list[float]]:
+    """Return two points of a hinge, at the ends of a surface."""
+    along = (points - axis.point) @ axis.direction
+    return [(axis.point + station * axis.direction).tolist() for station in (along.min(), along.max())]
+
+
+def _nodes(nodes: NodeSet, surface: Surface) -> list[str] | list[int]:
+    if isinstance(nodes, OnPatches):
+        return list(surface.mesh.named(nodes.names, "a node set") or surface.neighbours)
+    if isinstance(nodes, TrailingEdge):
+        return [f"edges:{nodes.dihedral:g}"]
+    return [int(node) for node in nodes.nodes] if isinstance(nodes, Listed) else [type(nodes).__name__]
+
+
+def _beside(nested: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return settings whose tables are sought in the folder."""
+    for surface in nested.get("surface", []):
+        if "table" in surface:
+            surface["table"] = str(folder / surface["table"])
+    return nested
+
+
+def _tables(nested: dict[str, Any]) -> dict[str, Rows]:
+    """Return the settings as rows, the common ones first."""
+    surfaces = nested.pop("surface", [])
+    found = {"settings": [(name, _shown(value), "", "") for name, value in nested.items()]}
+    for i, surface in enumerate(surfaces):
+        found[f"surface[{i}]"] = [(name, _shown(value), "", "") for name, value in surface.items()]
+    return found
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {one}" for name, one in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(_shown(one) for one in value[:9]) + (", ..." if len(value) > 9 else "") or "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def is_small(mesh: Mesh) -> bool:
+    """True if the whole mesh is written."""
+    return sum(len(block) for block in mesh.cells) <= MOST_CELLS
+
+
+def write_deflected(path: Path, one: Deflection) -> None:
+    """Write cells and faces with displacement and quality: of the whole mesh, or those that may change."""
+    plan, points, whole = one.plan, one.points, is_small(one.plan.mesh)
+    rows = [np.arange(len(block)) if whole else own for block, own in
+            zip(plan.mesh.cells, plan.touched.rows, strict=True)]  # fmt: skip
+    parts = zip(plan.mesh.cells, rows, plan.touched.orientation, strict=True)
+    quality = np.concatenate([np.empty(0), *(quality_of(points, *part) for part in parts)])
+    moved, node = plan.mesh.with_points(points), np.arange(len(points))
+    if not whole:
+        moved, node = part_of(moved, rows, plan.changed)
+    arrays = {"displacement": points[node] - plan.mesh.points[node], **({} if whole else {"node": node})}
+    write_vtu(path, moved, arrays, {"quality": quality})
+
+
+def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh, IntArray]:
+    """Return some rows of each block of cells and the faces with one of the nodes (K,), and their nodes (P,)."""
+    chosen = np.zeros(len(mesh.points), dtype=bool)
+    chosen[nodes] = True
+    cells = [_rows(block, own) for block, own in zip(mesh.cells, rows, strict=True)]
+    faces = [[_with_node(block, chosen) for block in patch.faces] for patch in mesh.patches]
+    used = [block.faces.nodes if isinstance(block, Polyhedra) else block.nodes.ravel() for block in cells]
+    used += [block.nodes.ravel() for patch in faces for block in patch]
+    node, place = np.unique(np.concatenate([nodes, *used])), np.full(len(mesh.points), -1)
+    place[node] = np.arange(len(node))
+    patches = [Patch(patch.name, tuple(_numbered(block, place) for block in own)) for patch, own in
+               zip(mesh.patches, faces, strict=True)]  # fmt: skip
+    return Mesh(mesh.points[node], tuple(_solid(block, place) for block in cells), tuple(patches)), node
+
+
+def _rows(block: Volume, rows: IntArray) -> Volume:
+    if isinstance(block, Cells):
+        return Cells(block.shape, block.nodes[rows])
+    place = np.full(len(block), -1, dtype=np.intp)
+    place[rows] = np.arange(len(rows))
+    own, other = place[block.owner], np.full(len(block.owner), -1)
+    other[: len(block.neighbour)] = place[block.neighbour]
+    inner, outer = np.flatnonzero((own >= 0) & (other >= 0)), np.flatnonzero((own >= 0) != (other >= 0))
+    order = np.concatenate([inner, outer])
+    faces = turned(taken(block.faces, order), own[order] < 0)
+    return Polyhedra(faces, np.where(own < 0, other, own)[order], other[inner])
+
+
+def _with_node(block: Faces, chosen: np.ndarray) -> Faces:
+    if isinstance(block, Cells):
+        return Cells(block.shape, block.nodes[chosen[block.nodes].any(axis=1)])
+    return taken(block, np.flatnonzero(np.logical_or.reduceat(chosen[block.nodes], block.offsets[:-1])))
+
+
+def _numbered(block: Faces, place: IntArray) -> Faces:
+    if isinstance(block, Cells):
+        return Cells(block.shape, place[block.nodes])
+    return Polygons(place[block.nodes], block.offsets)
+
+
+def _solid(block: Volume, place: IntArray) -> Volume:
+    if isinstance(block, Cells):
+        return Cells(block.shape, place[block.nodes])
+    return Polyhedra(Polygons(place[block.faces.nodes], block.faces.offsets), block.owner, block.neighbour)
+
+
+def _read_points(path: Path, plan: Plan) -> FloatArray:
+    """Return the deflected points (N, 3) that a file holds, or those of them that may change.
+
+    Raises
+    ------
+    InputError
+        If the file does not belong to the mesh.
+    """
+    points, out = format_of(path).read(path).points, plan.mesh.points.copy()
+    node = np.arange(len(out))
+    if len(points) != len(out):
+        node = part_of(plan.mesh, plan.touched.rows, plan.changed)[1]
+    if len(points) != len(node):
+        raise InputError(f"{path} does not belong to the mesh {plan.mesh.name}")
+    out[node] = points
+    return out

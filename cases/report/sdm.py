@@ -1,0 +1,260 @@
+"""What the report of an SDM case adds: its settings in words, and the distance from the CAD as a map."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
+
+from sdm_deflect.cases.finished import read_run
+from sdm_deflect.cases.output import output_folder
+from sdm_deflect.cases.report.data import (
+    METRES,
+    Box,
+    Convergence,
+    Moved,
+    ReportData,
+    Rows,
+    box_of,
+    centres_of,
+    check_of,
+    convergence_of,
+    read_centres,
+    read_convergence,
+)
+from sdm_deflect.cases.report.page import write_report
+from sdm_deflect.cases.report.pictures import Exhibit, drawn, saved
+from sdm_deflect.cases.report.scene3d import triangles_of
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.job import BLOCK, plans_of
+from sdm_deflect.cases.sdm.reference import reference
+from sdm_deflect.cases.sdm.validation import validate
+from sdm_deflect.cases.settings import to_toml
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.meshing.formats.vtu import read_vtu
+from sdm_deflect.meshing.mesh import TetMesh
+
+FAR_FIELD = "far_field"
+MAP = "viridis"
+LEAST, TOP = 1e-17, 1e2
+"""Distances (m) below are drawn here; the colours span at least so many times that."""
+SEEN = 1e-6
+"""Distances (m) are shown in mm if the largest is above this."""
+ROUNDING = 1e-12
+"""Distances (m) that are all below this are rounding: their map has one colour."""
+COMPARED = {
+    "cad_map": (("surface_to_cad", "root_on_cylinder"), "the deflected CAD, blended by the same rule as the surface"),
+    "rigid_cad_map": (("surface_to_rigid_cad",), "the CAD whose surface was rotated rigidly"),
+}
+"""For each map the checks whose distances it shows, and what they are measured from."""
+
+
+def report_data_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflection]) -> ReportData:
+    """Return what the report of a case shows, before it is judged."""
+    boxes = [_box(one.plan, convergence_of(one), centres_of(one)) for one in deflections]
+    return _data(case, mesh, deflected, boxes)
+
+
+def report_data_of_folder(folder: Path) -> ReportData:
+    """Return what the report of a finished case shows, from its folder; the validation is made again.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or damaged.
+    """
+    case, mesh, deflected = read_run(folder)
+    background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
+    plans = plans_of(case, mesh.as_mesh(case.name))
+    try:
+        figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+        courses = read_convergence(folder / "convergence.csv")
+        centres = read_centres(folder / "interpolant.npz", [plan.surface for plan in plans])
+        rows = [row for row in figures["validation"]["checks"] if row["name"].startswith("site_error")]
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(f"{folder} is not the whole output folder of a run: {error}") from None
+    with reference(case) as deflected_cad:
+        checks = validate(case, mesh, deflected, plans, deflected_cad(), background)
+    checks += tuple(check_of(row) for row in rows)  # the interpolants themselves are not fitted again
+    boxes = [
+        _box(plan, tuple(one for one in courses if one.box == plan.surface), centres[plan.surface]) for plan in plans
+    ]
+    return _data(case, mesh, deflected, boxes).judged(checks, figures)
+
+
+def report_of_folder(folder: Path) -> ReportData:
+    """Make report.html and the figures of a finished case anew; InputError as `report_data_of_folder`."""
+    data = report_data_of_folder(folder)
+    with output_folder(folder) as scratch:
+        figures = scratch / "figures"
+        write_report(data, drawn(data, figures).with_more(compared(data, figures)), scratch)
+    return data
+
+
+def _data(case: Case, mesh: TetMesh, deflected: TetMesh, boxes: Sequence[Box]) -> ReportData:
+    return ReportData(
+        title=f"{case.title[:1].upper()}{case.title[1:]}, {case.angle:+g}\N{DEGREE SIGN}",
+        facts=(("case", case.name), ("scale, strategy", f"{case.scale}, {case.strategy.upper()}")),
+        mesh=mesh.as_mesh(case.name),
+        points=deflected.points,
+        boxes=tuple(boxes),
+        length=METRES,
+        settings=to_toml(case),
+        settings_file="case.toml",
+        repeat="sdm run --config case.toml",
+        tables=parameter_tables(case),
+        middle=np.zeros(3),
+        drawn=tuple(name for name in mesh.names[1:] if name not in (FAR_FIELD, BLOCK)),
+        hidden=tuple(name for name in mesh.names[1:] if name == BLOCK),
+        quality_limit=case.limits.quality_min,
+    )
+
+
+def _box(plan: Plan, convergence: tuple[Convergence, ...], centres: dict[str, FloatArray]) -> Box:
+    """Return the box of a control surface, which is the first patch that moves; a tail's panel only follows it."""
+    box = box_of(plan, plan.surface, convergence, centres)
+    own = replace(
+        box.surfaces[0], name=plan.surface, patches=(plan.surface,), nodes=plan.mesh.patch(plan.surface).nodes
+    )
+    return replace(box, surfaces=(own,))
+
+
+def compared(data: ReportData, folder: Path) -> list[Exhibit]:
+    """Draw the distances from the CAD that the validation found into `folder`."""
+    return [
+        saved(folder, part, surface.name, *map_drawn)
+        for surface in data.surfaces
+        for part in COMPARED
+        for map_drawn in cad_map(data, surface, part)
+    ]
+
+
+def cad_distances(data: ReportData, surface: str, checks: Sequence[str]) -> tuple[FloatArray, float]:
+    """Distance (N,) of each mesh node from the CAD by some checks, nan where none was measured; and their limit."""
+    distance, limit = np.full(len(data.mesh.points), np.nan), np.nan
+    for check in data.checks:
+        name, _, own = check.name.partition(":")
+        if name in checks and own in ("", surface) and check.nodes is not None and check.distances is not None:
+            distance[check.nodes] = np.fmax(distance[check.nodes], check.distances)
+            limit = check.limit if name == checks[0] else limit
+    return distance, limit
+
+
+def cad_map(data: ReportData, surface: Moved, part: str) -> Iterator[tuple[Figure, str]]:
+    """Draw the map of a surface where distances were measured, and say what is seen."""
+    checks, what = COMPARED[part]
+    distance, limit = cad_distances(data, surface.name, checks)
+    known = distance[~np.isnan(distance)]
+    if not len(known):
+        return
+    triangles = triangles_of(data.mesh.patch(surface.name).faces)
+    seen, up, sides = views(data.points, triangles)
+    largest, median = float(known.max()), float(np.median(known))
+    factor, unit = (1e3, "mm") if largest > SEEN else (1.0, "m")
+    norm, words = _scale(factor * largest, factor * limit)
+    flat = 1e3 * data.points[:, seen]
+    width, height = np.ptp(flat[np.unique(triangles)], axis=0)
+    rows = 2 if width > 1.5 * height else 1
+    figure = Figure(figsize=(9.6, 2.2 + 9.0 * height / width) if rows == 2 else (9.6, 4.8), layout="constrained")
+    axes = figure.subplots(rows, 3 - rows, sharex=True, sharey=True, squeeze=False).ravel()
+    for one, side, name in zip(axes, (up, ~up), sides, strict=True):
+        _side(one, flat, triangles[side], factor * np.maximum(distance, LEAST), norm)
+        one.set(ylabel=f"{'xyz'[seen[1]]}, mm", aspect="equal")
+        one.set_title(f"{surface.name}, {name}", fontsize="medium")
+    for one in axes[rows - 1 :]:
+        one.set_xlabel(f"{'xyz'[seen[0]]}, mm")
+    figure.colorbar(ScalarMappable(norm, MAP), ax=list(axes), label=f"distance, {unit}")
+    if words:
+        figure.suptitle(f"{surface.name}: rounding only, all distances are below {ROUNDING:g} m", fontsize="medium")
+    blended = np.isnan(distance[triangles]).any()
+    yield (
+        figure,
+        (
+            f"Distance of {len(known)} moved nodes of {surface.name} from {what}, on both sides: at most "
+            f"{largest:.1e} m, median {median:.1e} m; the limit is {limit:.3g} m{words}. "
+            + ("Hatched triangles belong to a strip that is blended and not compared." if blended else "")
+        ),
+    )
+
+
+def _scale(largest: float, limit: float) -> tuple[Normalize, str]:
+    """Return the scale of colours, and what has to be said of it."""
+    if largest < ROUNDING:
+        return Normalize(0.0, limit), f" (rounding only: all are below {ROUNDING:g} m, the colours reach to the limit)"
+    return Normalize(0.0, largest) if largest > limit / TOP else LogNorm(LEAST, max(TOP * LEAST, largest)), ""
+
+
+def views(points: FloatArray, triangles: IntArray) -> tuple[list[int], BoolArray, tuple[str, str]]:
+    """Which two axes to draw, the longer first; which triangles (F,) face the first of two viewers; the sides' names.
+
+    Triangles point into the body.
+    """
+    corners = points[triangles]
+    normal = -np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    axis = int(np.abs(normal).sum(axis=0).argmax())
+    names = {0: ("rear side", "front side"), 1: ("starboard side", "port side"), 2: ("upper side", "lower side")}
+    across = sorted((i for i in range(3) if i != axis), key=lambda i: -np.ptp(corners[..., i]))
+    return across, normal[:, axis] > 0.0, names[axis]
+
+
+def _side(axes: Axes, flat: FloatArray, triangles: IntArray, distance: FloatArray, norm: Normalize) -> None:
+    """Draw triangles (F, 3) with nodes at `flat` (N, 2); those with a node without a distance are hatched."""
+    nodes, triangles = np.unique(triangles, return_inverse=True)
+    flat, distance = flat[nodes], distance[nodes]
+    known = ~np.isnan(distance[triangles]).any(axis=1)
+    x, y = flat.T
+    if known.any():
+        shown = Triangulation(x, y, triangles[known])
+        axes.tripcolor(shown, np.nan_to_num(distance), norm=norm, cmap=MAP, shading="gouraud")
+        drawn = np.unique(triangles[known])
+        axes.scatter(x[drawn], y[drawn], c=distance[drawn], norm=norm, cmap=MAP, s=6, edgecolors="0.15", linewidths=0.4)
+    axes.triplot(Triangulation(x, y, triangles), color="0.35", lw=0.3)
+    blended = PolyCollection(list(flat[triangles[~known]]), facecolor="0.93", edgecolor="0.6", hatch="////", lw=0.2)
+    axes.add_collection(blended)
+
+
+def parameter_tables(case: Case) -> dict[str, Rows]:
+    """Return every parameter of a case, by table as in case.toml."""
+    tables: dict[str, Rows] = {"case": []}
+    for name, value in _values(case):
+        if name == "fighter":
+            tables |= {part: _rows(component) for part, component in _values(value) if is_dataclass(component)}
+        elif is_dataclass(value):
+            tables[name] = _rows(value)
+        else:
+            tables["case"].append((name, _shown(value), *_declared(case, name)))
+    return tables
+
+
+def _rows(table: Any) -> Rows:
+    return [(name, _shown(value), *_declared(table, name)) for name, value in _values(table)]
+
+
+def _values(table: Any) -> list[tuple[str, Any]]:
+    return [(one.name, getattr(table, one.name)) for one in fields(table)]
+
+
+def _declared(table: Any, name: str) -> tuple[str, str]:
+    """Return unit and meaning of a field that is a quantity."""
+    metadata = next(one.metadata for one in fields(table) if one.name == name)
+    return str(metadata.get("unit", "")).removeprefix("-"), str(metadata.get("doc", ""))
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, tuple):
+        return ", ".join(_shown(one) for one in value) or "none"
+    if is_dataclass(value):
+        return " ".join(_shown(one) for _, one in _values(value))
+    return str(value)

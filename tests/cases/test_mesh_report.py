@@ -1,0 +1,268 @@
+"""Reports of any mesh: sections tile the plane, pictures take every cell, the folder makes the page anew."""
+
+import json
+import re
+from base64 import b64decode
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+import pytest
+import pyvista as pv
+
+from sdm_deflect.cases.cli import main
+from sdm_deflect.cases.report import folder as folders
+from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view, name_of, round_length
+from sdm_deflect.cases.report.folder import part_of, report_of_folder, write_deflected, write_run_folder
+from sdm_deflect.cases.report.page import page
+from sdm_deflect.cases.report.pictures import Gallery
+from sdm_deflect.cases.report.scene3d import by_size, triangles_of
+from sdm_deflect.cases.report.slices import Plane, cut_cells, cut_walls
+from sdm_deflect.cases.report.turnable import TABLES, turnable
+from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.quality import quality_of
+from sdm_deflect.deform.surface.motions import Moving, Rotation
+from sdm_deflect.deform.volume.deflection import Plan, deflect
+from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.registry import format_of
+from tests.deform.blocks import block_with_body
+from tests.meshing.formats.examples import hybrid, polyhedral
+from tests.meshing.formats.wing import wing
+
+FILES = {
+    "convergence.csv", "deflected.vtu", "interpolant.npz", "metrics.json", "report.html", "settings.toml",
+}  # fmt: skip
+EVERYWHERE = np.array([[-9.0] * 3, [9.0] * 3])
+
+
+def plane(axis, station):
+    return Plane(axis, station, "a plane", EVERYWHERE)
+
+
+def area(polygon):
+    x, y = polygon.T
+    return 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def sections(mesh, cut):
+    return list(chain.from_iterable(cut_cells(mesh.points, block, cut)[0] for block in mesh.cells))
+
+
+@pytest.fixture(scope="module")
+def coarse_wing():
+    return wing(cells=3)
+
+
+@pytest.mark.parametrize("whole", [block_with_body(), polyhedral(block_with_body())], ids=["hexahedra", "polyhedra"])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_sections_tile_the_plane(whole, axis):
+    mesh = replace(whole, zones=())
+    through = sections(mesh, plane(axis, 0.1))
+    assert sum(map(area, through)) == pytest.approx(16.0 - 1.0, rel=1e-12)
+    assert sum(map(area, sections(mesh, plane(axis, 0.9)))) == pytest.approx(16.0, rel=1e-12)
+    lengths = np.linalg.norm(np.diff(cut_walls(mesh, mesh.points, plane(axis, 0.1)), axis=1), axis=-1)
+    assert lengths.sum() == pytest.approx(4 * 4.0 + 4 * 1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_sections_of_all_types_are_those_of_polyhedra(axis):
+    mesh = hybrid()
+    middle = mesh.points.mean(axis=0) + 0.013
+    both = [sections(one, plane(axis, middle[axis])) for one in (mesh, polyhedral(mesh))]
+    areas = [sorted(map(area, some)) for some in both]
+    np.testing.assert_allclose(areas[0], areas[1], rtol=1e-12)
+
+
+CORNER, BASE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+UNIT = {
+    "tetra": ([*CORNER, [0, 0, 1]], 1 / 6),
+    "pyramid": ([*BASE, [0, 0, 1]], 1 / 3),
+    "wedge": ([*([x, y, 1] for x, y, _ in CORNER), *CORNER], 1 / 2),
+    "hexahedron": ([*BASE, *([x, y, 1] for x, y, _ in BASE)], 1.0),
+}
+
+
+@pytest.mark.parametrize("shape", UNIT)
+def test_triangles_of_the_turnable_picture_enclose_the_cell(shape):
+    points, volume = np.array(UNIT[shape][0], dtype=float), UNIT[shape][1]
+    assert quality_of(points, Cells(shape, np.arange(len(points))[None]))[0] > 0.5
+    table = np.reshape(TABLES[shape], (-1, 3))
+    edges = np.vstack([table[:, [0, 1]], table[:, [1, 2]], table[:, [2, 0]]])
+    assert {tuple(edge) for edge in edges} == {tuple(edge[::-1]) for edge in edges}
+    a, b, c = points[table].transpose(1, 0, 2)
+    assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0 == pytest.approx(volume, rel=1e-12)
+
+
+def test_faces_of_any_size_are_cut_into_triangles():
+    mesh = polyhedral(hybrid())
+    faces = mesh.cells[0].faces
+    sizes = np.diff(faces.offsets)
+    assert {cells.shape[1]: len(cells) for cells in by_size([faces])} == {
+        int(k): int((sizes == k).sum()) for k in np.unique(sizes)
+    }
+    assert len(triangles_of([faces])) == (sizes - 2).sum()
+
+
+@pytest.mark.parametrize("whole", [hybrid(), replace(polyhedral(hybrid()), zones=())], ids=["cells", "polyhedra"])
+def test_part_of_a_mesh_keeps_the_quality_of_its_cells(whole):
+    rows = [np.arange(0, len(block), 2) for block in whole.cells]
+    some, node = part_of(whole, rows, np.array([3]))
+    np.testing.assert_array_equal(some.points, whole.points[node])
+    for block, own, kept in zip(whole.cells, rows, some.cells, strict=True):
+        expected = quality_of(whole.points, block, own)
+        np.testing.assert_allclose(quality_of(some.points, kept), expected, rtol=1e-12)
+    for patch, cut in zip(whole.patches, some.patches, strict=True):
+        assert len(cut) == sum((faces.nodes == 3).any(axis=1).sum() for faces in patch.faces)
+
+
+def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeypatch):
+    source, out = tmp_path / "wing.su2", tmp_path / "out" / "bent.su2"
+    format_of(source).write(coarse_wing.mesh, source)
+    mesh = replace(format_of(source).read(source), name="wing.su2", source=str(source))
+    one = deflect(Plan.of(mesh, blended(coarse_wing.hinge)), 3.0)
+    checks = tuple(checks_of(one))
+    folder = folders.folder_of(out)
+    data = write_run_folder(folder, one, checks, out, {"deflect": one.seconds})
+    assert {path.name for path in folder.iterdir() if path.is_file()} == FILES
+    stored = json.loads((folder / "metrics.json").read_text())
+    assert stored["mesh"]["points"] == len(mesh.points)
+    assert set(stored["quality_inside"]["after"]) == {"hexahedron", "wedge", "pyramid", "tetra"} & {
+        q.shape for q in one.quality
+    }
+    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in (".json", ".toml", ".vtu")}
+    (folder / "report.html").unlink()
+    again = report_of_folder(folder)
+    np.testing.assert_array_equal(again.points, one.points)
+    assert again.checks == checks
+    assert turnable(again) == turnable(data)
+    assert before == {name: (folder / name).read_bytes() for name in before}
+    text = (folder / "report.html").read_text()
+    assert text.count("<figure>") == 4
+    assert "Distance from CAD" not in text
+    monkeypatch.setattr(folders, "MOST_CELLS", 10)
+    write_deflected(folder / "deflected.vtu", one)
+    assert (folder / "deflected.vtu").stat().st_size < 0.8 * len(before["deflected.vtu"])
+    np.testing.assert_array_equal(report_of_folder(folder).points, one.points)
+    source.write_bytes(source.read_bytes().replace(b"NDIME= 3", b"NDIME= 4"))
+    with pytest.raises(MeshFileError, match=r"wing\.su2"):
+        report_of_folder(folder)
+
+
+def blended(hinge):
+    from sdm_deflect.cases.job_settings import job_settings
+
+    surface = {"patches": ["flap_*"], "hinge": hinge.tolist(), "angle": 3.0, "motion": "blended"}
+    return job_settings({"surface": [surface], "fixed": ["wing_*"]}).job()
+
+
+def test_arrays_of_the_whole_mesh_are_in_the_vtu_file(coarse_wing, tmp_path):
+    one = deflect(Plan.of(coarse_wing.mesh, blended(coarse_wing.hinge)), 3.0)
+    write_deflected(tmp_path / "deflected.vtu", one)
+    grid = pv.read(tmp_path / "deflected.vtu")
+    np.testing.assert_array_equal(grid.points, one.points)
+    np.testing.assert_array_equal(grid.point_data["displacement"], one.points - coarse_wing.mesh.points)
+    cells = sum(len(block) for block in coarse_wing.mesh.cells)
+    expected = np.concatenate([quality_of(one.points, block) for block in coarse_wing.mesh.cells])
+    np.testing.assert_array_equal(grid.cell_data["quality"][:cells], expected)
+    assert list(grid.field_data["patch_names"]) == ["volume", *coarse_wing.mesh.names]
+
+
+def test_polyhedra_and_nodes_alone_have_a_report(tmp_path):
+    block = block_with_body()
+    loose = Mesh(block.points, (), tuple(Patch(p.name, (), p.nodes) for p in block.patches))
+    hinge = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    for name, mesh in (("polyhedra", replace(polyhedral(block), zones=())), ("nodes", loose)):
+        job = Job((Moving(("body",), Rotation.about(*hinge), 5.0),))
+        one = deflect(Plan.of(mesh, job), 5.0)
+        data = write_run_folder(tmp_path / name, one, tuple(checks_of(one)), None, {})
+        text = (tmp_path / name / "report.html").read_text()
+        assert text.count("<figure>") == (4 if mesh.cells else 2)
+        assert ("smallest face pyramid over volume" in text) == bool(mesh.cells)
+        assert data.drawn == ("body",)
+        with pytest.raises(InputError, match="names no mesh"):
+            report_of_folder(tmp_path / name)
+
+
+def test_page_of_a_hybrid_mesh_is_turnable(coarse_wing, opened, tmp_path):
+    one = deflect(Plan.of(coarse_wing.mesh, blended(coarse_wing.hinge)), 3.0)
+    data = write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
+    tab, _, complaints = opened(tmp_path / "report.html")
+    tab.locator("#scene-threshold").fill("0.6")
+    blocks = zip(data.mesh.cells, one.plan.touched.rows, strict=True)
+    quality = np.concatenate([quality_of(one.points, block, rows) for block, rows in blocks])
+    said = f"{(quality < 0.6).sum()} of {len(quality)} cells below 0.60, 0 inverted"
+    assert tab.locator("#scene-count").inner_text() == said
+    assert all(re.search(r"\d", image.get_attribute("alt")) for image in tab.locator("img").all())
+    assert complaints == []
+
+
+def test_names_of_a_mesh_cannot_inject_markup(coarse_wing, opened, tmp_path):
+    evil = "</script><script>document.title='broken'</script>"
+    named = {"symmetry": evil}
+    patches = tuple(Patch(named.get(p.name, p.name), p.faces) for p in coarse_wing.mesh.patches)
+    one = deflect(Plan.of(replace(coarse_wing.mesh, patches=patches, name=evil), blended(coarse_wing.hinge)), 3.0)
+    data = write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
+    (tmp_path / "report.html").write_text(page(data, Gallery((), evil)), encoding="utf-8")
+    tab, _, complaints = opened(tmp_path / "report.html")
+    assert tab.title().startswith(evil)
+    assert tab.locator("script").count() == 4
+    assert complaints == []
+
+
+def test_far_field_is_not_drawn_at_first(coarse_wing):
+    shown = in_view(coarse_wing.mesh, tuple(n for n in coarse_wing.mesh.names if n.startswith(("wing", "flap"))))
+    assert set(coarse_wing.mesh.names) - set(shown) == {"symmetry", "far_field"}
+
+
+@pytest.mark.parametrize(
+    ("patches", "name"),
+    [(("flap_upper", "flap_lower"), "flap"), (("flap",), "flap"), (("a1", "b1", "c1"), "a1 and 2 more")],
+)
+def test_surfaces_are_called_what_their_patches_share(patches, name):
+    assert name_of(patches) == name
+
+
+def test_lengths_are_shown_in_their_unit():
+    assert METRES.text(0.0123) == "12.3 mm"
+    assert MESH_UNITS.text(0.0123) == "0.0123 mesh units"
+    assert [round_length(most) for most in (0.9, 1.0, 4.99, 7e-4, 2100.0)] == [0.5, 1.0, 2.0, 5e-4, 2000.0]
+
+
+def test_the_command_writes_a_folder_unless_told_not_to(coarse_wing, tmp_path, monkeypatch, capsys):
+    source = tmp_path / "wing.su2"
+    format_of(source).write(coarse_wing.mesh, source)
+    hinge = [",".join(map(str, point)) for point in coarse_wing.hinge.tolist()]
+    common = ["sdm", "deflect", str(source), "--surface", "flap_*", "--fixed", "wing_*", "--motion", "blended", "-q",
+              "--angle", "3", "--hinge", *hinge]  # fmt: skip
+
+    def run(*more):
+        monkeypatch.setattr("sys.argv", [*common, *more])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code
+
+    assert run("--no-report", "--out", str(tmp_path / "bare.su2")) == 0
+    assert not (tmp_path / "bare-report").exists()
+    assert run("--out", str(tmp_path / "bent.su2")) == 0
+    assert (tmp_path / "bent.su2").read_bytes() == (tmp_path / "bare.su2").read_bytes()
+    monkeypatch.setattr("sys.argv", ["sdm", "report", str(tmp_path / "bent-report")])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    (tmp_path / "foreign-report").mkdir()
+    assert run("--out", str(tmp_path / "foreign.su2")) == 2
+    assert "is no earlier report" in capsys.readouterr().err
+    assert not (tmp_path / "foreign.su2").exists()
+
+
+def test_turnable_cells_of_polyhedra_are_triangles_of_their_own():
+    mesh = replace(polyhedral(block_with_body()), zones=())
+    hinge = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    one = deflect(Plan.of(mesh, Job((Moving(("body",), Rotation.about(*hinge), 5.0),))), 5.0)
+    data = folders._data(one.plan, one.points, "", (), {d: np.empty((0, 3)) for d in "xyz"})
+    (group,) = turnable(data)["cells"]["groups"]
+    cell = np.frombuffer(b64decode(group["cell"]), "<u4")
+    assert np.bincount(cell).tolist() == [12] * len(one.plan.touched.rows[0])
