@@ -132,42 +132,48 @@ ADAPTERS: dict[str, Callable[[Any], tuple[Mesh, Callable[[FloatArray], Any]]]] =
 
 
 def to_pyvista(mesh: Mesh, displacement: FloatArray) -> Any:
-    """Return a pyvista UnstructuredGrid of cells and faces.
+    """Return a pyvista UnstructuredGrid of cells, polyhedra too, and faces.
 
     Point array ``displacement`` (N, 3), cell arrays ``quality`` (nan on faces) and ``patch`` with the field array
-    ``patch_names``; its position 0 is ``volume``. Polyhedra are left out.
+    ``patch_names``; its position 0 is ``volume``. From such a grid `accepted` makes the mesh again.
     """
     import pyvista as pv
 
-    kinds = {shape: kind for kind, shape in VTK_SHAPES.items()}
-    blocks = [(block, 0) for block in mesh.cells if isinstance(block, Cells)]
-    blocks += [
-        (faces, i) for i, patch in enumerate(mesh.patches, 1) for faces in patch.faces if isinstance(faces, Cells)
-    ]
-    cells = [np.insert(block.nodes, 0, block.nodes.shape[1], axis=1).ravel() for block, _ in blocks]
-    types = [np.full(len(block), kinds[block.shape], dtype=np.uint8) for block, _ in blocks]
-    none = np.empty(0, dtype=np.intp)
-    grid = pv.UnstructuredGrid(np.concatenate([none, *cells]), np.concatenate([none, *types]), mesh.points)
+    faces = [(block, i) for i, patch in enumerate(mesh.patches, 1) for block in patch.faces]
+    rows, kinds = zip(*map(vtk_rows, (*mesh.cells, *(block for block, _ in faces))), strict=True)
+    grid = pv.UnstructuredGrid(np.concatenate(rows), np.concatenate(kinds), mesh.points)
     grid.point_data["displacement"] = displacement
-    quality = [np.full(len(block), np.nan) if i else quality_of(mesh.points, block) for block, i in blocks]
-    grid.cell_data["quality"] = np.concatenate([np.empty(0), *quality])
-    grid.cell_data["patch"] = np.concatenate([none, *(np.full(len(block), i) for block, i in blocks)])
+    quality = [quality_of(mesh.points, block, None, oriented(mesh.points, block)[0]) for block in mesh.cells]
+    grid.cell_data["quality"] = np.concatenate([*quality, *(np.full(len(block), np.nan) for block, _ in faces)])
+    labels = [*((block, 0) for block in mesh.cells), *faces]
+    grid.cell_data["patch"] = np.concatenate([np.full(len(block), i) for block, i in labels])
     grid.field_data["patch_names"] = ["volume", *mesh.names]
     return grid
 
 
 def to_meshio(mesh: Mesh, displacement: FloatArray) -> Any:
-    """Return a meshio Mesh of cells and faces: point data ``displacement`` (N, 3), one cell set for each patch."""
+    """Return a meshio Mesh of cells and faces: point data ``displacement`` (N, 3), one cell set for each patch.
+
+    Raises
+    ------
+    InputError
+        If the mesh has polyhedra, or faces of more than four corners: meshio has no form for them.
+    """
     import meshio
 
-    blocks = [(block.shape, block.nodes) for block in mesh.cells if isinstance(block, Cells)]
-    sets: dict[str, list[Any]] = {}
+    blocks, sets = [(_simple(block).shape, _simple(block).nodes) for block in mesh.cells], {}
     for patch in mesh.patches:
-        for faces in patch.faces:
-            if isinstance(faces, Cells):
-                sets.setdefault(patch.name, []).append((len(blocks), np.arange(len(faces))))
-                blocks.append((faces.shape, faces.nodes))
+        own = [_simple(faces) for faces in patch.faces]
+        sets[patch.name] = range(len(blocks), len(blocks) + len(own))
+        blocks += [(faces.shape, faces.nodes) for faces in own]
     rows = {
-        name: [dict(own).get(i, np.empty(0, dtype=np.intp)) for i in range(len(blocks))] for name, own in sets.items()
+        name: [np.arange(len(nodes) if i in own else 0) for i, (_, nodes) in enumerate(blocks)]
+        for name, own in sets.items()
     }
     return meshio.Mesh(mesh.points, blocks, point_data={"displacement": displacement}, cell_sets=rows)
+
+
+def _simple(block: Volume | Faces) -> Cells:
+    if not isinstance(block, Cells):
+        raise InputError("meshio has no form for polyhedra and polygons; use to_pyvista, or save a .vtu file")
+    return block

@@ -1,1 +1,68 @@
-"""Deflect aircraft control surfaces in CFD meshes by radial basis functions, and prove that the result is right."""
+"""Deflect aircraft control surfaces in CFD meshes by radial basis functions, and prove that the result is right.
+
+Names are imported when they are first used: `import sdm_deflect` itself loads no other library.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sdm_deflect.cases.api import Result, deflect, read, sweep
+    from sdm_deflect.deform.checks import Check
+    from sdm_deflect.deform.errors import InputError
+    from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+    from sdm_deflect.deform.quality import Quality
+    from sdm_deflect.deform.surface.blended import Blended
+    from sdm_deflect.deform.surface.motions import Rotation, Table
+    from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
+    from sdm_deflect.deform.volume.hexahedron import Hexahedron
+
+    __version__: str
+
+__all__ = [
+    "Blended",
+    "Cells",
+    "Check",
+    "Hexahedron",
+    "InputError",
+    "Listed",
+    "Mesh",
+    "OnPatches",
+    "Patch",
+    "Quality",
+    "Result",
+    "Rotation",
+    "Table",
+    "TrailingEdge",
+    "__version__",
+    "deflect",
+    "read",
+    "sweep",
+]
+
+_MODULES = {
+    "cases.api": ("Result", "deflect", "read", "sweep"),
+    "deform.checks": ("Check",),
+    "deform.errors": ("InputError",),
+    "deform.mesh": ("Cells", "Mesh", "Patch"),
+    "deform.quality": ("Quality",),
+    "deform.surface.blended": ("Blended",),
+    "deform.surface.motions": ("Rotation", "Table"),
+    "deform.surface.surface": ("Listed", "OnPatches", "TrailingEdge"),
+    "deform.volume.hexahedron": ("Hexahedron",),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("sdm-deflect")
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)
