@@ -137,7 +137,7 @@ class Result:
         """Return a pyvista UnstructuredGrid: cells and faces with ``displacement``, ``quality`` and ``patch``."""
         from sdm_deflect.meshing.adapters import to_pyvista
 
-        return to_pyvista(self.plan.mesh.with_points(self.points), self.displacement)
+        return to_pyvista(self.plan.mesh.with_points(self.points), self.displacement, self.plan.touched.orientation)
 
     def to_meshio(self) -> Any:
         """Return a meshio Mesh: cells and faces with ``displacement``, one cell set for each patch."""

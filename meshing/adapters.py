@@ -1,7 +1,8 @@
 """Meshes of other libraries: what we take of them, and how they get their points back."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,10 +11,14 @@ from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells, Mesh, Patch
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.polyhedra import standard_cells
+from sdm_deflect.meshing.formats.shapes import simple_faces
+from sdm_deflect.meshing.formats.vtu_write import TYPES, in_memory
 from sdm_deflect.meshing.mesh import TetMesh
 
 FACES = ("triangle", "quad")
-VTK_SHAPES = {5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
+VTK_SHAPES = {kind: shape for shape, kind in TYPES.items()}
 
 
 class Accepted(NamedTuple):
@@ -131,22 +136,28 @@ ADAPTERS: dict[str, Callable[[Any], tuple[Mesh, Callable[[FloatArray], Any]]]] =
 }
 
 
-def to_pyvista(mesh: Mesh, displacement: FloatArray) -> Any:
-    """Return a pyvista UnstructuredGrid of cells, polyhedra too, and faces.
+def to_pyvista(mesh: Mesh, displacement: FloatArray, orientation: Sequence[float]) -> Any:
+    """Return a pyvista UnstructuredGrid of cells and faces.
 
     Point array ``displacement`` (N, 3), cell arrays ``quality`` (nan on faces) and ``patch`` with the field array
-    ``patch_names``; its position 0 is ``volume``. From such a grid `accepted` makes the mesh again.
+    ``patch_names``; its position 0 is ``volume``.
+
+    Parameters
+    ----------
+    orientation
+        For each block of cells -1 if their nodes are counted left-handed, else 1.
     """
     import pyvista as pv
 
     faces = [(block, i) for i, patch in enumerate(mesh.patches, 1) for block in patch.faces]
-    rows, kinds = zip(*map(vtk_rows, (*mesh.cells, *(block for block, _ in faces))), strict=True)
-    grid = pv.UnstructuredGrid(np.concatenate(rows), np.concatenate(kinds), mesh.points)
+    blocks, none = [*((block, 0) for block in mesh.cells), *faces], np.empty(0, dtype=np.uint8)
+    cells = [in_memory(block) for block, _ in blocks]
+    rows, kinds = (np.concatenate([none, *(pair[i] for pair in cells)]) for i in (0, 1))
+    grid = pv.UnstructuredGrid(rows, kinds, mesh.points)
     grid.point_data["displacement"] = displacement
-    quality = [quality_of(mesh.points, block, None, oriented(mesh.points, block)[0]) for block in mesh.cells]
-    grid.cell_data["quality"] = np.concatenate([*quality, *(np.full(len(block), np.nan) for block, _ in faces)])
-    labels = [*((block, 0) for block in mesh.cells), *faces]
-    grid.cell_data["patch"] = np.concatenate([np.full(len(block), i) for block, i in labels])
+    quality = [quality_of(mesh.points, *one) for one in zip(mesh.cells, repeat(None), orientation, strict=False)]
+    grid.cell_data["quality"] = np.concatenate([none, *quality, *(np.full(len(block), np.nan) for block, _ in faces)])
+    grid.cell_data["patch"] = np.concatenate([none, *(np.full(len(block), i) for block, i in blocks)])
     grid.field_data["patch_names"] = ["volume", *mesh.names]
     return grid
 
@@ -157,23 +168,15 @@ def to_meshio(mesh: Mesh, displacement: FloatArray) -> Any:
     Raises
     ------
     InputError
-        If the mesh has polyhedra, or faces of more than four corners: meshio has no form for them.
+        For polyhedra that are no tetrahedra, pyramids, wedges or hexahedra: meshio has no form for them.
     """
     import meshio
 
-    blocks, sets = [(_simple(block).shape, _simple(block).nodes) for block in mesh.cells], {}
-    for patch in mesh.patches:
-        own = [_simple(faces) for faces in patch.faces]
-        sets[patch.name] = range(len(blocks), len(blocks) + len(own))
-        blocks += [(faces.shape, faces.nodes) for faces in own]
-    rows = {
-        name: [np.arange(len(nodes) if i in own else 0) for i, (_, nodes) in enumerate(blocks)]
-        for name, own in sets.items()
-    }
-    return meshio.Mesh(mesh.points, blocks, point_data={"displacement": displacement}, cell_sets=rows)
-
-
-def _simple(block: Volume | Faces) -> Cells:
-    if not isinstance(block, Cells):
-        raise InputError("meshio has no form for polyhedra and polygons; use to_pyvista, or save a .vtu file")
-    return block
+    try:
+        blocks = [("", block) for block in standard_cells(mesh)]
+        blocks += [(patch.name, block) for patch in mesh.patches for block in simple_faces(patch)]
+    except MeshFileError as error:
+        raise InputError(f"{mesh.name}: {error}; use to_pyvista, or save a .vtu file") from None
+    sets = {name: [np.arange(len(block) if own == name else 0) for own, block in blocks] for name in mesh.names}
+    cells = [(block.shape, block.nodes) for _, block in blocks]
+    return meshio.Mesh(mesh.points, cells, point_data={"displacement": displacement}, cell_sets=sets)

@@ -138,6 +138,16 @@ def _cells(
     return nodes, sizes, types, {"faces": np.concatenate(stream), "faceoffsets": ends}
 
 
+def in_memory(block: Cells | Polygons | Polyhedra) -> tuple[IntArray, NDArray[np.uint8]]:
+    """Return cells as VTK's memory holds them, the size of each before its nodes or faces, and their types (C,)."""
+    rows, sizes, types = _part(block)
+    ends = np.cumsum(sizes)
+    if isinstance(block, Polyhedra):
+        rows, ends = _face_stream(block)
+        sizes = np.diff(ends, prepend=0)
+    return np.insert(rows, ends - sizes, sizes), types
+
+
 def _part(block: Cells | Polygons | Polyhedra) -> tuple[IntArray, IntArray, NDArray[np.uint8]]:
     if isinstance(block, Cells):
         width = block.nodes.shape[1]
