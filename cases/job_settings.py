@@ -8,18 +8,22 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, structured
+from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, shortened, structured
 from sdm_deflect.deform.checks import MIN_QUALITY
 from sdm_deflect.deform.errors import InputError, nearest
+from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from sdm_deflect.deform.volume.box import Automatic, BoxRule, Given
 from sdm_deflect.deform.volume.fitting import LARGEST_ANGLE, Fitting
+from sdm_deflect.deform.volume.hexahedron import Hexahedron
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
 
 Point = tuple[float, float, float]
 MOST_ANGLES = 1000
+SAME = 1e-6  # of a hinge's length: two hinges nearer to one another are one
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +63,8 @@ class SurfaceSettings:
 
     def _motion(self, fixed: tuple[str, ...]) -> Motion:
         if not isinstance(self.motion, str):
+            if self.hinge and not _is_along(self.motion.axis, np.array(self.hinge)):
+                raise InputError(f"hinge = {self.hinge}: the motion has another one; leave hinge out")
             return self.motion
         hinge = Rotation.about(*np.array(self.hinge)) if self.hinge else None
         base: Motion | None = Table.read(Path(self.table), hinge.axis if hinge else None) if self.table else hinge
@@ -170,6 +176,15 @@ class _BoxFile:
     corners: tuple[Point, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class _Angles:
+    angles: tuple[float, ...]
+
+
+IN_PYTHON = {"surface": "surfaces", "patches": "surfaces", "amount": "angle"}
+"""Settings of files that are arguments of another name."""
+IDLE = {"rigid": ("held", "driven", "strip"), "blended": (), "own": ("table", "held", "driven", "strip")}
+"""Settings of a surface that a motion has no use for."""
 OF_SURFACE = tuple(one.name for one in fields(SurfaceSettings))
 
 
@@ -188,25 +203,68 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
     Parameters
     ----------
     surfaces
-        Name of a patch, or several; wildcards allowed.
+        Name of a patch, or several, wildcards allowed; or tables of `SurfaceSettings`, one for each moving surface.
     hinge
         (2, 3) two points of the hinge line; None where `motion` or `table` needs none.
     angle
-        Degrees.
+        Degrees; of a table of displacements its share.
     options
         Settings of `JobSettings` and, for the surface, of `SurfaceSettings`.
 
     Raises
     ------
     InputError
-        For an option that is unknown, or a value of another type or out of range: one sentence that names it.
+        For an option that is unknown or without effect, or a value of another type or out of range: one sentence.
     """
+    for name in IN_PYTHON.keys() & options.keys():
+        raise InputError(f"unknown setting {name}; did you mean {IN_PYTHON[name]}?")
     own, rest = _parted(options)
-    own = {"patches": surfaces, "hinge": hinge, **({} if angle is None else {"angle": angle, "amount": angle}), **own}
+    own |= {name: value for name, value in (("hinge", hinge), ("angle", angle)) if value is not None}
+    several = tables_of(surfaces)
+    if several and own:
+        raise InputError(f"{min(own)} belongs to one surface: put it into the tables of surfaces")
+    if isinstance(rest.get("box"), Hexahedron):
+        rest["box"] = Given(rest["box"])
+    if "slide" in rest:
+        rest["slide"] = slides_of(rest["slide"])
+    share = {"amount": own["angle"]} if "angle" in own else {}
+    tables = several or [{"patches": surfaces, **own, **share}]
+    _check_use(tables, rest)
     try:
-        return job_settings({**rest, "surface": [own]})
+        return job_settings({**rest, "surface": tables})
     except InputError as error:
-        raise InputError(str(error).replace("patches =", "surfaces =")) from None
+        raise InputError(str(error).replace("patches =", "surfaces =").replace("surface[", "surfaces[")) from None
+
+
+def tables_of(surfaces: Any) -> list[Nested]:
+    """Return the tables if surfaces are given as tables, else none."""
+    rows = surfaces if isinstance(surfaces, list | tuple) else [surfaces]
+    return [dict(one) for one in rows] if all(isinstance(one, Mapping) for one in rows) else []
+
+
+def slides_of(value: Any) -> Any:
+    """Return ``NAME:SHAPE``, or several of them, as a table; tables as they are."""
+    if isinstance(value, Mapping) or not isinstance(value, str | list | tuple):
+        return value
+    out = {}
+    for text in value.split(",") if isinstance(value, str) else value:
+        name, colon, shape = str(text).rpartition(":")
+        if not colon or not name:
+            raise InputError(f"slide = {text}: must be NAME:plane or NAME:cylinder")
+        out[name.strip()] = shape.strip()
+    return out
+
+
+def _check_use(surfaces: Sequence[Nested], rest: Nested) -> None:
+    """Refuse settings that a motion or a box has no use for: they would change nothing."""
+    for own in surfaces:
+        motion = own.get("motion", "rigid")
+        for name in IDLE.get(motion, ()) if isinstance(motion, str) else IDLE["own"]:
+            if own.get(name) is not None:
+                kind = f"a {motion} motion has no use for it" if isinstance(motion, str) else "the motion has its own"
+                raise InputError(f"{name} = {shortened(own[name])}: {kind}")
+    if "margin" in rest and not (isinstance(rest.get("box", "auto"), str) and rest.get("box", "auto") == "auto"):
+        raise InputError(f"margin = {shortened(rest['margin'])}: only the automatic box has a margin")
 
 
 def read_job(path: Path) -> Nested:
@@ -238,14 +296,20 @@ def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequen
     return out
 
 
-def angles_of(text: str) -> tuple[float, ...]:
-    """Return the angles of ``first:last:step``, both ends included, or of a list with commas.
+def angles_of(wanted: Any) -> tuple[float, ...]:
+    """Return the angles of ``first:last:step``, both ends included, of a list with commas, or of a sequence.
 
     Raises
     ------
     InputError
-        If the text is neither, or an angle is out of range.
+        If it is none of these, or an angle is out of range.
     """
+    if not isinstance(wanted, str):
+        found = structured({"angles": wanted}, _Angles).angles
+        if not found:
+            raise InputError("angles is empty: give at least one")
+        return found
+    text = wanted
     try:
         if ":" in text:
             first, last, step = (float(part) for part in text.split(":"))
@@ -305,6 +369,14 @@ def _nodes(value: tuple[str | int, ...] | NodeSet, name: str) -> NodeSet:
         except ValueError:
             raise InputError(f"{name} = {names[0]}: must be edges:DEG, such as edges:40") from None
     return Listed.read(Path(names[0])) if names[0].endswith(".txt") else OnPatches(tuple(names))
+
+
+def _is_along(axis: Axis | None, hinge: FloatArray) -> bool:
+    """Return whether two points (2, 3) lie on an axis, in its direction."""
+    if axis is None:
+        return False
+    span = hinge[1] - hinge[0]
+    return bool(np.abs(axis.radial(hinge)).max() <= SAME * np.linalg.norm(span) and span @ axis.direction > 0.0)
 
 
 def _box_of(path: Path) -> BoxRule:

@@ -243,7 +243,7 @@ def _choice(value: Any, kind: Any) -> Any:
 
 def _names(value: Any, kind: Any) -> tuple[str | int, ...]:
     """Take a list of names, or names with commas between them; numbers too, where the kind has them."""
-    rows = [value] if isinstance(value, str) else _plain(value)
+    rows = [str(value)] if isinstance(value, str | PathLike) else _plain(value)
     if not isinstance(rows, list | tuple):
         raise _UnfitError(value, "is no list of names")
     found: list[str | int] = []

@@ -34,7 +34,7 @@ def solid(loops: Sequence[FloatArray]) -> Solid:
 
 
 def both_sides(name: str, polyhedra: Iterable[Loops]) -> list[Part]:
-    """The starboard polyhedra as `name`_right, and their exact mirror images as `name`_left."""
+    """The starboard polyhedra as ``name_right``, and their exact mirror images as ``name_left``."""
     starboard = list(polyhedra)
     return one_side(f"{name}_right", starboard) + one_side(f"{name}_left", starboard)
 

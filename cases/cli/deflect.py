@@ -104,22 +104,13 @@ def quality(mesh: Path, as_json: bool) -> None:
 
 def _tables(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the tables of a configuration file with the options of the command line in their place."""
-    from sdm_deflect.cases.job_settings import read_job, with_options
+    from sdm_deflect.cases.job_settings import read_job, slides_of, with_options
 
     options = dict(given)
     config, assignments, steps = (options.pop(name) for name in ("config", "assignments", "steps"))
-    options["slide"] = dict(_slide(text) for text in options["slide"])
+    options["slide"] = slides_of(options["slide"])
     options["max_steps"] = None if steps in (None, "auto") else _steps(steps)
     return with_options(read_job(config) if config else {}, options, assignments)
-
-
-def _slide(text: str) -> tuple[str, str]:
-    from sdm_deflect.deform.errors import InputError
-
-    name, colon, shape = text.rpartition(":")
-    if not colon or not name:
-        raise InputError(f"--slide {text}: must be NAME:plane or NAME:cylinder")
-    return name, shape
 
 
 def _steps(text: str) -> int:

@@ -1,12 +1,15 @@
 """Docstrings of the source in the form that Sphinx reads.
 
-What follows `name : ` is a description and no type, and formulas in plain text hold no markup.
+What follows `name : ` is a description and no type, and formulas in plain text hold no markup. A public name is
+described under its public path alone, and fields of named tuples without the words that Python gives them.
 """
 
 import re
 from typing import Any
 
+import sdm_deflect
 from sphinx.application import Sphinx
+from sphinx.domains.python import PyObject
 
 SECTIONS = ("Attributes", "Parameters", "Returns")
 ENTRY = re.compile(r"(\s*)(\w[\w, ]*) : (.+)")
@@ -44,7 +47,17 @@ def process(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: 
     lines[:] = [escaped(line) for line in rewritten(lines)]
 
 
+def is_elsewhere(app: Sphinx, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:
+    """Skip what the page of public names describes, and fields of which nothing is said."""
+    if what == "module" and name in sdm_deflect.__all__ and thing is getattr(sdm_deflect, name):
+        return True
+    return (getattr(thing, "__doc__", None) or "").startswith("Alias for field number") or None
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Connect to autodoc, ahead of napoleon."""
+    """Connect to autodoc, ahead of napoleon; attributes within a docstring are no links."""
     app.connect("autodoc-process-docstring", process, priority=BEFORE_NAPOLEON)
+    app.connect("autodoc-skip-member", is_elsewhere)
+    for kind in PyObject.doc_field_types:
+        kind.rolename = "" if kind.name == "variable" else kind.rolename
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,4 +1,4 @@
-"""Array types in signatures under the short names that the source gives them."""
+"""Array types in signatures under the short names that the source gives them, and defaults that are Python."""
 
 import re
 from typing import Any
@@ -9,14 +9,15 @@ ARRAYS = {"float64": "FloatArray", "int64": "IndexArray", "intp": "IndexArray", 
 SHAPE, PREFIX = r"~?(?:tuple\[[^\]]*\]|(?:typing\.)?Any)", r"~?(?:numpy\.)?"
 NDARRAY = re.compile(rf"{PREFIX}ndarray\[{SHAPE}, {PREFIX}dtype\[{PREFIX}(\w+)\]\]")
 OBJECT = re.compile(r"<(?:function|class) '?([\w.]+)'?[^>]*>")
+MADE = re.compile(r"<factory>|<[\w.]+ object at \w+>")
 
 
 def shorten(text: str | None) -> str | None:
-    """Replace NumPy's long array types by the aliases of the source, and addresses of functions by their names."""
+    """Replace NumPy's long array types by the aliases of the source, functions by their names, objects by dots."""
     if text is None:
         return None
     named = NDARRAY.sub(lambda found: ARRAYS.get(found[1].rstrip("_"), "ndarray"), text)
-    return OBJECT.sub(r"\1", named)
+    return MADE.sub("...", OBJECT.sub(r"\1", named))
 
 
 def process(app: Sphinx, what: str, name: str, thing: Any, options: Any, signature: str, returned: str) -> Any:
