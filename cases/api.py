@@ -1,17 +1,18 @@
 """The whole method from Python: read a mesh, deflect it, look at it, save it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from html import escape
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from sdm_deflect.cases.job_settings import settings_of
+from sdm_deflect.cases.job_settings import angles_of, settings_of, tables_of
 from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, verdict_figures
-from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
+from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
@@ -20,30 +21,38 @@ from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.deflection import sweep as swept
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.meshing.adapters import Accepted, accepted
+from sdm_deflect.meshing import adapters
+from sdm_deflect.meshing.formats.format import MeshFileError
 
 
-def read(path: str | Path) -> Mesh:
+def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
     """Read a mesh file: SU2, CGNS, Gmsh, OpenFOAM, VTK.
 
     Parameters
     ----------
     path
         A file; for OpenFOAM the case's folder. The suffix says the format.
+    progress
+        Called with what is being done and the fraction done (0 to 1, or nan).
+
+    Returns
+    -------
+    The mesh, in the file's unit of length and order of nodes.
 
     Raises
     ------
-    InputError, MeshFileError
+    InputError
         If the format is unknown, or the file is missing or damaged.
     """
     from sdm_deflect.meshing.formats.registry import read as read_file
 
-    return read_file(path)
+    with _about_files():
+        return read_file(Path(path), progress)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Result:
-    """A deflected mesh.
+    """A deflected mesh, its verdict, and ways to look at it and to keep it. In a notebook it shows itself as tables.
 
     Attributes
     ----------
@@ -52,8 +61,8 @@ class Result:
     checks : what must hold.
     """
 
-    deflection: Deflection = field(repr=False)
-    mesh: Any = field(repr=False)
+    deflection: Deflection
+    mesh: Any
     checks: tuple[Check, ...]
 
     @property
@@ -83,7 +92,7 @@ class Result:
 
     @property
     def quality(self) -> tuple[Quality, ...]:
-        """Quality of the cells with a node in the box, by type."""
+        """Quality of the cells with a node in the box, by type; that of the undeflected mesh is `plan.before`."""
         return self.deflection.quality
 
     @property
@@ -93,11 +102,11 @@ class Result:
 
     @property
     def sensitivity(self) -> FloatArray:
-        """d(points)/d(angle) (N, 3), in length units per degree."""
+        """d(points)/d(angle) (N, 3), in length units per degree, or per whole table; from the same centres."""
         return self.deflection.sensitivity()
 
     def figures(self) -> Json:
-        """Return all figures under the names of metrics.json."""
+        """Return all figures as a dictionary of dictionaries, under the names of metrics.json."""
         return {
             "mesh": mesh_figures(self.plan),
             "angle": self.angle,
@@ -107,13 +116,13 @@ class Result:
             "notes": list(notes_of(self.plan)),
         }
 
-    def save(self, path: str | Path) -> tuple[str, ...]:
+    def save(self, path: str | PathLike[str]) -> tuple[str, ...]:
         """Write the mesh; in the format of the file it was read from, only coordinates change.
 
         Parameters
         ----------
         path
-            The file to write; its suffix says the format.
+            The file to write, or the folder of an OpenFOAM case; its suffix says the format.
 
         Returns
         -------
@@ -127,127 +136,210 @@ class Result:
         from sdm_deflect.cases.mesh_files import Targets, write_mesh
 
         mesh, out = self.plan.mesh, Path(path)
-        if not mesh.source:
-            return write_mesh(None, mesh, self.points, out)
-        wanted = Targets.of(Path(mesh.source), out, (self.angle,))
-        wanted.check()
-        return write_mesh(wanted.source, mesh, self.points, wanted.out)
+        with _about_files():
+            if not mesh.source:
+                return write_mesh(None, mesh, self.points, out)
+            wanted = Targets.of(Path(mesh.source), out, (self.angle,))
+            wanted.check()
+            return write_mesh(wanted.source, mesh, self.points, wanted.out)
 
     def to_pyvista(self) -> Any:
-        """Return a pyvista UnstructuredGrid: cells and faces with ``displacement``, ``quality`` and ``patch``."""
-        from sdm_deflect.meshing.adapters import to_pyvista
+        """Return a pyvista UnstructuredGrid: cells and faces with ``displacement``, ``quality`` and ``patch``.
 
-        return to_pyvista(self.plan.mesh.with_points(self.points), self.displacement, self.plan.touched.orientation)
+        ``displacement`` (N, 3) is on the nodes; ``quality`` (nan on faces) and ``patch`` are on cells, then faces. The
+        field array ``patch_names`` names the patches, its first item ``volume`` the cells.
+        """
+        mesh = self.plan.mesh.with_points(self.points)
+        return adapters.to_pyvista(mesh, self.displacement, self.plan.touched.orientation)
 
     def to_meshio(self) -> Any:
-        """Return a meshio Mesh: cells and faces with ``displacement``, one cell set for each patch."""
-        from sdm_deflect.meshing.adapters import to_meshio
+        """Return a meshio Mesh: cells and faces, ``displacement`` (N, 3) on the nodes, one cell set for each patch.
 
-        return to_meshio(self.plan.mesh.with_points(self.points), self.displacement)
+        Raises
+        ------
+        InputError
+            For polyhedra that are no tetrahedra, pyramids, wedges or hexahedra: meshio has no form for them.
+        """
+        return adapters.to_meshio(self.plan.mesh.with_points(self.points), self.displacement)
+
+    @property
+    def title(self) -> str:
+        """What was moved, of which mesh, how far, and the verdict."""
+        unit, failed = self.plan.job.surfaces[0].motion.unit, [c.name for c in self.checks if not c.passed]
+        verdict = f"FAILED: {', '.join(failed)}" if failed else "all checks passed"
+        return f"{', '.join(self.plan.patches)} of {self.plan.mesh.name} at {self.angle:+g} {unit}: {verdict}"
+
+    def __repr__(self) -> str:
+        return f"<Result: {self.title}>"
 
     def _repr_html_(self) -> str:
-        """Return a table for notebooks."""
-        rows = "".join(
-            f"<tr><td>{escape(c.name)}</td><td>{c.value:.4g}</td><td>{c.limit:.4g}</td><td>{escape(c.verdict)}</td></tr>"
-            for c in self.checks
+        """Return the checks and the quality before and after, as tables for notebooks."""
+        checks = [(c.name, f"{c.value:.4g}", f"{c.judgement} {c.limit:.4g}", c.unit, c.verdict) for c in self.checks]
+        quality = [
+            (new.shape, new.measure, str(new.cells), *(f"{one.min:.3f} / {one.mean:.3f}" for one in (old, new)))
+            for old, new in zip(self.plan.before, self.quality, strict=True)
+        ]
+        return _table(self.title, ("check", "value", "limit", "unit", "verdict"), checks) + _table(
+            "Cells in the box: least / mean quality", ("type", "measure", "cells", "before", "after"), quality
         )
-        title = f"{', '.join(self.plan.patches)} of {self.plan.mesh.name}: {self.angle:+g}"
-        head = "<tr><th>check</th><th>value</th><th>limit</th><th></th></tr>"
-        return f"<table><caption>{escape(title)}</caption>{head}{rows}</table>"
 
 
 def deflect(
     mesh: Any,
-    surfaces: str | Sequence[str],
+    surfaces: str | Sequence[Any],
     hinge: ArrayLike | None = None,
     angle: float | None = None,
     *,
-    min_quality: float = MIN_QUALITY,
     progress: Progress = silent,
     **options: Any,
 ) -> Result:
-    """Turn patches of a mesh about a hinge, and let the mesh around them follow.
+    """Turn patches of a mesh about a hinge, and let the mesh around them follow inside a box.
 
     Parameters
     ----------
     mesh
-        From `read`; a meshio or pyvista mesh; or (points, {patch: node indices}).
+        From `read`, or the path of a file; a meshio mesh with a cell set or a physical group for each patch; a pyvista
+        grid whose faces have the cell array ``patch``, named by the field array ``patch_names``; or arrays
+        ``(points (N, 3), {patch: node indices (K,)})``.
     surfaces
-        Name of the moving patch, or several; wildcards allowed.
+        Name of the moving patch, or several; ``*`` stands for any letters. For surfaces with hinges and angles of
+        their own, a list of dictionaries with ``patches``, ``hinge``, ``angle`` and, if need be, ``motion`` and what
+        belongs to it.
     hinge
-        (2, 3) two points of the hinge line; positive angles are right-handed from the first to the second.
+        (2, 3) two points of the hinge line, in the mesh's unit of length.
     angle
-        Degrees.
-    min_quality
-        Share of the undeflected mesh's least quality that the cells of each type must keep; 0: no such check.
+        Degrees, right-handed from the first hinge point to the second, at most 90 either way; of a `table` its share.
     progress
-        Called with what is being done and the fraction done.
+        Called with what is being done and the fraction done (0 to 1, or nan).
     **options
-        Settings by the names that `sdm deflect` has in its TOML file: `motion` (``"rigid"``, ``"blended"`` or a
-        motion such as `Blended`), `fixed`, `slide`, `box`, `margin`, `zones`, `allow_inverted`, `held`, `driven`,
-        `strip`, `table`, and the numbers of the interpolation: `strategy`, `tolerance`, `max_centers`, ...
+        Settings by the names that they have in the TOML file of ``sdm deflect``.
+
+        What moves, and how:
+
+        - `motion`: ``"rigid"`` (default), ``"blended"`` between nodes that stay and nodes that follow, or a motion
+          such as `Rotation`, `Blended` or `Table`, which has its own hinge.
+        - `held`, `driven`: of a blended motion, the nodes that stay (default: those shared with `fixed` patches) and
+          those that follow (default ``"edges:40"``, the sharp edges far from the hinge): names of patches, node indices
+          (K,) counted from 0, a .txt file of them, or `OnPatches`, `TrailingEdge`, `Listed`.
+        - `strip`: of a blended motion, the width beside a closed rib as a share of the span, above 0, at most 1 (0.2).
+        - `table`: a .csv or .npz file of displacements instead of a rotation.
+
+        What stays, and where:
+
+        - `fixed`: names of the patches that stay.
+        - `slide`: patches that stay on their shape: ``{"symmetry": "plane"}`` or ``"symmetry:plane"``; shapes are
+          ``plane`` and ``cylinder``, fitted to the patch's nodes and verified.
+        - `box`: ``"auto"`` (default), a `Hexahedron`, its corners (8, 3), two opposite corners (2, 3) of a box along
+          the axes, or a .toml file with `corners`.
+        - `margin`: distance from the surface to an automatic box, a length; 0 (default): chosen.
+        - `open_faces`: faces of a given box without zero sites, of ``x-``, ``x+``, ``y-``, ``y+``, ``z-``, ``z+``.
+        - `section`: faces of an overlapping block that cut the box, a dictionary for each: `patch`, `point` (3,) of its
+          plane, `axis` ``"x"``, ``"y"`` or ``"z"`` along its normal, `slides` (True): whether nodes slide in it.
+        - `near_wall`: whether the mesh near walls follows them rigidly, so that prism layers keep their heights (True).
+          Without it, as in the paper, no patch but the moving surface may reach into the box.
+        - `zones`: further zones of the file that deform; ``"*"`` for all.
+
+        What is accepted:
+
+        - `allow_inverted`: whether a mesh that has inverted cells already is taken (False).
+        - `min_quality`: share of the undeflected mesh's least quality that the cells of each type must keep (0.1); 0:
+          no such check.
+
+        How it is interpolated:
+
+        - `strategy`: ``"squv"``, centres for each direction (default), or ``"mv"``, common ones.
+        - `tolerance`: largest error at a data site, a length; 0 (default): 1 % of the surface's median edge.
+        - `initial_surface`, `initial_hexahedron`: centres at the start, on the moving surface and on all else (30, 30).
+        - `n_add`: largest number of centres added at a time (`rule` ``"worst"``), or least size of a block (10).
+        - `max_centers`: at most so many for each direction (5000).
+        - `rule`: ``"separated"`` (default) adds large blocks of sites that are no neighbours; ``"worst"`` the paper's.
+        - `spacing`: distance of the sites on the box, a length; 0 (default): from `spacing_edges`, the same in
+          median edges of the surface (1.75).
+        - `max_steps`: largest number of steps in which the angle is taken if cells invert (8).
+
+    Returns
+    -------
+    The deflected mesh with its checks. A check that fails is no error: see `Result.passed`.
 
     Raises
     ------
     InputError
-        If an argument is unknown or of a wrong type, or names, hinge, angle or box do not suit the mesh: one sentence.
+        If an argument is unknown, without effect or of a wrong type, or names, hinge, angle or box do not suit the
+        mesh: one sentence.
+
+    Examples
+    --------
+    ::
+
+        result = deflect("naca.su2", "flap", hinge=[[0.7, 0.6, 0], [0.7, 1.4, 0]], angle=15,
+                         motion="blended", fixed="wing", slide="symmetry:plane")
+        result.save("naca-15.su2")
     """
-    settings = settings_of(surfaces, hinge, angle, {**options, "min_quality": min_quality})
+    settings = settings_of(surfaces, hinge, angle, options)
     job = settings.job()
-    return run_job(accepted(mesh), job, (job.angle,), settings.min_quality, progress)[0]
+    return _run(mesh, job, (job.angle,), settings.min_quality, progress)[0]
 
 
 def sweep(
     mesh: Any,
-    surfaces: str | Sequence[str],
+    surfaces: str | Sequence[Any],
     hinge: ArrayLike | None,
-    angles: Sequence[float],
+    angles: str | Sequence[float],
     *,
-    min_quality: float = MIN_QUALITY,
     progress: Progress = silent,
     **options: Any,
 ) -> tuple[Result, ...]:
     """Deflect to several angles; centres and factors of the largest serve for all of them.
 
-    Each angle is checked at every data site; centres are added where one is off by more than the tolerance.
+    Each angle is checked at every data site; centres are added where one is off by more than the tolerance. The box is
+    one that holds the surface at all angles.
 
     Parameters
     ----------
+    mesh, surfaces, hinge, progress, **options
+        As for `deflect`. Of several surfaces with angles of their own, those of the first are replaced by `angles`, and
+        the others keep their proportion to it.
     angles
-        Degrees, in any order.
-    mesh, surfaces, hinge, min_quality, progress, **options
-        As for `deflect`.
+        Degrees, in any order; or text, ``"-30:30:5"`` with both ends included.
 
     Returns
     -------
     One result for each angle, in the order of `angles`.
+
+    Raises
+    ------
+    InputError
+        As for `deflect`, or if there is no angle.
     """
-    wanted = _angles(angles)
-    settings = settings_of(surfaces, hinge, max(wanted, key=abs), {**options, "min_quality": min_quality})
-    return run_job(accepted(mesh), settings.job(), wanted, settings.min_quality, progress)
+    wanted = angles_of(angles)
+    largest = None if tables_of(surfaces) else max(wanted, key=abs)
+    settings = settings_of(surfaces, hinge, largest, options)
+    return _run(mesh, settings.job(), wanted, settings.min_quality, progress)
 
 
-def deflect_job(mesh: Any, job: Job, angles: Sequence[float] = (), progress: Progress = silent) -> tuple[Result, ...]:
-    """Carry out a job, which may move several surfaces, at its own angle or at several of its first surface."""
-    return run_job(accepted(mesh), job, tuple(angles) or (job.angle,), MIN_QUALITY, progress)
-
-
-def run_job(
-    given: Accepted, job: Job, angles: Sequence[float], min_quality: float, progress: Progress
-) -> tuple[Result, ...]:
+def _run(mesh: Any, job: Job, angles: Sequence[float], least: float, progress: Progress) -> tuple[Result, ...]:
     """Plan a job for all angles and bring the mesh to each; results in the order of the angles."""
+    if not callable(progress):
+        raise InputError(f"progress = {progress!r} must be a function of a text and a fraction")
+    given = adapters.accepted(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
     plan = Plan.of(given.mesh, job, angles, progress)
-    found: dict[int, Result] = {}
-    for i, one in swept(plan, angles, progress):
-        found[i] = Result(one, given.with_points(one.points), checks_of(one, min_quality))
+    found = {
+        i: Result(one, given.with_points(one.points), checks_of(one, least)) for i, one in swept(plan, angles, progress)
+    }
     return tuple(found[i] for i in range(len(angles)))
 
 
-def _angles(angles: Sequence[float]) -> tuple[float, ...]:
+@contextmanager
+def _about_files() -> Iterator[None]:
+    """Make errors of mesh files what all other mistakes are."""
     try:
-        wanted = tuple(float(angle) for angle in angles)
-    except (TypeError, ValueError):
-        raise InputError(f"angles = {angles!r}: must be numbers, in degrees") from None
-    if not wanted or not np.isfinite(wanted).all():
-        raise InputError(f"angles = {angles!r}: must be at least one number, all finite")
-    return wanted
+        yield
+    except MeshFileError as error:
+        raise InputError(str(error)) from None
+
+
+def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table as HTML; nothing without rows."""
+    lines = [f"<tr><th>{'</th><th>'.join(head)}</th></tr>"] if rows else []
+    lines += [f"<tr><td>{'</td><td>'.join(map(escape, row))}</td></tr>" for row in rows]
+    return f"<table><caption>{escape(title)}</caption>{''.join(lines)}</table>" if rows else ""

@@ -7,9 +7,10 @@ described under its public path alone, and fields of named tuples without the wo
 import re
 from typing import Any
 
-import sdm_deflect
 from sphinx.application import Sphinx
 from sphinx.domains.python import PyObject
+
+import sdm_deflect
 
 SECTIONS = ("Attributes", "Parameters", "Returns")
 ENTRY = re.compile(r"(\s*)(\w[\w, ]*) : (.+)")

@@ -14,8 +14,10 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
 from sdm_deflect.deform.volume.box import Automatic
+from sdm_deflect.deform.volume.hexahedron import box
 
 HINGE = [[0.7, 0, 0], [0.7, 1, 0]]
+OWN = Rotation.about(*np.array(HINGE))
 TWO = """
 box = [[-3, -1, -1], [3, 1, 1]]
 max_centers = 900
@@ -102,6 +104,40 @@ def test_keywords_are_the_same_settings():
     assert held.nodes.tolist() == [0, 1, 2]
 
 
+def test_python_takes_the_words_of_the_command():
+    def job(**options):
+        return settings_of("flap", HINGE, 5.0, options).job()
+
+    for slide in ("symmetry:plane", "symmetry:plane,root:cylinder", ["symmetry:plane"], {"symmetry": "plane"}):
+        assert (job(slide=slide).slides[0].patch, job(slide=slide).slides[0].shape) == ("symmetry", "plane")
+    blended = job(motion="blended", fixed="wing*,tip", held="rib, hinge", driven="edges:30", box="auto", strip=0.1)
+    motion = blended.surfaces[0].motion
+    assert (blended.fixed, motion.held.names, motion.rib.share) == (("wing*", "tip"), ("rib", "hinge"), 0.1)
+    assert motion.driven == TrailingEdge(30.0)
+    hexahedron = box(np.zeros(3), np.ones(3))
+    assert job(box=hexahedron).box.hexahedron is hexahedron
+
+
+def test_surfaces_with_hinges_of_their_own():
+    tables = [
+        {"patches": "left", "hinge": HINGE, "angle": 12},
+        {"patches": ["right"], "hinge": np.array(HINGE), "angle": -6, "motion": "blended", "strip": 0.3},
+    ]
+    job = settings_of(tables, None, None, {"fixed": "wing"}).job()
+    assert job.amounts == (12.0, -6.0)
+    assert [one.patches for one in job.surfaces] == [("left",), ("right",)]
+    assert job.surfaces[1].motion.rib.share == 0.3
+
+
+def test_files_may_be_paths(tmp_path):
+    (tmp_path / "held.txt").write_text("1\n2\n")
+    (tmp_path / "box.toml").write_text("corners = [[0, 0, 0], [1, 1, 1]]")
+    options = {"motion": "blended", "held": tmp_path / "held.txt", "box": tmp_path / "box.toml"}
+    job = settings_of("a", HINGE, 5.0, options).job()
+    assert job.surfaces[0].motion.held.nodes.tolist() == [1, 2]
+    assert job.box.hexahedron.corners.max() == 1.0
+
+
 @pytest.mark.parametrize(
     ("arguments", "options", "message"),
     [
@@ -133,7 +169,20 @@ def test_keywords_are_the_same_settings():
         (("a", HINGE, 5), {"box": [[0, 0, 0]]}, "the box"),
         (("a", HINGE, 5), {"fixed": 5}, "fixed = 5 is no list of names"),
         (("a", HINGE, 5), {"fixed": ["a", ""]}, "fixed = '' is empty"),
-        (("a", HINGE, 5), {"slide": "symmetry"}, "slide = 'symmetry' is no table"),
+        (("a", HINGE, 5), {"slide": "symmetry"}, "slide = symmetry: must be NAME:plane"),
+        (("a", HINGE, 5), {"slide": 5}, "slide = 5 is no table"),
+        (("a", HINGE, 5), {"surface": []}, "unknown setting surface; did you mean surfaces?"),
+        (("a", HINGE, 5), {"patches": "b"}, "unknown setting patches; did you mean surfaces?"),
+        (("a", HINGE, 5), {"amount": 0.5}, "unknown setting amount; did you mean angle?"),
+        (("a", HINGE, 5), {"strip": 0.1}, "strip = 0.1: a rigid motion has no use for it"),
+        (("a", HINGE, 5), {"motion": OWN, "driven": "b"}, "driven = 'b': the motion has its own"),
+        (("a", [[0, 0, 0], [0, 0, 1]], 5), {"motion": OWN}, "the motion has another one; leave hinge out"),
+        (("a", HINGE[::-1], 5), {"motion": OWN}, "the motion has another one; leave hinge out"),
+        (("a", HINGE, 5), {"margin": 1, "box": HINGE}, "margin = 1: only the automatic box has a margin"),
+        (([{"patches": "a"}], HINGE, None), {}, "hinge belongs to one surface"),
+        (([{"patches": "a"}], None, 5), {}, "angle belongs to one surface"),
+        (([{"patches": "a", "hinge": HINGE}], None, None), {}, "the angle of a is missing"),
+        (([{"patches": "a"}, {"patches": "b", "angel": 3}], None, None), {}, "unknown setting surfaces[1].angel"),
         (("a", HINGE, 5), {"slide": {"symmetry": "ball"}}, "slide.symmetry = 'ball' is not one of plane, cylinder"),
         (("a", HINGE, 5), {"motion": "bent"}, "motion = 'bent' is not one of rigid, blended"),
         (("a", HINGE, 5), {"motion": 5}, "motion = 5 is not one of rigid, blended"),
@@ -199,6 +248,28 @@ def test_paths_are_text():
 )
 def test_ranges_of_angles(text, angles):
     assert angles_of(text) == pytest.approx(angles)
+
+
+def test_angles_of_python_keep_their_order():
+    assert angles_of([5, -3.0, np.float64(5.0)]) == (5.0, -3.0, 5.0)
+    assert angles_of(np.array([0.0, 2.0])) == (0.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("angles", "message"),
+    [
+        (5.0, "angles = 5.0 is not a list"),
+        ([], "angles is empty"),
+        ([1.0, "15"], "angles[1] = '15' is not a number"),
+        ([[1.0]], "angles[0] = [1.0] is not a number"),
+        ([float("nan")], "angles[0] = nan is not a finite number"),
+        (None, "angles = None is not a list"),
+    ],
+)
+def test_sequences_that_are_no_angles(angles, message):
+    with pytest.raises(InputError) as caught:
+        angles_of(angles)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["1:2:0", "1:2:-1", "a", "", "1:2:3:4", "0:1:1e-9", "nan", "5,nan", "0:100:50"])
