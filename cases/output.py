@@ -1,7 +1,6 @@
 """The files of a run: written into a folder beside the target, then renamed into it, so each is whole."""
 
 import csv
-import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,16 +8,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from sdm_deflect.cases.sdm.case import Case
-from sdm_deflect.cases.sdm.metrics import Run, metrics
-from sdm_deflect.cases.settings import to_toml
-from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
 from sdm_deflect.meshing.files import renamed
 from sdm_deflect.meshing.formats.format import FULL
-from sdm_deflect.meshing.formats.vtu_write import write_vtu
-from sdm_deflect.meshing.mesh import TetMesh
 
 
 class OutputError(ValueError):
@@ -54,34 +47,6 @@ def output_folder(target: Path) -> Iterator[Path]:
         if isinstance(error, OSError) and error.errno in FULL:
             raise OutputError(f"{target}: cannot be written: {error.strerror}") from error
         raise
-
-
-def write_deformation(
-    folder: Path,
-    case: Case,
-    mesh: TetMesh,
-    deflected: TetMesh,
-    deflections: Sequence[Deflection],
-    background: TetMesh | None,
-) -> None:
-    """Write every file of the contract that needs no validation into `folder`."""
-    (folder / "case.toml").write_text(to_toml(case), encoding="utf-8")
-    write_vtu(folder / "undeflected.vtu", mesh)
-    write_vtu(
-        folder / "deflected.vtu",
-        deflected,
-        point_data={"displacement": deflected.points - mesh.points},
-        cell_data={"quality": mean_ratio(deflected.points, deflected.tets)},
-    )
-    if background is not None:
-        write_vtu(folder / "background.vtu", background)
-    write_interpolants(folder / "interpolant.npz", deflections)
-    write_convergence(folder / "convergence.csv", deflections)
-
-
-def write_metrics(run: Run, folder: Path) -> None:
-    """Write metrics.json into `folder`."""
-    (folder / "metrics.json").write_text(json.dumps(metrics(run), indent=2) + "\n", encoding="utf-8")
 
 
 def write_interpolants(path: Path, deflections: Sequence[Deflection]) -> None:

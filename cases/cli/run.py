@@ -115,8 +115,8 @@ def geometry(
 def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
     """Repeat the validation of a finished run from its files."""
     from sdm_deflect.cases.console import verdict
-    from sdm_deflect.cases.finished import validate_folder
     from sdm_deflect.cases.metrics import verdict_figures
+    from sdm_deflect.cases.sdm.run_folder import validate_folder
 
     with watched(quiet, verbose) as watch, watch.stage("validation"):
         checks = validate_folder(folder)
@@ -134,7 +134,7 @@ def report(folder: Path, quiet: bool, verbose: bool) -> int:
     """Make report.html and figures/ of a finished run, or of a deflected mesh, anew from the files beside it."""
     from sdm_deflect.cases.mesh_files import SETTINGS
     from sdm_deflect.cases.report import folder as deflected
-    from sdm_deflect.cases.report import sdm
+    from sdm_deflect.cases.sdm import report as sdm
 
     of_mesh = (folder / SETTINGS).is_file()
     with watched(quiet, verbose) as watch, watch.stage("report"):

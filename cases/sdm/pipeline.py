@@ -7,13 +7,13 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from sdm_deflect.cases.output import write_deformation, write_metrics
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.cases.sdm.metrics import MeshOrigin, Run, metrics
 from sdm_deflect.cases.sdm.overset import finer_background
 from sdm_deflect.cases.sdm.reference import reference
+from sdm_deflect.cases.sdm.run_folder import write_deformation, write_metrics
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import Quality
@@ -55,7 +55,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
     run = Run(case, mesh, origin, moved, results, whole, checks, watch.seconds, background, stiff)
     if report:
         from sdm_deflect.cases.report.page import write_report
-        from sdm_deflect.cases.report.sdm import compared
+        from sdm_deflect.cases.sdm.report import compared
 
         with watch.stage("report") as progress:
             data = shown.judged(checks, metrics(run))
@@ -70,7 +70,7 @@ def drawn_report(
 ) -> tuple["ReportData", "Gallery"]:
     """Return what the report shows, and its pictures, which are in `folder`."""
     from sdm_deflect.cases.report.pictures import drawn
-    from sdm_deflect.cases.report.sdm import report_data_of
+    from sdm_deflect.cases.sdm.report import report_data_of
 
     with watch.stage("pictures") as progress:
         shown = report_data_of(case, mesh, moved, results)

@@ -12,9 +12,9 @@ from numba import get_num_threads
 
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.progress import Display, Stopwatch
-from sdm_deflect.cases.report import aircraft
 from sdm_deflect.cases.report.offscreen import RenderError
 from sdm_deflect.cases.report.pictures import figure_of, write_png
+from sdm_deflect.cases.sdm import pictures as aircraft
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.metrics import Run
 from sdm_deflect.cases.sdm.pipeline import meshed, run_case

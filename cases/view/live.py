@@ -6,9 +6,9 @@ from typing import Self
 
 import numpy as np
 
-from sdm_deflect.cases.finished import read_run
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import deflected, plans_of
+from sdm_deflect.cases.sdm.run_folder import read_run
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import FloatArray, IntArray
 from sdm_deflect.deform.quality import mean_ratio

@@ -6,8 +6,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.report import aircraft
-from sdm_deflect.cases.report.aircraft import cells_by_quality, histograms, shell, walls
 from sdm_deflect.cases.report.offscreen import RenderError, rendered
 from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
 from sdm_deflect.cases.report.scene3d import (
@@ -26,6 +24,8 @@ from sdm_deflect.cases.report.scene3d import (
     plain,
     quality_rgb,
 )
+from sdm_deflect.cases.sdm import pictures as aircraft
+from sdm_deflect.cases.sdm.pictures import cells_by_quality, histograms, shell, walls
 from sdm_deflect.deform.quality import signed_volumes
 from tests.pictures import differing, inked, pixels, shades, share
 

@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.finished import read_run, validate_folder
+from sdm_deflect.cases.sdm.run_folder import read_run, validate_folder
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 

@@ -15,9 +15,9 @@ from sdm_deflect.cases.report.offscreen import rendering
 from sdm_deflect.cases.report.page import page, write_report
 from sdm_deflect.cases.report.pictures import Gallery, drawn
 from sdm_deflect.cases.report.scene3d import triangles_of
-from sdm_deflect.cases.report.sdm import report_data_of, report_data_of_folder
 from sdm_deflect.cases.report.turnable import thinned, turnable
 from sdm_deflect.cases.sdm.metrics import metrics
+from sdm_deflect.cases.sdm.report import report_data_of, report_data_of_folder
 from sdm_deflect.deform.quality import mean_ratio
 
 EVIL = "</script><script>document.title='broken'</script><img src=x onerror=\"document.title='broken'\">"

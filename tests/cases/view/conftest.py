@@ -2,9 +2,9 @@
 
 import pytest
 
-from sdm_deflect.cases.output import write_deformation
 from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.sdm.run_folder import write_deformation
 from sdm_deflect.cases.view.live import Live
 from sdm_deflect.deform.progress import silent
 from sdm_deflect.deform.volume.deflection import _stepped, combined

@@ -1,18 +1,54 @@
-"""A finished output folder, read back."""
+"""The output folder of a case: written, read back, validated again."""
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from sdm_deflect.cases.output import write_convergence, write_interpolants
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import plans_of
+from sdm_deflect.cases.sdm.metrics import Run, metrics
 from sdm_deflect.cases.sdm.reference import reference
 from sdm_deflect.cases.sdm.registry import resolve
 from sdm_deflect.cases.sdm.validation import validate
+from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.meshing.formats.vtu import read_vtu
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
+
+
+def write_deformation(
+    folder: Path,
+    case: Case,
+    mesh: TetMesh,
+    deflected: TetMesh,
+    deflections: Sequence[Deflection],
+    background: TetMesh | None,
+) -> None:
+    """Write every file of the contract that needs no validation into `folder`."""
+    (folder / "case.toml").write_text(to_toml(case), encoding="utf-8")
+    write_vtu(folder / "undeflected.vtu", mesh)
+    write_vtu(
+        folder / "deflected.vtu",
+        deflected,
+        point_data={"displacement": deflected.points - mesh.points},
+        cell_data={"quality": mean_ratio(deflected.points, deflected.tets)},
+    )
+    if background is not None:
+        write_vtu(folder / "background.vtu", background)
+    write_interpolants(folder / "interpolant.npz", deflections)
+    write_convergence(folder / "convergence.csv", deflections)
+
+
+def write_metrics(run: Run, folder: Path) -> None:
+    """Write metrics.json into `folder`."""
+    (folder / "metrics.json").write_text(json.dumps(metrics(run), indent=2) + "\n", encoding="utf-8")
 
 
 def validate_folder(folder: Path) -> tuple[Check, ...]:

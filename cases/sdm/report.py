@@ -14,7 +14,6 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from sdm_deflect.cases.finished import read_run
 from sdm_deflect.cases.output import output_folder
 from sdm_deflect.cases.report.data import (
     METRES,
@@ -36,6 +35,7 @@ from sdm_deflect.cases.report.scene3d import triangles_of
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import BLOCK, plans_of
 from sdm_deflect.cases.sdm.reference import reference
+from sdm_deflect.cases.sdm.run_folder import read_run
 from sdm_deflect.cases.sdm.validation import validate
 from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.deform.errors import InputError
