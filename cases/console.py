@@ -49,7 +49,7 @@ def findings(found: Sequence["Finding"]) -> Group:
         mark = Text("well") if one.well else Text("NOT WELL", style="bold")
         table.add_row(Text(one.name), Text(one.text), mark)
     ill = [f"{one.name}: {one.remedy}" for one in found if not one.well]
-    return Group(table, *texts(ill or ["all is well"]))
+    return Group(table, *_texts(ill or ["all is well"]))
 
 
 def plan_table(plan: Plan) -> Group:
@@ -60,7 +60,7 @@ def plan_table(plan: Plan) -> Group:
         name, nodes = patch.name, patch.nodes
         count = len(np.intersect1d(nodes, inside, assume_unique=True))
         table.add_row(Text(name), Text(_part(plan, name)), str(len(nodes)), str(count))
-    return Group(table, *texts(_lines(plan)))
+    return Group(table, *_texts(_lines(plan)))
 
 
 def result_table(done: "Outcome") -> Group:
@@ -81,7 +81,7 @@ def result_table(done: "Outcome") -> Group:
     wrote = [f"wrote {', '.join(str(path) for path in done.files)}"] if done.files else []
     last = "all validations passed" if done.passed else "A VALIDATION FAILED"
     losses = [f"not held by this format: {text}" for text in done.lost]
-    return Group(*body, *texts([*_lines(plan), *losses, speed, *wrote, last]))
+    return Group(*body, *_texts([*_lines(plan), *losses, speed, *wrote, last]))
 
 
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
@@ -115,7 +115,7 @@ def sweep_table(angles: Sequence["Judged"], title: str) -> Table:
     return table
 
 
-def texts(lines: Iterable[str]) -> list[Text]:
+def _texts(lines: Iterable[str]) -> list[Text]:
     """Return lines in which brackets are brackets."""
     return [Text(line) for line in lines]
 

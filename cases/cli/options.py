@@ -80,10 +80,14 @@ def print_json(value: Any) -> None:
 
 
 def print_tables(*tables: Any) -> None:
-    """Print tables and texts for a reader."""
+    """Print tables for a reader, and texts as they are, one below the other."""
+    from rich.text import Text
+
     from sdm_deflect.cases.console import console
 
-    console().print(*tables)
+    out = console()
+    for table in tables:
+        out.print(Text(table) if isinstance(table, str) else table)
 
 
 def code_of(passed: bool) -> int:

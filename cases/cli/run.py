@@ -63,7 +63,7 @@ def run(
 
     resolved = resolve(case, **given)
 
-    from sdm_deflect.cases.console import texts, verdict
+    from sdm_deflect.cases.console import verdict
     from sdm_deflect.cases.output import output_folder
     from sdm_deflect.cases.sdm.metrics import summary
     from sdm_deflect.cases.sdm.pipeline import run_case
@@ -76,7 +76,7 @@ def run(
     else:
         title = f"{resolved.name} {resolved.angle:+g} deg, {resolved.scale}, {resolved.strategy}"
         last = "all validations passed" if result.passed else "A VALIDATION FAILED"
-        print_tables(verdict(result.checks, title), *texts([*summary(result), f"results in {folder}", last]))
+        print_tables(verdict(result.checks, title), *summary(result), f"results in {folder}", last)
     return code_of(result.passed)
 
 

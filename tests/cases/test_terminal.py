@@ -6,7 +6,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from sdm_deflect.cases.console import WIDTH, console, texts, verdict
+from sdm_deflect.cases.cli.options import print_tables
+from sdm_deflect.cases.console import WIDTH, console, verdict
 from sdm_deflect.cases.progress import Bars, Lines, Silent, Stopwatch, shown
 from sdm_deflect.cases.report.data import report_data_of_folder
 from sdm_deflect.cases.sdm.metrics import summary
@@ -107,10 +108,9 @@ def test_a_check_over_nothing_is_not_applicable():
     assert "passed" not in text
 
 
-def test_brackets_in_a_line_are_brackets():
-    out = StringIO()
-    Console(file=out, width=WIDTH).print(*texts(["results in runs/[bold]mine"]))
-    assert out.getvalue().strip() == "results in runs/[bold]mine"
+def test_texts_are_printed_as_they_are_one_below_the_other(capsys):
+    print_tables(verdict(CHECKS, "case"), "results in runs/[bold]mine", "all validations passed")
+    assert capsys.readouterr().out.splitlines()[-2:] == ["results in runs/[bold]mine", "all validations passed"]
 
 
 @pytest.mark.mesher
