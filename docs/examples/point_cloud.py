@@ -1,4 +1,4 @@
-"""Deflect a flap in a cloud of points with the package `deform` alone: no mesh, no CAD.
+"""Deflect a flap in a cloud of points: no mesh, no CAD.
 
 The flap is a plate behind its hinge line x = z = 0. Every other point is moved by what the interpolant says.
 """
@@ -7,19 +7,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sdm_deflect.deform.rbf.greedy import Adaptation, adapt, fused
-from sdm_deflect.deform.rbf.kernels import FloatArray, ThinPlateSpline
-from sdm_deflect.deform.rbf.points import farthest
-from sdm_deflect.deform.rbf.selection import GreedyOptions
-from sdm_deflect.deform.rbf.sites import DataSites, pinned, univariate
+from sdm_deflect.cases.api import deflect
+from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.surface.axis import Axis
-from sdm_deflect.deform.volume.hexahedron import Hexahedron, box
+from sdm_deflect.deform.volume.hexahedron import box
 
 CHORD, SPAN = 0.10, 0.30
 HINGE = Axis(np.zeros(3), np.array([0.0, 1.0, 0.0]))
 REGION = box(np.array([0.0, -0.05, -0.08]), np.array([0.18, SPAN + 0.05, 0.08]))
 TOLERANCE = 1e-5
-BLUE, RED, GREY = "#0072B2", "#D55E00", "0.6"
+GREY = "0.6"
 
 
 def flap(step: float = 0.01) -> FloatArray:
@@ -28,20 +25,13 @@ def flap(step: float = 0.01) -> FloatArray:
     return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
 
 
-def adapted(moving: DataSites, region: Hexahedron = REGION) -> list[Adaptation]:
-    """Fit one interpolant for each direction to the moving sites and to zero on the faces of the region."""
-    groups = univariate([moving, pinned(region.face_sites(0.02))])
-    options = GreedyOptions(n_add=10, tol_add=TOLERANCE, tol_stop=TOLERANCE)
-    return [adapt(group, ThinPlateSpline(), farthest(group.points, 20), options) for group in groups]
-
-
 def deflected(points: FloatArray, degrees: float) -> FloatArray:
     """Return points (N, 3) of the cloud after the flap has turned; outside the region they keep their bits."""
     surface = flap()
-    fits = adapted(DataSites(surface, HINGE.displacement(surface, degrees)))
-    inside, out = REGION.contains(points), points.copy()
-    out[inside] += fused(fits)(points[inside])
-    return out
+    cloud = np.vstack([surface, points]), {"flap": np.arange(len(surface))}
+    hinge = [[0.0, 0.0, 0.0], [0.0, SPAN, 0.0]]
+    result = deflect(cloud, "flap", hinge, degrees, box=REGION.corners, tolerance=TOLERANCE)
+    return result.points[len(surface) :]
 
 
 def draw() -> Figure:
