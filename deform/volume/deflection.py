@@ -135,9 +135,7 @@ class Deflection:
 
         With several steps it is the derivative with respect to the end of the last one.
         """
-        job = self.plan.job
-        ratios = [amount / job.angle if job.angle else 1.0 for amount in job.amounts]
-        return rate(self.steps[-1], self.plan.boundary.rate(self.amounts, ratios))
+        return rate(self.steps[-1], self.plan.boundary.rate(self.amounts, self.plan.job.ratios))
 
 
 def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Deflection | None = None) -> Deflection:

@@ -89,23 +89,25 @@ class Job:
         """Amount of each surface."""
         return tuple(moving.amount for moving in self.surfaces)
 
-    def amounts_at(self, angle: float) -> tuple[float, ...]:
-        """Return the amount of each surface when the first one's is `angle` and the others keep their ratio to it.
+    @property
+    def ratios(self) -> tuple[float, ...]:
+        """Amount of each surface for one of the first.
 
         Raises
         ------
         InputError
             If the first one's own amount is zero, so that nothing is in proportion to it.
         """
-        if angle == self.angle:
-            return self.amounts
         if not self.angle and any(self.amounts):
             raise InputError(
                 f"angle = {self.angle:g} of {', '.join(self.surfaces[0].patches)}, the first surface: the others "
                 "cannot be in proportion to it; put a surface that moves first"
             )
-        ratios = [amount / self.angle if self.angle else 1.0 for amount in self.amounts]
-        return tuple(angle * ratio for ratio in ratios)
+        return tuple(amount / self.angle if self.angle else 1.0 for amount in self.amounts)
+
+    def amounts_at(self, angle: float) -> tuple[float, ...]:
+        """Return the amount of each surface when the first one's is `angle` and the others keep their ratio to it."""
+        return self.amounts if angle == self.angle else tuple(angle * ratio for ratio in self.ratios)
 
     def at(self, angle: float) -> "Job":
         """Return the job with the first surface at `angle`, the others in their proportion to it."""

@@ -6,6 +6,7 @@ import pytest
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.surface.motions import Moving, Rotation
+from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.deflection import Plan, deflect, sweep
 from sdm_deflect.deform.volume.job import Job
 from tests.deform.blocks import two_bodies
@@ -67,6 +68,15 @@ def test_a_sweep_of_a_first_surface_that_stays_is_refused(pair):
         job.amounts_at(5.0)
     with pytest.raises(InputError, match="put a surface that moves first"):
         Plan.of(pair, job, (0.0, 5.0))
+
+
+def test_nothing_has_a_sensitivity_to_the_angle_of_a_first_surface_that_stays(pair):
+    result = deflect(Plan.of(pair, pair_job(0.0, 15.0)), 0.0)
+    with pytest.raises(InputError, match="put a surface that moves first"):
+        result.sensitivity()
+    still = deflect(Plan.of(pair, pair_job(0.0, 0.0)), 0.0)
+    expected = RIGHT.law(Surface.of(pair, ("right",))).rate(0.0)
+    np.testing.assert_allclose(still.sensitivity()[pair.on("right")], expected, atol=1e-15)
 
 
 def test_amounts_keep_their_proportion():

@@ -217,13 +217,3 @@ def test_without_near_wall_following_the_free_nodes_go_where_the_interpolant_say
     expected = block.points[free] + step.fits.interpolant(block.points[free])
     assert np.array_equal(step.points[free], expected)
     assert len(step.state.layers.rows) == len(step.state.near_wall.follow.rows) == 0
-
-
-def test_a_wildcard_stands_for_a_patch_in_every_zone_and_a_plain_name_does_not():
-    names = ("block/wing_left", "background/wing_left", "wing_right", "tail")
-    points = np.zeros((1, 3))
-    mesh = Mesh(points, (), tuple(Patch(name, (), np.array([0])) for name in names), name="pair.cgns")
-    assert mesh.named(["wing*"], "fixed") == names[:3]
-    assert mesh.named(["block/*"], "fixed") == names[:1]
-    with pytest.raises(InputError, match=r"'wing_left' is no patch; did you mean .*block/wing_left"):
-        mesh.named(["wing_left"], "fixed")

@@ -1,0 +1,171 @@
+"""Checks that can fail: values beside what was asked, and when there is nothing to ask."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sdm_deflect.deform.checks import Check, checks_of, layers_of, site_error, worst
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import Cells
+from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.fitting import Fitting
+from tests.deform.jobs import WING, job, turn
+
+TIGHT = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
+
+
+def named(deflection, **more):
+    return {check.name: check for check in checks_of(deflection, **more)}
+
+
+def mirrored(mesh, rows):
+    """The mesh with some hexahedra numbered so that they are inside out."""
+    (cells,) = mesh.cells
+    nodes = cells.nodes.copy()
+    nodes[rows] = nodes[rows][:, [4, 5, 6, 7, 0, 1, 2, 3]]
+    return replace(mesh, cells=(Cells("hexahedron", nodes),))
+
+
+@pytest.fixture(scope="module")
+def torn(block):
+    """The body turned so far, in one step, that cells beside it invert."""
+    return turn(block, angle=60.0, box=TIGHT, fitting=Fitting(max_steps=1))
+
+
+@pytest.fixture(scope="module")
+def far(block):
+    """Rows of the cells with no node in the tight box."""
+    (cells,) = block.cells
+    return np.flatnonzero((np.abs(block.points[cells.nodes]).max(axis=2) > 1.2).all(axis=1))
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "judgement", "passed"),
+    [
+        (1.0, 1.0, "at most", True),
+        (1.1, 1.0, "at most", False),
+        (1.0, 1.0, "at least", True),
+        (0.9, 1.0, "at least", False),
+        (np.nan, 1.0, "at most", False),
+        (np.nan, 1.0, "at least", False),
+    ],
+)
+def test_a_value_passes_on_the_right_side_of_its_limit(value, limit, judgement, passed):
+    check = Check("a", value, limit, "m", "here", judgement)
+    assert check.passed is passed
+    assert check.verdict == ("passed" if passed else "FAILED")
+    assert check.as_dict()["value"] == (None if np.isnan(value) else value)
+
+
+def test_a_check_over_nothing_is_not_applicable():
+    check = Check("a", np.nan, 0.0, "m", "nowhere", over=0)
+    assert check.passed
+    assert check.verdict == "not applicable"
+    assert (check.as_dict()["value"], check.as_dict()["verdict"]) == (None, "not applicable")
+
+
+def test_checks_of_a_surface_alone_in_its_box(block):
+    """No fixed patch reaches into it: that none of its nodes moved is no achievement."""
+    checks = named(turn(block, box=TIGHT))
+    assert [check.name for check in checks.values()] == [
+        "outside_moved", "fixed_surfaces_moved", "site_error", "inverted_cells", "quality_min:hexahedron"
+    ]  # fmt: skip
+    assert checks["fixed_surfaces_moved"].verdict == "not applicable"
+    assert {check.verdict for name, check in checks.items() if name != "fixed_surfaces_moved"} == {"passed"}
+
+
+def test_a_sliding_patch_without_nodes_in_the_box_is_not_applicable(block):
+    checks = named(turn(block, box=TIGHT, slide={"x-": "plane"}))
+    assert checks["on_x-"].verdict == "not applicable"
+    assert named(turn(block, slide={"x-": "plane"}, box=[[-2.5, -1.2, -1.2], [1.2, 1.2, 1.2]]))["on_x-"].over > 0
+
+
+def test_a_node_that_moved_where_it_must_not_is_found_by_its_last_bit(block):
+    result = turn(block, box=[[-2.5, -1.2, -1.2], [1.2, 1.2, 1.2]], fixed=("x-",))
+    plan = result.plan
+    outside = np.setdiff1d(np.arange(len(block.points)), plan.changed)
+    for node, name in ((outside[5], "outside_moved"), (plan.sites.fixed[0], "fixed_surfaces_moved")):
+        points = result.points.copy()
+        points[node, 1] = np.nextafter(points[node, 1], 9.0)
+        failed = [check.name for check in checks_of(replace(result, points=points)) if not check.passed]
+        assert failed == [name]
+
+
+def test_a_node_off_its_shape_fails(inboard_wing):
+    w = inboard_wing
+    result = turn(w.mesh, WING, w.hinge, slide={"symmetry": "plane"})
+    assert named(result)["on_symmetry"].passed
+    (nodes,) = result.plan.sites.sliding
+    points = result.points.copy()
+    points[nodes[0], 1] += 1e-6
+    check = named(replace(result, points=points))["on_symmetry"]
+    assert not check.passed
+    assert check.value == pytest.approx(1e-6)
+
+
+def test_a_site_beyond_the_tolerance_fails(block):
+    few = Fitting(initial_surface=4, initial_hexahedron=4, max_centers=8, max_steps=1)
+    result = turn(block, box=TIGHT, angle=30.0, fitting=few)
+    check = site_error(result, "m")
+    assert not check.passed
+    assert (check.value, check.limit, check.unit) == (result.steps[0].error, result.plan.sites.tolerance, "m")
+    assert check.where == "all data sites, 1 step"
+
+
+def test_cells_that_invert_fail(torn):
+    check = named(torn)["inverted_cells"]
+    assert check.value == torn.inverted > 0
+    assert check.limit == 0
+    assert not check.passed
+
+
+def test_cells_inverted_far_away_do_not_excuse_those_that_invert_in_the_box(torn, block, far):
+    """As many cells were inverted in the file as invert now, but none of them where anything moves."""
+    broken = mirrored(block, far[: torn.inverted])
+    settings = {"angle": 60.0, "box": TIGHT, "fitting": Fitting(max_steps=1)}
+    result = turn(broken, allow_inverted=True, **settings)
+    assert sum(result.plan.touched.inverted) == torn.inverted
+    check = named(result)["inverted_cells"]
+    assert (check.value, check.limit) == (torn.inverted, 0)
+    assert not check.passed
+
+
+def test_cells_inverted_in_the_box_before_may_stay_so(block, far):
+    near = np.setdiff1d(np.arange(len(block.cells[0])), far)[:3]
+    broken = mirrored(block, near)
+    with pytest.raises(InputError, match=r"3 of 504 cells \(hexahedron\) are inverted in the file already"):
+        Plan.of(broken, job(("body",), box=TIGHT))
+    result = turn(broken, box=TIGHT, angle=3.0, allow_inverted=True)
+    check = named(result)["inverted_cells"]
+    assert (check.value, check.limit) == (3, 3)
+    assert check.passed
+    assert check.where.endswith("3 of them before")
+    assert len(result.steps) == 1
+
+
+@pytest.mark.parametrize("share", [0.1, 0.9, 1.0])
+def test_quality_must_keep_a_share_of_what_it_was(block, share):
+    result = turn(block, box=TIGHT, angle=25.0)
+    check = named(result, min_quality=share)["quality_min:hexahedron"]
+    (before,), (after,) = result.plan.before, result.quality
+    assert (check.value, check.limit) == (after.min, share * before.min)
+    assert check.passed == (after.min >= share * before.min)
+    assert check.judgement == "at least"
+    assert after.min < before.min
+
+
+def test_no_share_no_check_of_quality(block):
+    assert "quality_min:hexahedron" not in named(turn(block, box=TIGHT), min_quality=0.0)
+
+
+def test_points_alone_have_no_checks_of_cells(block):
+    bare = replace(block, cells=())
+    assert list(named(turn(bare, box=TIGHT))) == ["outside_moved", "fixed_surfaces_moved", "site_error"]
+    assert layers_of(turn(bare, box=TIGHT)) is None
+
+
+def test_the_worst_of_many_is_described():
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]])
+    assert worst(np.zeros(2), points) == "2 nodes"
+    assert worst(np.array([3.0, 4.0]), points) == "2 nodes, rms 3.5e+00, worst at (1.0000, 2.0000, 3.0000)"

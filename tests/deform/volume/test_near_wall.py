@@ -1,0 +1,124 @@
+"""Near a boundary the mesh follows it rigidly: layer sites, and what fades out away from the wall."""
+
+import numpy as np
+import pytest
+
+from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.volume import near_wall
+from sdm_deflect.deform.volume.near_wall import Nearby, NearWall, RigidFollow, layer_sites
+
+rng = np.random.default_rng(6)
+BOUNDARY = rng.random((60, 3))
+PARTS = [np.arange(0, 20), np.arange(20, 60)]
+POINTS = rng.uniform(-0.2, 1.2, (500, 3))
+
+
+@pytest.fixture(scope="module")
+def nearby():
+    return Nearby.of(POINTS, BOUNDARY, PARTS)
+
+
+def test_nearest_node_and_distance_of_the_next_part(nearby):
+    every = np.linalg.norm(POINTS[:, None] - BOUNDARY, axis=2)
+    assert np.array_equal(nearby.node, every.argmin(axis=1))
+    np.testing.assert_allclose(nearby.first, every.min(axis=1), rtol=1e-12)
+    least = np.stack([every[:, part].min(axis=1) for part in PARTS])
+    np.testing.assert_allclose(nearby.second, least.max(axis=0), rtol=1e-12)
+
+
+def test_one_part_alone_has_no_next_one_and_no_part_no_node():
+    alone = Nearby.of(POINTS, BOUNDARY, [np.arange(60), np.empty(0, dtype=np.intp)])
+    assert np.isinf(alone.second).all()
+    nothing = Nearby.of(POINTS, BOUNDARY, [])
+    assert np.isinf(nothing.first).all()
+    assert len(NearWall.of(POINTS, BOUNDARY, nothing, 1.0).follow.rows) == 0
+
+
+def test_points_that_are_carried_keep_their_place_beside_a_rigid_boundary(nearby):
+    """x_j + u_j + R_j (p - x_j) is the rigid motion of p, whichever node carries it."""
+    axis, rows = Axis(np.array([0.1, 0.2, 0.3]), np.array([1.0, -1.0, 0.5])), np.arange(0, 500, 7)
+    follow = RigidFollow.of(POINTS, BOUNDARY, rows, nearby)
+    turns = np.broadcast_to(axis.matrix(40.0) - np.eye(3), (60, 3, 3))
+    moved = follow.displaced(axis.displacement(BOUNDARY, 40.0), turns)
+    np.testing.assert_allclose(moved, axis.displacement(POINTS[rows], 40.0), atol=1e-14)
+
+
+def test_the_weight_is_one_at_the_wall_and_fades_out_without_a_kink():
+    wall = np.zeros((1, 3))
+    r = np.linspace(0.0, 1.3, 132)
+    points = np.column_stack([r, 0.0 * r, 0.0 * r])
+    near = NearWall.of(points, wall, Nearby.of(points, wall, [np.zeros(1, dtype=np.intp)]), 1.0)
+    rows, weight = near.follow.rows, near.weight
+    assert np.array_equal(rows, np.flatnonzero(r < 1.0))
+    np.testing.assert_allclose(weight, (1.0 - r[rows]) ** 4 * (4.0 * r[rows] + 1.0), atol=1e-15)
+    assert weight[0] == 1.0
+    assert (np.diff(weight) < 0.0).all()
+    slope = np.diff(weight) / np.diff(r[rows])
+    assert abs(slope[0]) < 0.1
+    assert abs(slope[-1]) < 1e-4
+
+
+def test_points_follow_only_what_is_nearer_than_the_next_part(nearby):
+    near = NearWall.of(POINTS, BOUNDARY, nearby, 0.25)
+    rows = near.follow.rows
+    assert (nearby.first[rows] < np.minimum(0.25, nearby.second[rows])).all()
+    left = np.setdiff1d(np.arange(500), rows)
+    assert (nearby.first[left] >= np.minimum(0.25, nearby.second[left])).all()
+    assert (near.weight > 0.0).all()
+    assert (near.weight <= 1.0).all()
+
+
+def test_following_blends_between_the_interpolant_and_the_wall(nearby):
+    near = NearWall.of(POINTS, BOUNDARY, nearby, 0.25)
+    rows, move = near.follow.rows, rng.normal(size=(60, 3))
+    interpolated, none = rng.normal(size=(500, 3)), np.zeros((60, 3, 3))
+    kept = interpolated.copy()
+    out = near.following(interpolated, move, none)
+    carried = move[near.follow.node]
+    weight = near.weight[:, None]
+    np.testing.assert_allclose(out[rows], (1.0 - weight) * kept[rows] + weight * carried, atol=1e-14)
+    left = np.setdiff1d(np.arange(500), rows)
+    assert np.array_equal(out[left], kept[left])
+    assert np.array_equal(interpolated, kept)
+
+
+def test_a_field_that_the_boundary_shares_is_not_changed(nearby):
+    """An interpolant that is the boundary's rigid motion stays what it is."""
+    axis = Axis(np.zeros(3), np.array([0.0, 1.0, 1.0]))
+    field = axis.displacement(POINTS, 12.0)
+    near = NearWall.of(POINTS, BOUNDARY, nearby, 0.4)
+    turns = np.broadcast_to(axis.matrix(12.0) - np.eye(3), (60, 3, 3))
+    np.testing.assert_allclose(near.following(field, axis.displacement(BOUNDARY, 12.0), turns), field, atol=1e-14)
+
+
+def test_layer_sites_stand_in_the_layers_one_for_each_node():
+    """Columns of ten points over each of nine wall nodes: the farthest within half an edge is taken."""
+    x, y = (g.ravel() for g in np.meshgrid(np.arange(3.0), np.arange(3.0), indexing="ij"))
+    wall = np.column_stack([x, y, 0.0 * x])
+    heights = np.linspace(0.02, 0.8, 10)
+    points = np.vstack([wall + np.array([0.0, 0.0, h]) for h in heights])
+    other = np.array([[1.0, 1.0, 5.0]])
+    nearby = Nearby.of(points, np.vstack([wall, other]), [np.arange(9), np.array([9])])
+    rows = layer_sites(nearby, 9, 1.0)
+    assert len(rows) == 9
+    highest = heights[heights < 0.5].max()
+    np.testing.assert_allclose(points[rows, 2], highest)
+    assert sorted(nearby.node[rows].tolist()) == list(range(9))
+    assert len(layer_sites(nearby, 4, 1.0)) == 4  # of the moving nodes alone
+    assert not len(layer_sites(nearby, 9, 0.01))  # a mesh without layers has none
+
+
+def test_layer_sites_keep_away_from_another_part():
+    wall, other = np.zeros((1, 3)), np.array([[0.0, 0.0, 0.6]])
+    points = np.array([[0.0, 0.0, h] for h in (0.15, 0.19, 0.25, 0.45)])
+    nearby = Nearby.of(points, np.vstack([wall, other]), [np.array([0]), np.array([1])])
+    assert layer_sites(nearby, 1, 1.0).tolist() == [1]
+
+
+def test_too_many_layer_sites_are_thinned(monkeypatch):
+    monkeypatch.setattr(near_wall, "MOST", 30)
+    wall = np.column_stack([np.arange(100.0), np.zeros(100), np.zeros(100)])
+    nearby = Nearby.of(wall + np.array([0.0, 0.0, 0.3]), wall, [np.arange(100)])
+    rows = layer_sites(nearby, 100, 1.0)
+    assert len(rows) == 25
+    assert np.array_equal(np.diff(rows), np.full(24, 4))
