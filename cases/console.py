@@ -78,7 +78,7 @@ def result_table(done: "Outcome") -> Group:
     speed = f"first angle {done.angles[0].seconds:.2f} s"
     if extra:
         speed += f", {sum(extra) / len(extra):.2f} s for each further one"
-    wrote = [f"wrote {', '.join(str(path) for path in done.files)}"] if done.files else []
+    wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}"] if done.files else []
     last = "all validations passed" if done.passed else "A VALIDATION FAILED"
     losses = [f"not held by this format: {text}" for text in done.lost]
     return Group(*body, *_texts([*_lines(plan), *losses, speed, *wrote, last]))

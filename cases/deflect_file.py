@@ -46,6 +46,7 @@ class Outcome:
     plan: Plan
     angles: tuple[Judged, ...] = field(repr=False)
     files: tuple[Path, ...]
+    reports: tuple[Path, ...]
     lost: tuple[str, ...]
 
     @property
@@ -91,7 +92,7 @@ def deflect_file(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float
                     arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))
                     unit = f"mesh length per {job.surfaces[0].motion.unit}"
                     write_sensitivity(plan.mesh, one.points, one.sensitivity(), (arrays, picture), unit)
-    return Outcome(plan, tuple(found), tuple(names), lost)
+    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost)
 
 
 def plan_figures(plan: Plan) -> Json:
@@ -121,6 +122,7 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
             for one in sorted(done.angles, key=lambda one: one.angle)
         ],
         "files": [str(path) for path in done.files],
+        "reports": [str(path) for path in done.reports],
         "lost": list(done.lost),
         "passed": done.passed,
         "timings": watch.seconds,

@@ -251,11 +251,13 @@ def name_of(patches: Sequence[str]) -> str:
     return patches[0] if len(patches) == 1 else start if len(start) > 2 else f"{patches[0]} and {len(patches) - 1} more"
 
 
-def box_of(plan: Plan, name: str, convergence: tuple[Convergence, ...], centres: dict[str, FloatArray]) -> Box:
-    """Return the box of a plan with its surfaces, at the angle of its job."""
+def box_of(
+    plan: Plan, angle: float, name: str, convergence: tuple[Convergence, ...], centres: dict[str, FloatArray]
+) -> Box:
+    """Return the box of a plan with its surfaces, the first of them at `angle`."""
     surfaces = tuple(
         Moved(name_of(own.patches), one.amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
-        for one, own in zip(plan.job.surfaces, plan.boundary.surfaces, strict=True)
+        for one, own in zip(plan.job.at(angle).surfaces, plan.boundary.surfaces, strict=True)
     )
     zero = np.vstack([np.empty((0, 3)), *(part.points for part in plan.sites.zero)])
     return Box(

@@ -91,7 +91,7 @@ def write_run_folder(
     figures = metrics_of(one, checks, out, timings)
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     settings = (folder / SETTINGS).read_text(encoding="utf-8")
-    data = _data(one.plan, one.points, settings, convergence_of(one), centres_of(one)).judged(checks, figures)
+    data = data_of(one, settings).judged(checks, figures)
     write_report(data, drawn(data, folder / "figures"), folder)
     return data
 
@@ -123,21 +123,27 @@ def report_of_folder(folder: Path) -> ReportData:
         raise InputError(
             f"{source} has {len(mesh.points)} points, but {figures['mesh']['points']} when it was deflected"
         )
-    data = _data(plan, _read_points(folder / "deflected.vtu", plan), settings, convergence, centres)
+    data = _data(plan, plan.angle, _read_points(folder / "deflected.vtu", plan), settings, convergence, centres)
     data = data.judged(checks, figures)
     with output_folder(folder) as scratch:
         write_report(data, drawn(data, scratch / "figures"), scratch)
     return data
 
 
+def data_of(one: Deflection, settings: str = "") -> ReportData:
+    """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
+    return _data(one.plan, one.angle, one.points, settings, convergence_of(one), centres_of(one))
+
+
 def _data(
     plan: Plan,
+    angle: float,
     points: FloatArray,
     settings: str,
     convergence: tuple[Convergence, ...],
     centres: dict[str, FloatArray],
 ) -> ReportData:
-    mesh, box = plan.mesh, box_of(plan, name_of(plan.patches), convergence, centres)
+    mesh, box = plan.mesh, box_of(plan, angle, name_of(plan.patches), convergence, centres)
     moves = "; ".join(f"{surface.name} by {surface.turned}" for surface in box.surfaces)
     shown = in_view(mesh, (*plan.patches, *plan.boundary.fixed))
     return ReportData(

@@ -122,7 +122,7 @@ def _data(case: Case, mesh: TetMesh, deflected: TetMesh, boxes: Sequence[Box]) -
 
 def _box(plan: Plan, convergence: tuple[Convergence, ...], centres: dict[str, FloatArray]) -> Box:
     """Return the box of a control surface, which is the first patch that moves; a tail's panel only follows it."""
-    box = box_of(plan, plan.surface, convergence, centres)
+    box = box_of(plan, plan.angle, plan.surface, convergence, centres)
     own = replace(
         box.surfaces[0], name=plan.surface, patches=(plan.surface,), nodes=plan.mesh.patch(plan.surface).nodes
     )

@@ -23,11 +23,11 @@ from sdm_deflect.deform.rbf.threads import single_threaded_blas
 class Stop(Enum):
     """Why the adaptation ended."""
 
-    CONVERGED = "largest error below tol_stop"
+    CONVERGED = "largest error below the tolerance"
     MAX_CENTERS = "limit on the number of centres reached: raise max_centers or accept the error"
     MAX_ITERATIONS = "limit on the number of iterations reached: raise max_iterations or n_add"
-    ROUNDING = "largest error below tol_stop in the adaptation, but not afresh in metres: raise tol_stop"
-    EXHAUSTED = "no remaining site is off by more than tol_add: lower tol_add to go on"
+    ROUNDING = "largest error below the tolerance in the adaptation, but not when computed afresh: raise the tolerance"
+    EXHAUSTED = "no remaining site is off by more than tol_add: lower it to go on"
 
 
 @dataclass(frozen=True, slots=True)

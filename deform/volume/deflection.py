@@ -55,7 +55,7 @@ class Plan:
         region = Region.of(boundary, ends)
         sites = Sites.of(boundary, region)
         progress("cells", nan)
-        touched = TouchedCells.of(mesh, region.inside)
+        touched = TouchedCells.of(mesh, np.union1d(region.inside, sites.moving))
         touched.check(job.allow_inverted)
         return cls(boundary, region, sites, touched, touched.quality(mesh.points), wanted)
 

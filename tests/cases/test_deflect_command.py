@@ -30,8 +30,9 @@ def files(tmp_path_factory, hybrid_wing):
 
 @pytest.fixture
 def sdm(monkeypatch, capsys):
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["sdm", *map(str, arguments)])
+    def call(command, *arguments):
+        quick = ["--no-report"] if command == "deflect" else []
+        monkeypatch.setattr(sys, "argv", ["sdm", command, *quick, *map(str, arguments)])
         with pytest.raises(SystemExit) as end:
             cli.main()
         return end.value.code, *capsys.readouterr()

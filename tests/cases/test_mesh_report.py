@@ -258,11 +258,19 @@ def test_the_command_writes_a_folder_unless_told_not_to(coarse_wing, tmp_path, m
     assert not (tmp_path / "foreign.su2").exists()
 
 
+def test_an_angle_of_a_sweep_is_told_as_it_is(coarse_wing, tmp_path):
+    plan = Plan.of(coarse_wing.mesh, blended(coarse_wing.hinge), (3.0, -1.0))
+    data = write_run_folder(tmp_path, deflect(plan, -1.0), (), None, {})
+    assert [surface.turned for surface in data.surfaces] == ["-1 deg"]
+    assert "angle = -1.0" in (tmp_path / "settings.toml").read_text()
+    assert data.title == "mesh: flap by -1 deg"
+
+
 def test_turnable_cells_of_polyhedra_are_triangles_of_their_own():
     mesh = replace(polyhedral(block_with_body()), zones=())
     hinge = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     one = deflect(Plan.of(mesh, Job((Moving(("body",), Rotation.about(*hinge), 5.0),))), 5.0)
-    data = folders._data(one.plan, one.points, "", (), {d: np.empty((0, 3)) for d in "xyz"})
+    data = folders.data_of(one)
     (group,) = turnable(data)["cells"]["groups"]
     cell = np.frombuffer(b64decode(group["cell"]), "<u4")
     assert np.bincount(cell).tolist() == [12] * len(one.plan.touched.rows[0])
