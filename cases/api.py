@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
 from sdm_deflect.cases.job_settings import angles_of, settings_of, tables_of
-from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, verdict_figures
-from sdm_deflect.deform.checks import Check, checks_of
+from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
@@ -23,6 +22,9 @@ from sdm_deflect.deform.volume.deflection import sweep as swept
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing import adapters
 from sdm_deflect.meshing.formats.format import MeshFileError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
@@ -59,11 +61,13 @@ class Result:
     deflection : the plan, the fits of every step, and the points.
     mesh : the same kind of mesh as was given, with the new points.
     checks : what must hold.
+    min_quality : the share of the least quality that was asked for.
     """
 
     deflection: Deflection
     mesh: Any
     checks: tuple[Check, ...]
+    min_quality: float = MIN_QUALITY
 
     @property
     def angle(self) -> float:
@@ -105,16 +109,11 @@ class Result:
         """d(points)/d(angle) (N, 3), in length units per degree, or per whole table; from the same centres."""
         return self.deflection.sensitivity()
 
-    def figures(self) -> Json:
-        """Return all figures as a dictionary of dictionaries, under the names of metrics.json."""
-        return {
-            "mesh": mesh_figures(self.plan),
-            "angle": self.angle,
-            "unit": self.plan.job.surfaces[0].motion.unit,
-            **deflection_figures(self.deflection),
-            "validation": verdict_figures(self.checks),
-            "notes": list(notes_of(self.plan)),
-        }
+    def figures(self) -> dict[str, Any]:
+        """Return all figures, in dictionaries, under the names of metrics.json."""
+        from sdm_deflect.cases.report.folder import metrics_of
+
+        return metrics_of(self.deflection, self.checks, None, {})
 
     def save(self, path: str | PathLike[str]) -> tuple[str, ...]:
         """Write the mesh; in the format of the file it was read from, only coordinates change.
@@ -142,6 +141,54 @@ class Result:
             wanted = Targets.of(Path(mesh.source), out, (self.angle,))
             wanted.check()
             return write_mesh(wanted.source, mesh, self.points, wanted.out)
+
+    def report(self, folder: str | PathLike[str]) -> Path:
+        """Write a report of one self-contained page, with its pictures, figures and settings.
+
+        Parameters
+        ----------
+        folder
+            Where to; it is made if need be.
+
+        Returns
+        -------
+        The page, ``report.html``.
+
+        Raises
+        ------
+        InputError
+            If the folder cannot be written, or holds other files than those of a report.
+        """
+        from sdm_deflect.cases.report.folder import write_run_folder
+
+        place = Path(folder)
+        try:
+            if place.exists() and any(place.iterdir()) and not (place / "report.html").exists():
+                raise InputError(f"{place} holds other files already: name a new folder")
+            write_run_folder(place, self.deflection, self.checks, None, {}, self.min_quality)
+        except OSError as error:
+            raise InputError(f"{place} cannot be written: {error.strerror}") from None
+        return Path(folder) / "report.html"
+
+    def plot(self) -> "Figure":
+        """Draw the moving surface and what is near it: before, and after, coloured by the displacement.
+
+        It needs no display: pictures are drawn in another process.
+
+        Returns
+        -------
+        A matplotlib Figure, which a notebook shows; `savefig` writes it to a file.
+
+        Raises
+        ------
+        RenderError
+            If this machine lacks the libraries to draw; the message names them.
+        """
+        from sdm_deflect.cases.report.folder import data_of
+        from sdm_deflect.cases.report.pictures import figure_of, moved
+
+        data = data_of(self.deflection)
+        return figure_of(moved(data, data.boxes[0]))
 
     def to_pyvista(self) -> Any:
         """Return a pyvista UnstructuredGrid: cells and faces with ``displacement``, ``quality`` and ``patch``.
@@ -174,7 +221,10 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return the checks and the quality before and after, as tables for notebooks."""
-        checks = [(c.name, f"{c.value:.4g}", f"{c.judgement} {c.limit:.4g}", c.unit, c.verdict) for c in self.checks]
+        checks = [
+            (c.name, f"{c.value:.4g}" if c.over else "", f"{c.judgement} {c.limit:.4g}", c.unit, c.verdict)
+            for c in self.checks
+        ]
         quality = [
             (new.shape, new.measure, str(new.cells), *(f"{one.min:.3f} / {one.mean:.3f}" for one in (old, new)))
             for old, new in zip(self.plan.before, self.quality, strict=True)
@@ -323,10 +373,11 @@ def _run(mesh: Any, job: Job, angles: Sequence[float], least: float, progress: P
         raise InputError(f"progress = {progress!r} must be a function of a text and a fraction")
     given = adapters.accepted(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
     plan = Plan.of(given.mesh, job, angles, progress)
-    found = {
-        i: Result(one, given.with_points(one.points), checks_of(one, least)) for i, one in swept(plan, angles, progress)
-    }
-    return tuple(found[i] for i in range(len(angles)))
+    results = [
+        (i, Result(one, given.with_points(one.points), checks_of(one, least), least))
+        for i, one in swept(plan, angles, progress)
+    ]
+    return tuple(result for _, result in sorted(results, key=lambda pair: pair[0]))
 
 
 @contextmanager

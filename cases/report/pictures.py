@@ -6,14 +6,11 @@ from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from PIL import Image as ImageFile
@@ -21,11 +18,29 @@ from PIL import Image as ImageFile
 from sdm_deflect.cases.report import figures, slices
 from sdm_deflect.cases.report.data import METRES, Box, Length, Moved, ReportData, round_length
 from sdm_deflect.cases.report.offscreen import Image, RenderError, rendered, rendering
-from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE, View, box, framed, patches
+from sdm_deflect.cases.report.scene3d import (
+    MOVED_MAP,
+    QUALITY_MAP,
+    QUALITY_RANGE,
+    View,
+    box,
+    framed,
+    moved_faces,
+    patches,
+)
 from sdm_deflect.deform.mesh import FloatArray
 
 INCHES = 5.2
 """Width of one image."""
+
+
+class Drawing(Figure):
+    """A figure that notebooks show as it is; they show matplotlib's own only if its backend is loaded."""
+
+    def _repr_png_(self) -> bytes:
+        drawn = BytesIO()
+        self.savefig(drawn, format="png")
+        return drawn.getvalue()
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +53,7 @@ class Picture:
     columns : how many images stand side by side.
     legend : colours by name.
     quality : True for a colour bar of the mean ratio.
+    farthest : for a colour bar of displacements, the largest one; else 0.
     alternative : what the picture shows, in words.
     length : the unit of length.
     """
@@ -48,10 +64,11 @@ class Picture:
     columns: int = 2
     legend: dict[str, str] = field(default_factory=dict)
     quality: bool = False
+    farthest: float = 0.0
     length: Length = METRES
 
 
-def figure_of(picture: Picture) -> Figure:
+def figure_of(picture: Picture) -> Drawing:
     """Render the views and put them together.
 
     Raises
@@ -62,12 +79,15 @@ def figure_of(picture: Picture) -> Figure:
     return assembled(picture, rendered(picture.views))
 
 
-def assembled(picture: Picture, images: Sequence[Image]) -> Figure:
+def assembled(picture: Picture, images: Sequence[Image]) -> Drawing:
     """Put the images (H, W, 3) of a picture's views together."""
     rows = -(-len(images) // picture.columns)
     width, height = picture.views[0].pixels
-    size = (INCHES * picture.columns + 1.0 * picture.quality, rows * (INCHES * height / width + 0.35))
-    figure = Figure(figsize=size, layout="constrained")
+    size = (
+        INCHES * picture.columns + 1.0 * (picture.quality or picture.farthest > 0.0),
+        rows * (INCHES * height / width + 0.35),
+    )
+    figure = Drawing(figsize=size, layout="constrained")
     axes = figure.subplots(rows, picture.columns, squeeze=False).ravel()
     for one, shown, view, title in zip(axes, images, picture.views, picture.titles, strict=True):
         one.imshow(shown)
@@ -77,6 +97,9 @@ def assembled(picture: Picture, images: Sequence[Image]) -> Figure:
     if picture.quality:
         shades = ScalarMappable(QUALITY_RANGE, QUALITY_MAP)
         figure.colorbar(shades, ax=axes.tolist(), label="mean ratio of a cell", extend="min", shrink=0.85)
+    if picture.farthest:
+        shades = ScalarMappable(Normalize(0.0, picture.length.factor * picture.farthest), MOVED_MAP)
+        figure.colorbar(shades, ax=axes.tolist(), label=f"displacement, {picture.length.shown}", shrink=0.85)
     if picture.legend:
         handles = [Patch(facecolor=colour, edgecolor="0.3", label=name) for name, colour in picture.legend.items()]
         figure.legend(handles=handles, loc="outside lower center", ncols=7, fontsize="small", frameon=False)
@@ -108,6 +131,21 @@ def before_after(data: ReportData, own: Box, surface: Moved) -> Picture:
         f"Surface mesh of {surface.name} ({count} faces) and its surroundings before (left) and after (right) it goes "
         f"by {surface.turned}; nodes move by up to {data.length.text(moved.max())}. The edges of the hexahedron, "
         "outside of which nothing moves, are magenta.",
+        length=data.length,
+    )
+
+
+def moved(data: ReportData, own: Box) -> Picture:
+    """Draw each surface in a box before, and after, coloured by how far the nodes moved."""
+    lengths = np.linalg.norm(data.points - data.mesh.points, axis=1)
+    layers = moved_faces(data.mesh.with_points(data.points), data.drawn, lengths, edge=(70, 70, 70), width=0.7)
+    rows = [(surface, close(data, data.mesh.points, own, surface)) for surface in own.surfaces]
+    titles = [(f"{surface.name}, undeflected", f"{surface.name}, {surface.turned}") for surface, _ in rows]
+    return Picture(
+        tuple(view for _, before in rows for view in (before, replace(before, layers=(*layers, before.layers[-1])))),
+        tuple(title for pair in titles for title in pair),
+        "Surfaces before, and after, coloured by how far their nodes moved.",
+        farthest=float(lengths.max()),
         length=data.length,
     )
 

@@ -207,6 +207,21 @@ def quality_rgb(quality: FloatArray) -> IntArray:
     return np.asarray(np.rint(255.0 * shades), dtype=np.intp)
 
 
+MOVED_MAP = "YlOrRd"
+"""From nodes that stay to those that move farthest."""
+
+
+def moved_faces(mesh: Mesh, names: Iterable[str], lengths: FloatArray, **looks: Any) -> tuple[Layer, ...]:
+    """Return the faces of patches, coloured by how far their nodes moved: `lengths` (N,), of all nodes."""
+    scale = mpl.colormaps[MOVED_MAP]
+    most = float(lengths.max(initial=0.0)) or 1.0
+    layers = []
+    for cells in by_size(faces for name in names for faces in mesh.patch(name).faces):
+        shades = scale(lengths[cells].mean(axis=1) / most)[:, :3]
+        layers.append(Layer(mesh.points, cells, np.rint(255.0 * shades).astype(np.intp), **looks))
+    return tuple(layers)
+
+
 BOX_EDGES = np.array([[i, i | bit] for bit in (1, 2, 4) for i in range(8) if not i & bit])
 """Edges of a hexahedron whose corner i has the binary code zyx."""
 

@@ -2,10 +2,6 @@
 
 from collections.abc import Callable
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
