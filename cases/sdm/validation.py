@@ -61,7 +61,7 @@ def mesh_checks(case: Case, mesh: TetMesh, deflected: TetMesh, plans: Sequence[P
     moved = np.linalg.norm(deflected.points - mesh.points, axis=1)
     outside = np.ones(len(moved), dtype=bool)
     for plan in plans:
-        outside[plan.changed] = False
+        outside[plan.region.inside] = False
     yield unmoved("outside_moved", moved, np.flatnonzero(outside), mesh.points)
     volumes = signed_volumes(deflected.points, deflected.tets)
     yield Check("inverted_cells", float(np.count_nonzero(volumes <= 0.0)), 0.0, "cells", f"of {len(volumes)}")

@@ -103,6 +103,15 @@ def test_one_node_moved_outside_is_noticed(aileron_run):
     assert failing(run, points) == {"outside_moved"}
 
 
+def test_a_node_of_the_panel_that_slides_outside_is_noticed(tail_run):
+    run, _ = tail_run
+    points = run.deflected.points.copy()
+    panel = np.setdiff1d(run.mesh.on("fuselage_panel_left"), run.deflections[0].plan.region.inside)
+    panel = np.setdiff1d(panel, run.mesh.on(*(name for name in run.mesh.names[1:] if name != "fuselage_panel_left")))
+    points[panel[0], 0] += 1e-6
+    assert failing(run, points) == {"outside_moved"}
+
+
 def test_one_inverted_cell_is_noticed(aileron_run):
     run, _ = aileron_run
     points = run.deflected.points.copy()
