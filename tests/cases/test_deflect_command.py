@@ -11,7 +11,7 @@ import pytest
 from sdm_deflect.cases import cli
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 
-FLAP = ["--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended"]
+FLAP = "--surface flap_* --fixed wing_* --slide symmetry:plane --motion blended --no-report".split()
 HINGE = ["--hinge", "0.7,0.3,0", "0.7,0.7,0"]
 TURN = [*FLAP, *HINGE, "--angle", "8"]
 
@@ -44,6 +44,13 @@ def content(path):
     if path.is_dir():
         return {p.relative_to(path): p.read_bytes() for p in sorted(path.rglob("*")) if p.is_file()}
     return path.read_bytes()
+
+
+def test_a_report_stands_beside_the_mesh_unless_it_is_not_wanted(files, sdm, tmp_path):
+    words = ["deflect", files["su2"], *TURN, "--dry-run", "--json", "--out", tmp_path / "w.su2"]
+    plain, reported = (json.loads(sdm(*words, *more)[1])["files"] for more in ([], ["--report"]))
+    assert plain == [str(tmp_path / "w.su2")]
+    assert len(reported) == 2
 
 
 @pytest.mark.parametrize("name", sorted(FORMATS))

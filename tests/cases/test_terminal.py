@@ -9,8 +9,8 @@ from rich.console import Console
 from sdm_deflect.cases.cli.options import print_tables
 from sdm_deflect.cases.console import WIDTH, console, verdict
 from sdm_deflect.cases.progress import Bars, Lines, Silent, Stopwatch, shown
-from sdm_deflect.cases.report.data import report_data_of_folder
 from sdm_deflect.cases.sdm.metrics import summary
+from sdm_deflect.cases.sdm.report import report_of_folder
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.errors import InputError
 
@@ -99,7 +99,7 @@ def test_a_pipe_gets_one_line_for_each_stage_and_no_spinner():
 
 def test_report_of_no_run_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match="is not the output folder of a run"):
-        report_data_of_folder(tmp_path)
+        report_of_folder(tmp_path)
 
 
 def test_a_check_over_nothing_is_not_applicable():
