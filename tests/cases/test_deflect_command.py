@@ -11,7 +11,7 @@ import pytest
 from sdm_deflect.cases import cli
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 
-FLAP = "--surface flap_* --fixed wing_* --slide symmetry:plane --motion blended --no-report".split()
+FLAP = ["--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended", "--no-report"]
 HINGE = ["--hinge", "0.7,0.3,0", "0.7,0.7,0"]
 TURN = [*FLAP, *HINGE, "--angle", "8"]
 
