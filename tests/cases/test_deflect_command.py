@@ -10,6 +10,7 @@ import pytest
 
 from sdm_deflect.cases import cli
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
+from tests.deform.blocks import two_bodies
 
 FLAP = ["--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended", "--no-report"]
 HINGE = ["--hinge", "0.7,0.3,0", "0.7,0.7,0"]
@@ -147,6 +148,24 @@ def test_a_configuration_says_the_same_as_options(files, sdm, tmp_path):
     code, *_ = sdm("deflect", files["su2"], "--config", tmp_path / "job.toml", "--angle", 4, "--out", third, "--quiet")
     assert code == 0
     assert third.read_bytes() != one.read_bytes()
+
+
+def test_a_first_surface_that_stays_does_not_keep_the_second_from_moving(sdm, tmp_path):
+    mesh = two_bodies()
+    FORMATS["su2"].write(mesh, tmp_path / "pair.su2")
+    (tmp_path / "job.toml").write_text(
+        '[[surface]]\npatches = "left"\nhinge = [[-1, 0, 0], [-1, 1, 0]]\nangle = 0\n'
+        '[[surface]]\npatches = "right"\nhinge = [[1, 0, 0], [1, 1, 0]]\nangle = 15\n'
+    )
+    words = ("deflect", tmp_path / "pair.su2", "--config", tmp_path / "job.toml", "--quiet")
+    code, table, _ = sdm(*words, "--out", tmp_path / "turned.su2")
+    assert code == 0, table
+    moved = np.abs(FORMATS["su2"].read(tmp_path / "turned.su2").points - mesh.points).max(axis=1)
+    assert not moved[mesh.on("left")].any()
+    assert moved[mesh.on("right")].max() > 0.1
+    code, _, complaint = sdm(*words, "--angles", "0,5", "--out", tmp_path / "swept.su2")
+    assert code == 2
+    assert "put a surface that moves first" in complaint
 
 
 @pytest.mark.parametrize(

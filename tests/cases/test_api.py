@@ -1,0 +1,153 @@
+"""The engine from Python: what is asked for is done, in the order asked for, or one sentence says why not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sdm_deflect
+from sdm_deflect import Blended, Hexahedron, InputError, OnPatches, Rotation, deflect, sweep
+from sdm_deflect.deform.mesh import Cells
+from tests.deform.blocks import two_bodies
+
+HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+BOX = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
+
+
+@pytest.fixture(scope="module")
+def turned(block):
+    return deflect(block, "body", HINGE, 10.0, box=BOX)
+
+
+def test_the_public_names_are_all_there_and_no_others():
+    for name in sdm_deflect.__all__:
+        assert getattr(sdm_deflect, name) is not None
+    assert dir(sdm_deflect) == sorted(sdm_deflect.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'deflekt'"):
+        _ = sdm_deflect.deflekt
+
+
+@pytest.mark.parametrize("angles", [(-5.0, 10.0, 0.0), (10.0, 5.0), (0.0, 3.0, -3.0), (5.0,)])
+def test_a_sweep_gives_its_results_in_the_order_asked_for(angles, block):
+    results = sweep(block, "body", HINGE, angles, box=BOX)
+    assert tuple(one.angle for one in results) == angles
+    body = block.on("body")
+    for angle, one in zip(angles, results, strict=True):
+        expected = Rotation.about(*HINGE).axis.rotated(block.points[body], angle)
+        np.testing.assert_allclose(one.points[body], expected, atol=1e-14)
+        assert one.passed
+
+
+def test_patches_may_be_one_name_a_wildcard_or_several(block, turned):
+    for surfaces in (("body",), ["body"], "bod*"):
+        assert np.array_equal(deflect(block, surfaces, HINGE, 10.0, box=BOX).points, turned.points)
+
+
+def test_words_of_the_command_give_what_objects_give(inboard_wing):
+    w = inboard_wing
+    words = deflect(
+        w.mesh, "flap_*", w.hinge, 8, motion="blended", held="wing_*", fixed="wing_*", slide="symmetry:plane"
+    )
+    motion = Blended(Rotation.about(*w.hinge), held=OnPatches(("wing_*",)))
+    objects = deflect(w.mesh, ["flap_*"], None, 8.0, motion=motion, fixed=["wing_*"], slide={"symmetry": "plane"})
+    assert np.array_equal(words.points, objects.points)
+    assert words.passed
+    corners = Hexahedron(words.plan.region.hexahedron.corners)
+    given = deflect(w.mesh, "flap_*", None, 8.0, motion=motion, fixed="wing_*", slide="symmetry:plane", box=corners)
+    assert given.plan.region.box.why == "corners as given"
+
+
+@pytest.mark.parametrize("options", [{"tolerance": 2e-4}, {"strategy": "mv"}, {"max_centers": 61}, {"spacing": 0.3}])
+def test_every_setting_reaches_the_fit(options, block):
+    ((name, value),) = options.items()
+    result = deflect(block, "body", HINGE, 10.0, box=BOX, **options)
+    assert getattr(result.plan.job.fitting, name) == value
+    chosen = [len(fit.chosen) for fit in result.deflection.steps[0].fits.adaptations]
+    if name == "tolerance":
+        assert result.plan.sites.tolerance == value >= result.deflection.steps[0].error
+    if name == "strategy":
+        assert len(chosen) == 1
+    if name == "max_centers":
+        assert max(chosen) == 61
+    if name == "spacing":
+        assert result.plan.sites.spacing == value
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"surfaces": "flap"}, "mesh: the surface 'flap' is no patch; the patches are body, x-"),
+        ({"surfaces": "boddy"}, r"'boddy' is no patch; did you mean body\?"),
+        ({"hinge": [[0, 0, 0]]}, r"hinge = \[\[0, 0, 0\]\] must hold 2 values"),
+        ({"hinge": [[1, 2, 3], [1, 2, 3]]}, "the hinge has no length: both its points are at 1, 2, 3"),
+        ({"angle": "15"}, "angle = '15' is not a number"),
+        ({"angle": 91.0}, "angle = 91"),
+        ({"motion": "bent"}, "motion = 'bent' is not one of rigid, blended"),
+        ({"xyzzy": 1}, "unknown setting xyzzy"),
+        ({"tolerence": 1e-5}, r"unknown setting tolerence; did you mean tolerance\?"),
+        ({"slide": {"x-": "sphere"}}, "slide.x- = 'sphere' is not one of plane, cylinder"),
+        ({"mesh": {}}, "a dict is no mesh"),
+        ({"mesh": (np.full((4, 3), np.nan), {"body": [0]})}, "arrays: 4 points are not finite, the first is point 0"),
+    ],
+)
+def test_a_mistake_is_one_sentence_about_what_was_given(given, words, block):
+    with pytest.raises(InputError, match=words) as caught:
+        deflect(**{"mesh": block, "surfaces": "body", "hinge": HINGE, "angle": 10.0, "box": BOX, **given})
+    assert "\n" not in str(caught.value)
+    assert "--" not in str(caught.value)
+
+
+def test_a_sweep_refuses_what_deflect_refuses(block):
+    for angles in ((), (5.0, np.nan), "abc"):
+        with pytest.raises(InputError, match="angles"):
+            sweep(block, "body", HINGE, angles)
+    with pytest.raises(InputError, match="unknown setting xyzzy"):
+        sweep(block, "body", HINGE, (5.0,), xyzzy=1)
+
+
+def test_a_first_surface_that_stays_does_not_keep_the_second_from_moving():
+    mesh = two_bodies()
+    own = [
+        {"patches": "left", "hinge": [[-1, 0, 0], [-1, 1, 0]], "angle": 0},
+        {"patches": "right", "hinge": [[1, 0, 0], [1, 1, 0]], "angle": 15},
+    ]
+    result = deflect(mesh, own)
+    assert result.passed
+    left, right = mesh.on("left"), mesh.on("right")
+    assert np.array_equal(result.points[left], mesh.points[left])
+    expected = Rotation.about(*np.array(own[1]["hinge"])).axis.rotated(mesh.points[right], 15.0)
+    np.testing.assert_allclose(result.points[right], expected, atol=1e-14)
+
+
+def notes(result):
+    return " ".join(result.figures()["notes"])
+
+
+def test_notes_say_what_a_user_may_not_expect(block, turned):
+    assert not turned.figures()["notes"]
+    (cells,) = block.cells
+    mirrored = replace(block, cells=(Cells("hexahedron", cells.nodes[:, [4, 5, 6, 7, 0, 1, 2, 3]]),))
+    assert "left-handed" in notes(deflect(mirrored, "body", HINGE, 10.0, box=BOX))
+    nodes = cells.nodes.copy()
+    nodes[:2] = nodes[:2][:, [4, 5, 6, 7, 0, 1, 2, 3]]
+    broken = replace(block, cells=(Cells("hexahedron", nodes),))
+    with pytest.raises(InputError, match=r"2 of 504 cells \(hexahedron\) are inverted in the file already"):
+        deflect(broken, "body", HINGE, 10.0, box=BOX)
+    taken = deflect(broken, "body", HINGE, 10.0, box=BOX, allow_inverted=True)
+    assert "2 cells were inverted in the file already" in notes(taken)
+    assert taken.passed
+    doubled = np.vstack([block.points, block.points[block.on("body")]])
+    arrays = (doubled, {"body": np.append(block.on("body"), np.arange(len(block.points), len(doubled)))})
+    assert "26 moving nodes coincide with others" in notes(deflect(arrays, "body", HINGE, 10.0, box=BOX))
+
+
+def test_a_result_says_what_it_is(turned, block):
+    assert np.array_equal(turned.displacement, turned.points - block.points)
+    assert np.array_equal(turned.mesh.points, turned.points)
+    assert turned.passed
+    assert repr(turned) == "<Result: body of mesh at +10 deg: all checks passed>"
+    verdicts = {check.name: check.verdict for check in turned.checks}
+    assert verdicts["fixed_surfaces_moved"] == "not applicable"
+    assert "not applicable" in turned._repr_html_()
+    (interpolant,) = turned.interpolants
+    assert interpolant(block.points[:1]).shape == (1, 3)
