@@ -346,11 +346,16 @@ def _tables(value: Any) -> list[dict[str, Any]]:
 
 
 def _in_proportion(surfaces: list[dict[str, Any]], angle: float | None) -> list[dict[str, Any]]:
-    """Return the further surfaces, turned in their proportion to the first one's angle."""
+    """Return the further surfaces, turned in their proportion to the first one's angle; InputError if that is zero."""
     first = surfaces[0].get("angle")
-    if angle is None or not first:
+    if angle is None or first is None or angle == first:
         return surfaces[1:]
-    return [{**one, "angle": one["angle"] * angle / first} if "angle" in one else one for one in surfaces[1:]]
+    if first == 0 and any(one.get("angle") for one in surfaces[1:]):
+        raise InputError(
+            f"angle = {angle:g}: the first surface has angle 0, so that the others cannot be in proportion to it; put "
+            "a surface that moves first"
+        )
+    return [{**one, "angle": one["angle"] * angle / first} if one.get("angle") else one for one in surfaces[1:]]
 
 
 def _nodes(value: tuple[str | int, ...] | NodeSet, name: str) -> NodeSet:
