@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.api import deflect
+import sdm_deflect as sd
 from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.volume.hexahedron import box
@@ -30,7 +30,7 @@ def deflected(points: FloatArray, degrees: float) -> FloatArray:
     surface = flap()
     cloud = np.vstack([surface, points]), {"flap": np.arange(len(surface))}
     hinge = [[0.0, 0.0, 0.0], [0.0, SPAN, 0.0]]
-    result = deflect(cloud, "flap", hinge, degrees, box=REGION.corners, tolerance=TOLERANCE)
+    result = sd.deflect(cloud, "flap", hinge, degrees, box=REGION, tolerance=TOLERANCE)
     return result.points[len(surface) :]
 
 

@@ -7,8 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sdm_deflect.deform.edges import area_vectors, edges_of, median_edge, polygons_of, sharp_edges
-from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import VOLUMES, Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.deform.polyhedra import face_centres_and_areas, pyramids_of
 from sdm_deflect.deform.quality import (
@@ -23,7 +21,7 @@ from sdm_deflect.deform.quality import (
 )
 from sdm_deflect.deform.touched import TouchedCells
 from tests.deform.blocks import block_with_body
-from tests.meshing.formats.examples import KINDS, hybrid
+from tests.meshing.formats.examples import KINDS
 
 REGULAR, ONE = np.array([[1.0, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]), np.array([[0, 1, 2, 3]])
 SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
@@ -237,56 +235,3 @@ def test_polyhedra_are_judged_like_the_cells_they_are(block):
     assert one.count == other.count
     assert one.orientation == other.orientation == (1.0,)
     assert other.quality(block.points)[0].measure == MEASURES["polyhedron"]
-
-
-def test_touched_cells_have_one_quality_for_each_type():
-    mesh = hybrid(2)
-    touched = TouchedCells.of(mesh, np.arange(14))
-    assert touched.count == 7
-    found = {quality.shape: quality for quality in touched.quality(mesh.points)}
-    assert {shape: quality.cells for shape, quality in found.items()} == {
-        "hexahedron": 1,
-        "pyramid": 1,
-        "tetra": 4,
-        "wedge": 1,
-    }
-    tets = next(block for block in mesh.cells if block.shape == "tetra")
-    assert found["tetra"].min == mean_ratio(mesh.points, tets.nodes).min()
-    flat = mesh.points * [1.0, 1.0, 0.0]
-    assert touched.inverted_at(mesh.points) == 0
-    assert touched.inverted_at(flat) == 7
-
-
-def test_left_handed_files_are_judged_accordingly():
-    mesh = hybrid()
-    mirror = mesh.with_points(mesh.points * [1.0, 1.0, -1.0])
-    touched, plain = TouchedCells.of(mirror, np.arange(14)), TouchedCells.of(mesh, np.arange(14))
-    assert set(touched.orientation) == {-1.0}
-    assert sum(touched.inverted) == touched.inverted_at(mirror.points) == 0
-    for one, other in zip(touched.quality(mirror.points), plain.quality(mesh.points), strict=True):
-        assert one.min == pytest.approx(other.min)
-        assert one.inverted == 0
-
-
-def test_cells_inverted_before_are_refused_unless_allowed():
-    tets = np.array([[0, 1, 2, 3], [1, 0, 2, 3], [0, 1, 2, 3]])
-    touched = TouchedCells.of(Mesh(REGULAR, (Cells("tetra", tets),), ()), np.array([0]))
-    assert touched.inverted == (1,)
-    touched.check(allow=True)
-    with pytest.raises(InputError, match=r"1 of 3 cells \(tetra\) are inverted in the file already"):
-        touched.check()
-
-
-def test_area_vectors_edges_and_lengths_of_mixed_faces():
-    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [1, 0, 1], [1, 1, 1]], dtype=float)
-    quad, triangle = Cells("quad", np.array([[0, 1, 2, 3]])), Cells("triangle", np.array([[0, 1, 3]]))
-    faces = polygons_of((quad, Polygons(np.array([1, 4, 5, 2]), np.array([0, 4])), triangle))
-    np.testing.assert_allclose(area_vectors(points, faces), [[0, 0, 1], [-1, 0, 0], [0, 0, 0.5]])
-    edges, face = edges_of(faces)
-    assert edges.tolist()[:4] == [[0, 1], [1, 2], [2, 3], [3, 0]]
-    assert face.tolist() == [0] * 4 + [1] * 4 + [2] * 3
-    assert median_edge(points, [triangle]) == 1.0
-    assert np.isnan(median_edge(points, []))
-    bent = polygons_of((Cells("quad", np.array([[0, 1, 2, 3], [1, 4, 5, 2]])),))
-    assert sharp_edges(points, bent, 40.0).tolist() == [[1, 2]]
-    assert len(sharp_edges(points, bent, 100.0)) == 0

@@ -1,0 +1,94 @@
+"""The cells that a deformation may change, and the heights of their first layer."""
+
+import numpy as np
+import pytest
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.touched import BLOCK, TouchedCells, first_layer
+from tests.deform.blocks import FACES, block_with_body, grid
+from tests.meshing.formats.examples import hybrid
+from tests.meshing.formats.wing import wing
+
+REGULAR = np.array([[1.0, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]])
+
+
+def test_touched_cells_have_one_quality_for_each_type():
+    mesh = hybrid(2)
+    touched = TouchedCells.of(mesh, np.arange(14))
+    assert touched.count == 7
+    found = {quality.shape: quality for quality in touched.quality(mesh.points)}
+    assert {shape: quality.cells for shape, quality in found.items()} == {
+        "hexahedron": 1,
+        "pyramid": 1,
+        "tetra": 4,
+        "wedge": 1,
+    }
+    tets = next(block for block in mesh.cells if block.shape == "tetra")
+    assert found["tetra"].min == mean_ratio(mesh.points, tets.nodes).min()
+    flat = mesh.points * [1.0, 1.0, 0.0]
+    assert touched.inverted_at(mesh.points) == 0
+    assert touched.inverted_at(flat) == 7
+
+
+def test_left_handed_files_are_judged_accordingly():
+    mesh = hybrid()
+    mirror = mesh.with_points(mesh.points * [1.0, 1.0, -1.0])
+    touched, plain = TouchedCells.of(mirror, np.arange(14)), TouchedCells.of(mesh, np.arange(14))
+    assert set(touched.orientation) == {-1.0}
+    assert sum(touched.inverted) == touched.inverted_at(mirror.points) == 0
+    for one, other in zip(touched.quality(mirror.points), plain.quality(mesh.points), strict=True):
+        assert one.min == pytest.approx(other.min)
+        assert one.inverted == 0
+
+
+def test_cells_inverted_before_are_refused_unless_allowed():
+    tets = np.array([[0, 1, 2, 3], [1, 0, 2, 3], [0, 1, 2, 3]])
+    touched = TouchedCells.of(Mesh(REGULAR, (Cells("tetra", tets),), ()), np.array([0]))
+    assert touched.inverted == (1,)
+    touched.check(allow=True)
+    with pytest.raises(InputError, match=r"1 of 3 cells \(tetra\) are inverted in the file already"):
+        touched.check()
+
+
+def test_cells_with_a_node_that_may_move_are_touched_block_by_block():
+    points, cells = grid([0, 0, 0], [1, 1, 1], [60, 40, 30])
+    assert len(cells) > BLOCK
+    mesh, moved = Mesh(points, (Cells("hexahedron", cells),), ()), np.array([5, len(points) - 1])
+    expected = np.flatnonzero(np.isin(cells, moved).any(axis=1))
+    assert np.array_equal(TouchedCells.of(mesh, moved).rows[0], expected)
+    assert TouchedCells.of(mesh, np.empty(0, dtype=np.intp)).count == 0
+
+
+def test_polyhedra_are_touched_through_any_of_their_faces():
+    mesh = block_with_body(4)
+    nodes = mesh.cells[0].nodes
+    faces = Polygons(nodes[:, FACES].ravel(), 4 * np.arange(6 * len(nodes) + 1))
+    own = Polyhedra(faces, np.repeat(np.arange(len(nodes)), 6), np.empty(0, dtype=np.intp))
+    for moved in (np.array([0]), np.array([17, 60]), np.arange(len(mesh.points))):
+        one, other = (TouchedCells.of(Mesh(mesh.points, (cells,), ()), moved) for cells in (mesh.cells[0], own))
+        assert np.array_equal(one.rows[0], other.rows[0])
+
+
+def test_heights_of_the_first_layer_are_compared_edge_by_edge():
+    """Layers stretched by a quarter: every edge off the wall is a quarter longer."""
+    w = wing(cells=3)
+    walls = w.mesh.on("wing_upper", "wing_lower", "flap_upper", "flap_lower")
+    touched = TouchedCells.of(w.mesh, np.arange(len(w.mesh.points)))
+    still = first_layer(touched, walls, w.mesh.points)
+    assert (still.largest, still.p99) == (0.0, 0.0)
+    assert still.lowest == pytest.approx(w.first_height, rel=0.05)
+    points = w.mesh.points.copy()
+    first, second = w.columns[:, 0], w.columns[:, 1]
+    points[second] += 0.25 * (points[second] - points[first])
+    changed = first_layer(touched, walls, points)
+    assert changed.edges == still.edges
+    assert changed.largest == pytest.approx(0.25, abs=1e-9)
+    assert changed.p99 == pytest.approx(0.25, abs=1e-9)
+    assert first_layer(touched, walls[:0], points) is None
+
+
+def test_cells_as_high_as_wide_are_no_layer():
+    block = block_with_body()
+    assert first_layer(TouchedCells.of(block, np.arange(len(block.points))), block.on("body"), block.points) is None

@@ -1,0 +1,128 @@
+"""Where displacements are known: every node once, zero sites apart from them, and not too many of either."""
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+
+from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.edges import median_edge
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import Mesh, Patch
+from sdm_deflect.deform.volume import sites as places
+from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.fitting import Fitting
+from sdm_deflect.deform.volume.sites import apart_from
+from tests.deform.jobs import FLAP, WING, blended, job, turn
+
+TIGHT = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
+
+
+@pytest.fixture(scope="module")
+def plan(inboard_wing):
+    w = inboard_wing
+    return Plan.of(w.mesh, job(FLAP, w.hinge, **blended(w)))
+
+
+def test_known_nodes_are_moving_fixed_and_sliding_ones_each_once(plan, inboard_wing):
+    sites, mesh, inside = plan.sites, inboard_wing.mesh, plan.region.inside
+    assert np.array_equal(sites.moving, mesh.on("flap_upper", "flap_lower", "flap_base"))
+    wing = mesh.on("wing_upper", "wing_lower", "wing_base", "wing_tip")
+    assert np.array_equal(sites.fixed, np.setdiff1d(np.intersect1d(wing, inside), sites.moving))
+    others = np.union1d(sites.moving, sites.fixed)
+    assert np.array_equal(sites.slid, np.setdiff1d(np.intersect1d(mesh.on("symmetry"), inside), others))
+    assert len(np.unique(sites.known)) == len(sites.known)
+
+
+def test_lengths_follow_from_the_edges_of_the_surface(plan, inboard_wing):
+    mesh, sites = inboard_wing.mesh, plan.sites
+    assert sites.edge == median_edge(mesh.points, mesh.faces_of(("flap_upper", "flap_lower", "flap_base")))
+    assert sites.tolerance == 0.01 * sites.edge
+    assert sites.spacing == 1.75 * sites.edge
+
+
+@pytest.mark.parametrize(("given", "spacing"), [({"spacing": 0.3}, 0.3), ({"spacing_edges": 1.0}, 0.5)])
+def test_spacing_may_be_given_in_lengths_or_in_edges(given, spacing, block):
+    sites = Plan.of(block, job(("body",), box=TIGHT, fitting=Fitting(**given, tolerance=0.02))).sites
+    assert sites.spacing == pytest.approx(spacing)
+    assert sites.tolerance == 0.02
+
+
+def test_zero_sites_stand_on_the_box_apart_from_nodes_and_from_each_other(plan, inboard_wing):
+    (zero,), spacing = plan.sites.zero, plan.sites.spacing
+    hexahedron = plan.region.hexahedron
+    assert not zero.values.any()
+    assert zero.components == (0, 1, 2)
+    assert hexahedron.contains(zero.points, 1e-9).all()
+    assert not hexahedron.contains(zero.points, -1e-9).any()
+    assert cdist(zero.points, inboard_wing.mesh.points[plan.sites.known]).min() >= 0.5 * spacing
+    assert (cdist(zero.points, zero.points) + 9.0 * np.eye(len(zero))).min() > 0.3 * spacing
+    assert [plan.sites.zero_sites(c) for c in range(3)] == [len(zero)] * 3
+
+
+def test_no_zero_site_is_behind_a_plane_that_bounds_the_mesh(plan):
+    """The box reaches beyond the symmetry plane y = 0, the mesh does not."""
+    assert plan.region.hexahedron.corners[:, 1].min() < -0.01
+    (zero,) = plan.sites.zero
+    assert zero.points[:, 1].min() >= -1e-9
+
+
+def test_zero_sites_are_no_more_than_a_solve_takes(monkeypatch, block):
+    fine = Fitting(spacing_edges=0.1)
+    many = Plan.of(block, job(("body",), box=TIGHT, fitting=fine)).sites
+    monkeypatch.setattr(places, "MOST_ZERO", 500)
+    few = Plan.of(block, job(("body",), box=TIGHT, fitting=fine)).sites
+    assert many.zero_sites(0) > 2000
+    assert 400 < few.zero_sites(0) < 600
+    assert few.spacing == pytest.approx(np.sqrt(6.0 * 2.4**2 / 500))
+
+
+def test_large_fixed_patches_are_thinned_and_verified_as_a_whole(monkeypatch, inboard_wing):
+    monkeypatch.setattr(places, "MOST_FIXED", 30)
+    w = inboard_wing
+    result = turn(w.mesh, FLAP, w.hinge, **blended(w))
+    sites, before = result.plan.sites, w.mesh.points
+    assert len(sites.fixed) > 60
+    assert 15 <= len(sites.sampled) <= 30
+    assert 15 <= len(sites.sampled_sliding) <= 30
+    assert np.array_equal(result.points[sites.fixed], before[sites.fixed])
+    checks = {check.name: check.over for check in checks_of(result)}
+    assert checks["fixed_surfaces_moved"] == len(sites.fixed)
+    assert checks["on_symmetry"] == len(sites.slid)
+
+
+def test_coincident_nodes_are_one_site(block):
+    body = block.on("body")
+    n = len(block.points)
+    both = Patch("body", (), np.append(body, n + np.arange(len(body))))
+    doubled = Mesh(np.vstack([block.points, block.points[body]]), (), (both,))
+    sites = Plan.of(doubled, job(("body",), box=TIGHT)).sites
+    assert (len(sites.moving), len(sites.distinct), sites.coincident) == (52, 26, 26)
+    assert np.isin(sites.moving[sites.distinct], body).all()
+
+
+def test_a_surface_without_faces_has_the_edges_of_its_nearest_neighbours(block):
+    arrays = Mesh(block.points, (), (Patch("body", (), block.on("body")),))
+    plan = Plan.of(arrays, job(("body",), box=TIGHT))
+    assert plan.sites.edge == 0.5
+    edges = plan.sites.edges(plan.boundary)
+    lengths = np.linalg.norm(np.diff(arrays.points[plan.sites.known[edges]], axis=1), axis=2)
+    assert lengths.min() == 0.5
+    assert lengths.max() < 1.1
+    one = Mesh(block.points, (), (Patch("body", (), block.on("body")[:1]),))
+    with pytest.raises(InputError, match="the moving surface has 1 distinct nodes"):
+        Plan.of(one, job(("body",), box=TIGHT))
+
+
+def test_each_moving_surface_is_a_part_of_its_own_and_the_rest_is_one(plan, hybrid_wing):
+    moving, rest = plan.sites.parts(plan.boundary)
+    assert np.array_equal(moving, np.arange(len(plan.sites.moving)))
+    assert np.array_equal(np.sort(np.concatenate([moving, rest])), np.arange(len(plan.sites.known)))
+    w = hybrid_wing
+    alone = Plan.of(w.mesh, job(WING, w.hinge, slide={"symmetry": "plane"}))
+    assert len(alone.sites.parts(alone.boundary)[1]) == len(alone.sites.slid) > 0
+
+
+def test_sites_that_keep_their_distance_are_kept():
+    line = np.column_stack([np.arange(5.0), np.zeros(5), np.zeros(5)])
+    assert apart_from(line, np.array([[2.2, 0.0, 0.0]]), 0.75)[:, 0].tolist() == [0.0, 1.0, 3.0, 4.0]
+    assert apart_from(line, np.array([[2.2, 0.0, 0.0]]), 0.9)[:, 0].tolist() == [0.0, 1.0, 4.0]
