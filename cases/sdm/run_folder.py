@@ -8,19 +8,23 @@ import numpy as np
 
 from sdm_deflect.cases.output import write_convergence, write_interpolants
 from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.job import deflected as carried_out
 from sdm_deflect.cases.sdm.job import plans_of
 from sdm_deflect.cases.sdm.metrics import Run, metrics
 from sdm_deflect.cases.sdm.reference import reference
 from sdm_deflect.cases.sdm.registry import resolve
-from sdm_deflect.cases.sdm.validation import validate
+from sdm_deflect.cases.sdm.validation import site_checks, validate
 from sdm_deflect.cases.settings import to_toml
-from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.checks import Check, worst
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.deflection import Deflection, combined
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
+
+SAME = 1e-9
+"""Nodes of a finished run are no further (m) from where fitting again puts them."""
 
 
 def write_deformation(
@@ -63,7 +67,11 @@ def validate_folder(folder: Path) -> tuple[Check, ...]:
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
     plans = plans_of(case, mesh.as_mesh(case.name))
     with reference(case) as deflected_cad:
-        return validate(case, mesh, deflected, plans, deflected_cad(), background)
+        again = carried_out(case, plans)
+        off = np.linalg.norm(deflected.points - combined(plans[0].mesh, again), axis=1)
+        same = Check("same_deflection", float(off.max()), SAME, "m", worst(off, mesh.points))
+        checks = validate(case, mesh, deflected, plans, deflected_cad(), background)
+    return (*checks, *site_checks(again), same)
 
 
 def read_run(folder: Path) -> tuple[Case, TetMesh, TetMesh]:
