@@ -261,7 +261,8 @@ def _either(value: Any, kind: Any) -> Any:
     if value is None and len(kinds) < len(get_args(kind)):
         return None
     protocols = [one for one in kinds if getattr(one, "_is_protocol", False)]
-    if any(all(hasattr(value, name) for name in vars(one) if name[0] != "_") for one in protocols):
+    fits = any(all(hasattr(value, name) for name in vars(one) if name[0] != "_") for one in protocols)
+    if fits and not isinstance(value, type):
         return value
     others = [one for one in kinds if one not in protocols]
     return _converter().structure(value, others[0] if isinstance(value, str | PathLike) else others[-1])

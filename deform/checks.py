@@ -25,8 +25,10 @@ class Check:
     Attributes
     ----------
     name : fixed name, with the surface appended when a case deflects several.
-    value, limit : in `unit`; the check passes if value <= limit ("at most") or value >= limit ("at least").
+    value, limit : what was measured and what was asked, in `unit`.
+    unit : of both; none for shares, and for lengths in the mesh's own unit.
     where : what was measured, over how many nodes, and where the worst one lies.
+    judgement : the check passes if value <= limit (``"at most"``) or value >= limit (``"at least"``).
     over : number of nodes or cells that were measured; over none the check is not applicable.
     nodes, distances : (K,) the nodes and what was measured at each, where a map of it is worth drawing.
     """

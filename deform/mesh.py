@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sdm_deflect.deform.errors import InputError, nearest
 
@@ -27,6 +27,27 @@ from one to the other.
 VOLUMES = ("tetra", "pyramid", "wedge", "hexahedron")
 
 
+def whole(values: ArrayLike, what: str) -> IntArray:
+    """Return an array of whole numbers; InputError, which begins with `what`, if they are others."""
+    try:
+        found = np.asarray(values)
+    except ValueError:
+        raise InputError(f"{what}: rows of different lengths") from None
+    if found.dtype.kind in "iu":
+        return found
+    if found.size:
+        raise InputError(f"{what} must be whole numbers, not {found.dtype}")
+    return found.astype(np.intp)
+
+
+def real(values: ArrayLike, what: str) -> FloatArray:
+    """Return an array of floating-point numbers; InputError, which begins with `what`, if they are none."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be numbers, in rows of one length") from None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Cells:
     """Cells, or boundary faces, of one shape.
@@ -34,9 +55,14 @@ class Cells:
     Parameters
     ----------
     shape
-        A key of `CORNERS`.
+        ``"triangle"``, ``"quad"``, ``"tetra"``, ``"pyramid"``, ``"wedge"`` or ``"hexahedron"``, or ``"line"``.
     nodes
-        (M, k) node indices in VTK's order, k = CORNERS[shape].
+        (M, k) node indices in VTK's order, for k nodes of the shape; counted from 0.
+
+    Raises
+    ------
+    InputError
+        If the shape is unknown, or the nodes are not (M, k) whole numbers.
     """
 
     shape: str
@@ -44,9 +70,10 @@ class Cells:
 
     def __post_init__(self) -> None:
         if self.shape not in CORNERS:
-            raise ValueError(f"shape {self.shape!r} is not one of {', '.join(CORNERS)}")
+            raise InputError(f"shape {self.shape!r} is not one of {', '.join(CORNERS)}")
+        object.__setattr__(self, "nodes", whole(self.nodes, f"{self.shape} nodes"))
         if self.nodes.ndim != 2 or self.nodes.shape[1] != CORNERS[self.shape]:
-            raise ValueError(f"{self.shape} nodes {self.nodes.shape} must be (M, {CORNERS[self.shape]})")
+            raise InputError(f"{self.shape} nodes {self.nodes.shape} must be (M, {CORNERS[self.shape]})")
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -183,6 +210,7 @@ class Mesh:
     source: str = ""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "points", real(self.points, "points"))
         if self.points.ndim != 2 or self.points.shape[1] != 3:
             raise InputError(f"points {self.points.shape} must be (N, 3)")
         bad = ~np.isfinite(self.points).all(axis=1)

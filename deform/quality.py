@@ -102,7 +102,7 @@ def judged(
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """Quality of the cells of one type; the shares below 0.2 and 0.4 are fractions of these cells.
+    """Quality of the cells of one type.
 
     Attributes
     ----------
@@ -110,6 +110,7 @@ class Quality:
     measure : what the figures are, a value of `MEASURES`.
     cells : number of cells.
     min, p01, mean : smallest value, the one that 99 % of the cells exceed, average.
+    below_0_2, below_0_4 : shares of these cells with a quality below 0.2 and 0.4.
     inverted : number of inverted cells.
     """
 

@@ -50,7 +50,7 @@ def accepted(mesh: Any) -> Accepted:
         flow, with_points = ADAPTERS[library](mesh)
         return Accepted(_checked(replace(flow, name=f"{library} mesh")), with_points)
     raise InputError(
-        f"a {type(mesh).__name__} is no mesh: give a Mesh, a TetMesh, a meshio or pyvista mesh, "
+        f"an object of type {type(mesh).__name__} is no mesh: give what read returns, a meshio or pyvista mesh, "
         "or (points, {patch: node indices})"
     )
 

@@ -55,6 +55,11 @@ class Blended:
     rib : what happens beside closed ribs.
     hinge_nodes : held nodes from which the surface is blended chordwise; None: those near the hinge.
     epsilon : shape parameter of the multiquadric, 1/length; 0: `LINEAR` over the surface's size.
+
+    Raises
+    ------
+    InputError
+        If `base` is no motion, or `held` or `driven` no set of nodes.
     """
 
     base: Motion
@@ -63,6 +68,14 @@ class Blended:
     rib: Rib = field(default_factory=Rib)
     hinge_nodes: NodeSet | None = None
     epsilon: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not hasattr(self.base, "law"):
+            raise InputError(f"base = {self.base!r} is no motion: give one such as Rotation.about(first, second)")
+        for name in ("held", "driven"):
+            if not hasattr(getattr(self, name), "of"):
+                kinds = "OnPatches, TrailingEdge or Listed"
+                raise InputError(f"{name} = {getattr(self, name)!r} is no set of nodes: give {kinds}")
 
     @property
     def unit(self) -> str:

@@ -5,13 +5,15 @@ it becomes a law, which has done all that does not depend on the amount.
 """
 
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import BoolArray, FloatArray
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, real
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.points import farthest, first_coincident
@@ -61,20 +63,24 @@ class Motion(Protocol):
 class Rotation:
     """Rigid rotation about a hinge, right-handed from its first point to its second.
 
-    Looking from the first point to the second, a positive angle turns clockwise.
+    Looking from the first point to the second, a positive angle turns clockwise. `about` makes one of two points.
+
+    Attributes
+    ----------
+    axis : the hinge.
     """
 
     axis: Axis
 
     @classmethod
-    def about(cls, first: FloatArray, second: FloatArray) -> "Rotation":
-        """Take the hinge through two points (3,); InputError if they coincide or are no points."""
+    def about(cls, first: ArrayLike, second: ArrayLike) -> "Rotation":
+        """Take the hinge through two points (3,), in the mesh's unit; InputError if they coincide or are no points."""
         try:
             a, b = (np.asarray(point, dtype=np.float64) for point in (first, second))
         except (TypeError, ValueError):
-            raise InputError(f"hinge = {first}, {second}: must be two points of three numbers") from None
+            raise InputError(f"hinge = {first!r}, {second!r}: must be two points of three numbers") from None
         if a.shape != (3,) or b.shape != (3,) or not np.isfinite([a, b]).all():
-            raise InputError(f"hinge = {first}, {second}: must be two points of three numbers")
+            raise InputError(f"hinge = {first!r}, {second!r}: must be two points of three numbers")
         if np.linalg.norm(b - a) <= 1e-12 * max(np.abs([a, b]).max(), 1e-300):
             raise InputError(f"the hinge has no length: both its points are at {', '.join(f'{x:g}' for x in a)}")
         return cls(Axis.through(a, b))
@@ -121,6 +127,11 @@ class Table:
     ----------
     points, vectors : (P, 3) each, in the mesh's unit of length.
     hinge : an axis along the surface, where the box should follow one.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, there are fewer than 4 points, or a number is not finite.
     """
 
     points: FloatArray = field(repr=False)
@@ -128,13 +139,15 @@ class Table:
     hinge: Axis | None = None
 
     def __post_init__(self) -> None:
+        for name in ("points", "vectors"):
+            object.__setattr__(self, name, real(getattr(self, name), f"table: {name}"))
         if self.points.ndim != 2 or self.points.shape[1:] != (3,) or self.points.shape != self.vectors.shape:
             raise InputError(f"table: points {self.points.shape} and vectors {self.vectors.shape} must be (P, 3) both")
         if len(self.points) < 4 or not (np.isfinite(self.points).all() and np.isfinite(self.vectors).all()):
             raise InputError(f"table: {len(self.points)} points; it needs at least 4, all finite")
 
     @classmethod
-    def read(cls, path: Path, hinge: Axis | None = None) -> "Table":
+    def read(cls, path: str | PathLike[str], hinge: Axis | None = None) -> "Table":
         """Read a .csv of x, y, z, dx, dy, dz with a line of titles, or an .npz with `points` and `vectors`.
 
         Raises
@@ -142,6 +155,7 @@ class Table:
         InputError
             If the file cannot be read as one of these.
         """
+        path = Path(path)
         try:
             if path.suffix == ".npz":
                 with np.load(path, allow_pickle=False) as arrays:

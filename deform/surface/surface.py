@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from pathlib import Path
 from typing import Protocol
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from sdm_deflect.deform.edges import polygons_of, sharp_edges
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, whole
 from sdm_deflect.deform.surface.axis import Axis
 
 FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are the trailing edge
@@ -74,9 +75,18 @@ class OnPatches:
     """Nodes that also lie on these patches: neighbours, or some of the surface's own; none named: any neighbour.
 
     A wildcard stands for neighbours only: the surface's own patches are to be named in full.
+
+    Parameters
+    ----------
+    names
+        Names or wildcards; or a single one.
     """
 
     names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if isinstance(self.names, str):
+            object.__setattr__(self, "names", (self.names,))
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
         """Return a mask (K,) over the surface's nodes."""
@@ -94,10 +104,19 @@ class TrailingEdge:
     Parameters
     ----------
     dihedral
-        Degrees by which the faces turn at the edge, at least.
+        Degrees by which the faces turn at the edge, at least; above 0, below 180.
+
+    Raises
+    ------
+    InputError
+        If it is no such number.
     """
 
     dihedral: float = 40.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.dihedral, Real) or not 0.0 < self.dihedral < 180.0:
+            raise InputError(f"dihedral = {self.dihedral!r} must be degrees between 0 and 180")
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
         """Return a mask (K,) over the surface's nodes."""
@@ -112,13 +131,27 @@ class TrailingEdge:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Listed:
-    """Nodes given by their indices in the mesh, counted from 0."""
+    """Nodes given by their indices in the mesh.
+
+    Parameters
+    ----------
+    nodes
+        (K,) indices, counted from 0.
+
+    Raises
+    ------
+    InputError
+        If they are no whole numbers.
+    """
 
     nodes: IntArray
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nodes", whole(self.nodes, "node indices").ravel())
+
     @classmethod
     def read(cls, path: Path) -> "Listed":
-        """Read node indices, counted from 0, from a text file."""
+        """Read node indices, counted from 0, from a text file; InputError if it holds anything else."""
         try:
             return cls(np.loadtxt(path, dtype=np.intp, ndmin=1))
         except (OSError, ValueError) as error:

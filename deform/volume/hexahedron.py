@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import real
 from sdm_deflect.deform.rbf.compiled import compiled
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.deform.rbf.points import first_coincident
@@ -122,12 +124,12 @@ class Hexahedron:
     Parameters
     ----------
     corners
-        (8, 3) in metres. Corner i has the binary code zyx: bit 1 is set on face "x+", bit 2 on "y+", bit 4 on
-        "z+".
+        (8, 3) in the mesh's unit of length. Corner i has the binary code zyx: bit 1 is set on face "x+", bit 2 on
+        "y+", bit 4 on "z+".
 
     Raises
     ------
-    ValueError
+    InputError
         If corners coincide, a face is not planar, or the hexahedron is not convex or inside out.
     """
 
@@ -135,8 +137,9 @@ class Hexahedron:
     planes: FloatArray = field(init=False, repr=False)  # (12, 4) outward normals and offsets of the triangles
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "corners", real(self.corners, "corners"))
         if self.corners.shape != (8, 3) or not np.isfinite(self.corners).all():
-            raise ValueError(f"corners {self.corners.shape} must be 8 points of 3 finite coordinates")
+            raise InputError(f"corners {self.corners.shape} must be 8 points of 3 finite coordinates")
         _check_distinct(self.corners)
         object.__setattr__(self, "planes", _triangle_planes(self.corners))
         _check_faces(self.corners, self.planes)
@@ -222,7 +225,7 @@ def _check_distinct(corners: FloatArray) -> None:
     for i in range(8):
         for j in range(i):
             if np.linalg.norm(corners[i] - corners[j]) <= COINCIDENT * size:
-                raise ValueError(f"corners {j} and {i} of the hexahedron coincide at {corners[i]}")
+                raise InputError(f"corners {j} and {i} of the hexahedron coincide at {corners[i]}")
 
 
 def _check_faces(corners: FloatArray, planes: FloatArray) -> None:
@@ -231,14 +234,14 @@ def _check_faces(corners: FloatArray, planes: FloatArray) -> None:
     two_each = [item for item in FACES.items() for _ in range(2)]
     for (name, face), plane in zip(two_each, planes, strict=True):
         if not plane[:3].any():
-            raise ValueError(f"three corners of face {name} (corners {face}) lie on one line")
+            raise InputError(f"three corners of face {name} (corners {face}) lie on one line")
         height = corners @ plane[:3] - plane[3]
         off = float(np.abs(height[list(face)]).max())
         if off > PLANAR * size:
-            raise ValueError(f"face {name} (corners {face}) is not planar: a corner is {off:.3g} m off")
+            raise InputError(f"face {name} (corners {face}) is not planar: a corner is {off:.3g} m off")
         front = int(np.argmax(height))
         if height[front] > PLANAR * size:
-            raise ValueError(
+            raise InputError(
                 f"the hexahedron is not convex, or its corners are not in the order of their codes zyx: "
                 f"corner {front} is {height[front]:.3g} m in front of face {name} (corners {face})"
             )

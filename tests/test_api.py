@@ -1,0 +1,266 @@
+"""The one import: what it loads, what it names, and a notebook that uses it as a newcomer would."""
+
+import ast
+import base64
+import inspect
+import re
+import runpy
+import subprocess
+import sys
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import nbformat
+import numpy as np
+import pytest
+from nbclient import NotebookClient
+
+import sdm_deflect as sd
+from sdm_deflect.cases.job_settings import IN_PYTHON, JobSettings, SurfaceSettings
+from sdm_deflect.cases.settings import names_of
+from tests.deform.blocks import block_with_body, two_bodies
+
+ROOT = Path(__file__).parents[1]
+REFERENCE = ROOT / "docs" / "api" / "public.md"
+HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+CELL = """
+import sdm_deflect as sd
+
+mesh = sd.read("naca.msh")
+results = sd.sweep(
+    mesh, "flap", hinge=[[0.7, 0.6, 0], [0.7, 1.4, 0]], angles=[-10, 0, 10],
+    motion="blended", fixed="wing", slide="symmetry:plane",
+)
+for result in results:
+    result.save(f"naca{result.angle:+g}.cgns")
+display(*results)
+results[-1].plot()
+"""
+
+
+@pytest.fixture(scope="module")
+def block():
+    return block_with_body()
+
+
+@pytest.fixture(scope="module")
+def result(block):
+    return sd.deflect(block, "body", HINGE, 10.0)
+
+
+def test_the_import_loads_nothing_else():
+    loaded = "import sys; before = set(sys.modules); import sdm_deflect; print(*(set(sys.modules) - before))"
+    out = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True).stdout
+    assert {name.partition(".")[0] for name in out.split()} <= {"sdm_deflect", *sys.stdlib_module_names}
+
+
+def test_public_names_are_few_and_those_that_a_type_checker_sees():
+    assert len(sd.__all__) <= 20
+    assert dir(sd) == sorted(sd.__all__)
+    assert all(getattr(sd, name) is not None for name in sd.__all__)
+    assert re.fullmatch(r"\d+\.\d+.*", sd.__version__)
+    with pytest.raises(AttributeError, match="no attribute 'deform_all'"):
+        sd.deform_all  # noqa: B018
+    (block,) = (node for node in ast.parse(inspect.getsource(sd)).body if isinstance(node, ast.If))
+    typed = {alias.name for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert typed | {"__version__"} == set(sd.__all__)
+
+
+@pytest.mark.parametrize("name", sorted(set(sd.__all__) - {"__version__"}))
+def test_public_names_are_documented(name):
+    """Every argument and every attribute has a line of its own, and the reference shows the path that users type."""
+    thing = getattr(sd, name)
+    assert re.search(rf"^\.\. auto(function|class|exception):: {name}$", REFERENCE.read_text(), re.MULTILINE)
+    described = inspect.getdoc(thing) or ""
+    if is_dataclass(thing):
+        told = [one.name for one in fields(thing) if one.init]
+        assert re.search("^(Attributes|Parameters)\n---", described, re.MULTILINE) or not told
+    else:
+        told = list(inspect.signature(thing).parameters) if inspect.isfunction(thing) else []
+        assert ("Parameters\n---" in described) == bool(told)
+        assert ("Raises\n---" in described) == bool(told)
+    for argument in told:
+        assert re.search(rf"^[\w, *]*\b{argument}\b[\w, *]*( :|$)", described, re.MULTILINE), argument
+    for method, function in inspect.getmembers(thing, inspect.isfunction):
+        assert method.startswith("_") or function.__doc__, method
+
+
+def test_every_setting_is_described():
+    known = {*names_of(JobSettings), *(one.name for one in fields(SurfaceSettings))}
+    told = set(re.findall(r"`(\w+)`", sd.deflect.__doc__)) | {"angle", "hinge"}
+    assert known - IN_PYTHON.keys() <= told
+
+
+def test_a_notebook_of_one_cell(tmp_path):
+    """It needs no display, and shows tables and a picture."""
+    assert len(CELL.strip().splitlines()) <= 12
+    runpy.run_path(str(ROOT / "docs" / "examples" / "naca_wing.py"))["build"](tmp_path, fineness=0.7)
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL.strip())])
+    NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": tmp_path}}).execute()
+    shown = [output.data for output in notebook.cells[0].outputs if "data" in output]
+    tables = [data["text/html"] for data in shown if "text/html" in data]
+    assert len(tables) == 3
+    assert "flap of naca.msh at -10 deg: all checks passed" in tables[0]
+    assert "site_error" in tables[2]
+    assert "mean ratio" in tables[2]
+    assert "FAILED" not in "".join(tables)
+    assert base64.b64decode(shown[-1]["image/png"]).startswith(b"\x89PNG")
+
+    mesh = sd.read(tmp_path / "naca.msh")
+    kept = {angle: sd.read(tmp_path / f"naca{angle:+d}.cgns") for angle in (-10, 0, 10)}
+    hinge = [[0.7, 0.6, 0], [0.7, 1.4, 0]]
+    same = sd.sweep(mesh, "flap", hinge, [-10, 0, 10], motion="blended", fixed="wing", slide={"symmetry": "plane"})
+    for one in same:
+        assert np.array_equal(one.points, kept[int(one.angle)].points)
+        assert kept[int(one.angle)].names == mesh.names
+    assert np.array_equal(kept[0].points, mesh.points)
+
+
+def test_settings_take_effect(block, result):
+    """Each of them was once swallowed."""
+    finer = sd.deflect(block, "body", HINGE, 10.0, tolerance=1e-9)
+    assert finer.plan.sites.tolerance == 1e-9
+    assert not np.array_equal(finer.points, result.points)
+    common = sd.deflect(block, "body", HINGE, 10.0, strategy="mv")
+    assert {key: len(result.deflection.steps[0].fits.adaptations) for key in ("squv",)} == {"squv": 3}
+    assert len(common.deflection.steps[0].fits.adaptations) == 1
+    with pytest.raises(sd.InputError, match="unknown setting tolerence; did you mean tolerance"):
+        sd.deflect(block, "body", HINGE, 10.0, tolerence=1e-5)
+    with pytest.raises(sd.InputError, match="unknown setting xyzzy"):
+        sd.sweep(block, "body", HINGE, [1.0], xyzzy=1)
+    with pytest.raises(sd.InputError, match="min_quality = 2 must be a share"):
+        sd.deflect(block, "body", HINGE, 10.0, min_quality=2)
+    strict = sd.deflect(block, "body", HINGE, 10.0, min_quality=1.0)
+    assert not strict.passed
+    assert "FAILED: quality_min:hexahedron" in strict.title
+
+
+def test_results_come_in_the_order_asked_for(block):
+    angles = [5.0, -10.0, 5.0, 0.0]
+    results = sd.sweep(block, "body", HINGE, angles)
+    assert [one.angle for one in results] == angles
+    nose = block.on("body")[0]
+    for angle, one in zip(angles, results, strict=True):
+        turned = sd.Rotation.about(*HINGE).axis.rotated(block.points[[nose]], angle)
+        np.testing.assert_allclose(one.points[[nose]], turned, atol=1e-12)
+    assert [one.angle for one in sd.sweep(block, "body", HINGE, "-4:4:4")] == [-4.0, 0.0, 4.0]
+
+
+def test_surfaces_with_hinges_of_their_own():
+    mesh = two_bodies()
+    names = mesh.names[:2]
+    hinges = [[[x, 0.0, 0.0], [x, 1.0, 0.0]] for x in (mesh.points[mesh.on(name)].mean(axis=0)[0] for name in names)]
+    tables = [
+        {"patches": name, "hinge": hinge, "angle": angle}
+        for name, hinge, angle in zip(names, hinges, (12.0, -6.0), strict=True)
+    ]
+    (half,) = sd.sweep(mesh, tables, None, [4.0])
+    for name, hinge, angle in zip(names, hinges, (4.0, -2.0), strict=True):
+        nodes = mesh.on(name)
+        turned = sd.Rotation.about(*hinge).axis.rotated(mesh.points[nodes], angle)
+        np.testing.assert_allclose(half.points[nodes], turned, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        (("nosuch.su2", "body", HINGE, 5), {}, "nosuch.su2"),
+        (("mesh.xyz", "body", HINGE, 5), {}, "no mesh format has the suffix '.xyz'"),
+        ((5, "body", HINGE, 5), {}, "an object of type int is no mesh"),
+        ((None, "bdy", HINGE, 5), {}, "'bdy' is no patch; did you mean body?"),
+        ((None, "body", HINGE[:1], 5), {}, "hinge = [[0.0, 0.0, 0.0]] must hold 2 values"),
+        ((None, "body", [HINGE[0], HINGE[0]], 5), {}, "the hinge has no length"),
+        ((None, "body", None, 5), {}, "the hinge is missing"),
+        ((None, "body", HINGE, None), {}, "the angle of body is missing"),
+        ((None, "body", HINGE, "15"), {}, "angle = '15' is not a number"),
+        ((None, "body", HINGE, 95), {}, "angle = 95 deg of body is out of range"),
+        ((None, "body", HINGE, 5), {"slide": "x-:sphere"}, "slide.x- = 'sphere' is not one of plane, cylinder"),
+        ((None, "body", HINGE, 5), {"progress": True}, "progress = True must be a function"),
+        ((None, "body", HINGE, 5), {"motion": sd.Rotation}, "motion = "),
+    ],
+)
+def test_mistakes_are_one_sentence(block, arguments, options, message):
+    with pytest.raises(sd.InputError) as caught:
+        sd.deflect(arguments[0] or block, *arguments[1:], **options)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: sd.Rotation.about([0, 0, 0], [0, 0]), "must be two points of three numbers"),
+        (lambda: sd.Blended("rigid"), "base = 'rigid' is no motion"),
+        (lambda: sd.Blended(sd.Rotation.about(*HINGE), held="rib"), "held = 'rib' is no set of nodes"),
+        (lambda: sd.TrailingEdge("40"), "dihedral = '40' must be"),
+        (lambda: sd.Listed([1.5]), "must be whole numbers"),
+        (lambda: sd.Hexahedron([[0, 0, 0]]), "must be 8 points"),
+        (lambda: sd.Table([[0, 0, 0]], [[0, 0]]), r"must be \(P, 3\) both"),
+        (lambda: sd.Mesh([[0, 0]], (), ()), r"points \(1, 2\) must be \(N, 3\)"),
+        (lambda: sd.Cells("tetra", [[0, 1, 2]]), r"must be \(M, 4\)"),
+        (lambda: sd.Cells("tetra", [[0, 1, 2, 3.5]]), "must be whole numbers"),
+    ],
+)
+def test_values_of_a_wrong_type_are_refused_where_they_are_made(make, message):
+    with pytest.raises(sd.InputError, match=message):
+        make()
+
+
+def test_values_are_made_of_lists():
+    assert sd.Listed([3, 1]).nodes.dtype == np.intp
+    assert sd.OnPatches("wing").names == ("wing",)
+    corners = [[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+    assert sd.Hexahedron(corners).contains(np.array([[0.5, 0.5, 0.5]])).all()
+    cells = sd.Cells("tetra", [[0, 1, 2, 3]])
+    mesh = sd.Mesh(np.eye(4, 3).tolist(), [cells], [sd.Patch("wall", [sd.Cells("triangle", [[0, 1, 2]])])])
+    assert mesh.on("wall").tolist() == [0, 1, 2]
+
+
+def test_a_file_is_saved_read_and_never_overwritten(result, tmp_path):
+    assert result.save(tmp_path / "block.vtu") == ()
+    mesh = sd.read(str(tmp_path / "block.vtu"))
+    assert np.array_equal(mesh.points, result.points)
+    again = sd.deflect(str(tmp_path / "block.vtu"), "body", HINGE, -3.0)
+    with pytest.raises(sd.InputError, match="this is a file that is read"):
+        again.save(tmp_path / "block.vtu")
+    with pytest.raises(sd.InputError, match=r"no mesh format has the suffix '\.doc'"):
+        again.save(tmp_path / "block.doc")
+
+
+def test_a_report_is_written_and_holds_no_other_folder(result, tmp_path):
+    page = result.report(tmp_path / "report")
+    assert page == tmp_path / "report" / "report.html"
+    assert "body by +10 deg" in page.read_text()
+    (tmp_path / "settings.toml").write_text("mine")
+    with pytest.raises(sd.InputError, match="holds other files already"):
+        result.report(tmp_path)
+    assert (tmp_path / "settings.toml").read_text() == "mine"
+
+
+def test_figures_have_the_names_of_metrics(result):
+    figures = result.figures()
+    assert figures["angle_deg"] == 10.0
+    assert figures["validation"]["passed"]
+
+
+def test_a_result_says_what_it_is(result):
+    assert repr(result) == "<Result: body of mesh at +10 deg: all checks passed>"
+    np.testing.assert_array_equal(result.displacement, result.points - result.plan.mesh.points)
+    ahead = sd.deflect(result.plan.mesh, "body", HINGE, 10.001).points
+    nodes = result.plan.mesh.on("body")
+    rate = (ahead - result.points)[nodes] / 1e-3
+    np.testing.assert_allclose(result.sensitivity[nodes], rate, atol=1e-6)
+
+
+def test_pyvista_and_meshio_take_a_result(result):
+    grid, mesh = result.to_pyvista(), result.plan.mesh
+    assert np.array_equal(grid.points, result.points)
+    cells = len(mesh.cells[0])
+    assert grid.n_cells == cells + sum(len(patch) for patch in mesh.patches)
+    assert np.nanmin(grid.cell_data["quality"][:cells]) > 0.0
+    assert np.isnan(grid.cell_data["quality"][cells:]).all()
+    back = sd.deflect(grid, "body", HINGE, -10.0)
+    np.testing.assert_allclose(back.points[mesh.on("body")], mesh.points[mesh.on("body")], atol=1e-12)
+    other = result.to_meshio()
+    assert set(other.cell_sets) == set(mesh.names)
+    assert np.array_equal(other.points, result.points)
