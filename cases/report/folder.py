@@ -6,8 +6,9 @@ from dataclasses import fields, replace
 from importlib.metadata import version
 from os.path import relpath
 from pathlib import Path
-from tomllib import TOMLDecodeError, loads
+from tomllib import loads
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 import tomli_w
@@ -111,18 +112,18 @@ def report_of_folder(folder: Path) -> ReportData:
         convergence = read_convergence(folder / "convergence.csv")
         centres = read_centres(folder / "interpolant.npz", [""])[""]
         checks = tuple(check_of(row) for row in figures["validation"]["checks"])
-    except (OSError, KeyError, TypeError, TOMLDecodeError, ValueError) as error:
+    except (OSError, KeyError, TypeError, ValueError, BadZipFile) as error:
         raise InputError(f"{folder} is not the whole folder of a deflection: {error}") from None
     path = nested.pop("mesh", "")
     if not path:
         raise InputError(f"{folder / SETTINGS} names no mesh: that of this deflection was no file")
     source = (folder / path).resolve()
     mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
-    plan = Plan.of(mesh, job_settings(_beside(nested, folder)).job())
     if len(mesh.points) != figures["mesh"]["points"]:
         raise InputError(
             f"{source} has {len(mesh.points)} points, but {figures['mesh']['points']} when it was deflected"
         )
+    plan = Plan.of(mesh, job_settings(_beside(nested, folder)).job())
     data = _data(plan, plan.angle, _read_points(folder / "deflected.vtu", plan), settings, convergence, centres)
     data = data.judged(checks, figures)
     with output_folder(folder) as scratch:

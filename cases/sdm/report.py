@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -41,6 +42,7 @@ from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.mesh import TetMesh
 
@@ -52,11 +54,9 @@ SEEN = 1e-6
 """Distances (m) are shown in mm if the largest is above this."""
 ROUNDING = 1e-12
 """Distances (m) that are all below this are rounding: their map has one colour."""
-COMPARED = {
-    "cad_map": (("surface_to_cad", "root_on_cylinder"), "the deflected CAD, blended by the same rule as the surface"),
-    "rigid_cad_map": (("surface_to_rigid_cad",), "the CAD whose surface was rotated rigidly"),
-}
-"""For each map the checks whose distances it shows, and what they are measured from."""
+COMPARED = {"cad_map": ("surface_to_cad", "root_on_cylinder"), "rigid_cad_map": ("surface_to_rigid_cad",)}
+"""For each map the checks whose distances it shows."""
+BLENDED, RIGID = "the deflected CAD, blended by the same rule as the surface", "the CAD that was rotated rigidly"
 
 
 def report_data_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflection]) -> ReportData:
@@ -81,7 +81,7 @@ def report_data_of_folder(folder: Path) -> ReportData:
         courses = read_convergence(folder / "convergence.csv")
         centres = read_centres(folder / "interpolant.npz", [plan.surface for plan in plans])
         rows = [row for row in figures["validation"]["checks"] if row["name"].startswith("site_error")]
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, KeyError, ValueError, BadZipFile) as error:
         raise InputError(f"{folder} is not the whole output folder of a run: {error}") from None
     with reference(case) as deflected_cad:
         checks = validate(case, mesh, deflected, plans, deflected_cad(), background)
@@ -130,11 +130,12 @@ def _box(plan: Plan, convergence: tuple[Convergence, ...], centres: dict[str, Fl
 
 
 def compared(data: ReportData, folder: Path) -> list[Exhibit]:
-    """Draw the distances from the CAD that the validation found into `folder`."""
+    """Draw the distances from the CAD that the validation found into `folder`; a tail's CAD is rigid, hence one."""
     return [
         saved(folder, part, surface.name, *map_drawn)
         for surface in data.surfaces
         for part in COMPARED
+        if part == "cad_map" or hinged(surface.name)
         for map_drawn in cad_map(data, surface, part)
     ]
 
@@ -152,7 +153,8 @@ def cad_distances(data: ReportData, surface: str, checks: Sequence[str]) -> tupl
 
 def cad_map(data: ReportData, surface: Moved, part: str) -> Iterator[tuple[Figure, str]]:
     """Draw the map of a surface where distances were measured, and say what is seen."""
-    checks, what = COMPARED[part]
+    checks = COMPARED[part]
+    what = BLENDED if part == "cad_map" and hinged(surface.name) else RIGID
     distance, limit = cad_distances(data, surface.name, checks)
     known = distance[~np.isnan(distance)]
     if not len(known):

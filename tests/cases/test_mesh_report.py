@@ -149,6 +149,13 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
     source.write_bytes(source.read_bytes().replace(b"NDIME= 3", b"NDIME= 4"))
     with pytest.raises(MeshFileError, match=r"wing\.su2"):
         report_of_folder(folder)
+    format_of(source).write(hybrid(), source)
+    with pytest.raises(InputError, match=rf"has 14 points, but {len(mesh.points)} when it was deflected"):
+        report_of_folder(folder)
+    for name, text in (("interpolant.npz", "PK"), ("metrics.json", "{}"), ("settings.toml", "= 1")):
+        (folder / name).write_text(text)
+        with pytest.raises(InputError, match="is not the whole folder of a deflection"):
+            report_of_folder(folder)
 
 
 def blended(hinge):
