@@ -32,10 +32,8 @@ def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
 
     Parameters
     ----------
-    path
-        A file; for OpenFOAM the case's folder. The suffix says the format.
-    progress
-        Called with what is being done and the fraction done (0 to 1, or nan).
+    path : A file; for OpenFOAM the case's folder. The suffix says the format.
+    progress : Called with what is being done and the fraction done (0 to 1, or nan).
 
     Returns
     -------
@@ -120,8 +118,7 @@ class Result:
 
         Parameters
         ----------
-        path
-            The file to write, or the folder of an OpenFOAM case; its suffix says the format.
+        path : The file to write, or the folder of an OpenFOAM case; its suffix says the format.
 
         Returns
         -------
@@ -147,8 +144,7 @@ class Result:
 
         Parameters
         ----------
-        folder
-            Where to; it is made if need be.
+        folder : Where to; it is made if need be.
 
         Returns
         -------
@@ -247,22 +243,17 @@ def deflect(
 
     Parameters
     ----------
-    mesh
-        From `read`, or the path of a file; a meshio mesh with a cell set or a physical group for each patch; a pyvista
-        grid whose faces have the cell array ``patch``, named by the field array ``patch_names``; or arrays
+    mesh : From `read`, or the path of a file; a meshio mesh with a cell set or a physical group for each patch; a
+        pyvista grid whose faces have the cell array ``patch``, named by the field array ``patch_names``; or arrays
         ``(points (N, 3), {patch: node indices (K,)})``.
-    surfaces
-        Name of the moving patch, or several; ``*`` stands for any letters. For surfaces with hinges and angles of
-        their own, a list of dictionaries with ``patches``, ``hinge``, ``angle`` and, if need be, ``motion`` and what
+    surfaces : Name of the moving patch, or several; ``*`` stands for any letters. For surfaces with hinges and angles
+        of their own, a list of dictionaries with ``patches``, ``hinge``, ``angle`` and, if need be, ``motion`` and what
         belongs to it.
-    hinge
-        (2, 3) two points of the hinge line, in the mesh's unit of length.
-    angle
-        Degrees, right-handed from the first hinge point to the second, at most 90 either way; of a `table` its share.
-    progress
-        Called with what is being done and the fraction done (0 to 1, or nan).
-    **options
-        Settings by the names that they have in the TOML file of ``sdm deflect``.
+    hinge : (2, 3) two points of the hinge line, in the mesh's unit of length.
+    angle : Degrees, right-handed from the first hinge point to the second, at most 90 either way; of a `table` its
+        share.
+    progress : Called with what is being done and the fraction done (0 to 1, or nan).
+    **options : Settings by the names that they have in the TOML file of ``sdm deflect``.
 
         What moves, and how:
 
@@ -346,11 +337,9 @@ def sweep(
 
     Parameters
     ----------
-    mesh, surfaces, hinge, progress, **options
-        As for `deflect`. Of several surfaces with angles of their own, those of the first are replaced by `angles`, and
-        the others keep their proportion to it.
-    angles
-        Degrees, in any order; or text, ``"-30:30:5"`` with both ends included.
+    mesh, surfaces, hinge, progress, **options : As for `deflect`. Of several surfaces with angles of their own, those
+        of the first are replaced by `angles`, and the others keep their proportion to it.
+    angles : Degrees, in any order; or text, ``"-30:30:5"`` with both ends included.
 
     Returns
     -------

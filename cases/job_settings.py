@@ -11,14 +11,14 @@ import numpy as np
 from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, shortened, structured
 from sdm_deflect.deform.checks import MIN_QUALITY
 from sdm_deflect.deform.errors import InputError, nearest
+from sdm_deflect.deform.fitting import LARGEST_ANGLE, Fitting
+from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
 from sdm_deflect.deform.volume.box import Automatic, BoxRule, Given
-from sdm_deflect.deform.volume.fitting import LARGEST_ANGLE, Fitting
-from sdm_deflect.deform.volume.hexahedron import Hexahedron
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
 
 Point = tuple[float, float, float]

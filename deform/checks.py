@@ -92,8 +92,7 @@ def checks_of(deflection: Deflection, min_quality: float = MIN_QUALITY) -> tuple
 
     Parameters
     ----------
-    min_quality
-        Share of the undeflected mesh's least quality that the cells of each type must keep; 0: no such check.
+    min_quality : Share of the undeflected mesh's least quality that the cells of each type must keep; 0: no such check.
     """
     return tuple(_checks(deflection, min_quality))
 

@@ -54,10 +54,8 @@ class Cells:
 
     Parameters
     ----------
-    shape
-        ``"triangle"``, ``"quad"``, ``"tetra"``, ``"pyramid"``, ``"wedge"`` or ``"hexahedron"``, or ``"line"``.
-    nodes
-        (M, k) node indices in VTK's order, for k nodes of the shape; counted from 0.
+    shape : ``"triangle"``, ``"quad"``, ``"tetra"``, ``"pyramid"``, ``"wedge"`` or ``"hexahedron"``, or ``"line"``.
+    nodes : (M, k) node indices in VTK's order, for k nodes of the shape; counted from 0.
 
     Raises
     ------
@@ -85,10 +83,8 @@ class Polygons:
 
     Parameters
     ----------
-    nodes
-        (K,) node indices of all faces.
-    offsets
-        (F + 1,) where each face begins in `nodes`, and where the last one ends.
+    nodes : (K,) node indices of all faces.
+    offsets : (F + 1,) where each face begins in `nodes`, and where the last one ends.
     """
 
     nodes: IntArray = field(repr=False)
@@ -114,12 +110,9 @@ class Polyhedra:
 
     Parameters
     ----------
-    faces
-        F faces; the normal of each (right-hand rule) points out of its owner.
-    owner
-        (F,) cell on the back of each face.
-    neighbour
-        (I,) cell in front of the first I faces; the others are on the boundary.
+    faces : F faces; the normal of each (right-hand rule) points out of its owner.
+    owner : (F,) cell on the back of each face.
+    neighbour : (I,) cell in front of the first I faces; the others are on the boundary.
     """
 
     faces: Polygons
@@ -147,12 +140,9 @@ class Patch:
 
     Parameters
     ----------
-    name
-        Its name, distinct within a mesh.
-    faces
-        Blocks of faces of one shape, or polygons.
-    loose
-        (K,) node indices that belong to it beside those of its faces.
+    name : Its name, distinct within a mesh.
+    faces : Blocks of faces of one shape, or polygons.
+    loose : (K,) node indices that belong to it beside those of its faces.
     """
 
     name: str
@@ -183,18 +173,12 @@ class Mesh:
 
     Parameters
     ----------
-    points
-        (N, 3) node coordinates, in the mesh's own unit of length.
-    cells
-        Volume cells, in the file's order: blocks of one shape, or polyhedra. There may be none.
-    patches
-        Named parts of the boundary; names are distinct.
-    zones
-        Parts with points of their own, which cover all points in order. One unless the file says otherwise.
-    name
-        The file or kind of mesh, for messages.
-    source
-        The file it was read from, if it was.
+    points : (N, 3) node coordinates, in the mesh's own unit of length.
+    cells : Volume cells, in the file's order: blocks of one shape, or polyhedra. There may be none.
+    patches : Named parts of the boundary; names are distinct.
+    zones : Parts with points of their own, which cover all points in order. One unless the file says otherwise.
+    name : The file or kind of mesh, for messages.
+    source : The file it was read from, if it was.
 
     Raises
     ------

@@ -24,10 +24,8 @@ class Pyramids:
 
     Attributes
     ----------
-    smallest
-        (R,) volume of the smallest pyramid of each cell, negative where a face has turned past the centre.
-    volume
-        (R,) volume of each cell: the sum of its pyramids.
+    smallest : (R,) volume of the smallest pyramid of each cell, negative where a face has turned past the centre.
+    volume : (R,) volume of each cell: the sum of its pyramids.
     """
 
     smallest: FloatArray = field(repr=False)
@@ -51,8 +49,7 @@ def pyramids_of(
 
     Parameters
     ----------
-    points
-        (N, 3) node coordinates.
+    points : (N, 3) node coordinates.
     orientation
         -1 if the normals of the faces point into their owners, else 1.
     """

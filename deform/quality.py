@@ -64,8 +64,7 @@ def quality_of(points: FloatArray, block: Volume, rows: IntArray | None = None, 
 
     Parameters
     ----------
-    points
-        (N, 3) node coordinates.
+    points : (N, 3) node coordinates.
     orientation
         -1 for cells whose nodes are counted left-handed, else 1.
 

@@ -32,14 +32,10 @@ class TouchedCells:
 
     Attributes
     ----------
-    mesh
-        The mesh before.
-    rows
-        For each block of cells, those with a node that may move.
-    orientation
-        For each block 1, or -1 if most of its cells are inverted: the file counts their nodes left-handed.
-    inverted
-        Number of inverted cells of each block of the whole mesh before.
+    mesh : The mesh before.
+    rows : For each block of cells, those with a node that may move.
+    orientation : For each block 1, or -1 if most of its cells are inverted: the file counts their nodes left-handed.
+    inverted : Number of inverted cells of each block of the whole mesh before.
     """
 
     mesh: Mesh

@@ -10,12 +10,12 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.api import Result, deflect, read, sweep
     from sdm_deflect.deform.checks import Check
     from sdm_deflect.deform.errors import InputError
+    from sdm_deflect.deform.hexahedron import Hexahedron
     from sdm_deflect.deform.mesh import Cells, Mesh, Patch
     from sdm_deflect.deform.quality import Quality
     from sdm_deflect.deform.surface.blended import Blended
     from sdm_deflect.deform.surface.motions import Rotation, Table
     from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
-    from sdm_deflect.deform.volume.hexahedron import Hexahedron
 
     __version__: str
 
@@ -49,7 +49,7 @@ _MODULES = {
     "deform.surface.blended": ("Blended",),
     "deform.surface.motions": ("Rotation", "Table"),
     "deform.surface.surface": ("Listed", "OnPatches", "TrailingEdge"),
-    "deform.volume.hexahedron": ("Hexahedron",),
+    "deform.hexahedron": ("Hexahedron",),
 }
 
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from sdm_deflect.cases.metrics import Json
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra, Volume
 from sdm_deflect.deform.quality import MEASURES, POLYHEDRON, Quality, quality_of
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
-from sdm_deflect.deform.volume.hexahedron import Hexahedron
 from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Rows = list[tuple[str, str, str, str]]

@@ -36,6 +36,7 @@ from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import drawn
 from sdm_deflect.deform.checks import MIN_QUALITY, Check
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.fitting import Fitting
 from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polygons, Polyhedra, Volume
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.deform.surface.axis import Axis
@@ -43,7 +44,6 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
-from sdm_deflect.deform.volume.fitting import Fitting
 from sdm_deflect.meshing.formats.registry import format_of
 from sdm_deflect.meshing.formats.shapes import taken, turned
 from sdm_deflect.meshing.formats.vtu_write import write_vtu

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.volume.fitting import LARGEST_ANGLE, Fitting, Strategy
+from sdm_deflect.deform.fitting import LARGEST_ANGLE, Fitting, Strategy
 from sdm_deflect.geometry.confinement import BlockParameters
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.geometry.quantity import check_quantities, quantity
@@ -40,7 +40,7 @@ class Confinement:
     def __post_init__(self) -> None:
         check_quantities(self, "confinement")
         if self.corners:
-            from sdm_deflect.deform.volume.hexahedron import Hexahedron  # compiled code: most settings need none
+            from sdm_deflect.deform.hexahedron import Hexahedron  # compiled code: most settings need none
 
             try:
                 Hexahedron(np.array(self.corners, dtype=np.float64))

@@ -8,6 +8,7 @@ import numpy as np
 from sdm_deflect.cases.sdm.case import Case, SurfaceTurn
 from sdm_deflect.deform.edges import median_edge
 from sdm_deflect.deform.errors import InputError, nearest
+from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.surface.axis import Axis, Cylinder
@@ -17,7 +18,6 @@ from sdm_deflect.deform.surface.surface import Listed
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder
 from sdm_deflect.deform.volume.box import Given
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, deflect
-from sdm_deflect.deform.volume.hexahedron import Hexahedron
 from sdm_deflect.deform.volume.job import Job, Section
 from sdm_deflect.deform.volume.region import check_disjoint
 from sdm_deflect.geometry import datum

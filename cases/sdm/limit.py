@@ -10,9 +10,9 @@ from rich.table import Table
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress
-from sdm_deflect.deform.volume.fitting import LARGEST_ANGLE
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,14 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib.metadata import version
 
-from sdm_deflect.cases.metrics import (
-    Json,
-    by_shape,
-    deflection_figures,
-    mesh_figures,
-    peak_rss_bytes,
-    verdict_figures,
-)
+from sdm_deflect.cases.metrics import Json, by_shape, deflection_figures, mesh_figures, peak_rss_bytes, verdict_figures
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.quality import Quality, mean_ratio, summarise

@@ -25,8 +25,8 @@ from sdm_deflect.cases.study.study import run_study
 from sdm_deflect.cases.study.text import markdown, write_study
 from sdm_deflect.cases.study.trends import Finding
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.fitting import Strategy
 from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.deform.volume.fitting import Strategy
 from sdm_deflect.meshing.mesh import TetMesh
 
 INTRODUCTION = """# The paper's section 5, measured here

@@ -10,10 +10,10 @@ from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.cases.sdm.run_folder import read_run
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.mesh import FloatArray, IntArray
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, turned
-from sdm_deflect.deform.volume.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.volume.region import check_moving
 from sdm_deflect.geometry import datum
 from sdm_deflect.meshing.mesh import TetMesh

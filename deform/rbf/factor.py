@@ -78,10 +78,8 @@ class Factor:
 
         Parameters
         ----------
-        above
-            (n, m) solution of R' x = further columns of the matrix, in its first n rows.
-        corner
-            (m, m) the matrix in the further rows and columns.
+        above : (n, m) solution of R' x = further columns of the matrix, in its first n rows.
+        corner : (m, m) the matrix in the further rows and columns.
 
         Raises
         ------

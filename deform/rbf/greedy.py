@@ -160,16 +160,11 @@ def adapt(
 
     Parameters
     ----------
-    sites, kernel
-        What to interpolate, by what.
-    initial
-        (M,) rows of the sites: the first centres; at least four that span a volume.
-    options
-        Steps (5) and (6).
-    rule
-        `Separated()` adds large blocks of sites that are no neighbours, `Worst()` is the paper's.
-    basis
-        `CholeskyBasis.of` extends one factor; `DirectBasis.of` solves again in every iteration, as the paper does.
+    sites, kernel : What to interpolate, by what.
+    initial : (M,) rows of the sites: the first centres; at least four that span a volume.
+    options : Steps (5) and (6).
+    rule : `Separated()` adds large blocks of sites that are no neighbours, `Worst()` is the paper's.
+    basis : `CholeskyBasis.of` extends one factor; `DirectBasis.of` solves again in every iteration, as the paper does.
     """
     _check_initial(initial, sites, options)
     history = History(options, progress, perf_counter())

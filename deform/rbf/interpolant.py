@@ -60,12 +60,9 @@ class UnitBox:
 
         Parameters
         ----------
-        kernel
-            The kernel in metres.
-        centers
-            (C, 3) scaled centres.
-        alpha, beta
-            (4, k) and (C, k) coefficients for `kernel.rescaled(length).kernel`.
+        kernel : The kernel in metres.
+        centers : (C, 3) scaled centres.
+        alpha, beta : (4, k) and (C, k) coefficients for `kernel.rescaled(length).kernel`.
 
         Returns
         -------
@@ -131,10 +128,8 @@ def krylov(rtol: float = 1e-10, restart: int = 200, max_cycles: int = 50) -> Sol
 
     Parameters
     ----------
-    rtol
-        Tolerance on the residual's norm relative to that of the right-hand side.
-    restart, max_cycles
-        Iterations between restarts and number of restarts before it gives up with a `SolveError`.
+    rtol : Tolerance on the residual's norm relative to that of the right-hand side.
+    restart, max_cycles : Iterations between restarts and number of restarts before it gives up with a `SolveError`.
     """
     if not 0.0 < rtol < 1.0:
         raise ValueError(f"rtol = {rtol} must lie between 0 and 1")

@@ -132,9 +132,8 @@ class Multiquadric:
 
     Parameters
     ----------
-    epsilon
-        Shape parameter in 1/metre of the coordinates as handed in; the paper takes 1e4, which makes phi
-        linear in r to many digits.
+    epsilon : Shape parameter in 1/metre of the coordinates as handed in; the paper takes 1e4, which makes phi linear in
+        r to many digits.
     """
 
     epsilon: float

@@ -127,10 +127,8 @@ class ReducedKernel:
 
         Parameters
         ----------
-        rows
-            The centres beside the anchors.
-        gamma
-            (C, k) solution of K~ gamma = g on them.
+        rows : The centres beside the anchors.
+        gamma : (C, k) solution of K~ gamma = g on them.
         """
         sign, q = self.problem.scaled_kernel.sign, len(self.anchors)
         sums = self.left[rows].T @ gamma

@@ -19,12 +19,9 @@ class GreedyOptions:
 
     Parameters
     ----------
-    n_add
-        Number of sites added in an iteration, at most (`Worst`), or least size of a block (`Separated`).
-    tol_add, tol_stop
-        Residuals in metres: sites above the first may be added, the second ends the adaptation.
-    max_centers, max_iterations
-        Limits; reaching one is a result, not an error.
+    n_add : Number of sites added in an iteration, at most (`Worst`), or least size of a block (`Separated`).
+    tol_add, tol_stop : Residuals in metres: sites above the first may be added, the second ends the adaptation.
+    max_centers, max_iterations : Limits; reaching one is a result, not an error.
     """
 
     n_add: int
@@ -65,9 +62,8 @@ class Worst:
 
     Parameters
     ----------
-    look_ahead
-        Iterations tried on the worst sites alone, and then checked on all sites in one pass. What does not stand the
-        check is taken back, so the centres are those of look_ahead = 1; only the time differs.
+    look_ahead : Iterations tried on the worst sites alone, and then checked on all sites in one pass. What does not
+        stand the check is taken back, so the centres are those of look_ahead = 1; only the time differs.
     """
 
     look_ahead: int = 8
@@ -93,12 +89,9 @@ class Separated:
 
     Parameters
     ----------
-    share
-        Sites above this share of the largest residual are looked at.
-    spacing
-        Least distance within a block, as a multiple of the distance to the nearest centre.
-    growth
-        Largest block, as a share of the centres; at least `n_add`.
+    share : Sites above this share of the largest residual are looked at.
+    spacing : Least distance within a block, as a multiple of the distance to the nearest centre.
+    growth : Largest block, as a share of the centres; at least `n_add`.
     """
 
     share: float = 0.1

@@ -29,14 +29,10 @@ def kernel_sum(
 
     Parameters
     ----------
-    kernel
-        The radial function, in the units of the coordinates.
-    points
-        (N, 3) where to evaluate.
-    centers, beta, alpha
-        (C, 3), (C, k) and (4, k): centres, kernel and polynomial coefficients.
-    threads
-        Number of threads; by default all that Numba may use. The result does not depend on it.
+    kernel : The radial function, in the units of the coordinates.
+    points : (N, 3) where to evaluate.
+    centers, beta, alpha : (C, 3), (C, k) and (4, k): centres, kernel and polynomial coefficients.
+    threads : Number of threads; by default all that Numba may use. The result does not depend on it.
 
     Returns
     -------
@@ -98,13 +94,7 @@ def _padded(rows: FloatArray, count: int = 3) -> FloatArray:
 
 @compiled
 def _sum_rows(
-    code: Any,
-    x: FloatArray,
-    c: FloatArray,
-    b: FloatArray,
-    zeros: tuple[float, ...],
-    a: FloatArray,
-    out: FloatArray,
+    code: Any, x: FloatArray, c: FloatArray, b: FloatArray, zeros: tuple[float, ...], a: FloatArray, out: FloatArray
 ) -> None:  # pragma: no cover - machine code
     """Sum at x (N, 3) over centres c (3, C) with weights b (w, C) and add it, and polynomials a (k, 4), to out (N, k).
 

@@ -19,11 +19,7 @@ STRIP_SITES = 1500  # enough for the edge of a strip; a direct solve takes a fra
 
 
 def blend(
-    nodes: FloatArray,
-    fixed: FloatArray,
-    moved: FloatArray,
-    moved_by: FloatArray,
-    kernel: Kernel = LINEAR,
+    nodes: FloatArray, fixed: FloatArray, moved: FloatArray, moved_by: FloatArray, kernel: Kernel = LINEAR
 ) -> FloatArray:
     """Blend between points that stay and points that move: an aileron between hinge and trailing edge.
 
@@ -32,12 +28,9 @@ def blend(
 
     Parameters
     ----------
-    nodes
-        (N, 3) where the displacement is wanted.
-    fixed, moved
-        (F, 3) and (M, 3) data sites; points of `moved` that coincide with fixed ones must not move.
-    moved_by
-        (M, 3) displacements of `moved`.
+    nodes : (N, 3) where the displacement is wanted.
+    fixed, moved : (F, 3) and (M, 3) data sites; points of `moved` that coincide with fixed ones must not move.
+    moved_by : (M, 3) displacements of `moved`.
 
     Returns
     -------
@@ -48,11 +41,7 @@ def blend(
 
 
 def blend_strip(
-    nodes: FloatArray,
-    strip: NDArray[np.bool_],
-    displacement: FloatArray,
-    fixed: FloatArray,
-    kernel: Kernel = LINEAR,
+    nodes: FloatArray, strip: NDArray[np.bool_], displacement: FloatArray, fixed: FloatArray, kernel: Kernel = LINEAR
 ) -> FloatArray:
     """Blend spanwise between fixed points and nodes that already know their displacement.
 
@@ -62,14 +51,10 @@ def blend_strip(
 
     Parameters
     ----------
-    nodes
-        (N, 3) nodes of the surface.
-    strip
-        (N,) True for nodes of the strip next to the rib.
-    displacement
-        (N, 3) displacements by chordwise blending; kept, bit for bit, where `strip` is False.
-    fixed
-        (F, 3) points that stay: hinge edges and rib, as far as they bound the strip.
+    nodes : (N, 3) nodes of the surface.
+    strip : (N,) True for nodes of the strip next to the rib.
+    displacement : (N, 3) displacements by chordwise blending; kept, bit for bit, where `strip` is False.
+    fixed : (F, 3) points that stay: hinge edges and rib, as far as they bound the strip.
     """
     if strip.all() or not strip.any():
         raise ValueError(f"{int(strip.sum())} of {len(strip)} nodes lie in the strip: some must, and some must not")
@@ -93,15 +78,11 @@ def elongate(
 
     Parameters
     ----------
-    nodes
-        (N, 3) nodes of the rotated tail.
-    inside
-        (N,) True for nodes of the root region; the others do not move.
-    root, root_by
-        (M, 3) rotated nodes of the root line, and (M, k) their ways to the fuselage: displacements (k = 3), or
-        lengths along given directions (k = 1), which keep planes that contain these directions planar.
-    still
-        (F, 3) points that do not move: sites on the region's face towards the tip.
+    nodes : (N, 3) nodes of the rotated tail.
+    inside : (N,) True for nodes of the root region; the others do not move.
+    root, root_by : (M, 3) rotated nodes of the root line, and (M, k) their ways to the fuselage: displacements (k = 3),
+        or lengths along given directions (k = 1), which keep planes that contain these directions planar.
+    still : (F, 3) points that do not move: sites on the region's face towards the tip.
 
     Returns
     -------
@@ -126,14 +107,10 @@ def slide_panel(
 
     Parameters
     ----------
-    nodes
-        (N, 3) nodes of the panel.
-    cylinder
-        The fuselage: interpolated nodes bulge and are projected radially back onto it.
-    root, root_by
-        (M, 3) nodes of the undeflected root line and their displacements on the fuselage.
-    border
-        (B, 3) nodes of the panel's border: they stay.
+    nodes : (N, 3) nodes of the panel.
+    cylinder : The fuselage: interpolated nodes bulge and are projected radially back onto it.
+    root, root_by : (M, 3) nodes of the undeflected root line and their displacements on the fuselage.
+    border : (B, 3) nodes of the panel's border: they stay.
 
     Returns
     -------

@@ -13,10 +13,8 @@ class Axis:
 
     Parameters
     ----------
-    point
-        (3,) any point of the line, in metres.
-    direction
-        (3,) of any length but zero; kept as a unit vector.
+    point : (3,) any point of the line, in metres.
+    direction : (3,) of any length but zero; kept as a unit vector.
     """
 
     point: FloatArray
@@ -70,10 +68,8 @@ class Cylinder:
 
     Parameters
     ----------
-    axis
-        Its line.
-    radius
-        In metres.
+    axis : Its line.
+    radius : In metres.
     """
 
     axis: Axis
@@ -102,10 +98,8 @@ class Cylinder:
 
         Parameters
         ----------
-        points
-            (N, 3).
-        directions
-            (N, 3) or (3,): of any length but zero.
+        points : (N, 3).
+        directions : (N, 3) or (3,): of any length but zero.
 
         Raises
         ------

@@ -115,9 +115,7 @@ class Blended:
         ribs = self.rib.nodes.of(surface, hinge) if self.rib.nodes else held & ~front
         strip = _strip(self.rib, points, ribs, hinge)
         if strip.all():
-            raise InputError(
-                f"{surface.named}: all of it lies beside a rib that stays: lower the strip's width"
-            )
+            raise InputError(f"{surface.named}: all of it lies beside a rib that stays: lower the strip's width")
         kernel = Multiquadric(self.epsilon or LINEAR / float(np.ptp(points, axis=0).max()))
         return BlendedLaw(self.base.law(surface), points, held, driven, front, strip, kernel)
 

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, real
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.points import farthest, first_coincident
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.surface import Surface
-from sdm_deflect.deform.volume.fitting import LARGEST_ANGLE
 
 MOST = 3000  # points of a table that a direct solve takes
 

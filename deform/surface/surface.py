@@ -78,8 +78,7 @@ class OnPatches:
 
     Parameters
     ----------
-    names
-        Names or wildcards; or a single one.
+    names : Names or wildcards; or a single one.
     """
 
     names: tuple[str, ...] = ()
@@ -103,8 +102,7 @@ class TrailingEdge:
 
     Parameters
     ----------
-    dihedral
-        Degrees by which the faces turn at the edge, at least; above 0, below 180.
+    dihedral : Degrees by which the faces turn at the edge, at least; above 0, below 180.
 
     Raises
     ------
@@ -135,8 +133,7 @@ class Listed:
 
     Parameters
     ----------
-    nodes
-        (K,) indices, counted from 0.
+    nodes : (K,) indices, counted from 0.
 
     Raises
     ------

@@ -6,9 +6,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.hexahedron import FACES, Hexahedron, box
 from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.surface.axis import Axis
-from sdm_deflect.deform.volume.hexahedron import FACES, Hexahedron, box
 
 GROWTH = 3.0  # margins are at least this multiple of the largest displacement
 GAP = 0.9  # a face that gives way to a patch stops at this share of the distance to it

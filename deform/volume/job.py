@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field, replace
 
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.fitting import Fitting
 from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.volume.box import Automatic, BoxRule
-from sdm_deflect.deform.volume.fitting import Fitting
 from sdm_deflect.deform.volume.sliding import SHAPES
 
 

@@ -77,12 +77,9 @@ def layer_sites(nearby: Nearby, moving: int, edge: float) -> IntArray:
 
     Parameters
     ----------
-    nearby
-        Of the points.
-    moving
-        The first so many boundary nodes have layer sites.
-    edge
-        Median edge of the surface.
+    nearby : Of the points.
+    moving : The first so many boundary nodes have layer sites.
+    edge : Median edge of the surface.
     """
     first = nearby.first
     good = (nearby.node < moving) & (first > NEAR * edge) & (first < FAR * edge) & (first < ALONE * nearby.second)

@@ -10,10 +10,10 @@ from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Zone
 from sdm_deflect.deform.volume.boundary import SAME, Amounts, Boundary
 from sdm_deflect.deform.volume.box import Chosen, Scene
-from sdm_deflect.deform.volume.hexahedron import Hexahedron
 from sdm_deflect.deform.volume.job import Section
 
 POSES = 4  # positions between rest and the full angle that the box has to hold

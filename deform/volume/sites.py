@@ -8,11 +8,11 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.hexahedron import polygon_sites
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.rbf.points import first_coincident
 from sdm_deflect.deform.rbf.sites import DataSites, pinned
 from sdm_deflect.deform.volume.boundary import SAME, Boundary
-from sdm_deflect.deform.volume.hexahedron import polygon_sites
 from sdm_deflect.deform.volume.region import Region
 from sdm_deflect.deform.volume.sliding import Plane
 

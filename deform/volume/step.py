@@ -6,6 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
+from sdm_deflect.deform.fitting import Fitting, RuleName, Strategy
 from sdm_deflect.deform.mesh import FloatArray, IntArray
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.rbf.bases import RecordingBasis, with_values
@@ -20,7 +21,6 @@ from sdm_deflect.deform.rbf.sites import DataSites, multivariate, univariate
 from sdm_deflect.deform.rbf.threads import single_threaded_blas
 from sdm_deflect.deform.surface.local_rotation import LocalRotation
 from sdm_deflect.deform.volume.boundary import Boundary
-from sdm_deflect.deform.volume.fitting import Fitting, RuleName, Strategy
 from sdm_deflect.deform.volume.near_wall import Nearby, NearWall, RigidFollow, layer_sites
 from sdm_deflect.deform.volume.region import Region
 from sdm_deflect.deform.volume.sites import REACH, Sites
@@ -140,10 +140,9 @@ class StepState:
 
         Parameters
         ----------
-        values, turns
-            Displacements (B, 3) and rotations less the identity (B, 3, 3) of `sites.known`, or their derivatives.
-        interpolated
-            (Q, 3) of the interpolant at the free nodes.
+        values, turns : Displacements (B, 3) and rotations less the identity (B, 3, 3) of `sites.known`, or their
+            derivatives.
+        interpolated : (Q, 3) of the interpolant at the free nodes.
         """
         out = self.near_wall.following(interpolated, values, turns)
         for section, nodes in self.region.sections:

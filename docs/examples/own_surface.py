@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sdm_deflect.deform.hexahedron import box
 from sdm_deflect.deform.mesh import BoolArray, FloatArray
 from sdm_deflect.deform.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.surface.axis import Axis
@@ -18,7 +19,6 @@ from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.box import Given
 from sdm_deflect.deform.volume.deflection import Plan, deflect
-from sdm_deflect.deform.volume.hexahedron import box
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.mesh import TetMesh

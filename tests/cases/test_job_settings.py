@@ -10,11 +10,11 @@ import pytest
 from sdm_deflect.cases.job_settings import JobSettings, angles_of, job_settings, read_job, settings_of, with_options
 from sdm_deflect.cases.settings import structured, to_toml
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.hexahedron import box
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
 from sdm_deflect.deform.volume.box import Automatic
-from sdm_deflect.deform.volume.hexahedron import box
 
 HINGE = [[0.7, 0, 0], [0.7, 1, 0]]
 OWN = Rotation.about(*np.array(HINGE))

@@ -7,9 +7,9 @@ import pytest
 
 from sdm_deflect.deform.checks import Check, checks_of, layers_of, site_error, worst
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.fitting import Fitting
 from sdm_deflect.deform.mesh import Cells
 from sdm_deflect.deform.volume.deflection import Plan
-from sdm_deflect.deform.volume.fitting import Fitting
 from tests.deform.jobs import WING, job, turn
 
 TIGHT = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]

@@ -13,17 +13,7 @@ from sdm_deflect.geometry.datum import ends
 from sdm_deflect.geometry.deflected import Deflection
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.fuselage import fuselage_parts
-from sdm_deflect.geometry.parameters import (
-    Aileron,
-    Fighter,
-    Fin,
-    Fuselage,
-    Rudder,
-    Strake,
-    Tail,
-    VentralFin,
-    Wing,
-)
+from sdm_deflect.geometry.parameters import Aileron, Fighter, Fin, Fuselage, Rudder, Strake, Tail, VentralFin, Wing
 from sdm_deflect.geometry.sections import HINGE_LOWER, HINGE_UPPER, TE
 
 SIDED = ("fuselage_panel", "strake", "wing", "aileron", "tail", "ventral")

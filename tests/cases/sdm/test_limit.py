@@ -7,7 +7,7 @@ import pytest
 
 from sdm_deflect.cases.sdm.limit import attempt, find_limits, write_limits
 from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.deform.volume.fitting import LARGEST_ANGLE
+from sdm_deflect.deform.fitting import LARGEST_ANGLE
 from tests.pictures import pixels, share
 
 pytestmark = pytest.mark.mesher

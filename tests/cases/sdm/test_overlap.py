@@ -9,7 +9,7 @@ from sdm_deflect.cases.sdm.case import Confinement
 from sdm_deflect.cases.sdm.job import plans_of
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.volume.hexahedron import box
+from sdm_deflect.deform.hexahedron import box
 from sdm_deflect.deform.volume.region import shared_depth
 
 

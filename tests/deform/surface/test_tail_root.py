@@ -7,13 +7,13 @@ import pytest
 from numpy.polynomial import chebyshev
 
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.hexahedron import box
 from sdm_deflect.deform.mesh import Mesh, Patch
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.surface.axis import Axis, Cylinder
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder
-from sdm_deflect.deform.volume.hexahedron import box
 
 RADIUS, DEPTH, AMOUNT = 0.067, 0.03, 9.0
 FUSELAGE = Cylinder(Axis(np.zeros(3), np.array([1.0, 0.0, 0.0])), RADIUS)

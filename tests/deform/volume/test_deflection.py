@@ -7,11 +7,11 @@ import pytest
 
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.fitting import Fitting
 from sdm_deflect.deform.mesh import Cells, Mesh
 from sdm_deflect.deform.progress import silent
 from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import Plan, combined, deflect, sweep, turned
-from sdm_deflect.deform.volume.fitting import Fitting
 from sdm_deflect.deform.volume.step import rate, solve
 from tests.deform.blocks import two_bodies
 from tests.deform.jobs import FLAP, blended, job, turn

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.hexahedron import Hexahedron, box
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Zone
 from sdm_deflect.deform.volume.box import Automatic
 from sdm_deflect.deform.volume.deflection import Plan, deflect
-from sdm_deflect.deform.volume.hexahedron import Hexahedron, box
 from sdm_deflect.deform.volume.job import Section
 from sdm_deflect.deform.volume.region import check_disjoint, shared_depth
 from tests.deform.blocks import joined

@@ -7,10 +7,10 @@ from scipy.spatial.distance import cdist
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.edges import median_edge
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.fitting import Fitting
 from sdm_deflect.deform.mesh import Mesh, Patch
 from sdm_deflect.deform.volume import sites as places
 from sdm_deflect.deform.volume.deflection import Plan
-from sdm_deflect.deform.volume.fitting import Fitting
 from sdm_deflect.deform.volume.sites import apart_from
 from tests.deform.jobs import FLAP, WING, blended, job, turn
 

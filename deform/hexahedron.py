@@ -25,10 +25,8 @@ def polygon_sites(polygon: FloatArray, spacing: float) -> FloatArray:
 
     Parameters
     ----------
-    polygon
-        (n, 3) corners in order, n >= 3.
-    spacing
-        Wanted distance of neighbours in metres.
+    polygon : (n, 3) corners in order, n >= 3.
+    spacing : Wanted distance of neighbours in metres.
     """
     return np.vstack([border_sites(polygon, spacing), inner_sites(polygon, spacing)])
 
@@ -123,8 +121,7 @@ class Hexahedron:
 
     Parameters
     ----------
-    corners
-        (8, 3) in the mesh's unit of length. Corner i has the binary code zyx: bit 1 is set on face "x+", bit 2 on
+    corners : (8, 3) in the mesh's unit of length. Corner i has the binary code zyx: bit 1 is set on face "x+", bit 2 on
         "y+", bit 4 on "z+".
 
     Raises
@@ -256,12 +253,7 @@ def _around(points: FloatArray, normal: FloatArray) -> FloatArray:
 
 @compiled
 def _behind(
-    x: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    planes: FloatArray,
-    tol: float,
-    inside: NDArray[np.bool_],
+    x: FloatArray, low: FloatArray, high: FloatArray, planes: FloatArray, tol: float, inside: NDArray[np.bool_]
 ) -> None:  # pragma: no cover - machine code
     """Test points x (M, 3) against the bounding box first: most are outside of it."""
     for i in range(len(x)):

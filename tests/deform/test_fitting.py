@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.volume.fitting import LEAST, Fitting
+from sdm_deflect.deform.fitting import LEAST, Fitting
 
 
 @pytest.mark.parametrize("name", LEAST)
