@@ -124,10 +124,7 @@ class Hexahedron:
     corners : (8, 3) in the mesh's unit of length. Corner i has the binary code zyx: bit 1 is set on face "x+", bit 2 on
         "y+", bit 4 on "z+".
 
-    Raises
-    ------
-    InputError
-        If corners coincide, a face is not planar, or the hexahedron is not convex or inside out.
+    Raises InputError if corners coincide, a face is not planar, or the hexahedron is not convex or inside out.
     """
 
     corners: FloatArray
@@ -180,10 +177,7 @@ class Hexahedron:
     def section(self, point: FloatArray, normal: FloatArray) -> FloatArray:
         """Return the polygon (k, 3) in which a plane cuts the hexahedron.
 
-        Raises
-        ------
-        ValueError
-            If the plane misses it, or touches it in a corner or an edge only.
+        Raises ValueError if the plane misses it, or touches it in a corner or an edge only.
         """
         n = np.asarray(normal, dtype=np.float64) / np.linalg.norm(normal)
         height = (self.corners - point) @ n

@@ -57,10 +57,7 @@ class Cells:
     shape : ``"triangle"``, ``"quad"``, ``"tetra"``, ``"pyramid"``, ``"wedge"`` or ``"hexahedron"``, or ``"line"``.
     nodes : (M, k) node indices in VTK's order, for k nodes of the shape; counted from 0.
 
-    Raises
-    ------
-    InputError
-        If the shape is unknown, or the nodes are not (M, k) whole numbers.
+    Raises InputError if the shape is unknown, or the nodes are not (M, k) whole numbers.
     """
 
     shape: str
@@ -180,10 +177,7 @@ class Mesh:
     name : The file or kind of mesh, for messages.
     source : The file it was read from, if it was.
 
-    Raises
-    ------
-    InputError
-        For coordinates that are not finite, indices out of range, names given twice.
+    Raises InputError for coordinates that are not finite, indices out of range, names given twice.
     """
 
     points: FloatArray = field(repr=False)
@@ -244,10 +238,7 @@ class Mesh:
     def named(self, wanted: Sequence[str], what: str) -> tuple[str, ...]:
         """Return the patches that names and wildcards (``wing*``, in any zone) stand for.
 
-        Raises
-        ------
-        InputError
-            If a name stands for no patch; the message suggests the nearest ones.
+        Raises InputError if a name stands for no patch; the message suggests the nearest ones.
         """
         found: list[str] = []
         for text in wanted:

@@ -127,10 +127,7 @@ class Quality:
 def summarise(values: FloatArray, shape: str = "tetra", inverted: int | None = None) -> Quality:
     """Condense the quality (M,) of cells of one shape; unless told, those not above 0 count as inverted.
 
-    Raises
-    ------
-    ValueError
-        If there are no cells.
+    Raises ValueError if there are no cells.
     """
     if not len(values):
         raise ValueError("no cells to judge")

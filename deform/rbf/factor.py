@@ -81,10 +81,7 @@ class Factor:
         above : (n, m) solution of R' x = further columns of the matrix, in its first n rows.
         corner : (m, m) the matrix in the further rows and columns.
 
-        Raises
-        ------
-        NotPositiveDefiniteError
-            If the extended matrix is not positive definite to rounding.
+        Raises NotPositiveDefiniteError if the extended matrix is not positive definite to rounding.
         """
         upper, info = dpotrf(corner - above.T @ above, lower=0, clean=1)
         if info != 0:

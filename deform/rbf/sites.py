@@ -59,10 +59,7 @@ def pinned(points: FloatArray, components: tuple[int, ...] = XYZ) -> DataSites:
 def joined(parts: Sequence[DataSites], tol: float = 1e-9) -> DataSites:
     """Return the sites of all parts; a point within `tol` metres of an earlier one is dropped and counted.
 
-    Raises
-    ------
-    ValueError
-        If the parts carry different components, or if two coinciding points are to move differently.
+    Raises ValueError if the parts carry different components, or if two coinciding points are to move differently.
     """
     if not parts:
         raise ValueError("no data sites to join")

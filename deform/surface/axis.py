@@ -101,10 +101,7 @@ class Cylinder:
         points : (N, 3).
         directions : (N, 3) or (3,): of any length but zero.
 
-        Raises
-        ------
-        ValueError
-            If a line misses the cylinder or runs parallel to its axis.
+        Raises ValueError if a line misses the cylinder or runs parallel to its axis.
         """
         d = np.broadcast_to(np.asarray(directions, dtype=np.float64), points.shape)
         p, across = self.axis.radial(points), d - np.outer(d @ self.axis.direction, self.axis.direction)

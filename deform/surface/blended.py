@@ -56,10 +56,7 @@ class Blended:
     hinge_nodes : held nodes from which the surface is blended chordwise; None: those near the hinge.
     epsilon : shape parameter of the multiquadric, 1/length; 0: `LINEAR` over the surface's size.
 
-    Raises
-    ------
-    InputError
-        If `base` is no motion, or `held` or `driven` no set of nodes.
+    Raises InputError if `base` is no motion, or `held` or `driven` no set of nodes.
     """
 
     base: Motion
@@ -90,10 +87,7 @@ class Blended:
     def law(self, surface: Surface) -> "BlendedLaw":
         """Sort the surface's nodes.
 
-        Raises
-        ------
-        InputError
-            If no node stays or none follows, or the strips beside ribs cover the whole surface.
+        Raises InputError if no node stays or none follows, or the strips beside ribs cover the whole surface.
         """
         hinge, points = self.base.axis, surface.points
         if hinge is None:

@@ -128,10 +128,7 @@ class Table:
     points, vectors : (P, 3) each, in the mesh's unit of length.
     hinge : an axis along the surface, where the box should follow one.
 
-    Raises
-    ------
-    InputError
-        If the shapes differ, there are fewer than 4 points, or a number is not finite.
+    Raises InputError if the shapes differ, there are fewer than 4 points, or a number is not finite.
     """
 
     points: FloatArray = field(repr=False)
@@ -150,10 +147,7 @@ class Table:
     def read(cls, path: str | PathLike[str], hinge: Axis | None = None) -> "Table":
         """Read a .csv of x, y, z, dx, dy, dz with a line of titles, or an .npz with `points` and `vectors`.
 
-        Raises
-        ------
-        InputError
-            If the file cannot be read as one of these.
+        Raises InputError if the file cannot be read as one of these.
         """
         path = Path(path)
         try:

@@ -104,10 +104,7 @@ class TrailingEdge:
     ----------
     dihedral : Degrees by which the faces turn at the edge, at least; above 0, below 180.
 
-    Raises
-    ------
-    InputError
-        If it is no such number.
+    Raises InputError if it is no such number.
     """
 
     dihedral: float = 40.0
@@ -135,10 +132,7 @@ class Listed:
     ----------
     nodes : (K,) indices, counted from 0.
 
-    Raises
-    ------
-    InputError
-        If they are no whole numbers.
+    Raises InputError if they are no whole numbers.
     """
 
     nodes: IntArray

@@ -85,10 +85,7 @@ class RootLaw:
     def displacement(self, amount: float) -> FloatArray:
         """Return how far each node (K, 3) moves.
 
-        Raises
-        ------
-        InputError
-            If the tail turns so far that its root misses the cylinder.
+        Raises InputError if the tail turns so far that its root misses the cylinder.
         """
         return self._moved(amount, self._region(amount))
 

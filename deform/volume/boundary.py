@@ -72,11 +72,8 @@ class Boundary:
     def displacement(self, amounts: Amounts) -> FloatArray:
         """Return how far each of `nodes` (K, 3) moves, each of them once.
 
-        Raises
-        ------
-        InputError
-            If two surfaces move a shared node differently, a node shared with a fixed patch moves, or one shared
-            with a sliding patch leaves its shape.
+        Raises InputError if two surfaces move a shared node differently, a node shared with a fixed patch moves, or one
+        shared with a sliding patch leaves its shape.
         """
         if amounts not in self._known:
             parts = [law.displacement(amount) for law, amount in zip(self.laws, amounts, strict=True)]

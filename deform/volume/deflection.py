@@ -42,10 +42,7 @@ class Plan:
     def of(cls, mesh: Mesh, job: Job, angles: Sequence[float] = (), progress: Progress = silent) -> "Plan":
         """Decide motion, box and sites for the job's own angle, or for several, and judge the mesh as it is.
 
-        Raises
-        ------
-        InputError
-            If the job does not suit the mesh.
+        Raises InputError if the job does not suit the mesh.
         """
         wanted = tuple(angles) or (job.angle,)
         progress("surfaces", nan)
@@ -160,10 +157,7 @@ def turned(known: Deflection, angle: float) -> Deflection:
     Each step of a deflection in n steps serves the angles of its n-th of the angle; the last one also serves all
     beyond, the first one those of the other sign.
 
-    Raises
-    ------
-    InputError
-        If the surface cannot move so far within its box.
+    Raises InputError if the surface cannot move so far within its box.
     """
     begin, plan, count = perf_counter(), known.plan, len(known.steps)
     amounts, share = plan.job.amounts_at(angle), angle / known.angle if known.angle else 0.0

@@ -93,10 +93,7 @@ class Job:
     def ratios(self) -> tuple[float, ...]:
         """Amount of each surface for one of the first.
 
-        Raises
-        ------
-        InputError
-            If the first one's own amount is zero, so that nothing is in proportion to it.
+        Raises InputError if the first one's own amount is zero, so that nothing is in proportion to it.
         """
         if not self.angle and any(self.amounts):
             raise InputError(

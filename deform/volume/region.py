@@ -52,11 +52,8 @@ class Region:
     def of(cls, boundary: Boundary, all_amounts: Sequence[Amounts]) -> "Region":
         """Confine the motion to all of the given amounts.
 
-        Raises
-        ------
-        InputError
-            If a moving node leaves the box, or the box contains nodes of a patch that is not declared, or cuts a
-            zone from one that fits to it.
+        Raises InputError if a moving node leaves the box, or the box contains nodes of a patch that is not declared, or
+        cuts a zone from one that fits to it.
         """
         mesh, zones = boundary.mesh, _zones(boundary)
         box = boundary.job.box.choose(_scene(boundary, zones, all_amounts))

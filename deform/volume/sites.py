@@ -120,10 +120,7 @@ def _union(sliding: Sequence[IntArray]) -> IntArray:
 def _distinct(boundary: Boundary, fixed: IntArray, slid: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Return rows of moving, fixed and sliding nodes at places of their own.
 
-    Raises
-    ------
-    InputError
-        If coincident nodes are to move differently.
+    Raises InputError if coincident nodes are to move differently.
     """
     mesh, tol = boundary.mesh, SAME * boundary.size
     nodes = np.concatenate([boundary.nodes, fixed, slid])

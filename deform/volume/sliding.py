@@ -110,10 +110,7 @@ SHAPES: dict[str, Callable[[FloatArray], SlidingSurface]] = {"plane": Plane.fitt
 def fitted(shape: str, points: FloatArray, patch: str) -> SlidingSurface:
     """Fit a shape to the nodes (N, 3) of a patch and verify it.
 
-    Raises
-    ------
-    InputError
-        If the shape is unknown, or the patch is not of that shape.
+    Raises InputError if the shape is unknown, or the patch is not of that shape.
     """
     if shape not in SHAPES:
         raise InputError(f"slide = {patch}:{shape}: the shape must be {' or '.join(SHAPES)}")
