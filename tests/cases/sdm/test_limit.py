@@ -2,7 +2,9 @@
 
 import csv
 from dataclasses import replace
+from math import ceil, log2
 
+import numpy as np
 import pytest
 
 from sdm_deflect.cases.sdm.limit import attempt, find_limits, write_limits
@@ -27,12 +29,23 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
         else:
             assert abs(limit.angle) == LARGEST_ANGLE
         assert attempt(case, mesh.as_mesh(), limit.angle).quality_min >= threshold
+        assert len(limit.trials) <= 1 + ceil(log2(LARGEST_ANGLE / resolution))
     write_limits(limits, case, threshold, tmp_path)
     rows = list(csv.DictReader((tmp_path / "limit.csv").read_text().splitlines()))
     assert len(rows) == sum(len(limit.trials) for limit in limits)
     image = pixels(tmp_path / "limit.png")
     assert share(image, (0x00, 0x72, 0xB2)) > 1e-3  # the angles tried
-    assert share(image, (102, 102, 102), 10) > 1e-3  # the threshold
+    grey = np.abs(image - 102).max(axis=-1) <= 60
+    assert grey.sum(axis=1).max() > 0.85 * image.shape[1]  # the threshold, from edge to edge
+
+
+def test_no_surface_is_tried_beyond_what_any_can_turn(aileron_mesh):
+    case = case_named("all")
+    case = replace(case, deflections=tuple(one for one in case.deflections if one.surface == "rudder"))
+    limits = find_limits(case, aileron_mesh[0].as_mesh(), 0.01, 30.0, lambda text, fraction: None)
+    assert max(abs(trial.angle) for limit in limits for trial in limit.trials) == LARGEST_ANGLE / 1.25
+    with pytest.raises(ValueError, match=r"turns the rudder by 91\.25 deg; at most 90 deg"):
+        replace(case, angle=73.0)
 
 
 def test_a_tail_whose_root_misses_the_fuselage_is_no_limit_but_has_a_reason(aileron_mesh):
