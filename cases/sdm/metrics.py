@@ -78,6 +78,7 @@ def metrics(run: Run) -> Json:
             **mesh_figures(first.plan),
             "quality_min": before.min,
             "boundary_to_cad_max": run.origin.boundary_to_cad_max,
+            "seconds": run.origin.seconds,
         },
         **{name: value for name, value in surface.items() if name != "angle_deg"},
         "evaluation": _evaluation(run),

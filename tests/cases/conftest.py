@@ -59,14 +59,14 @@ def opened(browser):
 def finish(tmp_path_factory, shared_folder, make_mesh):
     """Run a case into a folder of its own; return the run and the folder."""
 
-    def run(case):
+    def run(case, report=True):
         make_mesh(case)
         if case.domain == "block":
             with FileLock(shared_folder / "meshing.lock"):
                 background_mesh(case, Stopwatch(Silent()))
         folder = tmp_path_factory.mktemp(case.name)
         with output_folder(folder) as scratch:
-            return run_case(case, Stopwatch(Silent()), Path(scratch)), folder
+            return run_case(case, Stopwatch(Silent()), Path(scratch), report=report), folder
 
     return run
 

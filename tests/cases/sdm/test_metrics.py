@@ -1,0 +1,121 @@
+"""What other programs read: names in metrics.json and of the checks, exit codes, files."""
+
+import json
+import sys
+
+import pytest
+
+from sdm_deflect.cases.cli import main
+from sdm_deflect.cases.sdm.registry import case_named
+
+pytestmark = pytest.mark.mesher
+
+TOP = {
+    "case", "scale", "angle_deg", "strategy", "version", "mesh", "confinement", "sites", "adaptation", "evaluation",
+    "quality", "validation", "timings", "total_seconds", "peak_rss_bytes",
+}  # fmt: skip
+WITHIN = {
+    "mesh": {"points", "cells", "patches", "quality_min", "boundary_to_cad_max", "seconds"},
+    "confinement": {"corners", "inside", "filter_seconds"},
+    "sites": {"surface", "hexahedron"},
+    "adaptation": {"x", "y", "z"},
+    "evaluation": {"seconds", "whole_mesh_seconds", "pairs_per_second"},
+    "quality": {"before", "after", "inverted"},
+    "validation": {"checks", "passed"},
+}
+FITTED = {"centers", "iterations", "max_error", "seconds", "stop"}
+SHAPE = {"min", "p01", "mean", "below_0_2", "below_0_4"}
+CHECKED = {"name", "value", "limit", "passed", "unit", "where", "verdict"}
+EVERY = {"outside_moved", "inverted_cells", "fixed_surfaces_moved", "quality_min"}
+SURFACE = {"planarity", "surface_to_cad", "surface_to_rigid_cad", "site_error"}
+HINGED = SURFACE | {"trailing_edge_angle", "hinge_offset"}
+TAIL = SURFACE | {"cylindricity", "root_on_cylinder"}
+
+
+def read(folder):
+    return json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(
+    params=[
+        ("aileron_run", EVERY | HINGED),
+        ("aileron_mv_run", EVERY | HINGED),
+        ("tail_run", EVERY | TAIL),
+        ("chimera_run", EVERY | HINGED | {"chimera_face_in_plane", "orphans"}),
+    ],
+    ids=lambda given: given[0],
+)
+def kept(request):
+    """The figures of a run, and the names of the checks that belong to it."""
+    name, names = request.param
+    return read(request.getfixturevalue(name)[1]), names
+
+
+def test_every_name_is_there(kept):
+    figures, _ = kept
+    assert figures.keys() >= TOP
+    for part, names in WITHIN.items():
+        assert figures[part].keys() >= names, part
+    assert all(patch.keys() >= {"points", "triangles"} for patch in figures["mesh"]["patches"].values())
+    assert len(figures["confinement"]["corners"]) == 8
+    assert {len(corner) for corner in figures["confinement"]["corners"]} == {3}
+    assert figures["sites"]["hexahedron"].keys() == set("xyz")
+    assert all(fit.keys() >= FITTED for fit in figures["adaptation"].values())
+    for when in ("before", "after"):
+        assert figures["quality"][when].keys() >= SHAPE
+    assert figures["total_seconds"] == pytest.approx(sum(figures["timings"].values()))
+
+
+def test_the_checks_have_their_names(kept):
+    figures, names = kept
+    checks = figures["validation"]["checks"]
+    assert {check["name"] for check in checks} == names
+    assert all(check.keys() >= CHECKED for check in checks)
+    assert figures["validation"]["passed"] is True
+
+
+def test_common_centres_are_told_three_times(aileron_mv_run):
+    fits = read(aileron_mv_run[1])["adaptation"]
+    assert fits["x"] == fits["y"] == fits["z"]
+
+
+def test_several_surfaces_are_named_in_their_checks(finish):
+    case = case_named("all")
+    _, folder = finish(case, report=False)
+    figures = read(folder)
+    expected = {
+        f"{name}:{one.surface}"
+        for one in case.deflections
+        for name in (TAIL if one.surface.startswith("tail") else HINGED)
+    }
+    assert {check["name"] for check in figures["validation"]["checks"]} == EVERY | expected
+    assert figures["deflections"].keys() == {one.surface for one in case.deflections}
+
+
+def test_without_a_report_everything_else_is_there(aileron_run, finish):
+    _, whole = aileron_run
+    _, folder = finish(case_named("aileron"), report=False)
+    with_report, without = read(whole), read(folder)
+    assert with_report["timings"].keys() - without["timings"].keys() == {"pictures", "report"}
+    assert without.keys() == with_report.keys()
+    assert {path.name for path in whole.iterdir()} - {path.name for path in folder.iterdir()} == {
+        "report.html",
+        "figures",
+    }
+    for name in ("case.toml", "undeflected.vtu", "deflected.vtu", "interpolant.npz"):
+        assert (folder / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+def test_too_few_centres_fail_the_run(aileron_mesh, tmp_path, monkeypatch, capsys):
+    words = ["sdm", "run", "aileron", "--set", "adaptation.max_centers=50", "--no-report", "-q", "--out", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", words)
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 1
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if "FAILED" in line and "site_error" in line)
+    assert "<= 8e-05 m" in line
+    validation = read(tmp_path)["validation"]
+    assert not validation["passed"]
+    assert [check["name"] for check in validation["checks"] if not check["passed"]] == ["site_error"]
+    site_error = validation["checks"][-1]
+    assert site_error["value"] > 2.0 * site_error["limit"] == pytest.approx(1.6e-4)
