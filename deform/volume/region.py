@@ -147,12 +147,16 @@ def _check_clear(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray) -
                 own = own[~_in_plane(mesh.points[own], section, tol)]
         within = own[hexahedron.contains(mesh.points[own], -tol)]
         shared = np.intersect1d(patch.nodes, boundary.nodes, assume_unique=True)
-        if len(within) or (len(shared) and patch.name not in boundary.declared):
-            remedy = f"name it in fixed or slide ({patch.name}:plane), or " if job.near_wall else ""
+        remedy = f"name it in fixed or slide ({patch.name}:plane)"
+        if len(within):
             raise InputError(
                 f"{mesh.name}: the box contains {len(within)} of {len(patch.nodes)} nodes of {patch.name}"
                 + (f" ({len(shared)} shared with the moving surface)" if len(shared) else "")
-                + f", which must not move; {remedy}take a smaller box"
+                + f", which must not move; {f'{remedy}, or ' if job.near_wall else ''}take a smaller box"
+            )
+        if len(shared) and patch.name not in boundary.declared:
+            raise InputError(
+                f"{mesh.name}: {len(shared)} nodes of the moving surface also belong to {patch.name}; {remedy}"
             )
 
 

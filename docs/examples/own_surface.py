@@ -71,7 +71,7 @@ class BendLaw:
 
 def deflected(mesh: TetMesh, tip: float = 0.010) -> TetMesh:
     """Return the mesh with the fin bent by `tip` metres; nodes outside the region keep their bits."""
-    job = Job(surfaces=(Moving(("fin", "rudder"), Bend(), tip),), box=Given(REGION))
+    job = Job(surfaces=(Moving(("fin", "rudder"), Bend(), tip),), fixed=("*",), box=Given(REGION))
     return mesh.with_points(deflect(Plan.of(mesh.as_mesh(), job), tip).points)
 
 

@@ -9,15 +9,6 @@ from sdm_deflect.cases.sdm.case import Confinement
 from sdm_deflect.cases.sdm.job import plans_of
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.hexahedron import box
-from sdm_deflect.deform.volume.region import shared_depth
-
-
-@pytest.mark.parametrize(("gap", "depth"), [(-0.4, 0.2), (0.0, 0.0), (0.6, -0.3)])
-def test_depth_of_two_boxes(gap, depth):
-    low, high = np.zeros(3), np.ones(3)
-    shift = np.array([1.0 + gap, 0.0, 0.0])
-    assert shared_depth(box(low, high), box(low + shift, high + shift)) == pytest.approx(depth, abs=1e-9)
 
 
 @pytest.mark.mesher

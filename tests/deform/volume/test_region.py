@@ -11,6 +11,7 @@ from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.hexahedron import Hexahedron, box
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Zone
+from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.volume.box import Automatic
 from sdm_deflect.deform.volume.deflection import Plan, deflect
 from sdm_deflect.deform.volume.job import Section
@@ -75,6 +76,16 @@ def test_patches_that_share_nodes_with_the_surface_must_be_declared(hybrid_wing)
     w = hybrid_wing
     with pytest.raises(InputError, match=r"nodes of wing_upper \(\d+ shared with the moving surface\)"):
         turn(w.mesh, FLAP, w.hinge, slide={"symmetry": "plane"})
+
+
+def test_a_patch_that_shares_nodes_outside_the_box_is_to_be_declared_as_well(block):
+    """A plane z = 2 moves within a box that holds no further node of its neighbours."""
+    flat = [[-1.9, -1.9, 1.9], [1.9, 1.9, 2.6]]
+    still = Rotation.about([0, 0, 2], [1, 0, 2])
+    with pytest.raises(InputError, match=r"mesh: 9 nodes of the moving surface also belong to x-; name it in fixed or"):
+        turn(block, ("z+",), motion=still, angle=0.0, box=flat)
+    result = turn(block, ("z+",), motion=still, angle=0.0, box=flat, fixed=("*",))
+    assert np.array_equal(result.points, block.points)
 
 
 def test_an_automatic_box_gives_way_to_other_patches(block):
