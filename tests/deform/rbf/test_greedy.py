@@ -225,11 +225,7 @@ def test_progress_rises_to_the_end():
     sites = _sites()
     seen = []
     adapt(
-        sites,
-        KERNELS[0],
-        farthest(sites.points, 8),
-        _options(),
-        progress=lambda text, done: seen.append((text, done)),
+        sites, KERNELS[0], farthest(sites.points, 8), _options(), progress=lambda text, done: seen.append((text, done))
     )
     assert seen[-1][1] == 1.0
     assert all(0.0 <= done <= 1.0 for _, done in seen)

@@ -40,11 +40,7 @@ def surface():
     skin = np.column_stack([x, RADIUS * np.cos(polar), RADIUS * np.sin(polar)])
     ahead = len(tail) + np.arange(len(skin))
     border = ahead[(np.abs(x - 0.08) > 0.0999) | (np.abs(polar) > np.radians(44.9))]
-    patches = {
-        "tail": np.arange(len(tail)),
-        "panel": np.concatenate([np.arange(len(line)), ahead]),
-        "rest": border,
-    }
+    patches = {"tail": np.arange(len(tail)), "panel": np.concatenate([np.arange(len(line)), ahead]), "rest": border}
     mesh = Mesh(np.vstack([tail, skin]), (), tuple(Patch(name, (), rows) for name, rows in patches.items()))
     return Surface.of(mesh, ("tail", "panel"))
 
