@@ -53,7 +53,8 @@ def write_interpolants(path: Path, deflections: Sequence[Deflection]) -> None:
     """Write centres and coefficients per direction, enough to evaluate the deformation elsewhere.
 
     The first surface's first step has the plain names `centers_x`, `beta_x`, `alpha_x`; further surfaces and
-    steps append `_<surface>` and `_step<k>`. `hexahedron` (8, 3) says where each applies.
+    steps append `_<surface>` and `_step<k>`. Those of the fit that carries sliding nodes, before these are put on
+    their shapes, begin with `sliding_`. `hexahedron` (8, 3) says where each applies.
     """
     arrays: dict[str, np.ndarray] = {"kernel": np.array("thin_plate_spline")}
     for i, one in enumerate(deflections):
@@ -61,12 +62,13 @@ def write_interpolants(path: Path, deflections: Sequence[Deflection]) -> None:
         arrays[f"hexahedron{tag}"] = one.plan.region.hexahedron.corners
         for k, step in enumerate(one.steps):
             suffix = tag + (f"_step{k + 1}" if k else "")
-            for fit in step.fits.adaptations:
+            carrying = [("sliding_", fit) for fit in step.first.adaptations] if step.first else []
+            for prefix, fit in (*carrying, *(("", fit) for fit in step.fits.adaptations)):
                 for column, component in enumerate(fit.components):
                     name = f"{DIRECTIONS[component]}{suffix}"
-                    arrays[f"centers_{name}"] = fit.interpolant.centers
-                    arrays[f"beta_{name}"] = fit.interpolant.beta[:, column]
-                    arrays[f"alpha_{name}"] = fit.interpolant.alpha[:, column]
+                    arrays[f"{prefix}centers_{name}"] = fit.interpolant.centers
+                    arrays[f"{prefix}beta_{name}"] = fit.interpolant.beta[:, column]
+                    arrays[f"{prefix}alpha_{name}"] = fit.interpolant.alpha[:, column]
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 

@@ -149,21 +149,23 @@ def report(folder: Path, quiet: bool, verbose: bool) -> int:
 @click.option("--open/--no-open", "show", default=True, help="Whether to open the page in the browser.")
 @progress_options
 def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> None:
-    """Show a finished run as a page with a slider for the angle; Ctrl-C ends it.
+    """Show a finished run, or a deflected mesh by the folder beside it, with a slider for the angle; Ctrl-C ends it.
 
     The mesh follows the slider with the centres of the run. Nothing leaves this machine: the page is served on
     the loopback interface and draws in the browser.
     """
-    from sdm_deflect.cases.view.live import Live
+    from sdm_deflect.cases.mesh_files import SETTINGS
     from sdm_deflect.cases.view.serve import check_free, serve
 
     if port:
         check_free(port)
     with watched(quiet, verbose) as watch, watch.stage("factorising"):
-        from sdm_deflect.cases.view.control import Control
-        from sdm_deflect.cases.view.page import Page
+        from sdm_deflect.cases.sdm.report import interactive_run
+        from sdm_deflect.cases.view.page import Control, Page
+        from sdm_deflect.cases.view.run import InteractiveRun
 
-        page = Page(Control.of(Live.of(folder)))
+        of_mesh = (folder / SETTINGS).is_file()
+        page = Page(Control.of(InteractiveRun.of(folder) if of_mesh else interactive_run(folder)))
     serve(page, port, show)
 
 

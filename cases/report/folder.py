@@ -107,28 +107,41 @@ def report_of_folder(folder: Path) -> ReportData:
     """
     try:
         settings = (folder / SETTINGS).read_text(encoding="utf-8")
-        nested = loads(settings)
         figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
         convergence = read_convergence(folder / "convergence.csv")
         centres = read_centres(folder / "interpolant.npz", [""])[""]
         checks = tuple(check_of(row) for row in figures["validation"]["checks"])
     except (OSError, KeyError, TypeError, ValueError, BadZipFile) as error:
         raise InputError(f"{folder} is not the whole folder of a deflection: {error}") from None
+    plan, points = read_folder(folder)
+    data = _data(plan, plan.angle, points, settings, convergence, centres).judged(checks, figures)
+    with output_folder(folder) as scratch:
+        write_report(data, drawn(data, scratch / "figures"), scratch)
+    return data
+
+
+def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
+    """Return the plan of a deflection made anew from its settings and its mesh, and the points (N, 3) it came to.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or damaged, or does not belong to the others.
+    """
+    try:
+        nested = loads((folder / SETTINGS).read_text(encoding="utf-8"))
+        count = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))["mesh"]["points"]
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{folder} is not the whole folder of a deflection: {error}") from None
     path = nested.pop("mesh", "")
     if not path:
         raise InputError(f"{folder / SETTINGS} names no mesh: that of this deflection was no file")
     source = (folder / path).resolve()
     mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
-    if len(mesh.points) != figures["mesh"]["points"]:
-        raise InputError(
-            f"{source} has {len(mesh.points)} points, but {figures['mesh']['points']} when it was deflected"
-        )
+    if len(mesh.points) != count:
+        raise InputError(f"{source} has {len(mesh.points)} points, but {count} when it was deflected")
     plan = Plan.of(mesh, job_settings(_beside(nested, folder)).job())
-    data = _data(plan, plan.angle, _read_points(folder / "deflected.vtu", plan), settings, convergence, centres)
-    data = data.judged(checks, figures)
-    with output_folder(folder) as scratch:
-        write_report(data, drawn(data, scratch / "figures"), scratch)
-    return data
+    return plan, _read_points(folder / "deflected.vtu", plan)
 
 
 def data_of(one: Deflection, settings: str = "") -> ReportData:

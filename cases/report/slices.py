@@ -135,7 +135,7 @@ def cut_cells(
 ) -> tuple[list[FloatArray], FloatArray]:
     """Polygons (k, 2) in which the plane cuts the cells of its window, and the drawn quality (P,) of those cells."""
     rows = _crossed(points, block, plane)
-    cell, edges = _edges(block, rows)
+    cell, edges = cell_edges(block, rows)
     polygons = _cut(points, cell, edges, len(rows), plane)
     kept = [i for i, polygon in enumerate(polygons) if len(polygon) > 2]
     return [polygons[i] for i in kept], drawn_quality(points, block, rows[kept], orientation)
@@ -160,10 +160,10 @@ def _crossed(points: FloatArray, block: Volume, plane: Plane) -> IntArray:
     (right, up), window = plane.across, plane.window
     beyond = [above, ~above]
     beyond += [points[:, c] > window[0, c] for c in (right, up)] + [points[:, c] < window[1, c] for c in (right, up)]
-    return np.flatnonzero(np.all([_any(block, mask) for mask in beyond], axis=0))
+    return np.flatnonzero(np.all([with_node(block, mask) for mask in beyond], axis=0))
 
 
-def _any(block: Volume, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def with_node(block: Volume, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """True for cells (M,) with a node in the mask (N,)."""
     if isinstance(block, Cells):
         return np.asarray(np.logical_or.reduce([mask[column] for column in block.nodes.T]))
@@ -174,7 +174,7 @@ def _any(block: Volume, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return flags
 
 
-def _edges(block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
+def cell_edges(block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
     """Edges (E, 2) of some cells, and which of the rows (E,) each belongs to."""
     if isinstance(block, Cells):
         own = block.nodes[rows][:, EDGES[block.shape]]
@@ -191,13 +191,38 @@ def _edges(block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
 
 def _cut(points: FloatArray, cell: IntArray, edges: IntArray, count: int, plane: Plane) -> list[FloatArray]:
     """Return for each of `count` convex cells the corners (k, 2) of its section, one after another around it."""
-    a, b = points[edges[:, 0]], points[edges[:, 1]]
-    low, high = a[:, plane.axis] - plane.station, b[:, plane.axis] - plane.station
-    crossing = (low < 0.0) != (high < 0.0)
-    cell, a, b, low, high = (array[crossing] for array in (cell, a, b, low, high))
-    places = (a + (low / (low - high))[:, None] * (b - a))[:, plane.across]
-    number = np.bincount(cell, minlength=count)
-    sums = [np.bincount(cell, column, minlength=count) for column in places.T]
-    off = places - (np.column_stack(sums) / np.maximum(number, 1)[:, None])[cell]
-    order = np.lexsort((np.arctan2(off[:, 1], off[:, 0]), cell))
-    return np.split(places[order], np.cumsum(number)[:-1]) if count else []
+    places, own = section(points, cell, edges, plane.axis, plane.station)
+    number = np.bincount(own, minlength=count)
+    return np.split(places[:, plane.across], np.cumsum(number)[:-1]) if count else []
+
+
+def section(
+    points: FloatArray, cell: IntArray, edges: IntArray, axis: int, station: float
+) -> tuple[FloatArray, IntArray]:
+    """Cut convex cells with edges (E, 2) by the plane in which a coordinate is `station`.
+
+    A node in the plane counts as on its positive side.
+
+    Parameters
+    ----------
+    points
+        (N, 3) node coordinates.
+    cell
+        (E,) the cell of each edge.
+
+    Returns
+    -------
+    The corners (P, 3) of the polygons, cell by cell and one after another around each, and their cells (P,).
+    """
+    height = points[:, axis] - station
+    above = height >= 0.0
+    crossing = above[edges[:, 0]] != above[edges[:, 1]]
+    cell, edges = cell[crossing], edges[crossing]
+    a, b, low, high = points[edges[:, 0]], points[edges[:, 1]], height[edges[:, 0]], height[edges[:, 1]]
+    places = a + (low / (low - high))[:, None] * (b - a)
+    places[:, axis] = station
+    _, own, number = np.unique(cell, return_inverse=True, return_counts=True)
+    right, up = (i for i in range(3) if i != axis)
+    off = [places[:, i] - (np.bincount(own, places[:, i]) / number)[own] for i in (right, up)]
+    order = np.lexsort((np.arctan2(off[1], off[0]), own))
+    return places[order], cell[order]

@@ -1,4 +1,4 @@
-"""What the report of an SDM case adds: its settings in words, and the distance from the CAD as a map."""
+"""What the report and the view of an SDM case add: its settings in words, and the distance from the CAD as a map."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -39,6 +39,7 @@ from sdm_deflect.cases.sdm.reference import reference
 from sdm_deflect.cases.sdm.run_folder import read_run
 from sdm_deflect.cases.sdm.validation import validate
 from sdm_deflect.cases.settings import to_toml
+from sdm_deflect.cases.view.run import InteractiveRun, Manner
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
@@ -99,6 +100,15 @@ def report_of_folder(folder: Path) -> ReportData:
         figures = scratch / "figures"
         write_report(data, drawn(data, figures).with_more(compared(data, figures)), scratch)
     return data
+
+
+def interactive_run(folder: Path) -> InteractiveRun:
+    """Return a finished case that turns to any angle; InputError if its files do not belong together."""
+    case, mesh, deflected = read_run(folder)
+    plans = plans_of(case, mesh.as_mesh(case.name))
+    positive = "to port" if plans[0].surface == "rudder" else "trailing edge down"
+    manner = Manner(case.title, positive, METRES, (FAR_FIELD, BLOCK), leading=1)
+    return InteractiveRun.prepared(folder, plans, deflected.points, case.angle, manner)
 
 
 def _data(case: Case, mesh: TetMesh, deflected: TetMesh, boxes: Sequence[Box]) -> ReportData:

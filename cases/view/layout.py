@@ -8,6 +8,12 @@ from trame.widgets import client, html, vtk, vuetify3
 
 from sdm_deflect.cases.report.scene3d import QUALITY_RANGE, quality_rgb
 
+STYLE = (
+    "html{overflow:hidden!important}.v-selection-control .v-label{font-size:13px;color:#222;opacity:1}"
+    "@media(max-width:760px){#page{flex-direction:column-reverse}"
+    "#panel{width:100vw!important;min-width:0!important;height:55vh!important}"
+    "#stage{flex:none!important;height:45vh!important}}"
+)
 PANEL = "width:384px;min-width:384px;height:100vh;overflow-y:auto;border-right:1px solid #ddd;background:#fafafa"
 HEADING = "font:600 11px sans-serif;letter-spacing:.04em;color:#555;margin:9px 0 2px"
 SMALL = "font:12px/1.45 sans-serif;color:#444"
@@ -21,29 +27,31 @@ NOTES = {
 """Border and background of a message; its text is always dark and says the same in words."""
 TYPED = "[$event.target.value]"
 PLAIN = "text-transform:none;letter-spacing:normal"
-KEY = "position:absolute;right:12px;bottom:10px;background:#ffffffd9;padding:6px 10px;border-radius:4px;" + SMALL
+KEY = "position:absolute;right:12px;bottom:10px;max-width:244px;background:#ffffffd9;padding:6px 10px;" + SMALL
 
 
 def lay_out(server: Any, window: Any, actions: Any) -> Any:
     """Lay the page out and return the view; `actions` are what its buttons call."""
-    with VAppLayout(server), html.Div(style="display:flex;height:100vh;width:100vw;overflow:hidden"):
-        client.Style(
-            "html{overflow:hidden!important}.v-selection-control .v-label{font-size:13px;color:#222;opacity:1}"
-        )
-        with html.Div(style=PANEL), html.Div(style="padding:10px 18px"):
+    with VAppLayout(server), html.Div(style="display:flex;height:100vh;width:100vw;overflow:hidden", id="page"):
+        client.Style(STYLE)
+        with html.Div(style=PANEL, id="panel"), html.Div(style="padding:10px 18px"):
             html.Div("{{ run_title }}", style="font:600 17px/1.3 sans-serif", id="title")
             html.Div("{{ run_facts }}", style=SMALL + ";margin-top:4px")
             _angle(actions.accept)
             _numbers()
             _section(actions.face, actions.worst)
             _shown()
-        with html.Div(style="flex:1;position:relative;min-width:0;height:100vh"):
+        with html.Div(style="flex:1;position:relative;min-width:0;height:100vh", id="stage"):
             view = vtk.VtkLocalView(window, ref="view", id="view", after_scene_loaded=actions.loaded)
             _key()
             vuetify3.VBtn(
-                "first view", click=actions.fit, size="small", variant="outlined", id="fit",
+                "first view",
+                click=actions.fit,
+                size="small",
+                variant="outlined",
+                id="fit",
                 style="position:absolute;left:12px;top:10px;background:#fff;" + PLAIN,
-            )  # fmt: skip
+            )
     return view
 
 
@@ -52,21 +60,41 @@ def _angle(accept: Any) -> None:
     html.Div("DEFLECTION", style=HEADING)
     with html.Div(style="display:flex;gap:12px;align-items:center"):
         with html.Div(style="flex:1;min-width:0"):
-            vuetify3.VSlider(
-                v_model=("angle",), min=("angle_low",), max=("angle_high",), step=0.1, hide_details=True,
-                color="blue-darken-3", density="compact", id="angle", aria_label="deflection angle in degrees",
-            )  # fmt: skip
+            _slider("angle", "deflection angle", "blue-darken-3")
             html.Div(style=("band",), title=("band_text",))
         vuetify3.VTextField(
-            v_model=("angle_text",), suffix="°", density="compact", variant="outlined", hide_details=True,
-            style="max-width:104px", id="angle-text", aria_label="deflection angle in degrees, typed",
-            error=("!!refusal",), blur=(accept, TYPED), keydown_enter=(accept, TYPED),
+            v_model=("angle_text",),
+            suffix=("unit",),
+            density="compact",
+            variant="outlined",
+            hide_details=True,
+            style="max-width:104px",
+            id="angle-text",
+            aria_label="deflection angle, typed",
+            error=("!!refusal",),
+            blur=(accept, TYPED),
+            keydown_enter=(accept, TYPED),
             __events=[("keydown_enter", "keydown.enter")],
-        )  # fmt: skip
+        )
     html.Div("{{ band_text }}", style=SMALL + ";margin-top:2px")
     refused = BOX + NOTES["error"]
     html.Div("\N{MULTIPLICATION X} {{ refusal }}", v_if=("refusal",), id="refusal", style=refused, role="alert")
     html.Div("{{ status }}", id="status", style=("status_style",), aria_live="polite")
+
+
+def _slider(name: str, label: str, colour: str) -> None:
+    """A slider of one value of the state, whose ends and step are in the state as well."""
+    vuetify3.VSlider(
+        v_model=(name,),
+        min=(f"{name}_low",),
+        max=(f"{name}_high",),
+        step=(f"{name}_step",),
+        color=colour,
+        density="compact",
+        hide_details=True,
+        id=name,
+        aria_label=label,
+    )
 
 
 def _numbers() -> None:
@@ -92,12 +120,10 @@ def _section(face: Any, worst: Any) -> None:
             for axis in ("x", "y", "z"):
                 vuetify3.VBtn(axis, value=axis, size="small", style="text-transform:none", id=f"axis-{axis}")
         with html.Div(style="flex:1;min-width:0"):
-            vuetify3.VSlider(
-                v_model=("position",), min=("position_low",), max=("position_high",), step=0.0005, hide_details=True,
-                color="grey-darken-2", density="compact", id="position", aria_label="position of the section in metres",
-            )  # fmt: skip
+            _slider("position", "position of the section", "grey-darken-2")
     with html.Div(style="display:flex;gap:6px;align-items:center;" + SMALL):
-        html.Div("{{ axis }} = {{ (1000 * position).toFixed(1) }} mm", style="flex:1;white-space:nowrap")
+        place = "{{ axis }} = {{ (length_factor * position).toFixed(decimals) }}{{ length_unit }}"
+        html.Div(place, style="flex:1;white-space:nowrap")
         for label, click, key in (("to the worst cell", worst, "worst-cell"), ("face it", face, "face")):
             vuetify3.VBtn(label, click=click, size="small", variant="outlined", id=key, style=PLAIN)
 
@@ -107,13 +133,20 @@ def _shown() -> None:
     html.Div("SHOW", style=HEADING)
     with html.Div(style="display:grid;grid-template-columns:1fr 1fr"):
         for name, label in (
-            ("sectioned", "section"), ("cut", "cut the walls open"), ("box", "hexahedron"),
-            ("centres", "centres"), ("outline", "undeflected outline"),
-        ):  # fmt: skip
+            ("sectioned", "section"),
+            ("cut", "cut the walls open"),
+            ("box", "hexahedron"),
+            ("centres", "centres"),
+            ("outline", "undeflected outline"),
+        ):
             vuetify3.VCheckbox(
-                v_model=(f"show_{name}",), label=label, density="compact", hide_details=True, id=f"show-{name}",
+                v_model=(f"show_{name}",),
+                label=label,
+                density="compact",
+                hide_details=True,
+                id=f"show-{name}",
                 style="--v-input-control-height:28px",
-            )  # fmt: skip
+            )
 
 
 def _key() -> None:
@@ -121,7 +154,7 @@ def _key() -> None:
     low, middle, high = (float(QUALITY_RANGE.inverse(share)) for share in (0.0, 0.5, 1.0))
     colours = ",".join(f"rgb({r},{g},{b})" for r, g, b in quality_rgb(np.linspace(low, high, 9)))
     with html.Div(style=KEY, id="key"):
-        html.Div("mean ratio of the cells cut")
+        html.Div("{{ measure }} of the cells cut")
         html.Div(style=f"width:220px;height:12px;background:linear-gradient(90deg,{colours})")
         with html.Div(style="display:flex;justify-content:space-between"):
             html.Span(f"≤ {low:g}")

@@ -1,7 +1,6 @@
-"""The interactive page: state in, scene and texts out."""
+"""The interactive page: from what the user sets to the scene and the texts that answer it."""
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import Any
@@ -9,19 +8,104 @@ from typing import Any
 import numpy as np
 from trame.app import asynchronous, get_server
 
-from sdm_deflect.cases.view.control import AXES, Control, Wish
-from sdm_deflect.cases.view.layout import lay_out
-from sdm_deflect.cases.view.pieces import outboard
-from sdm_deflect.cases.view.words import about, parsed, worst_place
+from sdm_deflect.cases.view.labels import about, facts, grain, histogram, parsed, rounded, verdict
+from sdm_deflect.cases.view.layout import BOX, NOTES, lay_out
+from sdm_deflect.cases.view.pieces import Piece, Pieces, Plane, bounds, boxes, outboard, outline
+from sdm_deflect.cases.view.run import Frame, InteractiveRun, Spans
+from sdm_deflect.cases.view.scene import Scene
 from sdm_deflect.deform.errors import InputError
 
+AXES = ("x", "y", "z")
 INPUTS = ("angle", "axis", "position", "show_sectioned", "show_cut")
 SWITCHES = {"show_box": "box", "show_outline": "outline", "show_centres": "centres"}
 OBLIQUE = {0: (1.0, 0.5, 0.4), 1: (0.75, 1.0, 0.55), 2: (0.6, 0.9, 0.9)}
 """Where the eye is, for each axis of the section: outboard, aft and above."""
 
-CLOSE = 1.0
-"""Height of the first picture over the size of the control surfaces."""
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What the user has set: the angle, the section and what else to show."""
+
+    angle: float
+    axis: str
+    position: float
+    sectioned: bool = True
+    cut: bool = False
+
+    @property
+    def plane(self) -> Plane | None:
+        """The plane of the section, if one is wanted."""
+        return Plane(AXES.index(self.axis), self.position) if self.sectioned else None
+
+    @property
+    def cut_plane(self) -> Plane | None:
+        """The plane beyond which the walls are left out, if that is wanted."""
+        return self.plane if self.cut else None
+
+
+@dataclass(slots=True)
+class Control:
+    """A run on display; remembers what is shown, so that only what an input concerns is made and sent again."""
+
+    run: InteractiveRun
+    spans: Spans
+    pieces: Pieces
+    scene: Scene
+    frame: Frame
+    undeflected: Frame
+    shown: Wish | None = field(default=None)
+
+    @classmethod
+    def of(cls, run: InteractiveRun) -> "Control":
+        """Prepare a run for display."""
+        scene, undeflected = Scene(), run.at(0.0)
+        scene.show({"box": boxes(run), "outline": outline(run)})
+        return cls(run, Spans.of(run), Pieces.of(run), scene, undeflected, undeflected)
+
+    def show(self, wish: Wish) -> dict[str, Any]:
+        """Bring the scene to what is wanted and return what the page is to say.
+
+        Raises
+        ------
+        InputError
+            If no surface motion exists at that angle; the scene is then as before.
+        """
+        before, answer = self.shown, dict[str, Any]()
+        if before is None or wish.angle != before.angle:
+            self.frame = self.run.at(wish.angle)
+            answer = self._said()
+        if before is None or (wish.plane, wish.cut) != (before.plane, before.cut):
+            self.scene.show(self.pieces.standing(wish.plane, wish.cut_plane))
+        self.scene.show(self.pieces.moving(self.frame, wish.plane, wish.cut_plane))
+        if wish.plane is None:
+            self.scene.hide("section", "around")
+        self.scene.show({"centres": Piece.dots(self.run.centers(self.frame))})
+        self.shown = wish
+        return answer
+
+    def first(self) -> Wish:
+        """Return what is shown at first: the run's angle, a section across the hinge of a single surface."""
+        plan, mesh = self.run.boxes[0].plan, self.run.mesh
+        hinge = plan.job.surfaces[0].motion.axis
+        points = mesh.points[mesh.on(*self.run.surfaces[0].patches)]
+        axis = int(np.argmax(np.ptp(points, axis=0) if hinge is None else np.abs(hinge.direction)))
+        middle = 0.5 * float(points[:, axis].min() + points[:, axis].max())
+        return Wish(self.run.angle, AXES[axis], rounded(middle, self.run), sectioned=len(self.run.boxes) == 1)
+
+    def reach(self, axis: str) -> tuple[float, float]:
+        """Return the positions of the section between which it meets a hexahedron."""
+        low, high = (rounded(float(end[AXES.index(axis)]), self.run) for end in bounds(self.run))
+        return low, high
+
+    def _said(self) -> dict[str, Any]:
+        kind, sentence = verdict(self.frame, self.run)
+        weights = self.run.weights
+        return {
+            "status": sentence,
+            "status_style": BOX + NOTES[kind],
+            "facts": facts(self.frame, self.run, self.pieces),
+            "histogram": histogram(weights * self.frame.quality, weights * self.undeflected.quality, self.run.measure),
+        }
 
 
 @dataclass(slots=True)
@@ -42,7 +126,7 @@ class Page:
     def __post_init__(self) -> None:
         state, wish = self.server.state, self.control.first()
         state.trame__title = "sdm view"
-        state.update({**about(self.control.live), **self._ranges(wish), **self.control.show(wish)})
+        state.update({**about(self.control.run), **self._ranges(wish), **self.control.show(wish)})
         state.update({"angle": wish.angle, "angle_text": f"{wish.angle:g}", "axis": wish.axis, "refusal": ""})
         state.update(
             {"position": wish.position, "elapsed": "–", "show_sectioned": wish.sectioned, "show_cut": wish.cut}
@@ -64,7 +148,7 @@ class Page:
         """Take the angle that was typed, or say why not."""
         state = self.server.state
         try:
-            angle = parsed(text, self.control.spans)
+            angle = parsed(text, self.control.spans, self.control.run.unit)
         except ValueError as error:
             state.refusal = str(error)
             return
@@ -85,16 +169,17 @@ class Page:
     def worst(self) -> None:
         """Put the section through the cell of lowest quality."""
         state, control = self.server.state, self.control
-        place = worst_place(control.frame, control.live)
-        state.update({"position": round(float(place[AXES.index(state.axis)]), 5), "show_sectioned": True})
+        if len(control.frame.quality):
+            place = float(control.pieces.worst(control.frame)[AXES.index(state.axis)])
+            state.update({"position": rounded(place, control.run), "show_sectioned": True})
 
     def _aim(self, towards: tuple[float, ...]) -> None:
         """Put the eye in a direction from the hexahedra, on the side that is cut away."""
-        live = self.control.live
-        points = live.mesh.points[live.mesh.on(*(part.surface for part in live.parts))]
+        run = self.control.run
+        points = run.mesh.points[run.mesh.on(*(name for one in run.surfaces for name in one.patches))]
         low, high = points.min(axis=0), points.max(axis=0)
-        away = np.array(towards) * (1.0, outboard(live), 1.0)
-        self.control.scene.look(0.5 * (low + high), away, CLOSE * float(np.linalg.norm(high - low)))
+        away = np.array(towards) * (1.0, outboard(run), 1.0)
+        self.control.scene.look(0.5 * (low + high), away, float(np.linalg.norm(high - low)))
 
     def _connected(self, **_: Any) -> None:
         self._new = True
@@ -117,7 +202,7 @@ class Page:
         start, wish = perf_counter(), self._wish(state)
         if self.control.shown is not None and wish.axis != self.control.shown.axis:
             low, high = self.control.reach(wish.axis)
-            wish = replace(wish, position=round(0.5 * (low + high), 4))
+            wish = replace(wish, position=rounded(0.5 * (low + high), self.control.run))
             state.update({**self._ranges(wish), "position": wish.position})
         if wish != self.control.shown:
             if wish.angle not in (self.control.frame.angle, self._typed):  # it came from the slider
@@ -125,7 +210,7 @@ class Page:
                 self._typed = None
             try:
                 state.update(self.control.show(wish))
-            except (InputError, ValueError) as error:
+            except InputError as error:
                 state.refusal = str(error)
         self._switch()
         self.view.update()
@@ -140,15 +225,19 @@ class Page:
 
     def _ranges(self, wish: Wish) -> dict[str, Any]:
         """Return the ends of the sliders and the band of verified angles."""
-        possible, verified = self.control.spans.possible, self.control.spans.verified
+        run, possible, verified = self.control.run, self.control.spans.possible, self.control.spans.verified
         low, high = self.control.reach(wish.axis)
-        share: Callable[[float], float] = lambda a: 100.0 * (a - possible.low) / (possible.high - possible.low)  # noqa: E731
-        start, end = share(verified.low), share(verified.high)
+        ends = np.array([verified.low, verified.high])
+        start, end = 100.0 * (ends - possible.low) / (possible.high - possible.low)
         band = f"#ccc {start:.1f}%,#2e7d32 {start:.1f}%,#2e7d32 {end:.1f}%,#ccc {end:.1f}%"
         return {
-            "angle_low": possible.low, "angle_high": possible.high,
-            "position_low": low, "position_high": high,
+            "angle_low": possible.low,
+            "angle_high": possible.high,
+            "angle_step": run.step / 5.0,
+            "position_low": low,
+            "position_high": high,
+            "position_step": grain(run),
             "band": f"height:4px;margin:0 16px;border-radius:2px;background:linear-gradient(90deg,{band})",
-            "band_text": f"{verified.low:+g}° to {verified.high:+g}° are verified (green); positive is "
-            + ("to port" if self.control.live.parts[0].surface == "rudder" else "trailing edge down"),
-        }  # fmt: skip
+            "band_text": f"{verified.low:+g}{run.unit} to {verified.high:+g}{run.unit} are verified (green); positive "
+            f"is {run.manner.positive}",
+        }

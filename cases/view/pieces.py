@@ -1,27 +1,39 @@
 """What the page shows of a run, as plain arrays: no graphics library is needed to compose or to test it."""
 
-from dataclasses import dataclass
-from typing import Self
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.cases.report.scene3d import quality_rgb
-from sdm_deflect.cases.sdm.job import BLOCK
-from sdm_deflect.cases.view.live import Frame, Live
-from sdm_deflect.cases.view.section import Plane, Section
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.cases.report.data import drawn_quality
+from sdm_deflect.cases.report.scene3d import BOX_EDGES, quality_rgb
+from sdm_deflect.cases.report.slices import cell_edges, section, with_node
+from sdm_deflect.cases.view.run import Frame, InteractiveRun
+from sdm_deflect.deform.edges import edges_of, polygons_of, sharp_edges
+from sdm_deflect.deform.mesh import BoolArray, Cells, Faces, FloatArray, IntArray, Mesh, Polygons, Volume
+from sdm_deflect.meshing.formats.shapes import FACES, taken
 
 Colours = NDArray[np.uint8]
 
 RED = np.array([213, 0, 0])
 BODY, SURFACE, PANEL = (206, 208, 211), (86, 180, 233), (176, 205, 222)
-TET_FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-BOX_EDGES = np.array([[i, i | bit] for bit in (1, 2, 4) for i in range(8) if not i & bit])
+SHARP = 30.0
+"""Degrees by which faces of the outline turn at an edge, at least."""
 AROUND = 0.35
 """The section reaches beyond the hexahedra by this share of their size."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """All points whose coordinate `axis` (0, 1, 2) is `position`."""
+
+    axis: int
+    position: float
+
+    def beyond(self, points: FloatArray) -> FloatArray:
+        """Return how far points (..., 3) lie on the positive side."""
+        return np.asarray(points[..., self.axis] - self.position)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,43 +42,113 @@ class Piece:
 
     Attributes
     ----------
-    points : (P, 3), metres.
-    cells : node indices, arrays of (n, 1), (n, 2) or (n, 3) and (n, 4).
-    rgb : (cells, 3) their colours, in that order; None for the one of the actor.
+    points : (P, 3), in the mesh's unit of length.
+    nodes, sizes : (K,) rows of the points, cell by cell, and how many each cell (F,) has: 1, 2, or 3 and more.
+    rgb : (F, 3) colours of the cells; None for the one of the actor.
     """
 
     points: FloatArray
-    cells: tuple[IntArray, ...]
+    nodes: IntArray
+    sizes: IntArray
     rgb: Colours | None = None
+
+    @classmethod
+    def alike(cls, points: FloatArray, cells: IntArray) -> "Piece":
+        """Return cells (F, k) that all have k nodes."""
+        return cls(points, cells.ravel(), np.full(len(cells), cells.shape[1]))
+
+    @classmethod
+    def dots(cls, points: FloatArray) -> "Piece":
+        """Return points (P, 3) as dots."""
+        return cls.alike(points, np.arange(len(points))[:, None])
 
     @property
     def empty(self) -> bool:
         """True if there is nothing to show."""
-        return not any(len(one) for one in self.cells)
+        return not len(self.sizes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Skin:
-    """Triangles of walls: nodes (n,) of the mesh, triangles (F, 3) among them, centroids (F, 3), colours (F, 3)."""
+    """Faces of walls.
+
+    Attributes
+    ----------
+    nodes : (n,) nodes of the mesh.
+    faces : (F,) faces among them.
+    middles, rgb : (F, 3) of each face, undeflected.
+    """
 
     nodes: IntArray
-    triangles: IntArray
-    centroids: FloatArray
+    faces: Polygons
+    middles: FloatArray
     rgb: Colours
 
     @classmethod
-    def of(cls, mesh: TetMesh, colours: dict[str, tuple[int, int, int]]) -> Self:
+    def of(cls, mesh: Mesh, colours: dict[str, tuple[int, int, int]]) -> "Skin":
         """Extract the patches that have a colour."""
-        parts = [mesh.triangles_of(name) for name in colours]
-        triangles = np.vstack([np.empty((0, 3), dtype=np.intp), *parts])
-        rgb = np.repeat(np.array([*colours.values()], dtype=np.uint8).reshape(-1, 3), [len(p) for p in parts], axis=0)
-        nodes = np.unique(triangles)
-        return cls(nodes, np.searchsorted(nodes, triangles), mesh.points[triangles].mean(axis=1), rgb)
+        every = polygons_of(mesh.faces_of(tuple(colours)))
+        rgb = np.array([*colours.values()], dtype=np.uint8).reshape(-1, 3)
+        nodes, place = np.unique(every.nodes, return_inverse=True)
+        middles = _sums(mesh.points[every.nodes], every) / np.diff(every.offsets)[:, None]
+        faces = Polygons(place.astype(np.intp), every.offsets)
+        return cls(nodes, faces, middles, np.repeat(rgb, [len(mesh.patch(name)) for name in colours], axis=0))
 
     def piece(self, points: FloatArray, plane: Plane | None, side: float) -> Piece:
-        """Return the triangles on points (N, 3); with a plane only those whose undeflected middle is not cut away."""
-        keep = slice(None) if plane is None else side * plane.beyond(self.centroids) <= 0.0
-        return Piece(points[self.nodes], (self.triangles[keep],), self.rgb[keep])
+        """Return the faces on points (N, 3); with a plane only those whose undeflected middle is not cut away."""
+        sizes = np.diff(self.faces.offsets)
+        keep = np.ones(len(sizes), dtype=bool) if plane is None else side * plane.beyond(self.middles) <= 0.0
+        return Piece(points[self.nodes], self.faces.nodes[np.repeat(keep, sizes)], sizes[keep], self.rgb[keep])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solids:
+    """Cells of any type, by their edges.
+
+    Attributes
+    ----------
+    blocks : the mesh's blocks of cells, each with those of its rows that are meant.
+    cell, edges : (E,) and (E, 2), every edge of every cell; cells are counted from 0 through all blocks.
+    """
+
+    blocks: tuple[tuple[Volume, IntArray], ...] = field(repr=False)
+    cell: IntArray = field(repr=False)
+    edges: IntArray = field(repr=False)
+
+    @classmethod
+    def of(cls, mesh: Mesh, rows: Sequence[IntArray]) -> "Solids":
+        """Take some rows of each block of a mesh."""
+        blocks = tuple(zip(mesh.cells, rows, strict=True))
+        starts = np.cumsum([0, *(len(own) for own in rows)])
+        parts = [cell_edges(block, own) for block, own in blocks]
+        cell = [start + own for start, (own, _) in zip(starts, parts, strict=False)]
+        none = np.empty(0, dtype=np.intp)
+        edges = np.vstack([np.empty((0, 2), dtype=np.intp), *(own for _, own in parts)])
+        return cls(blocks, np.concatenate([none, *cell]), edges)
+
+    def cut(self, points: FloatArray, plane: Plane, rgb: IntArray) -> Piece:
+        """Return the section by a plane, with the nodes at points (N, 3), in the colours of the cells (M, 3)."""
+        places, cell = section(points, self.cell, self.edges, plane.axis, plane.position)
+        own, sizes = np.unique(cell, return_counts=True)
+        return Piece(places, np.arange(len(places)), sizes, rgb[own].astype(np.uint8))
+
+    def middles(self, points: FloatArray, rows: IntArray) -> FloatArray:
+        """Return the middles (R, 3) of the edges of some cells, with the nodes at points (N, 3)."""
+        some = np.isin(self.cell, rows)
+        place = np.searchsorted(rows, self.cell[some])
+        middles = points[self.edges[some]].mean(axis=1)
+        sums = [np.bincount(place, middles[:, i], minlength=len(rows)) for i in range(3)]
+        return np.column_stack(sums) / np.maximum(np.bincount(place, minlength=len(rows)), 1)[:, None]
+
+    def faces(self, rows: IntArray) -> Polygons:
+        """Return all faces of some cells (R,), in ascending order."""
+        parts: list[Faces] = []
+        start = 0
+        for block, own in self.blocks:
+            within = rows[(rows >= start) & (rows < start + len(own))] - start
+            parts += _faces(block, own[within]) if len(within) else []
+            start += len(own)
+        return polygons_of(parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,102 +158,124 @@ class Pieces:
     Attributes
     ----------
     body, surface : walls that stay, and that move.
-    around : (n, 4) cells near the hexahedra that never move, and `around_rgb` (n, 3) their colours.
+    loose : nodes of the moving patches that belong to no face.
+    cells, around : the cells that touch a hexahedron, and those near by that never move, with their colours.
     """
 
-    live: Live
+    run: InteractiveRun
     body: Skin
     surface: Skin
-    around: IntArray
-    around_rgb: Colours
+    loose: IntArray
+    cells: Solids
+    around: Solids
+    around_rgb: IntArray
 
     @classmethod
-    def of(cls, live: Live) -> Self:
+    def of(cls, run: InteractiveRun) -> "Pieces":
         """Extract the surfaces and the cells near the hexahedra."""
-        mesh, moving = live.mesh, {name for part in live.parts for name in part.plan.patches}
-        still = [name for name in mesh.names[1:] if name not in moving | {"far_field", BLOCK}]
-        colours = {name: SURFACE for part in live.parts for name in part.plan.patches[:1]}
-        colours |= {name: PANEL for part in live.parts for name in part.plan.patches[1:]}
-        around = live.outer[near(live, mesh.points[live.outer].mean(axis=1))]
-        rgb = quality_rgb(mean_ratio(mesh.points, around)).astype(np.uint8)
-        return cls(live, Skin.of(mesh, dict.fromkeys(still, BODY)), Skin.of(mesh, colours), around, rgb)
+        mesh, moving = run.mesh, {name for one in run.surfaces for name in (*one.patches, *one.following)}
+        still = [name for name in mesh.names if name not in moving and name not in run.manner.hidden]
+        colours = {name: SURFACE for one in run.surfaces for name in one.patches}
+        colours |= {name: PANEL for one in run.surfaces for name in one.following}
+        rows = _around(run)
+        parts = zip(mesh.cells, rows, run.touched.orientation, strict=True)
+        quality = np.concatenate([np.empty(0), *(drawn_quality(mesh.points, *part) for part in parts if len(part[1]))])
+        return cls(
+            run,
+            Skin.of(mesh, dict.fromkeys(still, BODY)),
+            Skin.of(mesh, colours),
+            np.unique(np.concatenate([mesh.patch(name).loose for name in moving])),
+            Solids.of(mesh, run.touched.rows),
+            Solids.of(mesh, rows),
+            quality_rgb(quality),
+        )
 
     def standing(self, plane: Plane | None, cut: Plane | None) -> dict[str, Piece]:
         """Return what does not depend on the angle: the body, and the section of the cells that never move."""
-        points = self.live.mesh.points
+        points = self.run.mesh.points
         pieces = {"body": self.body.piece(points, cut, self.side(cut))}
         if plane is not None:
-            section = Section.of(points, self.around, plane)
-            pieces["around"] = polygons(section, self.around_rgb[section.cells])
+            pieces["around"] = self.around.cut(points, plane, self.around_rgb)
         return pieces
 
     def moving(self, frame: Frame, plane: Plane | None, cut: Plane | None) -> dict[str, Piece]:
         """Return what follows the angle: surface, section by quality, inverted cells."""
-        pieces = {"surface": self.surface.piece(frame.points, cut, self.side(cut))}
+        pieces = {
+            "surface": self.surface.piece(frame.points, cut, self.side(cut)),
+            "loose": Piece.dots(frame.points[self.loose]),
+            "marks": Piece.dots(self.cells.middles(frame.points, frame.inverted)),  # a flat cell is hardly seen
+        }
         if plane is not None:
-            section = Section.of(frame.points, self.live.cells, plane)
-            quality = frame.quality[section.cells]
-            rgb = np.where((quality <= 0.0)[:, None], RED, quality_rgb(quality)).astype(np.uint8)
-            pieces["section"] = polygons(section, rgb)
-        inverted = self.live.cells[frame.inverted]
-        middles = frame.points[inverted].mean(axis=1)  # a flat cell is hardly seen, a dot is
-        pieces["marks"] = Piece(middles, (np.arange(len(middles))[:, None],))
-        faces = inverted[:, TET_FACES].reshape(-1, 3)
-        pieces["inverted"] = Piece(frame.points[faces.ravel()], (np.arange(faces.size).reshape(-1, 3),))
+            rgb = quality_rgb(self.run.weights * frame.quality)
+            rgb[frame.inverted] = RED
+            pieces["section"] = self.cells.cut(frame.points, plane, rgb)
+        faces = self.cells.faces(frame.inverted)
+        pieces["inverted"] = Piece(frame.points[faces.nodes], np.arange(len(faces.nodes)), np.diff(faces.offsets))
         return pieces
 
     def side(self, plane: Plane | None) -> float:
         """Return on which side of a plane the walls are cut away: outboard, aft or above."""
-        return outboard(self.live) if plane is not None and plane.axis == 1 else 1.0
+        return outboard(self.run) if plane is not None and plane.axis == 1 else 1.0
+
+    def worst(self, frame: Frame) -> FloatArray:
+        """Return the middle (3,) of the cell of lowest quality."""
+        lowest = int(np.argmin(self.run.weights * frame.quality))
+        return np.asarray(self.cells.middles(frame.points, np.array([lowest]))[0])
 
 
-def polygons(section: Section, rgb: Colours) -> Piece:
-    """Return a section with the colours (A + B, 3) of its polygons."""
-    count = 3 * len(section.triangles)
-    threes, fours = np.arange(count), np.arange(count, len(section.points))
-    return Piece(section.points, (threes.reshape(-1, 3), fours.reshape(-1, 4)), rgb)
-
-
-def boxes(live: Live) -> Piece:
+def boxes(run: InteractiveRun) -> Piece:
     """Return the edges of all hexahedra."""
-    corners = [part.plan.region.hexahedron.corners for part in live.parts]
-    edges = [8 * i + BOX_EDGES for i in range(len(corners))]
-    return Piece(np.vstack(corners), (np.vstack(edges),))
+    corners = [box.plan.region.hexahedron.corners for box in run.boxes]
+    return Piece.alike(np.vstack(corners), np.vstack([8 * i + BOX_EDGES for i in range(len(corners))]))
 
 
-def outline(live: Live) -> Piece:
-    """Return the edges of the CAD faces of the undeflected control surfaces."""
-    mesh = live.mesh
-    own = np.isin(mesh.patch, [mesh.names.index(part.surface) for part in live.parts])
-    triangles, face = mesh.triangles[own], mesh.face[own]
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    distinct, where, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
-    label = np.repeat(face, 3)
-    low, high = np.full(len(distinct), np.iinfo(np.intp).max), np.full(len(distinct), -1)
-    np.minimum.at(low, where.ravel(), label)
-    np.maximum.at(high, where.ravel(), label)
-    nodes, lines = np.unique(distinct[(count == 1) | (low != high)], return_inverse=True)
-    return Piece(mesh.points[nodes], (lines.reshape(-1, 2),))
+def outline(run: InteractiveRun) -> Piece:
+    """Return the borders and the sharp edges of the undeflected surfaces."""
+    mesh, found = run.mesh, []
+    for one in run.surfaces:
+        faces = polygons_of(mesh.faces_of(one.patches))
+        edges, count = np.unique(np.sort(edges_of(faces)[0], axis=1), axis=0, return_counts=True)
+        found += [edges[count == 1], sharp_edges(mesh.points, faces, SHARP)]
+    nodes, lines = np.unique(np.vstack(found), return_inverse=True)
+    return Piece.alike(mesh.points[nodes], lines.reshape(-1, 2))
 
 
-def near(live: Live, points: FloatArray) -> BoolArray:
-    """True for points (n, 3) close enough to a hexahedron to be of interest."""
-    close = np.zeros(len(points), dtype=bool)
-    for part in live.parts:
-        corners = part.plan.region.hexahedron.corners
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        reach = AROUND * (high - low).max()
-        close |= ((points > low - reach) & (points < high + reach)).all(axis=1)
-    return close
-
-
-def bounds(live: Live) -> tuple[FloatArray, FloatArray]:
+def bounds(run: InteractiveRun) -> tuple[FloatArray, FloatArray]:
     """Return the lowest and highest coordinates (3,) of all hexahedra."""
-    corners = np.vstack([part.plan.region.hexahedron.corners for part in live.parts])
+    corners = np.vstack([box.plan.region.hexahedron.corners for box in run.boxes])
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def outboard(live: Live) -> float:
+def outboard(run: InteractiveRun) -> float:
     """Return the sign of y outboard: -1 for a surface on the port side or across the middle, else 1."""
-    low, high = bounds(live)
-    return 1.0 if low[1] + high[1] > 1e-6 else -1.0
+    low, high = bounds(run)
+    return 1.0 if low[1] + high[1] > 1e-6 * (high[1] - low[1]) else -1.0
+
+
+def _around(run: InteractiveRun) -> list[IntArray]:
+    """Return the rows of each block of cells that never move and are close enough to a hexahedron to be of interest."""
+    close = np.zeros(len(run.mesh.points), dtype=bool)
+    for box in run.boxes:
+        corners = box.plan.region.hexahedron.corners
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        reach = AROUND * (high - low).max()
+        close |= ((run.mesh.points > low - reach) & (run.mesh.points < high + reach)).all(axis=1)
+    return [
+        np.setdiff1d(np.flatnonzero(with_node(block, close)), rows, assume_unique=True)
+        for block, rows in zip(run.mesh.cells, run.touched.rows, strict=True)
+    ]
+
+
+def _faces(block: Volume, rows: IntArray) -> list[Faces]:
+    """Return the faces of some cells of a block; a face between two of them once or twice."""
+    if isinstance(block, Cells):
+        corners = block.nodes[rows]
+        return [Cells("quad" if len(face) == 4 else "triangle", corners[:, face]) for face in FACES[block.shape]]
+    mine: BoolArray = np.isin(block.owner, rows)
+    mine[: len(block.neighbour)] |= np.isin(block.neighbour, rows)
+    return [taken(block.faces, np.flatnonzero(mine))]
+
+
+def _sums(values: FloatArray, faces: Polygons) -> FloatArray:
+    """Add up values (K, 3) of the corners of each face."""
+    return np.add.reduceat(values, faces.offsets[:-1], axis=0) if len(faces) else np.empty((0, 3))

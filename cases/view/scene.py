@@ -34,6 +34,7 @@ LOOKS = {
     "surface": Look(edge=(0.12, 0.33, 0.47), ambient=0.45),
     "around": Look(edge=GREY, ambient=1.0),
     "section": Look(edge=DARK, ambient=1.0),
+    "loose": Look((0.34, 0.71, 0.91), width=4.0, ambient=1.0),
     "inverted": Look((0.84, 0.0, 0.0), (0.45, 0.0, 0.0), ambient=1.0),
     "marks": Look((0.84, 0.0, 0.0), width=9.0, ambient=1.0),
     "box": Look((0.8, 0.0, 0.8), width=2.0, ambient=1.0),
@@ -73,7 +74,7 @@ class Scene:
             self.actors[name].SetVisibility(False)
 
     def look(self, focus: FloatArray, towards: FloatArray, height: float) -> None:
-        """Put the eye so that `height` metres around the focus (3,) fill the picture, seen from a direction (3,)."""
+        """Put the eye so that a `height` around the focus (3,) fills the picture, seen from a direction (3,)."""
         camera = self.renderer.GetActiveCamera()
         away = towards / np.linalg.norm(towards)
         distance = 0.5 * height / np.tan(np.radians(0.5 * camera.GetViewAngle()))
@@ -111,8 +112,7 @@ def _fill(data: Any, piece: Piece) -> None:
     points = vtkPoints()
     points.SetData(numpy_to_vtk(piece.points.astype(np.float32), deep=True))
     data.SetPoints(points)
-    width = max(one.shape[1] for one in piece.cells)
-    {1: data.SetVerts, 2: data.SetLines}.get(width, data.SetPolys)(_cells(piece))
+    {1: data.SetVerts, 2: data.SetLines}.get(int(piece.sizes[0]), data.SetPolys)(_cells(piece))
     if piece.rgb is not None:
         colours = numpy_to_vtk(np.ascontiguousarray(piece.rgb), deep=True, array_type=VTK_UNSIGNED_CHAR)
         colours.SetName("rgb")
@@ -121,9 +121,8 @@ def _fill(data: Any, piece: Piece) -> None:
 
 
 def _cells(piece: Piece) -> Any:
-    sizes = np.concatenate([np.full(len(one), one.shape[1]) for one in piece.cells])
-    offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    nodes = np.concatenate([one.ravel() for one in piece.cells]).astype(np.int64)
+    offsets = np.concatenate([[0], np.cumsum(piece.sizes)]).astype(np.int64)
     cells = vtkCellArray()
+    nodes = piece.nodes.astype(np.int64)
     cells.SetData(numpy_to_vtk(offsets, True, VTK_ID_TYPE), numpy_to_vtk(nodes, True, VTK_ID_TYPE))
     return cells

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import ceil, nan
+from math import nan
 from time import perf_counter
 
 import numpy as np
@@ -14,7 +14,7 @@ from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.boundary import Amounts, Boundary
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.deform.volume.region import Region, check_moving
+from sdm_deflect.deform.volume.region import Region
 from sdm_deflect.deform.volume.sites import Sites
 from sdm_deflect.deform.volume.step import Step, StepState, rate, solve
 
@@ -149,26 +149,6 @@ def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Defl
         best = min(best, _stepped(plan, angle, count, progress, None), key=lambda one: one.inverted)
         count *= 2
     return best
-
-
-def turned(known: Deflection, angle: float) -> Deflection:
-    """Bring the mesh to another angle on the centres of a deflection: none is added, and no further step is taken.
-
-    Each step of a deflection in n steps serves the angles of its n-th of the angle; the last one also serves all
-    beyond, the first one those of the other sign.
-
-    Raises InputError if the surface cannot move so far within its box.
-    """
-    begin, plan, count = perf_counter(), known.plan, len(known.steps)
-    amounts, share = plan.job.amounts_at(angle), angle / known.angle if known.angle else 0.0
-    check_moving(plan.boundary, plan.region.hexahedron, [amounts])
-    k = min(max(ceil(share * count - 1e-9), 1), count)
-    reached = plan.boundary.displacement(tuple(amount * (k - 1) / count for amount in known.amounts))
-    target, step = plan.boundary.displacement(amounts), known.steps[k - 1]
-    found = solve(step.state, target - reached, silent, step, frozen=True)
-    found.points[plan.sites.moving] = plan.mesh.points[plan.sites.moving] + target
-    inverted = plan.touched.inverted_at(found.points)
-    return Deflection(plan, angle, (found,), found.points, inverted, perf_counter() - begin)
 
 
 def sweep(plan: Plan, angles: Sequence[float], progress: Progress = silent) -> Iterator[tuple[int, Deflection]]:

@@ -149,6 +149,18 @@ class StepState:
             out[np.searchsorted(self.free, nodes), section.component] = 0.0
         return out
 
+    def slid(self, move: FloatArray, interpolated: FloatArray) -> FloatArray:
+        """Return the displacement (L, 3) of the sliding nodes, given the interpolant's: on their shapes."""
+        return _on_shapes(self, _carried(self, interpolated, move))
+
+    def moved(self, move: FloatArray, slid: FloatArray, interpolated: FloatArray) -> FloatArray:
+        """Return where all nodes (N, 3) come to be, given the interpolant's displacement (Q, 3) of the free ones."""
+        points, boundary = self.points.copy(), self.boundary_values(move, slid)
+        if boundary.any():
+            points[self.free] += self.free_displacement(boundary, self.turning.rotations(boundary), interpolated)
+            points[self.sites.known] += boundary
+        return points
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
@@ -181,31 +193,22 @@ class Step:
         return max(fits.error for fits in (self.first, self.fits) if fits)
 
 
-def solve(
-    state: StepState, move: FloatArray, progress: Progress, earlier: Step | None = None, frozen: bool = False
-) -> Step:
-    """Carry out one step: moving nodes (K, 3) go by `move`, on the centres of an earlier step if there is one.
-
-    With `frozen` no centre is added to those; the step's error says how good they are.
-    """
+def solve(state: StepState, move: FloatArray, progress: Progress, earlier: Step | None = None) -> Step:
+    """Carry out one step: moving nodes (K, 3) go by `move`, on the centres of an earlier step if there is one."""
     first, slid, sliding = None, np.empty((0, 3)), bool(len(state.sites.slid))
     if sliding:
-        first = _fit(state, False, state.values(move), progress, earlier.first if earlier else None, frozen)
-        nodes = state.points[state.sites.slid]
-        slid = _on_shapes(state, _carried(state, first.interpolant(nodes), move))
+        first = _fit(state, False, state.values(move), progress, earlier.first if earlier else None)
+        slid = state.slid(move, first.interpolant(state.points[state.sites.slid]))
     values = state.values(move, slid if sliding else None)
-    fits = _fit(state, sliding, values, progress, earlier.fits if earlier else None, frozen)
+    fits = _fit(state, sliding, values, progress, earlier.fits if earlier else None)
     known, boundary = state.sites.known, state.boundary_values(move, slid)
-    interpolant, points = fits.interpolant, state.points.copy()
-    off = np.linalg.norm(boundary - interpolant(points[known]), axis=1)
-    interpolant(points[:1])  # loads compiled code: not part of the evaluation's time
+    interpolant = fits.interpolant
+    off = np.linalg.norm(boundary - interpolant(state.points[known]), axis=1)
+    interpolant(state.points[:1])  # loads compiled code: not part of the evaluation's time
     start = perf_counter()
-    displacement = interpolant(points[state.free])
+    displacement = interpolant(state.points[state.free])
     seconds = perf_counter() - start
-    if boundary.any():
-        points[state.free] += state.free_displacement(boundary, state.turning.rotations(boundary), displacement)
-        points[known] += boundary
-    return Step(state, move, first, fits, slid, float(off.max()), points, seconds)
+    return Step(state, move, first, fits, slid, float(off.max()), state.moved(move, slid, displacement), seconds)
 
 
 def rate(step: Step, speed: FloatArray) -> FloatArray:
@@ -235,9 +238,7 @@ def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> I
     return np.concatenate([farthest(own, count[0]), surface + farthest(others, count[1])])
 
 
-def _fit(
-    state: StepState, sliding: bool, values: FloatArray, progress: Progress, earlier: Fits | None, frozen: bool
-) -> Fits:
+def _fit(state: StepState, sliding: bool, values: FloatArray, progress: Progress, earlier: Fits | None) -> Fits:
     """Adapt centres to displacements `values` (S, 3) of the known points.
 
     With an earlier fit its centres and factors come first: every site is checked, and centres are added where one is
@@ -246,15 +247,15 @@ def _fit(
     fitting, tolerance = state.fitting, state.sites.tolerance
     found: list[Adaptation] = []
     kept: list[CholeskyBasis] = []
+    options = GreedyOptions(
+        n_add=fitting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=fitting.max_centers
+    )
     for i, group in enumerate(state.groups(values, sliding)):
         if earlier:
             initial = earlier.factors[i].chosen
         else:
             counts = fitting.initial_surface, fitting.initial_hexahedron
             initial = initial_centers(group, len(state.sites.distinct), counts)
-
-        most = len(initial) if frozen else fitting.max_centers
-        options = GreedyOptions(n_add=fitting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=most)
 
         def start(problem: Problem, rows: IntArray, i: int = i) -> Basis:
             basis = with_values(earlier.factors[i], problem.values) if earlier else CholeskyBasis.of(problem, rows)

@@ -1,11 +1,19 @@
 """Finished runs without their validation and report: all that the view reads."""
 
-import pytest
+import json
 
+import pytest
+import tomli_w
+
+from sdm_deflect.cases.api import deflect, read
+from sdm_deflect.cases.mesh_files import SETTINGS, write_mesh
+from sdm_deflect.cases.output import write_interpolants
+from sdm_deflect.cases.report.folder import settings_of, write_deflected
 from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.sdm.report import interactive_run
 from sdm_deflect.cases.sdm.run_folder import write_deformation
-from sdm_deflect.cases.view.live import Live
+from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.progress import silent
 from sdm_deflect.deform.volume.deflection import _stepped, combined
 
@@ -27,10 +35,30 @@ def bare_run(tmp_path_factory, make_mesh):
 
 def in_two_steps(case, plans):
     """Deflect in two steps, which a run does only where one inverts cells."""
-    return tuple(
-        _stepped(plan, turn.factor * case.angle, 2, silent, None)
-        for plan, turn in zip(plans, case.deflections, strict=True)
-    )
+    return tuple(_stepped(plan, case.angle, 2, silent, None) for plan in plans)
+
+
+@pytest.fixture(scope="session")
+def bare_deflection(tmp_path_factory):
+    """Write a mesh to a file, deflect that, and write what the view reads of the folder beside; return the folder."""
+
+    def run(mesh, name, *surface, **options):
+        home = tmp_path_factory.mktemp("mesh")
+        write_mesh(None, mesh, mesh.points, home / name)
+        return written(home / "report", deflect(read(home / name), *surface, **options).deflection)
+
+    return run
+
+
+def written(folder, one):
+    """Write the settings, points and centres of a deflection; return the folder."""
+    folder.mkdir()
+    (folder / SETTINGS).write_text(tomli_w.dumps(settings_of(one, None, folder)), encoding="utf-8")
+    figures = {"mesh": {"points": len(one.points)}}
+    (folder / "metrics.json").write_text(json.dumps(figures), encoding="utf-8")
+    write_deflected(folder / "deflected.vtu", one)
+    write_interpolants(folder / "interpolant.npz", [one])
+    return folder
 
 
 @pytest.fixture(scope="session")
@@ -45,9 +73,21 @@ def stepped_folder(bare_run):
 
 @pytest.fixture(scope="session")
 def aileron(aileron_folder):
-    return Live.of(aileron_folder)
+    return interactive_run(aileron_folder)
 
 
 @pytest.fixture(scope="session")
 def tail(bare_run):
-    return Live.of(bare_run(case_named("tail")))
+    return interactive_run(bare_run(case_named("tail")))
+
+
+@pytest.fixture(scope="session")
+def wing_folder(bare_deflection, hybrid_wing, flap_names):
+    """A flap in a mesh of hexahedra, prisms, pyramids and tetrahedra."""
+    options = {"motion": "blended", "fixed": "wing_*", "slide": {"symmetry": "plane"}}
+    return bare_deflection(hybrid_wing.mesh, "wing.su2", flap_names, hybrid_wing.hinge, 10.0, **options)
+
+
+@pytest.fixture(scope="session")
+def hybrid(wing_folder):
+    return InteractiveRun.of(wing_folder)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from http.client import HTTPConnection
 from io import BytesIO
 
 import numpy as np
@@ -23,9 +24,12 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium to show the page: apt-get install chromium"),
 ]
 FLAGS = [
-    "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
     "--disable-dev-shm-usage",
-]  # fmt: skip
+]
 GENEROUS = 60_000.0  # ms; a loaded machine without a graphics card
 MARKUP = "<b id='injected'>left</b> {{ 6 * 7 }} aileron"
 
@@ -47,11 +51,15 @@ def without_opengl(tmp_path_factory):
 @pytest.fixture(scope="module")
 def server(folder, without_opengl):
     """A page served by a process that has no OpenGL library; return the process and the address."""
-    command = [sys.executable, "-m", "cases", "view", str(folder), "--no-open"]
+    command = [sys.executable, "-m", "sdm_deflect", "view", str(folder), "--no-open", "--quiet"]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_opengl,
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=without_opengl,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    ) as process:  # fmt: skip
+    ) as process:
         line = process.stdout.readline()
         address = re.match(r"http://127\.0\.0\.1:\d+/", line)
         assert address, line + process.stderr.read()
@@ -113,7 +121,7 @@ def settled(page):
 
 def trailing_edge(page):
     """Reported coordinates (3,) of the middle of the trailing edge, millimetres."""
-    return np.array([float(c) for c in re.findall(r"-?\d+\.\d+", page.locator("#trailing-aileron_left").inner_text())])
+    return np.array([float(c) for c in re.findall(r"-?\d+\.\d+", page.locator("#place-aileron_left").inner_text())])
 
 
 def typed(page, text):
@@ -152,7 +160,7 @@ def test_the_slider_moves_the_trailing_edge(page):
 def test_the_reported_coordinates_are_those_of_the_rotation(page, aileron):
     for angle in (-12.0, 8.0):
         to(page, f"{angle:g}", "Verified")
-        expected = 1e3 * aileron.at(angle).points[aileron.parts[0].trailing]
+        expected = 1e3 * aileron.at(angle).points[aileron.surfaces[0].node]
         assert np.abs(trailing_edge(page) - expected).max() < 0.006
 
 
@@ -164,17 +172,17 @@ def test_many_inputs_in_a_row_end_at_the_last(page, aileron):
         page.keyboard.press("ArrowRight")
     wait_until(lambda: page.locator("#shown").inner_text() == "+4°", "an earlier angle is shown")
     assert page.locator("#angle-text").input_value() == "4"
-    expected = 1e3 * aileron.at(4.0).points[aileron.parts[0].trailing]
+    expected = 1e3 * aileron.at(4.0).points[aileron.surfaces[0].node]
     assert np.abs(trailing_edge(page) - expected).max() < 0.006
 
 
 def test_an_angle_out_of_range_is_refused_with_a_message(page):
     to(page, "5", "Verified")
     place = trailing_edge(page)
-    typed(page, "75")
+    typed(page, "95")
     refusal = page.locator("#refusal")
     refusal.wait_for()
-    assert "75° is outside -60° to 60°" in refusal.inner_text()
+    assert "95° is outside -90° to 90°" in refusal.inner_text()
     assert np.array_equal(trailing_edge(page), place)
     typed(page, "steep")
     wait_until(lambda: "not a number" in refusal.inner_text(), "text is taken for an angle")
@@ -236,9 +244,31 @@ def test_nothing_is_asked_of_another_machine(page, server):
 
 
 def test_other_sites_are_kept_out(page, server):
-    for headers in ({"Origin": "http://example.org"}, {"Host": "example.org"}):
-        answer = page.request.get(server[1] + "index.html", headers=headers)
-        assert answer.status == 403
+    port = int(server[1].rstrip("/").rpartition(":")[2])
+    origins = ("http://example.org", "http://localhost:1", f"https://127.0.0.1:{port}", "null", "[")
+    for headers in ({"Host": "example.org"}, {"Host": "["}, *({"Origin": origin} for origin in origins)):
+        assert status_of(port, "/index.html", headers) == 403
+    assert status_of(port, "/index.html", {"Origin": f"http://127.0.0.1:{port}"}) == 200
+    assert status_of(port, "/ws", {}) == 400
+
+
+def status_of(port, path, headers):
+    connection = HTTPConnection("127.0.0.1", port, timeout=10)
+    connection.request("GET", path, headers=headers)
+    try:
+        return connection.getresponse().status
+    finally:
+        connection.close()
+
+
+def test_a_narrow_page_shows_the_scene_above_the_panel(page):
+    page.set_viewport_size({"width": 390, "height": 800})
+    try:
+        stage, panel = (page.locator(name).bounding_box() for name in ("#stage", "#panel"))
+        assert stage["width"] == panel["width"] == 390
+        assert stage["y"] + stage["height"] == pytest.approx(panel["y"])
+    finally:
+        page.set_viewport_size({"width": 1280, "height": 800})
 
 
 def test_an_interrupt_ends_it_cleanly(page, server):  # last: it takes the page's server away

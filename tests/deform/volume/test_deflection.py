@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting
 from sdm_deflect.deform.mesh import Cells, Mesh
 from sdm_deflect.deform.progress import silent
 from sdm_deflect.deform.volume import deflection
-from sdm_deflect.deform.volume.deflection import Plan, combined, deflect, sweep, turned
+from sdm_deflect.deform.volume.deflection import Plan, combined, deflect, sweep
 from sdm_deflect.deform.volume.step import rate, solve
 from tests.deform.blocks import two_bodies
 from tests.deform.jobs import FLAP, blended, job, turn
@@ -121,57 +120,6 @@ def test_centres_are_added_where_a_site_exceeds_the_tolerance(inboard_wing):
     for before, after in zip(old.adaptations, new.adaptations, strict=True):
         assert np.array_equal(after.chosen[: len(before.chosen)], before.chosen)
     assert new.error <= plan.sites.tolerance
-
-
-@pytest.mark.parametrize("angle", [10.0, 4.0, -7.0])
-def test_turning_on_frozen_centres_is_deflecting_on_the_same_centres(angle, swept):
-    """Where no centre has to be added, the two are one: to the last bit."""
-    known = swept[10.0]
-    frozen, free = turned(known, angle), deflect(known.plan, angle, earlier=known)
-    chosen = [[fit.chosen for fit in one.steps[0].fits.adaptations] for one in (frozen, free, known)]
-    for ours, theirs, first in zip(*chosen, strict=True):
-        assert np.array_equal(ours, first)
-        assert np.array_equal(theirs, first)
-    assert np.array_equal(frozen.points, free.points)
-    assert frozen.angle == angle
-    assert frozen.inverted == free.inverted == 0
-
-
-def test_frozen_centres_stay_where_a_deflection_would_add_some(inboard_wing):
-    plan = flapped(inboard_wing, 2.0, (2.0, 12.0), box=BOX)
-    known = deflect(plan, 2.0)
-    frozen, free = turned(known, 12.0), deflect(plan, 12.0, earlier=known)
-    assert frozen.steps[0].error > plan.sites.tolerance >= free.steps[0].error
-    for ours, first in zip(frozen.steps[0].fits.adaptations, known.steps[0].fits.adaptations, strict=True):
-        assert np.array_equal(ours.chosen, first.chosen)
-    assert np.array_equal(frozen.points[plan.sites.moving], free.points[plan.sites.moving])
-
-
-def test_turning_back_to_zero_moves_nothing(swept):
-    known = swept[10.0]
-    assert np.array_equal(turned(known, 0.0).points, known.plan.mesh.points)
-
-
-def test_turning_a_deflection_of_two_steps(inboard_wing):
-    """Each step serves its half of the angle; the surface is where it was asked to be in any case."""
-    plan = flapped(inboard_wing, 8.0, (-8.0, 10.0))
-    known = deflection._stepped(plan, 8.0, 2, silent, None)
-    np.testing.assert_allclose(turned(known, 8.0).points, known.points, atol=1e-13)
-    moving = plan.sites.moving
-    for angle, step in ((10.0, 1), (5.0, 1), (4.0, 0), (1.0, 0), (-6.0, 0)):
-        found = turned(known, angle)
-        assert found.steps[0].state is known.steps[step].state
-        expected = plan.mesh.points[moving] + plan.boundary.displacement((angle,))
-        assert np.array_equal(found.points[moving], expected)
-        outside = np.setdiff1d(np.arange(len(found.points)), plan.changed)
-        assert np.array_equal(found.points[outside], plan.mesh.points[outside])
-
-
-def test_a_turn_beyond_the_box_is_refused(inboard_wing):
-    flat = [[0.2, -0.2, -0.12], [1.6, 0.95, 0.12]]
-    known = deflect(flapped(inboard_wing, 10.0, box=flat), 10.0)
-    with pytest.raises(InputError, match=r"moving nodes of flap_.* leave the box at 40; enlarge it"):
-        turned(known, 40.0)
 
 
 @pytest.fixture

@@ -6,12 +6,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.view.control import Control, Wish
-from sdm_deflect.cases.view.histogram import BINS, histogram
-from sdm_deflect.cases.view.pieces import RED, Pieces
-from sdm_deflect.cases.view.section import Plane
-from sdm_deflect.cases.view.span import Span, Spans
-from sdm_deflect.cases.view.words import facts, parsed, verdict
+from sdm_deflect.cases.view.labels import BINS, facts, histogram, parsed, verdict
+from sdm_deflect.cases.view.page import Control, Wish
+from sdm_deflect.cases.view.pieces import RED, Pieces, Plane
+from sdm_deflect.cases.view.run import Span, Spans
 from sdm_deflect.deform.errors import InputError
 
 pytestmark = pytest.mark.mesher
@@ -40,36 +38,41 @@ def test_other_angles_are_refused_with_a_sentence(text, message):
 
 def test_the_verdict_follows_the_frame(aileron):
     good, far = aileron.at(-12.0), aileron.at(50.0)
-    assert verdict(good)[0] == "success"
-    assert verdict(far)[0] == "warning"
-    assert "above the run's tolerance of 80 µm" in verdict(far)[1]
-    broken = replace(good, quality=np.where(np.arange(len(good.quality)) < 2, 0.0, good.quality))
-    assert verdict(broken) == ("error", verdict(broken)[1])
-    assert "2 inverted cells" in verdict(broken)[1]
-    assert {row["id"]: row["value"] for row in facts(broken, aileron)}["inverted"] == "2"
+    assert verdict(good, aileron)[0] == "success"
+    assert verdict(far, aileron)[0] == "warning"
+    assert "above the run's tolerance of 80 µm" in verdict(far, aileron)[1]
+    broken = replace(good, inverted=np.arange(2))
+    kind, sentence = verdict(broken, aileron)
+    assert kind == "error"
+    assert "2 inverted cells" in sentence
+    assert {row["id"]: row["value"] for row in facts(broken, aileron, Pieces.of(aileron))}["inverted"] == "2"
 
 
 def test_the_histogram_has_a_bar_for_each_bin_and_is_well_formed(aileron):
-    drawn = ElementTree.fromstring(histogram(aileron.at(-12.0).quality, aileron.at(0.0).quality))
+    drawn = ElementTree.fromstring(histogram(aileron.at(-12.0).quality, aileron.at(0.0).quality, "mean ratio"))
     assert len(drawn.findall("rect")) == len(BINS) - 1
     assert "smallest" in drawn.attrib["aria-label"]
 
 
 def test_inverted_cells_are_red_in_the_section_and_shown_whole(aileron):
     pieces, frame = Pieces.of(aileron), aileron.at(-12.0)
-    middle = frame.points[aileron.cells[5]].mean(axis=0)
-    broken = replace(frame, quality=np.where(np.arange(len(frame.quality)) == 5, 0.0, frame.quality))
+    cell = aileron.mesh.cells[0].nodes[aileron.touched.rows[0][5]]
+    middle = frame.points[cell].mean(axis=0)
+    broken = replace(frame, inverted=np.array([5]))
     shown = pieces.moving(broken, Plane(1, middle[1]), None)
     assert np.count_nonzero((shown["section"].rgb == RED).all(axis=1)) == 1
     assert len(shown["inverted"].points) == 12
+    assert np.allclose(shown["marks"].points, middle)
+    worst = replace(frame, quality=np.where(np.arange(len(frame.quality)) == 5, 0.0, 1.0))
+    assert np.allclose(pieces.worst(worst), middle)
     assert pieces.moving(frame, None, None)["inverted"].empty
 
 
 def test_walls_beyond_the_section_are_cut_away(aileron):
     pieces, plane = Pieces.of(aileron), Plane(1, -0.2)
     piece = pieces.standing(plane, plane)["body"]
-    middles = piece.points[piece.cells[0]].mean(axis=1)
-    assert 0 < len(middles) < len(pieces.body.triangles)
+    middles = piece.points[piece.nodes.reshape(-1, 3)].mean(axis=1)
+    assert 0 < len(middles) < len(pieces.body.faces)
     assert np.all(middles[:, 1] >= -0.2)
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.cli import main
-from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.view.live import Live
+from sdm_deflect.cases.sdm.report import interactive_run
 from sdm_deflect.cases.view.serve import check_free
+from sdm_deflect.deform.errors import InputError
 
 pytestmark = pytest.mark.mesher
 
@@ -48,7 +48,7 @@ def not_finite(path):
     [
         ("case.toml", lambda path: path.unlink(), "is not the output folder of a run"),
         ("case.toml", lambda path: path.write_text("name = ["), "case.toml"),
-        ("undeflected.vtu", lambda path: path.unlink(), "does not exist"),
+        ("undeflected.vtu", lambda path: path.unlink(), "undeflected.vtu: No such file"),
         ("undeflected.vtu", cut, "undeflected.vtu"),
         ("deflected.vtu", cut, "deflected.vtu"),
         ("interpolant.npz", lambda path: path.unlink(), "does not exist"),
@@ -64,16 +64,42 @@ def test_a_folder_that_is_no_whole_run_is_one_line_and_code_2(view, copy, name, 
     assert err.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "spoil", "message"),
+    [
+        ("settings.toml", lambda path: path.unlink(), "is not the output folder of a run"),
+        ("settings.toml", lambda path: path.write_text("mesh = ["), "is not the whole folder"),
+        ("settings.toml", lambda path: path.write_text("tolerance = 1.0"), "names no mesh"),
+        ("metrics.json", lambda path: path.unlink(), "is not the whole folder"),
+        ("metrics.json", lambda path: path.write_text('{"mesh": {"points": 7}}'), "but 7 when it was deflected"),
+        ("../wing.su2", lambda path: path.unlink(), "wing.su2"),
+        ("deflected.vtu", cut, "deflected.vtu"),
+        ("interpolant.npz", cut, "is damaged"),
+        ("interpolant.npz", not_finite, "does not belong"),
+    ],
+)
+def test_a_folder_beside_a_mesh_that_is_not_whole_is_refused_as_well(view, wing_folder, tmp_path, name, spoil, message):
+    home = shutil.copytree(wing_folder.parent, tmp_path / "home")
+    spoil(home / wing_folder.name / name)
+    code, out, err = view(str(home / wing_folder.name))
+    assert (code, out) == (2, "")
+    assert message in err
+    assert err.count("\n") == 1
+
+
 def test_files_of_different_runs_are_refused(copy, stepped_folder):
     shutil.copy(copy / "undeflected.vtu", copy / "deflected.vtu")
     with pytest.raises(InputError, match=r"deflected\.vtu does not belong"):
-        Live.of(copy)
+        interactive_run(copy)
     with np.load(copy / "interpolant.npz") as stored:
-        arrays = {name: stored[name] + (0.001 if name.startswith("centers") else 0.0)
-                  for name in stored.files if name != "kernel"}  # fmt: skip
+        arrays = {
+            name: stored[name] + (0.001 if name.startswith("centers") else 0.0)
+            for name in stored.files
+            if name != "kernel"
+        }
     np.savez(copy / "interpolant.npz", **arrays)
     with pytest.raises(InputError, match=r"interpolant\.npz does not belong"):
-        Live.of(copy)
+        interactive_run(copy)
 
 
 def test_a_port_in_use_is_one_line_and_code_2(view, aileron_folder):

@@ -1,0 +1,343 @@
+"""A finished run that turns to any angle: the same centres, a factor used again, no adaptation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from sdm_deflect.cases.report.data import FLAT, MESH_UNITS, Length, drawn_measure, in_view, name_of
+from sdm_deflect.cases.report.folder import read_folder
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.fitting import LARGEST_ANGLE
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra
+from sdm_deflect.deform.quality import judged
+from sdm_deflect.deform.surface.surface import TrailingEdge
+from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
+from sdm_deflect.deform.volume.step import DIRECTIONS
+
+SAME_MESH = 0.01
+"""Of the tolerance: the mesh at the run's angle is no farther from that of the run."""
+BEYOND = 3.0
+"""A table of displacements is shown up to so many times the run's share of it."""
+STEP = 0.5
+"""The ends of what is possible are found to this many degrees; for a table, to as large a part of its range."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """The mesh at one angle.
+
+    Attributes
+    ----------
+    angle : of the run, degrees or the share of a table.
+    points : (N, 3) coordinates of all nodes; those outside the boxes have the bits of the run's mesh.
+    quality : (L,) quality of the cells that touch a box, block by block, each by the measure of its type.
+    inverted : rows of `quality` of the inverted cells.
+    residual : largest error of the interpolants at any data site, in any direction, a length.
+    tolerance : what the run allowed for it.
+    before : number of these cells that are inverted in the undeflected mesh.
+    """
+
+    angle: float
+    points: FloatArray = field(repr=False)
+    quality: FloatArray = field(repr=False)
+    inverted: IntArray = field(repr=False)
+    residual: float
+    tolerance: float
+    before: int = 0
+
+    @property
+    def verified(self) -> bool:
+        """True if the residual is below the tolerance and no further cell is inverted."""
+        return self.residual < self.tolerance and len(self.inverted) <= self.before
+
+
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """How a run is shown.
+
+    Attributes
+    ----------
+    title : what it is.
+    positive : where a positive angle goes.
+    length : unit of the mesh.
+    hidden : patches that are not drawn.
+    leading : of each surface so many patches are the surface itself, the others only follow; None: all.
+    """
+
+    title: str
+    positive: str
+    length: Length
+    hidden: tuple[str, ...]
+    leading: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moving:
+    """A moving surface.
+
+    Attributes
+    ----------
+    name, patches : its name and its patches.
+    following : patches that follow it.
+    factor : its amount over the run's angle.
+    node : the node that moves farthest.
+    place : what that node is.
+    """
+
+    name: str
+    patches: tuple[str, ...]
+    following: tuple[str, ...]
+    factor: float
+    node: int
+    place: str
+
+    @classmethod
+    def of(cls, plan: Plan, row: int, angle: float, leading: int | None) -> "Moving":
+        """Return a surface of a plan."""
+        surface, moving = plan.boundary.surfaces[row], plan.job.surfaces[row]
+        patches, following = surface.patches[:leading], surface.patches[leading or len(surface.patches) :]
+        moves = plan.boundary.displacement(plan.job.amounts)[np.searchsorted(plan.boundary.nodes, surface.nodes)]
+        farthest = int(np.argmax(np.where(surface.on(patches), np.linalg.norm(moves, axis=1), -1.0)))
+        axis, node = moving.motion.axis, int(surface.nodes[farthest])
+        place = "trailing edge" if axis and TrailingEdge().of(surface, axis)[farthest] else "farthest node"
+        return cls(name_of(patches), patches, following, moving.amount / angle if angle else 1.0, node, place)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InteractiveRun:
+    """A run, its surfaces ready to turn together.
+
+    Attributes
+    ----------
+    manner : how it is shown.
+    angle : of the run; each surface turns by its factor times that.
+    boxes : the deflection of each confining hexahedron.
+    factors : the angle of each box over that of the run.
+    changed : nodes of each box that may move.
+    surfaces : the moving surfaces of all boxes.
+    touched : the cells that touch a box.
+    weights : (L,) by what their quality is multiplied before it is drawn.
+    """
+
+    manner: Manner
+    angle: float
+    boxes: tuple[PreparedDeflection, ...] = field(repr=False)
+    factors: tuple[float, ...]
+    changed: tuple[IntArray, ...] = field(repr=False)
+    surfaces: tuple[Moving, ...] = field(repr=False)
+    touched: TouchedCells = field(repr=False)
+    weights: FloatArray = field(repr=False)
+
+    @classmethod
+    def of(cls, folder: Path) -> "InteractiveRun":
+        """Read the folder of a deflected mesh, and factorise.
+
+        Raises
+        ------
+        InputError
+            If it is not such a folder, or its files do not belong together.
+        """
+        plan, points = read_folder(folder)
+        mesh, degrees = plan.mesh, plan.job.surfaces[0].motion.unit == "deg"
+        drawn = in_view(mesh, (*plan.patches, *plan.boundary.fixed))
+        hidden = tuple(name for name in mesh.names if name not in drawn)
+        positive = "right-handed about the hinge" if degrees else "as in the table"
+        return cls.prepared(folder, [plan], points, plan.angle, Manner(mesh.name, positive, MESH_UNITS, hidden))
+
+    @classmethod
+    def prepared(
+        cls, folder: Path, plans: Sequence[Plan], points: FloatArray, angle: float, manner: Manner
+    ) -> "InteractiveRun":
+        """Prepare the plans of a run for other angles, with the centres of its folder.
+
+        Parameters
+        ----------
+        points
+            (N, 3) where the run has brought the mesh.
+        angle
+            Of the run.
+
+        Raises
+        ------
+        InputError
+            If the centres or the points do not belong to the plans.
+        """
+        mesh, stored = plans[0].mesh, _arrays(folder / "interpolant.npz")
+        foreign = "does not belong to the mesh and the settings of the run; run it again"
+        boxes = []
+        for i, plan in enumerate(plans):
+            try:
+                found = centers_of(stored, f"_{plan.surface}" if i else "")
+                boxes.append(PreparedDeflection.of(plan, plan.angle, found))
+            except InputError:
+                raise InputError(f"{folder}: interpolant.npz {foreign}") from None
+        rows = [np.unique(np.concatenate(some)) for some in zip(*(plan.touched.rows for plan in plans), strict=True)]
+        flat = [FLAT if isinstance(block, Polyhedra) else 1.0 for block in mesh.cells]
+        run = cls(
+            manner=manner,
+            angle=angle,
+            boxes=tuple(boxes),
+            factors=tuple(plan.angle / angle if angle else 1.0 for plan in plans),
+            changed=tuple(plan.changed for plan in plans),
+            surfaces=tuple(
+                Moving.of(plan, row, angle, manner.leading) for plan in plans for row in range(len(plan.job.surfaces))
+            ),
+            touched=replace(plans[0].touched, rows=tuple(rows)),
+            weights=np.repeat(flat, [len(own) for own in rows]),
+        )
+        frame = run.at(angle)
+        if np.abs(frame.points - points).max() > SAME_MESH * frame.tolerance:
+            raise InputError(f"{folder}: deflected.vtu {foreign}")
+        return run
+
+    @property
+    def mesh(self) -> Mesh:
+        """The undeflected mesh."""
+        return self.boxes[0].plan.mesh
+
+    @property
+    def unit(self) -> str:
+        """What follows an angle."""
+        unit = self.boxes[0].plan.job.surfaces[0].motion.unit
+        return "\N{DEGREE SIGN}" if unit == "deg" else f" {unit}"
+
+    @property
+    def largest(self) -> float:
+        """Angle that no surface can exceed."""
+        if self.boxes[0].plan.job.surfaces[0].motion.unit != "deg":
+            return BEYOND * (abs(self.angle) or 1.0)
+        return LARGEST_ANGLE / max(abs(one.factor) for one in self.surfaces)
+
+    @property
+    def step(self) -> float:
+        """Change of the angle that counts: `STEP` degrees, or as large a part of a table's range."""
+        return STEP * (1.0 if self.unit == "\N{DEGREE SIGN}" else self.largest / LARGEST_ANGLE)
+
+    def at(self, angle: float) -> Frame:
+        """Turn every surface to its share of the angle.
+
+        Raises
+        ------
+        InputError
+            If the angle is not a number or beyond what any surface can turn, or a surface cannot move so far within
+            its box.
+        """
+        if not abs(angle) <= self.largest:
+            raise InputError(f"{angle:g} is outside {-self.largest:g} ... {self.largest:g}{self.unit}")
+        points, residual = self.mesh.points.copy(), 0.0
+        for box, factor, changed in zip(self.boxes, self.factors, self.changed, strict=True):
+            moved = box.at(factor * angle)
+            points[changed] = moved.points[changed]
+            residual = max(residual, moved.error)
+        tolerance = min(box.plan.sites.tolerance for box in self.boxes)
+        before = self.touched.inverted_at(self.mesh.points) if any(self.touched.inverted) else 0
+        return Frame(angle, points, *self._judged(points), residual, tolerance, before)
+
+    def check(self, angle: float) -> None:
+        """Raise InputError if a surface cannot move to its share of the angle within its box."""
+        for box, factor in zip(self.boxes, self.factors, strict=True):
+            box.check(factor * angle)
+
+    def centers(self, frame: Frame) -> FloatArray:
+        """Return the centres (C, 3) of all directions, those on the surfaces where these are now."""
+        pairs = zip(self.boxes, self.factors, strict=True)
+        return np.vstack([box.centers(factor * frame.angle, frame.points) for box, factor in pairs])
+
+    @property
+    def measure(self) -> str:
+        """What the colours of cells mean."""
+        return drawn_measure(self.mesh)
+
+    def _judged(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return the quality (L,) of the cells touched, and the rows of the inverted ones."""
+        parts = zip(self.mesh.cells, self.touched.rows, self.touched.orientation, strict=True)
+        found = [judged(points, *part) for part in parts if len(part[1])]
+        quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
+        return quality, np.flatnonzero(np.concatenate([np.empty(0, dtype=bool), *(bad for _, bad in found)]))
+
+
+def centers_of(stored: dict[str, Any], tag: str) -> list[Centers]:
+    """Return the centres of each step of the box whose arrays bear a tag (see `write_interpolants`)."""
+
+    def found(prefix: str, step: str) -> dict[int, FloatArray]:
+        names = {c: f"{prefix}centers_{letter}{tag}{step}" for c, letter in enumerate(DIRECTIONS)}
+        return {c: stored[name] for c, name in names.items() if name in stored}
+
+    count = 1 + sum(name.startswith(f"centers_x{tag}_step") for name in stored)
+    return [
+        Centers(*(found(prefix, f"_step{k}" if k > 1 else "") for prefix in ("sliding_", "")))
+        for k in range(1, count + 1)
+    ]
+
+
+def _arrays(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files if "centers_" in name}
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist; run it again") from None
+    except (OSError, ValueError, BadZipFile, AttributeError) as error:
+        raise InputError(f"{path} is damaged: {error}; run it again") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """The ends of a range of angles that holds zero, and what prevents a step beyond each."""
+
+    low: float
+    high: float
+    below: str = ""
+    above: str = ""
+
+    def __contains__(self, angle: float) -> bool:
+        return self.low <= angle <= self.high
+
+
+@dataclass(frozen=True, slots=True)
+class Spans:
+    """Where the surfaces can move, and where the mesh is verified: residual below tolerance, no cell inverted."""
+
+    possible: Span
+    verified: Span
+
+    @classmethod
+    def of(cls, run: InteractiveRun) -> "Spans":
+        """Find where the surfaces can move by bisection, and where the mesh is verified by steps from zero."""
+        step = run.step
+        low, high = (sign * step * _last(run, sign * step) for sign in (-1.0, 1.0))
+        possible = Span(low, high, _obstacle(run, low - step), _obstacle(run, high + step))
+        return cls(possible, Span(-step * _verified(run, -step, low), step * _verified(run, step, high)))
+
+
+def _verified(run: InteractiveRun, step: float, end: float) -> int:
+    """Return how many steps from zero towards `end` are verified before the first that is not."""
+    k = 0
+    while abs(step * (k + 1)) <= abs(end) and run.at(step * (k + 1)).verified:
+        k += 1
+    return k
+
+
+def _obstacle(run: InteractiveRun, angle: float) -> str:
+    """Say why no surface motion exists at an angle; empty if one does."""
+    if abs(angle) > run.largest:
+        return f"no surface turns by more than {run.largest:g} deg" if run.unit[0] != " " else "the table ends there"
+    try:
+        run.check(angle)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def _last(run: InteractiveRun, step: float) -> int:
+    """Return the last multiple of a step at which the surfaces can move, where they can at all below it."""
+    low, bad = 0, int(run.largest / abs(step)) + 1
+    while bad - low > 1:
+        middle = (low + bad) // 2
+        low, bad = (low, middle) if _obstacle(run, step * middle) else (middle, bad)
+    return low
