@@ -144,8 +144,7 @@ def to_pyvista(mesh: Mesh, displacement: FloatArray, orientation: Sequence[float
 
     Parameters
     ----------
-    orientation
-        For each block of cells -1 if their nodes are counted left-handed, else 1.
+    orientation : For each block of cells -1 if their nodes are counted left-handed, else 1.
     """
     import pyvista as pv
 

@@ -30,8 +30,7 @@ def cache_key(parameters: Mapping[str, object]) -> str:
 
     Parameters
     ----------
-    parameters
-        Everything the mesh depends on: numbers, texts, frozen dataclasses, lists and mappings of them. The
+    parameters : Everything the mesh depends on: numbers, texts, frozen dataclasses, lists and mappings of them. The
         order of a mapping does not matter.
 
     Raises
@@ -79,13 +78,7 @@ class MeshCache:
         return mesh, dict(text["note"])
 
     def store(self, key: str, mesh: TetMesh, note: Mapping[str, object]) -> None:
-        """Keep a mesh and its note; the file appears whole or not at all.
-
-        Raises
-        ------
-        OSError
-            If the folder cannot be written.
-        """
+        """Keep a mesh and its note; the file appears whole or not at all; OSError if the folder cannot be written."""
         text = json.dumps({"names": mesh.names, "note": dict(note)}, sort_keys=True)
         indices = {name: getattr(mesh, name).astype(np.int32) for name in _ARRAYS[1:]}
         with replacing(self._path(key)) as beside:

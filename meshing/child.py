@@ -38,10 +38,7 @@ class Pending:
     def answer(self, seconds: float) -> dict[str, Array]:
         """Wait at most `seconds` for the arrays that the child answers with.
 
-        Raises
-        ------
-        MeshingError
-            If the child fails or takes longer; with the last line it wrote.
+        MeshingError if the child fails or takes longer; with the last line it wrote.
         """
         try:
             _, complaint = self.process.communicate(timeout=seconds)
@@ -62,8 +59,7 @@ def started(module: str, arrays: Arrays) -> Iterator[Pending]:
 
     Parameters
     ----------
-    module
-        A module that calls `serve` when run.
+    module : A module that calls `serve` when run.
     """
     with tempfile.TemporaryDirectory(prefix="sdm-deflect-") as name:
         folder = Path(name)
@@ -87,10 +83,7 @@ def started(module: str, arrays: Arrays) -> Iterator[Pending]:
 def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
     """Run ``python -m module`` on arrays and return the arrays that it answers with, within `seconds`.
 
-    Raises
-    ------
-    MeshingError
-        If the child fails or takes longer; with the last line it wrote.
+    MeshingError if the child fails or takes longer; with the last line it wrote.
     """
     with started(module, arrays) as pending:
         return pending.answer(seconds)

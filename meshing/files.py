@@ -42,10 +42,7 @@ def _umask() -> int:
 def fresh(out: Path, source: Path | None = None) -> Iterator[Path]:
     """Give a path to write to that becomes `out` once the block has ended well.
 
-    Raises
-    ------
-    MeshFileError
-        If `out` is the file `source`, or cannot be written.
+    MeshFileError if `out` is the file `source`, or cannot be written.
     """
     if source is not None and out.exists() and out.samefile(source):
         raise MeshFileError(f"{out}: this is the mesh that is read; write to another file")
@@ -57,10 +54,7 @@ def fresh(out: Path, source: Path | None = None) -> Iterator[Path]:
 def written(out: Path) -> Iterator[None]:
     """Name `out` in errors of writing it.
 
-    Raises
-    ------
-    MeshFileError
-        In place of an OSError, as ``"out: cannot be written: why"``.
+    MeshFileError in place of an OSError, as ``"out: cannot be written: why"``.
     """
     try:
         yield
@@ -72,10 +66,7 @@ def written(out: Path) -> Iterator[None]:
 def fresh_folder(out: Path, source: Path | None = None) -> Iterator[Path]:
     """Give an empty folder beside `out` that becomes `out` once the block has ended well.
 
-    Raises
-    ------
-    MeshFileError
-        If `out` is there and not empty, lies within the folder `source`, or cannot be made.
+    MeshFileError if `out` is there and not empty, lies within the folder `source`, or cannot be made.
     """
     if source is not None and out.resolve().is_relative_to(source.resolve()):
         raise MeshFileError(f"{out}: lies in the case that is read; write to a folder outside it")

@@ -22,18 +22,12 @@ class TetMesh:
 
     Parameters
     ----------
-    points
-        (N, 3) node coordinates in metres.
-    tets
-        (M, 4) node indices; positively oriented: det(p1-p0, p2-p0, p3-p0) > 0.
-    triangles
-        (F, 3) node indices of the boundary, oriented out of the fluid: into the body, out of the far field.
-    patch
-        (F,) index into `names` of each triangle, at least 1.
-    face
-        (F,) index of the CAD face each triangle lies on, -1 where there is none (far field).
-    names
-        Patch names; position 0 is ``"volume"``, the tetrahedra themselves.
+    points : (N, 3) node coordinates in metres.
+    tets : (M, 4) node indices; positively oriented: det(p1-p0, p2-p0, p3-p0) > 0.
+    triangles : (F, 3) node indices of the boundary, oriented out of the fluid: into the body, out of the far field.
+    patch : (F,) index into `names` of each triangle, at least 1.
+    face : (F,) index of the CAD face each triangle lies on, -1 where there is none (far field).
+    names : Patch names; position 0 is ``"volume"``, the tetrahedra themselves.
 
     Raises
     ------
@@ -65,13 +59,7 @@ class TetMesh:
         _check_range("face", self.face, -1, np.iinfo(np.intp).max)
 
     def triangles_of(self, name: str) -> IntArray:
-        """Triangles (K, 3) of one patch.
-
-        Raises
-        ------
-        ValueError
-            If the mesh has no patch of that name.
-        """
+        """Triangles (K, 3) of one patch; ValueError if the mesh has no patch of that name."""
         own: IntArray = self.triangles[self.patch == self._index(name)]
         return own
 
@@ -87,13 +75,7 @@ class TetMesh:
         return np.asarray(chosen[self.tets].any(axis=1))
 
     def with_points(self, points: FloatArray) -> TetMesh:
-        """The same cells and patches on moved nodes (N, 3).
-
-        Raises
-        ------
-        ValueError
-            If the number of nodes changes.
-        """
+        """The same cells and patches on moved nodes (N, 3); ValueError if the number of nodes changes."""
         if points.shape != self.points.shape:
             raise ValueError(f"points have shape {points.shape}, expected {self.points.shape}")
         return replace(self, points=points)
@@ -105,8 +87,7 @@ class TetMesh:
 
         Parameters
         ----------
-        name
-            What messages call the mesh.
+        name : What messages call the mesh.
 
         Returns
         -------

@@ -141,10 +141,7 @@ def _overwrite(stored: list[Any], points: FloatArray) -> int:
 def read_base(file: Any, report: Callable[[float], None]) -> Mesh:
     """Return the mesh of an open file, its zones one after another.
 
-    Raises
-    ------
-    MeshFileError, ValueError
-        If the file is damaged, or holds what is no unstructured mesh in three dimensions.
+    MeshFileError or ValueError if the file is damaged, or holds what is no unstructured mesh in three dimensions.
     """
     base, found = zones(file)
     parts = []
@@ -161,10 +158,7 @@ def read_base(file: Any, report: Callable[[float], None]) -> Mesh:
 def zones(file: Any) -> tuple[Any, list[tuple[str, Any]]]:
     """Return the base of a file, and its zones with their names.
 
-    Raises
-    ------
-    MeshFileError
-        If there is not one base in three dimensions, no zone, or a structured zone.
+    MeshFileError if there is not one base in three dimensions, no zone, or a structured zone.
     """
     bases = [base for _, base in children(file, "CGNSBase_t")]
     if not bases:
@@ -189,10 +183,7 @@ def zones(file: Any) -> tuple[Any, list[tuple[str, Any]]]:
 def coordinate_data(zone: Any) -> list[Any]:
     """Return the datasets (N,) of x, y and z of a zone.
 
-    Raises
-    ------
-    MeshFileError
-        If one is missing, or has another length than the zone says.
+    MeshFileError if one is missing, or has another length than the zone says.
     """
     grid = child(zone, "GridCoordinates")
     found = [data(child(grid, axis)) for axis in AXES]

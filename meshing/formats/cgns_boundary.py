@@ -66,13 +66,9 @@ def conditions(base: Any, zone: Any) -> list[Condition]:
 def patches(found: Sequence[Condition], faces: Sequence[NumberedFaces], last: int) -> list[Patch]:
     """Return the patches of a zone whose elements are numbered up to `last`.
 
-    A condition given by points has the boundary faces with all corners among them that no other condition has.
-    Faces of a section that no condition has are a patch of the section's name.
-
-    Raises
-    ------
-    MeshFileError
-        If a condition names elements that are not there, or that are only in part faces.
+    A condition given by points has the boundary faces with all corners among them that no other condition has. Faces of
+    a section that no condition has are a patch of the section's name. MeshFileError if a condition names elements that
+    are not there, or that are only in part faces.
     """
     free = [np.ones(len(part.numbers), dtype=np.bool_) for part in faces]
     named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in found}

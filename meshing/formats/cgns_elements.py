@@ -49,10 +49,7 @@ class Block:
 def sections(zone: Any) -> list[Section]:
     """Return the sections of a zone by their elements' numbers.
 
-    Raises
-    ------
-    MeshFileError
-        If a section is damaged, or of a kind that has no linear cells.
+    MeshFileError if a section is damaged, or of a kind that has no linear cells.
     """
     found = []
     for name, node in children(zone, "Elements_t"):
@@ -71,10 +68,7 @@ def sections(zone: Any) -> list[Section]:
 def blocks(section: Section, points: int) -> Iterator[Block]:
     """Yield the elements of a section by shape, in the order in which the shapes first appear.
 
-    Raises
-    ------
-    MeshFileError
-        If the section is damaged, or names points beyond the `points` of the zone.
+    MeshFileError if the section is damaged, or names points beyond the `points` of the zone.
     """
     if section.kind == MIXED:
         yield from _mixed(section, points)
@@ -97,13 +91,8 @@ def connectivity(section: Section) -> IntArray:
 def starts(section: Section, stored: IntArray, sizes: dict[int, int] | None) -> IntArray:
     """Return where each element begins in the stored connectivity, and where the last one ends: (M + 1,).
 
-    Files of CGNS before 3.4 hold no offsets: there each element is headed by its kind, of `sizes` nodes, or by its
-    own size where `sizes` is None.
-
-    Raises
-    ------
-    MeshFileError
-        If offsets do not fit the connectivity.
+    Files of CGNS before 3.4 hold no offsets: there each element is headed by its kind, of `sizes` nodes, or by its own
+    size where `sizes` is None. MeshFileError if offsets do not fit the connectivity.
     """
     if "ElementStartOffset" in section.node:
         offsets = integers(child(section.node, "ElementStartOffset"))
@@ -156,10 +145,7 @@ def _block(section: Section, kind: int, nodes: IntArray, rows: IntArray | slice,
 def read_polyhedra(found: Sequence[Section], points: int) -> tuple[Polyhedra, IntArray]:
     """Return the polyhedra of a zone, and the number in the file (F,) of each of their faces.
 
-    Raises
-    ------
-    MeshFileError
-        If the sections are damaged or do not fit one another.
+    MeshFileError if the sections are damaged or do not fit one another.
     """
     surfaces = [section for section in found if section.kind == NGON]
     if not surfaces:

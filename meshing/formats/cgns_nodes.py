@@ -24,10 +24,7 @@ AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:
     """Yield name and group of each child with that label, in the order in which they were made.
 
-    Raises
-    ------
-    MeshFileError
-        If a child is a link of HDF5 to another place or file.
+    MeshFileError if a child is a link of HDF5 to another place or file.
     """
     for name in _names(node):
         child = _own(node, name)
@@ -36,13 +33,7 @@ def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:
 
 
 def child(node: Any, name: str) -> Any:
-    """Return the child of that name.
-
-    Raises
-    ------
-    MeshFileError
-        If there is none, or it is elsewhere, by a link.
-    """
+    """Return the child of that name; MeshFileError if there is none, or it is elsewhere, by a link."""
     found = _own(node, name)
     if not isinstance(found, h5py.Group):
         raise MeshFileError(f"{node.name.strip('/') or 'the file'} has no {name}; the file is damaged")
@@ -52,10 +43,7 @@ def child(node: Any, name: str) -> Any:
 def data(node: Any) -> Any:
     """Return the dataset of a node.
 
-    Raises
-    ------
-    MeshFileError
-        If the node has none, or they are elsewhere: by a link, in an external file, in other datasets.
+    MeshFileError if the node has none, or they are elsewhere: by a link, in an external file, in other datasets.
     """
     found = _own(node, DATA)
     if not isinstance(found, h5py.Dataset):

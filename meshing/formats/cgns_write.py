@@ -37,10 +37,7 @@ ELEMENTS = {shape: kind for kind, shape in SHAPES.items()}
 def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[str, ...]:
     """Write a mesh to an empty file, and return a sentence for each thing that is not as in the mesh.
 
-    Raises
-    ------
-    MeshFileError
-        If a zone has polyhedra beside other cells.
+    MeshFileError if a zone has polyhedra beside other cells.
     """
     _write_root(file)
     base = create(file, "Base", "CGNSBase_t", np.array([3, 3], dtype=np.int32))
@@ -135,10 +132,7 @@ def write_shapes(zone: Any, mesh: Mesh, names: Mapping[str, str], kind: Integer)
 def write_polyhedra(zone: Any, mesh: Mesh, cells: Polyhedra, kind: Integer) -> dict[str, IntArray]:
     """Write all faces and the cells by their faces; return the numbers of each patch's faces.
 
-    Raises
-    ------
-    MeshFileError
-        If a patch has faces that are of no cell.
+    MeshFileError if a patch has faces that are of no cell.
     """
     faces = len(cells.faces)
     numbered = Polygons(cells.faces.nodes + 1, cells.faces.offsets)

@@ -88,10 +88,7 @@ def about(path: Path) -> Iterator[None]:
 def check_points(points: FloatArray, count: int) -> None:
     """Refuse coordinates that do not fit a file of `count` points.
 
-    Raises
-    ------
-    ValueError
-        For another number of points, or coordinates that are not finite.
+    ValueError for another number of points, or coordinates that are not finite.
     """
     if points.shape != (count, 3):
         raise ValueError(f"the file has {count} points, but coordinates {points.shape} were given")

@@ -122,10 +122,7 @@ def _patches(faces: dict[int, tuple[IntArray, Iterable[Elements]]], names: dict[
 def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     """Write boundary faces, then cells; patch i is physical group i + 1, the cells are the group ``volume`` after them.
 
-    Raises
-    ------
-    MeshFileError
-        For polyhedra of other than the usual shapes, and faces of more than four corners.
+    MeshFileError for polyhedra of other than the usual shapes, and faces of more than four corners.
     """
     import meshio
 

@@ -22,14 +22,10 @@ class Elements:
 
     Parameters
     ----------
-    kind
-        Gmsh's number of the type, a key of `CORNERS`.
-    nodes
-        (M, k) numbers of their nodes.
-    group
-        (M,) physical group, 0 for none.
-    entity
-        (M,) part of the geometry.
+    kind : Gmsh's number of the type, a key of `CORNERS`.
+    nodes : (M, k) numbers of their nodes.
+    group : (M,) physical group, 0 for none.
+    entity : (M,) part of the geometry.
     """
 
     kind: int
@@ -41,10 +37,7 @@ class Elements:
 def elements(file: GmshFile) -> Iterator[Elements]:
     """Yield the elements in the file's order; those of an entity in several groups once for each group.
 
-    Raises
-    ------
-    MeshFileError
-        For a type that is not linear, and truncated sections.
+    MeshFileError for a type that is not linear, and truncated sections.
     """
     cursor = file.cursor("Elements")
     if file.version == 41:

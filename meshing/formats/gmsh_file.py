@@ -105,14 +105,10 @@ class GmshFile:
 
     Parameters
     ----------
-    data
-        All bytes.
-    version
-        22 or 41.
-    order
-        ``"<"`` or ``">"`` for binary files, empty for text.
-    sections
-        First and last byte (exclusive) of the content of each section, by name.
+    data : All bytes.
+    version : 22 or 41.
+    order : ``"<"`` or ``">"`` for binary files, empty for text.
+    sections : First and last byte (exclusive) of the content of each section, by name.
     """
 
     data: bytes = field(repr=False)
@@ -134,13 +130,7 @@ class GmshFile:
 
 
 def opened(data: bytes) -> GmshFile:
-    """Find the sections of a file.
-
-    Raises
-    ------
-    MeshFileError
-        If it is not of Gmsh, of a version that is not read, or truncated.
-    """
+    """Find the sections of a file; MeshFileError if it is not of Gmsh, of a version that is not read, or truncated."""
     if not NAME.match(data):
         hint = "; it looks like Fluent's: convert it with fluentMeshToFoam" if data.lstrip()[:2] == b"(0" else ""
         raise MeshFileError(f"is not a mesh of Gmsh: it does not begin with $MeshFormat{hint}")
@@ -186,13 +176,7 @@ class Nodes:
 
 
 def nodes(file: GmshFile) -> Nodes:
-    """Return the nodes in the file's order.
-
-    Raises
-    ------
-    MeshFileError
-        If they are truncated, or two have the same number.
-    """
+    """Return the nodes in the file's order; MeshFileError if they are truncated, or two have the same number."""
     cursor = file.cursor("Nodes")
     found = _nodes22(cursor) if file.version == 22 else _nodes41(cursor)
     twice = len(found.tags) - len(np.unique(found.tags))

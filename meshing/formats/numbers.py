@@ -22,12 +22,9 @@ class Lines:
 
     Parameters
     ----------
-    values
-        (T,) all numbers.
-    first
-        (L + 1,) where each line begins in `values`, and where the last one ends.
-    begin, end
-        (T,) the bytes of the text that each number takes.
+    values : (T,) all numbers.
+    first : (L + 1,) where each line begins in `values`, and where the last one ends.
+    begin, end : (T,) the bytes of the text that each number takes.
     """
 
     values: FloatArray | IntArray = field(repr=False)
@@ -42,10 +39,7 @@ class Lines:
 def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines:
     """Read the numbers on lines of text; ``%`` begins a comment.
 
-    Raises
-    ------
-    MeshFileError
-        With the first piece of text that is no number.
+    MeshFileError with the first piece of text that is no number.
     """
     if b"%" in text:
         text = COMMENT.sub(lambda comment: b" " * len(comment[0]), text)
@@ -78,12 +72,9 @@ def with_numbers(data: bytes, begin: IntArray, end: IntArray, values: FloatArray
 
     Parameters
     ----------
-    data
-        The text.
-    begin, end
-        (K,) places of the numbers, in rising order.
-    values
-        (K,) what to write there.
+    data : The text.
+    begin, end : (K,) places of the numbers, in rising order.
+    values : (K,) what to write there.
     """
     if not len(values):
         return data

@@ -88,13 +88,7 @@ def case_folder(out: Path) -> Path:
 
 
 def mesh_folder(path: Path) -> Path:
-    """Return the folder with the points of a case.
-
-    Raises
-    ------
-    MeshFileError
-        If there is none.
-    """
+    """Return the folder with the points of a case; MeshFileError if there is none."""
     case = path.parent if path.suffix == ".foam" else path
     for folder in (case / MESH, case):
         if any((folder / name).is_file() for name in ("points", "points.gz")):

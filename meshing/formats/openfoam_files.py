@@ -32,12 +32,9 @@ class FoamFile:
 
     Parameters
     ----------
-    data
-        All bytes, header included.
-    start
-        Where the content begins, after the header.
-    entries
-        The header's entries, such as ``{"format": "binary", "class": "labelList"}``.
+    data : All bytes, header included.
+    start : Where the content begins, after the header.
+    entries : The header's entries, such as ``{"format": "binary", "class": "labelList"}``.
     """
 
     data: bytes = field(repr=False)
@@ -63,13 +60,7 @@ class FoamFile:
 
 
 def open_foam(folder: Path, name: str) -> FoamFile:
-    """Read ``folder/name`` or ``folder/name.gz``.
-
-    Raises
-    ------
-    MeshFileError
-        If neither is there, or it has no header.
-    """
+    """Read ``folder/name`` or ``folder/name.gz``; MeshFileError if neither is there, or it has no header."""
     packed = folder / f"{name}.gz"
     try:
         plain = (folder / name).is_file() or not packed.is_file()
@@ -192,10 +183,7 @@ class FoamPatch:
 def parse(text: bytes) -> list[FoamPatch]:
     """Read the patches of a `boundary` file without its header and comments.
 
-    Raises
-    ------
-    MeshFileError
-        If an entry is missing, or another number of patches follows than is announced.
+    MeshFileError if an entry is missing, or another number of patches follows than is announced.
     """
     words = iter(WORD.findall(text))
     patches = []

@@ -120,10 +120,7 @@ def header(kind: str, name: str, folder: str = "constant/polyMesh", form: str = 
 def write_mesh(mesh: Mesh, folder: Path) -> tuple[str, ...]:
     """Write points, faces, owner, neighbour (binary) and boundary (text); return what could not be kept.
 
-    Raises
-    ------
-    MeshFileError
-        See `bounded`.
+    MeshFileError as of `bounded`.
     """
     whole = bounded(mesh)
     cells = whole.cells

@@ -23,12 +23,9 @@ class Bounded:
 
     Parameters
     ----------
-    cells
-        First the faces between two cells, by lower cell, then by higher; then the boundary, patch by patch.
-    patches
-        Name, first face and number of faces of each patch.
-    lost
-        A sentence for each thing that could not be kept.
+    cells : First the faces between two cells, by lower cell, then by higher; then the boundary, patch by patch.
+    patches : Name, first face and number of faces of each patch.
+    lost : A sentence for each thing that could not be kept.
     """
 
     cells: Polyhedra = field(repr=False)
@@ -39,10 +36,8 @@ class Bounded:
 def bounded(mesh: Mesh) -> Bounded:
     """Return the cells of a mesh as polyhedra, in the same order.
 
-    Raises
-    ------
-    MeshFileError
-        If a face is of three cells or more, if a patch's faces are of no cell, or for standard cells beside polyhedra.
+    MeshFileError if a face is of three cells or more, if a patch's faces are of no cell, or for standard cells beside
+    polyhedra.
     """
     keys = node_keys(len(mesh.points))
     faces, owner, neighbour = _paired(mesh, keys)
@@ -89,10 +84,7 @@ def _met(faces: Polygons, cell: IntArray, key: Keys) -> tuple[Polygons, IntArray
 def polyhedra(faces: Polygons, cell: IntArray, points: int) -> Polyhedra:
     """Return cells from all their faces, normals outwards, and the cell (K,) of each.
 
-    Raises
-    ------
-    MeshFileError
-        If a face is of three cells or more.
+    MeshFileError if a face is of three cells or more.
     """
     once, owner, neighbour = _met(faces, cell, face_keys(faces, node_keys(points)))
     order = np.argsort(neighbour < 0, kind="stable")
@@ -157,12 +149,7 @@ def faces_by_cell(block: Polyhedra) -> tuple[Polygons, IntArray]:
 def standard_cells(mesh: Mesh) -> tuple[Cells, ...]:
     """Return the cells of a mesh, with a block of each shape in place of each block of polyhedra.
 
-    The order within a shape is that of the polyhedra.
-
-    Raises
-    ------
-    MeshFileError
-        If some polyhedra are of no such shape.
+    The order within a shape is that of the polyhedra. MeshFileError if some polyhedra are of no such shape.
     """
     cells: list[Cells] = []
     for block in mesh.cells:

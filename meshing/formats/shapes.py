@@ -48,13 +48,7 @@ def turned(faces: Polygons, backward: BoolArray) -> Polygons:
 
 
 def simple_faces(patch: Patch) -> Iterator[Cells]:
-    """Yield the triangles and the quads of a patch.
-
-    Raises
-    ------
-    MeshFileError
-        If a face has more than four corners.
-    """
+    """Yield the triangles and the quads of a patch; MeshFileError if a face has more than four corners."""
     for faces in patch.faces:
         if isinstance(faces, Cells):
             yield faces
@@ -87,10 +81,8 @@ def oriented(points: FloatArray, cells: Cells) -> Cells:
 
     Parameters
     ----------
-    points
-        (N, 3) coordinates.
-    cells
-        Volume cells of one shape.
+    points : (N, 3) coordinates.
+    cells : Volume cells of one shape.
     """
     step = max(1, len(cells) // SAMPLE)
     sample = cells.nodes[::step]
@@ -168,10 +160,7 @@ def _keys_of_rows(shape: str, nodes: IntArray, keys: Keys, on_boundary: BoolArra
 def check_faces(mesh: Mesh) -> None:
     """Refuse boundary faces that are of no cell.
 
-    Raises
-    ------
-    MeshFileError
-        Naming the patches and how many of their faces are of no cell.
+    MeshFileError naming the patches and how many of their faces are of no cell.
     """
     if not sum(len(block) for block in mesh.cells):
         raise MeshFileError("there are no volume cells")

@@ -62,10 +62,7 @@ class Su2:
 def copy_moved(source: Su2File, points: FloatArray, out: BinaryIO) -> None:
     """Copy a file with coordinates `points` (N, 3): only the characters of changed coordinates differ.
 
-    Raises
-    ------
-    MeshFileError, ValueError
-        If the file is damaged, or has another number of points.
+    MeshFileError or ValueError if the file is damaged, or has another number of points.
     """
     tables = [section for section in source.sections if section.keyword == "NPOIN"]
     check_points(points, sum(section.count for section in tables))
@@ -82,10 +79,7 @@ def copy_moved(source: Su2File, points: FloatArray, out: BinaryIO) -> None:
 def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> dict[str, str]:
     """Write a mesh of shapes that SU2 has; return the markers of patches whose names SU2 cannot read.
 
-    Raises
-    ------
-    MeshFileError
-        If it has polyhedra, or boundary faces of more than four corners.
+    MeshFileError if it has polyhedra, or boundary faces of more than four corners.
     """
     if len(mesh.zones) > 1:
         out.write(b"NZONE= %d\n" % len(mesh.zones))

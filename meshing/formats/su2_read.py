@@ -91,13 +91,7 @@ class Su2File:
 
     @classmethod
     def opened(cls, file: BinaryIO, report: Callable[[float], None]) -> Su2File:
-        """Find the sections of a file.
-
-        Raises
-        ------
-        MeshFileError
-            If it is no SU2 mesh, or not a three-dimensional one.
-        """
+        """Find the sections of a file; MeshFileError if it is no SU2 mesh, or not a three-dimensional one."""
         file.seek(0)
         if b"\0" in file.read(4096):
             raise MeshFileError("this is a binary file; an SU2 mesh is text")
@@ -112,10 +106,7 @@ class Su2File:
     def lines(self, section: Section, kind: type[np.float64 | np.int64]) -> Iterator[tuple[bytes, Lines]]:
         """Yield the text of a section and the numbers on its lines, some at a time.
 
-        Raises
-        ------
-        MeshFileError
-            At the end, if there are other than `section.count` lines of numbers.
+        MeshFileError at the end, if there are other than `section.count` lines of numbers.
         """
         total = 0
         for begin, text in chunks(self.file, section.begin, section.end):
@@ -133,10 +124,7 @@ class Su2File:
 def coordinates(lines: Lines) -> IntArray:
     """Index (L, 3) in `lines.values` of the coordinates on each line: three numbers, or four with the point's own.
 
-    Raises
-    ------
-    MeshFileError
-        If a line has another number of numbers.
+    MeshFileError if a line has another number of numbers.
     """
     sizes = np.diff(lines.first)
     bad = int(np.count_nonzero((sizes != 3) & (sizes != 4)))
@@ -149,10 +137,7 @@ def coordinates(lines: Lines) -> IntArray:
 def read_zones(source: Su2File) -> Mesh:
     """Return the mesh of an open file.
 
-    Raises
-    ------
-    MeshFileError, ValueError
-        If a section is missing, damaged or contradicts another.
+    MeshFileError or ValueError if a section is missing, damaged or contradicts another.
     """
     zones = _zones(source.sections)
     return joined(list(zones), [_zone(source, own) for own in zones.values()])

@@ -56,15 +56,12 @@ class Piece:
 class VtuFile:
     """The bytes of a file, and where its arrays are.
 
+    MeshFileError if the bytes are no unstructured grid, or are truncated or damaged.
+
     Attributes
     ----------
     pieces : the parts of the grid.
     fields : arrays of the grid as a whole, by name.
-
-    Raises
-    ------
-    MeshFileError
-        If the bytes are no unstructured grid, or are truncated or damaged.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -124,10 +121,7 @@ class VtuFile:
     def values(self, array: DataArray, rows: int | None = None) -> Array:
         """Return the values (K,) or (K, columns) of an array.
 
-        Raises
-        ------
-        MeshFileError
-            If it is damaged, or does not have so many `rows`.
+        MeshFileError if it is damaged, or does not have so many `rows`.
         """
         given = array.attributes
         if given.get("type") not in KINDS:

@@ -51,12 +51,9 @@ def write_vtu(
 
     Parameters
     ----------
-    path
-        A .vtu file; it appears whole or not at all.
-    point_data
-        Further arrays (N, ...) on the nodes, for example ``displacement``.
-    cell_data
-        Further arrays (M + F, ...) on cells then faces, or (M, ...) on the cells alone (faces then read 0), for
+    path : A .vtu file; it appears whole or not at all.
+    point_data : Further arrays (N, ...) on the nodes, for example ``displacement``.
+    cell_data : Further arrays (M + F, ...) on cells then faces, or (M, ...) on the cells alone (faces then read 0), for
         example ``quality``.
 
     Raises

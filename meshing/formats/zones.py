@@ -41,10 +41,7 @@ def joined(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:
 def part(mesh: Mesh, zone: Zone) -> Mesh:
     """Return one zone's points, cells and patches (``"zone/patch"`` is ``"patch"`` again), nodes counted from 0.
 
-    Raises
-    ------
-    ValueError
-        If a cell or a boundary face joins two zones.
+    ValueError if a cell or a boundary face joins two zones.
     """
     if (zone.start, zone.stop) == (0, len(mesh.points)):
         return replace(mesh, patches=tuple(_unprefixed(patch, zone) for patch in mesh.patches))
