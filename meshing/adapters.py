@@ -103,8 +103,7 @@ def _meshio_patches(mesh: Any) -> dict[str, tuple[Cells, ...]]:
 
 def _of_pyvista(mesh: Any) -> tuple[Mesh, Callable[[FloatArray], Any]]:
     grid = mesh.cast_to_unstructured_grid()
-    unknown = sorted({int(kind) for kind in np.unique(grid.celltypes)} - VTK_SHAPES.keys())
-    if unknown:
+    if unknown := sorted({int(kind) for kind in np.unique(grid.celltypes)} - VTK_SHAPES.keys()):
         raise InputError(f"pyvista mesh: VTK cells of type {unknown[0]} are not supported")
     if "patch" not in grid.cell_data or "patch_names" not in grid.field_data:
         raise InputError("pyvista mesh: give faces the cell array 'patch' and names in the field array 'patch_names'")

@@ -40,11 +40,7 @@ def cache_key(parameters: Mapping[str, object]) -> str:
     TypeError
         For a value that has no canonical text.
     """
-    content = {
-        "recipe": RECIPE,
-        "makers": {name: version(name) for name in _MAKERS},
-        "parameters": dict(parameters),
-    }
+    content = {"recipe": RECIPE, "makers": {name: version(name) for name in _MAKERS}, "parameters": dict(parameters)}
     text = json.dumps(content, sort_keys=True, allow_nan=False, default=_plain)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 

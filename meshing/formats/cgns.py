@@ -171,8 +171,7 @@ def zones(file: Any) -> tuple[Any, list[tuple[str, Any]]]:
     found = list(children(solid[0], "Zone_t"))
     if not found:
         raise MeshFileError("the file has no zones")
-    other = [name for name, zone in found if text(child(zone, "ZoneType")) != "Unstructured"]
-    if other:
+    if other := [name for name, zone in found if text(child(zone, "ZoneType")) != "Unstructured"]:
         raise MeshFileError(
             f"{len(other)} zones are structured ({', '.join(other[:3])}); only unstructured zones can be read: export "
             "the mesh as unstructured from the program that made it"
@@ -227,8 +226,7 @@ def _shaped(found: Sequence[Section], points: FloatArray) -> tuple[tuple[Cells, 
 
 
 def _polyhedral(found: Sequence[Section], points: FloatArray) -> tuple[tuple[Polyhedra], list[NumberedFaces]]:
-    others = [section.name for section in found if section.kind not in (NGON, NFACE)]
-    if others:
+    if others := [section.name for section in found if section.kind not in (NGON, NFACE)]:
         raise MeshFileError(f"cells by their faces (NGON_n) and other elements ({', '.join(others)}) in one zone")
     block, numbers = read_polyhedra(found, len(points))
     inner = len(block.neighbour)

@@ -129,8 +129,7 @@ def _mixed(section: Section, points: int) -> Iterator[Block]:
 
 def _block(section: Section, kind: int, nodes: IntArray, rows: IntArray | slice, points: int) -> Block:
     """Elements with their nodes counted from 0 in VTK's order; `nodes` is overwritten."""
-    bad = int(np.count_nonzero(((nodes < 1) | (nodes > points)).any(axis=1)))
-    if bad:
+    if bad := np.count_nonzero(((nodes < 1) | (nodes > points)).any(axis=1)):
         raise MeshFileError(
             f"section {section.name}: {bad} {SHAPES[kind]} elements name points that are not among the {points}"
         )
@@ -154,8 +153,7 @@ def read_polyhedra(found: Sequence[Section], points: int) -> tuple[Polyhedra, In
     numbers = np.concatenate([np.arange(section.first, section.last + 1) for section in surfaces])
     cells = [section for section in found if section.kind == NFACE]
     owner, neighbour, inward = _sides_by_cell(cells, numbers) if cells else _sides_by_face(surfaces)
-    unused = int(np.count_nonzero(owner < 0))
-    if unused:
+    if unused := np.count_nonzero(owner < 0):
         raise MeshFileError(f"{unused} of {len(owner)} faces are of no cell; the file is damaged")
     inner, outer = np.flatnonzero(neighbour >= 0), np.flatnonzero(neighbour < 0)
     order = np.concatenate([inner, outer])
@@ -194,8 +192,7 @@ def _sides_by_cell(cells: Sequence[Section], numbers: IntArray) -> Sides:
         first += len(section)
     signed, cell = np.concatenate(faces), np.concatenate(owners)
     row = np.minimum(np.searchsorted(numbers, np.abs(signed)), len(numbers) - 1)
-    bad = int(np.count_nonzero(numbers[row] != np.abs(signed)))
-    if bad:
+    if bad := np.count_nonzero(numbers[row] != np.abs(signed)):
         raise MeshFileError(f"{bad} faces of cells are not in the file; the file is damaged")
     return _paired(row, cell, signed < 0, len(numbers))
 
@@ -205,8 +202,7 @@ def _paired(row: IntArray, cell: IntArray, inward: BoolArray, faces: int) -> Sid
     order = np.lexsort((inward, row))
     row, cell, inward = row[order], cell[order], inward[order]
     count = np.bincount(row, minlength=faces)
-    more = int(np.count_nonzero(count > 2))
-    if more:
+    if more := np.count_nonzero(count > 2):
         raise MeshFileError(f"{more} faces are of more than two cells; the file is damaged")
     first = np.cumsum(count) - count
     owner, neighbour, backward = np.full(faces, -1), np.full(faces, -1), np.zeros(faces, dtype=np.bool_)

@@ -151,8 +151,7 @@ def _numbers(patch: Patch, keys: Any, known: Any, order: IntArray) -> IntArray:
     """Numbers of a patch's faces among the faces of cells, whose keys `known` are sorted by `order`."""
     own = np.concatenate([np.empty(0, np.uint64), *(face_keys(faces, keys) for faces in patch.faces)])
     place = np.minimum(np.searchsorted(known, own), len(known) - 1)
-    loose = int(np.count_nonzero(known[place] != own))
-    if loose:
+    if loose := np.count_nonzero(known[place] != own):
         raise MeshFileError(f"{loose} of {len(patch)} faces of patch {patch.name} are of no cell")
     return np.sort(order[place]) + 1
 

@@ -92,6 +92,5 @@ def check_points(points: FloatArray, count: int) -> None:
     """
     if points.shape != (count, 3):
         raise ValueError(f"the file has {count} points, but coordinates {points.shape} were given")
-    bad = int(np.count_nonzero(~np.isfinite(points).all(axis=1)))
-    if bad:
+    if bad := np.count_nonzero(~np.isfinite(points).all(axis=1)):
         raise ValueError(f"{bad} of the {count} points to write are not finite")

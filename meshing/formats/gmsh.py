@@ -90,8 +90,7 @@ def _indices(tags: IntArray, known: IntArray) -> IntArray:
     """Index of each node, from its number; `known` (N,) are the numbers in the file's order."""
     order = np.argsort(known, kind="stable")
     place = order[np.minimum(np.searchsorted(known, tags, sorter=order), len(known) - 1)] if len(known) else tags
-    missing = int(np.count_nonzero((known[place] != tags).any(axis=1))) if len(known) else len(tags)
-    if missing:
+    if missing := int(np.count_nonzero((known[place] != tags).any(axis=1))) if len(known) else len(tags):
         raise MeshFileError(f"{missing} elements name nodes that are not among the {len(known)}")
     return place.astype(np.intp)
 

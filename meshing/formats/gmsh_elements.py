@@ -95,8 +95,7 @@ def _lines22(words: Lines) -> Iterator[Elements]:
     for kind in order[0][np.argsort(order[1])].tolist():
         rows = np.flatnonzero(kinds == kind)
         corners = _corners(kind, len(rows))
-        wrong = int(np.count_nonzero(sizes[rows] != 3 + tags[rows] + corners))
-        if wrong:
+        if wrong := np.count_nonzero(sizes[rows] != 3 + tags[rows] + corners):
             raise MeshFileError(f"{wrong} elements of type {kind} have other than {corners} nodes")
         at = first[rows]
         own = values[(at + 3 + tags[rows])[:, None] + np.arange(corners)].astype(np.intp)

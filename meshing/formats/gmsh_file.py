@@ -179,8 +179,7 @@ def nodes(file: GmshFile) -> Nodes:
     """Return the nodes in the file's order; MeshFileError if they are truncated, or two have the same number."""
     cursor = file.cursor("Nodes")
     found = _nodes22(cursor) if file.version == 22 else _nodes41(cursor)
-    twice = len(found.tags) - len(np.unique(found.tags))
-    if twice:
+    if twice := len(found.tags) - len(np.unique(found.tags)):
         raise MeshFileError(f"{twice} of {len(found.tags)} nodes have the number of another")
     return found
 

@@ -120,8 +120,7 @@ def _check_cells(cells: Polyhedra) -> None:
     sides = np.concatenate([cells.owner, cells.neighbour])
     if not len(sides) or sides.min() < 0 or sides.max() >= len(sides):
         raise MeshFileError(f"owner and neighbour name cells that {len(cells.faces)} faces cannot bound")
-    few = int(np.count_nonzero(np.bincount(sides) < 4))
-    if few:
+    if few := np.count_nonzero(np.bincount(sides) < 4):
         raise MeshFileError(f"{few} of {len(cells)} cells have fewer than four faces; owner or neighbour is damaged")
 
 

@@ -219,7 +219,6 @@ def _entries(words: Iterator[bytes]) -> dict[str, str]:
 
 
 def _patch(name: str, entries: dict[str, str]) -> FoamPatch:
-    missing = {"type", "nFaces", "startFace"} - entries.keys()
-    if missing:
+    if missing := {"type", "nFaces", "startFace"} - entries.keys():
         raise MeshFileError(f"patch {name} has no {', '.join(sorted(missing))}")
     return FoamPatch(name, entries["type"], int(entries["nFaces"]), int(entries["startFace"]))

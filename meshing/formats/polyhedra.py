@@ -70,8 +70,7 @@ def _met(faces: Polygons, cell: IntArray, key: Keys) -> tuple[Polygons, IntArray
     """The same from all faces of all cells, each with its cell (K,): equal keys are one face."""
     order = np.lexsort((cell, key))
     same = key[order][1:] == key[order][:-1]
-    thrice = int(np.count_nonzero(same[1:] & same[:-1]))
-    if thrice:
+    if thrice := np.count_nonzero(same[1:] & same[:-1]):
         raise MeshFileError(f"{thrice} faces are of three cells or more")
     neighbour = np.full(len(cell), -1, dtype=np.intp)
     neighbour[order[:-1][same]] = cell[order[1:][same]]

@@ -27,13 +27,7 @@ ADVICE = {
     ".step": SURFACE, ".stp": SURFACE, ".igs": SURFACE, ".iges": SURFACE, ".brep": SURFACE,
 }  # fmt: skip
 """By suffix, in lower case."""
-FORMATS: dict[str, Format] = {
-    "su2": Su2(),
-    "cgns": Cgns(),
-    "gmsh": Gmsh(),
-    "vtu": Vtu(),
-    "openfoam": OpenFoam(),
-}
+FORMATS: dict[str, Format] = {"su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "vtu": Vtu(), "openfoam": OpenFoam()}
 """Every format by its name; a format is added here and nowhere else."""
 
 

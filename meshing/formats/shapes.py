@@ -54,8 +54,7 @@ def simple_faces(patch: Patch) -> Iterator[Cells]:
             yield faces
             continue
         sizes = np.diff(faces.offsets)
-        more = int(np.count_nonzero(sizes > 4))
-        if more:
+        if more := np.count_nonzero(sizes > 4):
             raise MeshFileError(f"patch {patch.name}: {more} faces have more than four corners, which the format lacks")
         for shape, corners in (("triangle", 3), ("quad", 4)):
             first = faces.offsets[:-1][sizes == corners]
@@ -164,7 +163,6 @@ def check_faces(mesh: Mesh) -> None:
     """
     if not sum(len(block) for block in mesh.cells):
         raise MeshFileError("there are no volume cells")
-    loose = loose_faces(mesh)
-    if loose:
+    if loose := loose_faces(mesh):
         counts = (f"{count} of {len(mesh.patch(name))} faces of patch {name}" for name, count in loose.items())
         raise MeshFileError(f"{', '.join(counts)} are of no cell")

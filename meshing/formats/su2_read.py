@@ -127,8 +127,7 @@ def coordinates(lines: Lines) -> IntArray:
     MeshFileError if a line has another number of numbers.
     """
     sizes = np.diff(lines.first)
-    bad = int(np.count_nonzero((sizes != 3) & (sizes != 4)))
-    if bad:
+    if bad := np.count_nonzero((sizes != 3) & (sizes != 4)):
         raise MeshFileError(f"{bad} lines of points have other than 3 coordinates")
     index: IntArray = lines.first[:-1, None] + np.arange(3)
     return index
@@ -231,12 +230,10 @@ def _nodes(lines: Lines, rows: IntArray, shape: str, points: int) -> IntArray:
     """Nodes (R, k) on lines of one shape: its type, k nodes, and perhaps the element's own number."""
     corners = CORNERS[shape]
     extra = np.diff(lines.first)[rows] - 1 - corners
-    bad = int(np.count_nonzero((extra != 0) & (extra != 1)))
-    if bad:
+    if bad := np.count_nonzero((extra != 0) & (extra != 1)):
         raise MeshFileError(f"{bad} lines of {shape} elements have other than {corners} nodes")
     nodes: IntArray = lines.values[lines.first[rows, None] + np.arange(1, corners + 1)].astype(np.intp, copy=False)
-    missing = int(np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1)))
-    if missing:
+    if missing := np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1)):
         raise MeshFileError(
             f"{missing} {shape} elements name points that are not among the {points} (0 to {points - 1})"
         )

@@ -238,8 +238,7 @@ def _part(file: VtuFile, piece: Piece) -> _Grid:
 
 def _nodes(file: VtuFile, array: DataArray, points: int) -> IntArray:
     nodes = file.values(array).astype(np.intp, copy=False)
-    bad = int(np.count_nonzero((nodes < 0) | (nodes >= points)))
-    if bad:
+    if bad := np.count_nonzero((nodes < 0) | (nodes >= points)):
         raise MeshFileError(f"{bad} nodes of cells are not among the {points} points")
     return nodes
 

@@ -287,10 +287,7 @@ def _packing(name: str) -> tuple[Unpack, Pack] | None:
             lambda part, size: zlib.decompressobj().decompress(part, size + 1),
             lambda body: zlib.compress(body, 1),
         ),
-        "vtkLZMADataCompressor": (
-            lambda part, size: lzma.LZMADecompressor().decompress(part, size + 1),
-            lzma.compress,
-        ),
+        "vtkLZMADataCompressor": (lambda part, size: lzma.LZMADecompressor().decompress(part, size + 1), lzma.compress),
         "vtkLZ4DataCompressor": (
             lambda part, size: _lz4("Uncompress", part, size) if size <= LZ4_RATIO * len(part) else b"",
             lambda body: _lz4("Compress", body),

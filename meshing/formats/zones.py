@@ -85,8 +85,7 @@ def _inside(block: Faces, zone: Zone, what: str) -> Faces:
         some, whole = (np.asarray(of.reduceat(own, starts)) for of in (np.logical_or, np.logical_and))
     else:
         some, whole = (np.asarray(of.reduce(own, axis=1)) for of in (np.logical_or, np.logical_and))
-    torn = int(np.count_nonzero(some & ~whole))
-    if torn:
+    if torn := np.count_nonzero(some & ~whole):
         raise ValueError(f"{torn} {what} join zone {zone.name} to another zone")
     return _shifted(block if whole.all() else _chosen(block, np.flatnonzero(whole)), -zone.start)
 
