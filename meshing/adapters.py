@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import repeat
 from typing import Any, NamedTuple
 
@@ -76,12 +77,7 @@ def _of_meshio(mesh: Any) -> tuple[Mesh, Callable[[FloatArray], Any]]:
     cells = tuple(_cells(block.type, block.data) for block in mesh.cells if block.type in VOLUMES)
     patches = tuple(Patch(name, faces) for name, faces in _meshio_patches(mesh).items() if faces)
 
-    def with_points(points: FloatArray) -> Any:
-        copy = mesh.copy()
-        copy.points = points
-        return copy
-
-    return Mesh(np.asarray(mesh.points, dtype=np.float64), cells, patches), with_points
+    return Mesh(np.asarray(mesh.points, dtype=np.float64), cells, patches), partial(_moved, mesh)
 
 
 def _meshio_patches(mesh: Any) -> dict[str, tuple[Cells, ...]]:
@@ -116,13 +112,14 @@ def _of_pyvista(mesh: Any) -> tuple[Mesh, Callable[[FloatArray], Any]]:
         for i, name in enumerate(names)
     ]
 
-    def with_points(points: FloatArray) -> Any:
-        copy = mesh.copy()
-        copy.points = points
-        return copy
-
     flow = Mesh(np.asarray(grid.points, dtype=np.float64), cells, tuple(p for p in patches if len(p)))
-    return flow, with_points
+    return flow, partial(_moved, mesh)
+
+
+def _moved(mesh: Any, points: FloatArray) -> Any:
+    copy = mesh.copy()
+    copy.points = points
+    return copy
 
 
 def _cells(shape: str, nodes: Any) -> Cells:

@@ -19,7 +19,7 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, read_polyhedra, sections
-from sdm_deflect.meshing.formats.cgns_nodes import AXES, Array, child, children, data, integers, text
+from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, integers, text
 from sdm_deflect.meshing.formats.cgns_write import write_base
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
@@ -133,8 +133,7 @@ def _overwrite(stored: list[Any], points: FloatArray) -> int:
         new = points[: len(old), axis]
         changed = old.astype(np.float64) != new
         if changed.any():
-            old[changed] = new[changed]
-            values[...] = old
+            values[...] = np.where(changed, new, old)
     return len(stored[0])
 
 
@@ -194,7 +193,7 @@ def coordinate_data(zone: Any) -> list[Any]:
 
 
 def _zone(base: Any, zone: Any) -> Mesh:
-    points = _points(coordinate_data(zone))
+    points = np.stack([axis[()] for axis in coordinate_data(zone)], axis=1).astype(np.float64, copy=False)
     found = sections(zone)
     if not found:
         raise MeshFileError("it has no elements")
@@ -206,22 +205,14 @@ def _zone(base: Any, zone: Any) -> Mesh:
     return mesh
 
 
-def _points(stored: Sequence[Any]) -> FloatArray:
-    points = np.empty((len(stored[0]), 3))
-    for axis, values in enumerate(stored):
-        column: Array = values[()]
-        points[:, axis] = column
-    return points
-
-
 def _shaped(found: Sequence[Section], points: FloatArray) -> tuple[tuple[Cells, ...], list[NumberedFaces]]:
     cells, faces = [], []
     for section in found:
-        for block in blocks(section, len(points)):
-            if len(block.numbers):
-                faces.append(NumberedFaces(block.section, block.elements, block.numbers))
+        for block, numbers in blocks(section, len(points)):
+            if len(numbers):
+                faces.append(NumberedFaces(section.name, block, numbers))
             else:
-                cells.append(oriented(points, block.elements))
+                cells.append(oriented(points, block))
     return tuple(cells), faces
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from sdm_deflect.deform.mesh import Cells, Patch, Polygons
 from sdm_deflect.meshing.formats.cgns_nodes import children, integers, text
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import taken
+from sdm_deflect.meshing.formats.shapes import chosen
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 ON_FACES = ("FaceCenter", "CellCenter")
@@ -51,10 +51,8 @@ def conditions(base: Any, zone: Any) -> list[Condition]:
             if place is None:
                 raise MeshFileError(f"boundary condition {name} says not where it is; the file is damaged")
             where = text(node["GridLocation"]) if "GridLocation" in node else "Vertex"
-            if where == "EdgeCenter":
-                continue
             numbers = integers(node[place])
-            if not len(numbers):
+            if where == "EdgeCenter" or not len(numbers):
                 continue
             if place.endswith("Range"):
                 numbers = np.arange(numbers[0], numbers[-1] + 1)
@@ -77,10 +75,10 @@ def patches(found: Sequence[Condition], faces: Sequence[NumberedFaces], last: in
         for part, own, left in zip(faces, rows, free, strict=True):
             left &= ~own
             if own.any():
-                named[condition.patch].append(_selected(part.faces, own))
+                named[condition.patch].append(chosen(part.faces, np.flatnonzero(own)))
     for part, left in zip(faces, free, strict=True):
         if part.section is not None and left.any():
-            named.setdefault(part.section, []).append(_selected(part.faces, left))
+            named.setdefault(part.section, []).append(chosen(part.faces, np.flatnonzero(left)))
     return [Patch(name, tuple(own)) for name, own in named.items() if own]
 
 
@@ -97,15 +95,14 @@ def _by_number(condition: Condition, faces: Sequence[NumberedFaces], last: int) 
     missing = len(condition.numbers) - sum(int(own.sum()) for own in rows)
     of_cells_or_edges = missing == len(condition.numbers) and condition.numbers[-1] <= last
     if missing and not of_cells_or_edges:
-        raise MeshFileError(
-            f"patch {condition.patch}: {missing} of its {len(condition.numbers)} elements are no faces of the file; it "
-            "is damaged"
-        )
+        count = f"{missing} of its {len(condition.numbers)} elements"
+        raise MeshFileError(f"patch {condition.patch}: {count} are no faces of the file; it is damaged")
     return rows
 
 
 def _on_points(condition: Condition, faces: Sequence[NumberedFaces], free: Sequence[BoolArray]) -> list[BoolArray]:
-    marked = np.zeros(1 + max([int(condition.numbers[-1]), *(_top(part.faces) + 1 for part in faces)]), dtype=np.bool_)
+    last = max([int(condition.numbers[-1]), *(int(part.faces.nodes.max(initial=0)) + 1 for part in faces)])
+    marked = np.zeros(1 + last, dtype=np.bool_)
     marked[condition.numbers] = True
     rows = []
     for part, left in zip(faces, free, strict=True):
@@ -120,13 +117,3 @@ def _on_points(condition: Condition, faces: Sequence[NumberedFaces], free: Seque
             "among them; write the boundary's faces as elements"
         )
     return rows
-
-
-def _top(faces: Cells | Polygons) -> int:
-    return int(faces.nodes.max(initial=0))
-
-
-def _selected(faces: Cells | Polygons, rows: BoolArray) -> Cells | Polygons:
-    if isinstance(faces, Polygons):
-        return taken(faces, np.flatnonzero(rows))
-    return faces if rows.all() else Cells(faces.shape, faces.nodes[rows])

@@ -11,7 +11,7 @@ import numpy as np
 from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, data, integers
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import mirrored, polygons, taken, turned
+from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, taken, turned
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 SHAPES = {5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
@@ -37,15 +37,6 @@ class Section:
         return self.last - self.first + 1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Block:
-    """Elements of one shape in a section, and the numbers (M,) of boundary faces (of cells: none)."""
-
-    section: str
-    elements: Cells
-    numbers: IntArray = field(repr=False)
-
-
 def sections(zone: Any) -> list[Section]:
     """Return the sections of a zone by their elements' numbers.
 
@@ -65,8 +56,8 @@ def sections(zone: Any) -> list[Section]:
     return sorted(found, key=lambda section: section.first)
 
 
-def blocks(section: Section, points: int) -> Iterator[Block]:
-    """Yield the elements of a section by shape, in the order in which the shapes first appear.
+def blocks(section: Section, points: int) -> Iterator[tuple[Cells, IntArray]]:
+    """Yield the elements of a section by shape, as shapes first appear, and the numbers (M,) of faces (of cells: none).
 
     MeshFileError if the section is damaged, or names points beyond the `points` of the zone.
     """
@@ -111,23 +102,22 @@ def _walk(connectivity: IntArray, sizes: dict[int, int] | None) -> Iterator[int]
     yield at
 
 
-def _mixed(section: Section, points: int) -> Iterator[Block]:
+def _mixed(section: Section, points: int) -> Iterator[tuple[Cells, IntArray]]:
     stored = connectivity(section)
     begin = starts(section, stored, SIZES)[:-1]
     kinds = stored[begin]
     distinct, first = np.unique(kinds, return_index=True)
     for kind in distinct[np.argsort(first)].tolist():
         if kind not in SIZES:
-            raise MeshFileError(
-                f"section {section.name} holds elements of SIDS type {kind}; only linear ones can be read"
-            )
+            held = f"section {section.name} holds elements of SIDS type {kind}"
+            raise MeshFileError(f"{held}; only linear ones can be read")
         if kind in SHAPES:
             rows = np.flatnonzero(kinds == kind)
             nodes = stored[begin[rows, None] + np.arange(1, SIZES[kind] + 1)]
             yield _block(section, kind, nodes, rows, points)
 
 
-def _block(section: Section, kind: int, nodes: IntArray, rows: IntArray | slice, points: int) -> Block:
+def _block(section: Section, kind: int, nodes: IntArray, rows: IntArray | slice, points: int) -> tuple[Cells, IntArray]:
     """Elements with their nodes counted from 0 in VTK's order; `nodes` is overwritten."""
     if bad := np.count_nonzero(((nodes < 1) | (nodes > points)).any(axis=1)):
         raise MeshFileError(
@@ -136,9 +126,8 @@ def _block(section: Section, kind: int, nodes: IntArray, rows: IntArray | slice,
     nodes -= 1
     shape = SHAPES[kind]
     if shape in VOLUMES:
-        turned = mirrored(shape, nodes) if shape == "wedge" else nodes
-        return Block(section.name, Cells(shape, turned), np.empty(0, dtype=np.intp))
-    return Block(section.name, Cells(shape, nodes), np.arange(section.first, section.last + 1)[rows])
+        return Cells(shape, mirrored(shape, nodes) if shape == "wedge" else nodes), np.empty(0, dtype=np.intp)
+    return Cells(shape, nodes), np.arange(section.first, section.last + 1)[rows]
 
 
 def read_polyhedra(found: Sequence[Section], points: int) -> tuple[Polyhedra, IntArray]:
@@ -191,8 +180,8 @@ def _sides_by_cell(cells: Sequence[Section], numbers: IntArray) -> Sides:
         owners.append(np.repeat(np.arange(first, first + len(section)), np.diff(offsets)))
         first += len(section)
     signed, cell = np.concatenate(faces), np.concatenate(owners)
-    row = np.minimum(np.searchsorted(numbers, np.abs(signed)), len(numbers) - 1)
-    if bad := np.count_nonzero(numbers[row] != np.abs(signed)):
+    row, there = places(np.abs(signed), numbers)
+    if bad := np.count_nonzero(~there):
         raise MeshFileError(f"{bad} faces of cells are not in the file; the file is damaged")
     return _paired(row, cell, signed < 0, len(numbers))
 
@@ -214,9 +203,8 @@ def _paired(row: IntArray, cell: IntArray, inward: BoolArray, faces: int) -> Sid
 
 def _sides_by_face(surfaces: Sequence[Section]) -> Sides:
     """Read the two cells of each face, from the first of which its normal points to the second."""
-    parents = np.concatenate(
-        [integers(child(section.node, "ParentElements")).reshape(2, -1) for section in surfaces], axis=1
-    )
+    stored = [integers(child(section.node, "ParentElements")).reshape(2, -1) for section in surfaces]
+    parents = np.concatenate(stored, axis=1)
     if parents.shape[1] != sum(len(section) for section in surfaces) or not parents.any():
         raise MeshFileError("ParentElements do not fit the faces (NGON_n), and there is no NFACE_n")
     cells = np.where(parents > 0, parents - parents[parents > 0].min(), -1)

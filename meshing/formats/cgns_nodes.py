@@ -133,9 +133,6 @@ def _attribute(node: Any, key: str) -> str:
 
 def _names(node: Any) -> list[str]:
     tracked = node.id.get_create_plist().get_link_creation_order() & h5py.h5p.CRT_ORDER_TRACKED
-    names: list[str] = []
-    node.id.links.iterate(
-        lambda name: names.append(name.decode("utf-8", "surrogateescape")),
-        idx_type=h5py.h5.INDEX_CRT_ORDER if tracked else h5py.h5.INDEX_NAME,
-    )
-    return names
+    names: list[bytes] = []
+    node.id.links.iterate(names.append, idx_type=h5py.h5.INDEX_CRT_ORDER if tracked else h5py.h5.INDEX_NAME)
+    return [name.decode("utf-8", "surrogateescape") for name in names]

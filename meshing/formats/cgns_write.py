@@ -9,11 +9,19 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, SHAPES
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import face_keys, mirrored, node_keys, polygons, simple_faces
+from sdm_deflect.meshing.formats.shapes import (
+    face_keys,
+    mirrored,
+    node_keys,
+    patch_keys,
+    places,
+    polygons,
+    simple_faces,
+)
 from sdm_deflect.meshing.formats.zones import part
 from sdm_deflect.meshing.mesh import IntArray
 
@@ -60,13 +68,10 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
 
 def _write_root(file: Any) -> None:
     describe(file, "HDF5 MotherNode", "Root Node of HDF5 File", "MT")
-    for name, letters, length in ((" format", "IEEE_LITTLE_32", 15), (" hdf5version", _library(), 33)):
+    library = "HDF5 Version " + ".".join(map(str, h5py.h5.get_libversion()))
+    for name, letters, length in ((" format", "IEEE_LITTLE_32", 15), (" hdf5version", library, 33)):
         file.create_dataset(name, data=np.frombuffer(letters.encode().ljust(length, b"\0"), dtype=np.int8))
     create(file, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([VERSION], dtype=np.float32))
-
-
-def _library() -> str:
-    return "HDF5 Version " + ".".join(map(str, h5py.h5.get_libversion()))
 
 
 def _write_zone(base: Any, name: str, mesh: Mesh, families: dict[str, str]) -> list[str]:
@@ -76,7 +81,9 @@ def _write_zone(base: Any, name: str, mesh: Mesh, families: dict[str, str]) -> l
             f"zone {name}: CGNS holds either one block of polyhedra or cells of simple shapes, not both"
         )
     cells = sum(len(block) for block in mesh.cells)
-    kind = _integer(mesh)
+    sizes = [2 * block.faces.nodes.size for block in polyhedra]
+    largest = max(len(mesh.points), cells + sum(len(patch) for patch in mesh.patches), *sizes)
+    kind = np.int32 if largest <= FITS else np.int64
     zone = create(base, name, "Zone_t", np.array([[len(mesh.points)], [cells], [0]], dtype=kind))
     create(zone, "ZoneType", "ZoneType_t", "Unstructured")
     grid = create(zone, "GridCoordinates", "GridCoordinates_t")
@@ -98,13 +105,6 @@ def _write_condition(conditions: Any, family: str, numbers: IntArray) -> None:
         create(condition, "PointList", "IndexArray_t", numbers[:, None])
     create(condition, "GridLocation", "GridLocation_t", "FaceCenter")
     create(condition, "FamilyName", "FamilyName_t", family)
-
-
-def _integer(mesh: Mesh) -> Integer:
-    """Four bytes where every count and index fits."""
-    sizes = [len(mesh.points), *(block.faces.nodes.size * 2 for block in mesh.cells if isinstance(block, Polyhedra))]
-    elements = sum(len(block) for block in (*mesh.cells, *mesh.patches))
-    return np.int32 if max(*sizes, elements) <= FITS else np.int64
 
 
 def write_shapes(zone: Any, mesh: Mesh, names: Mapping[str, str], kind: Integer) -> dict[str, IntArray]:
@@ -135,25 +135,20 @@ def write_polyhedra(zone: Any, mesh: Mesh, cells: Polyhedra, kind: Integer) -> d
     MeshFileError if a patch has faces that are of no cell.
     """
     faces = len(cells.faces)
-    numbered = Polygons(cells.faces.nodes + 1, cells.faces.offsets)
-    _write_polygons(zone, "faces", NGON, 1, numbered, kind)
+    _write_polygons(zone, "faces", NGON, 1, Polygons(cells.faces.nodes + 1, cells.faces.offsets), kind)
     cell = np.concatenate([cells.owner, cells.neighbour])
     signed = np.concatenate([np.arange(1, faces + 1), -np.arange(1, len(cells.neighbour) + 1)])
     by_cell = polygons(signed[np.argsort(cell, kind="stable")], np.bincount(cell, minlength=len(cells)))
     _write_polygons(zone, "cells", NFACE, faces + 1, by_cell, kind)
     keys = node_keys(len(mesh.points))
-    known = face_keys(cells.faces, keys)
-    order = np.argsort(known)
-    return {patch.name: _numbers(patch, keys, known[order], order) for patch in mesh.patches}
-
-
-def _numbers(patch: Patch, keys: Any, known: Any, order: IntArray) -> IntArray:
-    """Numbers of a patch's faces among the faces of cells, whose keys `known` are sorted by `order`."""
-    own = np.concatenate([np.empty(0, np.uint64), *(face_keys(faces, keys) for faces in patch.faces)])
-    place = np.minimum(np.searchsorted(known, own), len(known) - 1)
-    if loose := np.count_nonzero(known[place] != own):
-        raise MeshFileError(f"{loose} of {len(patch)} faces of patch {patch.name} are of no cell")
-    return np.sort(order[place]) + 1
+    own = [patch_keys(patch, keys) for patch in mesh.patches]
+    rows, there = places(np.concatenate([keys[:0], *own]), face_keys(cells.faces, keys))
+    ends, numbers = np.cumsum([len(patch) for patch in mesh.patches], dtype=np.intp), {}
+    for patch, found, known in zip(mesh.patches, np.split(rows, ends), np.split(there, ends), strict=False):
+        if loose := len(patch) - np.count_nonzero(known):
+            raise MeshFileError(f"{loose} of {len(patch)} faces of patch {patch.name} are of no cell")
+        numbers[patch.name] = np.sort(found) + 1
+    return numbers
 
 
 def _write_block(zone: Any, name: str, block: Cells, first: int, kind: Integer) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterator
+import re
+from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
@@ -36,12 +37,10 @@ class Format(Protocol):
     @property
     def name(self) -> str:
         """What users call it, such as ``"su2"``."""
-        ...
 
     @property
     def suffixes(self) -> tuple[str, ...]:
         """The suffixes of its files, such as ``(".su2",)``; an OpenFOAM case is a folder."""
-        ...
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """Return the mesh in a file.
@@ -51,18 +50,15 @@ class Format(Protocol):
         MeshFileError
             If the file is missing, truncated, damaged, or not of this format.
         """
-        ...
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """Write a copy of the file `source` with coordinates `points` (N, 3); all other bytes stay.
 
         `out` appears whole or not at all, and is never `source`. Coordinates that did not change keep their bytes.
         """
-        ...
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """Write a mesh that came from elsewhere; return a sentence for each thing that the format cannot hold."""
-        ...
 
 
 @contextmanager
@@ -83,6 +79,17 @@ def about(path: Path) -> Iterator[None]:
         raise MeshFileError(f"{path}: {error.strerror or error}") from error
     except (MeshFileError, ValueError) as error:
         raise MeshFileError(f"{path}: {error}") from error
+
+
+def fitting_names(names: Sequence[str], unfit: str, reserved: Container[str] = ()) -> dict[str, str]:
+    """Name of each patch in a file: its own where nothing in it matches `unfit`, else one that is not taken."""
+    found: dict[str, str] = {}
+    for name in names:
+        fitting = re.sub(unfit, "_", name) or "_"
+        while fitting in reserved or (fitting != name and (fitting in names or fitting in found.values())):
+            fitting += "_"
+        found[name] = fitting
+    return found
 
 
 def check_points(points: FloatArray, count: int) -> None:

@@ -12,12 +12,11 @@ import numpy as np
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
 from sdm_deflect.meshing.formats.gmsh_file import GmshFile, nodes, opened
-from sdm_deflect.meshing.formats.numbers import with_bytes, with_numbers
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
-from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, simple_faces
+from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, places, simple_faces
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
@@ -50,16 +49,10 @@ class Gmsh:
         """See `Format.rewrite`; in text, each coordinate that changed has as many digits as it needs."""
         with about(source):
             file = opened(source.read_bytes())
-            old = nodes(file)
-            check_points(points, len(old.points))
+            _, old = nodes(file)
+            check_points(points, len(old.values))
         progress(f"writing {out.name}", 0.5)
-        changed = old.points != points
-        rising = np.argsort(old.begin[changed])
-        begin, end, values = (a[changed][rising] for a in (old.begin, old.end, points))
-        if file.order:
-            data = with_bytes(file.data, begin, values, np.dtype(f"{file.order}f8"))
-        else:
-            data = with_numbers(file.data, begin, end, values)
+        data = old.replaced(file.data, points, np.dtype(f"{file.order}f8") if file.order else None)
         with fresh(out, source) as beside:
             beside.write_bytes(data)
 
@@ -73,32 +66,30 @@ class Gmsh:
 def _mesh(file: GmshFile) -> Mesh:
     if "PartitionedEntities" in file.sections:
         raise MeshFileError("is partitioned; save it in one part: gmsh -save -part 0")
-    own = nodes(file)
+    tags, found = nodes(file)
+    points = found.values
     blocks: dict[int, list[Elements]] = {}
-    for block in elements(file):
-        if block.kind in SOLIDS | FACES:
-            blocks.setdefault(block.kind, []).append(block)
-    rows = {kind: _indices(np.concatenate([b.nodes for b in parts]), own.tags) for kind, parts in blocks.items()}
+    for block in (block for block in elements(file) if block.kind in SOLIDS | FACES):
+        blocks.setdefault(block.kind, []).append(block)
+    rows = {kind: _indices(np.concatenate([b.nodes for b in parts]), tags) for kind, parts in blocks.items()}
     solids = [Cells(SOLIDS[kind], mirrored("wedge", r) if kind == 6 else r) for kind, r in rows.items() if kind > 3]
     patches = _patches({kind: (rows[kind], blocks[kind]) for kind in rows if kind in FACES}, _names(file))
-    mesh = Mesh(own.points, tuple(oriented(own.points, block) for block in solids), patches)
+    mesh = Mesh(points, tuple(oriented(points, block) for block in solids), patches)
     check_faces(mesh)
     return mesh
 
 
 def _indices(tags: IntArray, known: IntArray) -> IntArray:
     """Index of each node, from its number; `known` (N,) are the numbers in the file's order."""
-    order = np.argsort(known, kind="stable")
-    place = order[np.minimum(np.searchsorted(known, tags, sorter=order), len(known) - 1)] if len(known) else tags
-    if missing := int(np.count_nonzero((known[place] != tags).any(axis=1))) if len(known) else len(tags):
+    place, there = places(tags, known)
+    if missing := np.count_nonzero(~there.all(axis=1)):
         raise MeshFileError(f"{missing} elements name nodes that are not among the {len(known)}")
-    return place.astype(np.intp)
+    return place
 
 
 def _names(file: GmshFile) -> dict[int, str]:
     """Names of the physical groups of dimension 2."""
-    text = file.content("PhysicalNames") if "PhysicalNames" in file.sections else b""
-    found = PHYSICAL.findall(text)
+    found = PHYSICAL.findall(file.content("PhysicalNames")) if "PhysicalNames" in file.sections else []
     return {int(tag): name.decode("utf-8", "replace") for dimension, tag, name in found if dimension == b"2"}
 
 
@@ -130,9 +121,8 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     solids = [(block, len(names) + 1) for block in standard_cells(mesh) if len(block)]
     groups = [np.full(len(block), tag, dtype=np.int32) for block, tag in faces + solids]
     turned = [mirrored("wedge", block.nodes) if block.shape == "wedge" else block.nodes for block, _ in faces + solids]
-    fields = {name: np.array([tag, 2]) for tag, name in enumerate(names, 1)} | {
-        _free(names): np.array([len(names) + 1, 3])
-    }
+    fields = {name: np.array([tag, 2]) for tag, name in enumerate(names, 1)}
+    fields[fitting_names([VOLUME], '"', names)[VOLUME]] = np.array([len(names) + 1, 3])
     whole = meshio.Mesh(
         mesh.points,
         [(block.shape, nodes) for (block, _), nodes in zip(faces + solids, turned, strict=True)],
@@ -140,14 +130,6 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
         field_data=fields,
     )
     meshio.write(out, whole, file_format="gmsh22", binary=False)
-    renamed = [
-        f"patch {p.name} is called {name}" for p, name in zip(mesh.patches, names, strict=True) if p.name != name
-    ]
+    pairs = zip(mesh.patches, names, strict=True)
+    renamed = [f"patch {patch.name} is called {name}" for patch, name in pairs if patch.name != name]
     return (*renamed, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []))
-
-
-def _free(names: list[str]) -> str:
-    name = VOLUME
-    while name in names:
-        name += "_"
-    return name

@@ -8,21 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import Lines, numbers
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.formats.numbers import Lines, Placed, numbers
+from sdm_deflect.meshing.mesh import IntArray
 
 REAL = np.dtype("f8")
 NAME = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 VERSIONS = {"2": 22, "2.0": 22, "2.1": 22, "2.2": 22, "4.1": 41}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Reals:
-    """Numbers (K,) and the bytes begin to end - 1 of the file that each takes."""
-
-    values: FloatArray = field(repr=False)
-    begin: IntArray = field(repr=False)
-    end: IntArray = field(repr=False)
 
 
 class TextCursor:
@@ -32,15 +23,14 @@ class TextCursor:
         self.words: Lines = numbers(content, np.float64)
         self.offset, self.name, self.at = offset, name, 0
 
-    def reals(self, count: int) -> Reals:
+    def reals(self, count: int) -> Placed:
         """The next `count` numbers."""
         own = slice(self.at, self.at + count)
         self.at += count
         if self.at > len(self.words.values):
             raise _ended(self.name)
-        words = self.words
-        values = np.asarray(words.values[own], dtype=np.float64)
-        return Reals(values, self.offset + words.begin[own], self.offset + words.end[own])
+        values = np.asarray(self.words.values[own], dtype=np.float64)
+        return Placed(values, self.offset + self.words.begin[own], self.offset + self.words.end[own])
 
     def ints(self, count: int) -> IntArray:
         """The next `count` integers."""
@@ -72,10 +62,10 @@ class ByteCursor:
         self.at = end
         return values
 
-    def reals(self, count: int) -> Reals:
+    def reals(self, count: int) -> Placed:
         """The next `count` numbers."""
         begin = self.offset + self.at + REAL.itemsize * np.arange(count)
-        return Reals(self.raw(count, "f8").astype(np.float64), begin, begin + REAL.itemsize)
+        return Placed(self.raw(count, "f8").astype(np.float64), begin, begin + REAL.itemsize)
 
     def ints(self, count: int) -> IntArray:
         """The next `count` integers of 4 bytes."""
@@ -165,42 +155,33 @@ def _sections(data: bytes) -> dict[str, tuple[int, int]]:
     return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Nodes:
-    """Numbers (N,) of the nodes, coordinates (N, 3), and the bytes begin to end - 1 (both (N, 3)) that hold them."""
+def nodes(file: GmshFile) -> tuple[IntArray, Placed]:
+    """Return numbers (N,) and coordinates (N, 3) of the nodes, in the file's order.
 
-    tags: IntArray = field(repr=False)
-    points: FloatArray = field(repr=False)
-    begin: IntArray = field(repr=False)
-    end: IntArray = field(repr=False)
-
-
-def nodes(file: GmshFile) -> Nodes:
-    """Return the nodes in the file's order; MeshFileError if they are truncated, or two have the same number."""
+    MeshFileError if they are truncated, or two have the same number.
+    """
     cursor = file.cursor("Nodes")
-    found = _nodes22(cursor) if file.version == 22 else _nodes41(cursor)
-    if twice := len(found.tags) - len(np.unique(found.tags)):
-        raise MeshFileError(f"{twice} of {len(found.tags)} nodes have the number of another")
-    return found
+    tags, points = _nodes22(cursor) if file.version == 22 else _nodes41(cursor)
+    if twice := len(tags) - len(np.unique(tags)):
+        raise MeshFileError(f"{twice} of {len(tags)} nodes have the number of another")
+    return tags, points
 
 
-def _nodes22(cursor: Cursor) -> Nodes:
+def _nodes22(cursor: Cursor) -> tuple[IntArray, Placed]:
     if isinstance(cursor, TextCursor):
         count = int(cursor.ints(1)[0])
         table = cursor.reals(4 * count)
-        own = _columns(table, 4, slice(1, 4))
-        return Nodes(table.values[::4].astype(np.intp), own.values, own.begin, own.end)
+        return table.values[::4].astype(np.intp), _columns(table, 4, slice(1, 4))
     count = cursor.line()
     first = cursor.offset + cursor.at + 4
     records = cursor.raw(count, "i4,3f8")
     begin = first + 28 * np.arange(count)[:, None] + 8 * np.arange(3)
-    return Nodes(records["f0"].astype(np.intp), records["f1"].astype(np.float64), begin, begin + 8)
+    return records["f0"].astype(np.intp), Placed(records["f1"].astype(np.float64), begin, begin + 8)
 
 
-def _nodes41(cursor: Cursor) -> Nodes:
-    blocks = int(cursor.sizes(4)[0])
+def _nodes41(cursor: Cursor) -> tuple[IntArray, Placed]:
     tags, found = [np.empty(0, dtype=np.intp)], []
-    for _ in range(blocks):
+    for _ in range(int(cursor.sizes(4)[0])):
         dimension, _, parametric = cursor.ints(3).tolist()
         count = int(cursor.sizes(1)[0])
         tags.append(cursor.sizes(count))
@@ -209,10 +190,10 @@ def _nodes41(cursor: Cursor) -> Nodes:
     none = np.empty((0, 3), dtype=np.intp)
     begin, end = (np.concatenate([none, *(getattr(own, name) for own in found)]) for name in ("begin", "end"))
     points = np.concatenate([np.empty((0, 3)), *(own.values for own in found)])
-    return Nodes(np.concatenate(tags), points, begin, end)
+    return np.concatenate(tags), Placed(points, begin, end)
 
 
-def _columns(table: Reals, width: int, chosen: slice) -> Reals:
+def _columns(table: Placed, width: int, chosen: slice) -> Placed:
     """Columns of a table of `width`: coordinates have a node's number before them, or parameters after them."""
     begin, end = (places.reshape(-1, width)[:, chosen] for places in (table.begin, table.end))
-    return Reals(table.values.reshape(-1, width)[:, chosen], begin, end)
+    return Placed(table.values.reshape(-1, width)[:, chosen], begin, end)

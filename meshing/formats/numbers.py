@@ -36,6 +36,27 @@ class Lines:
         return len(self.first) - 1
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """Numbers of a file, and the bytes begin to end - 1 that hold each: three arrays of one shape."""
+
+    values: FloatArray = field(repr=False)
+    begin: IntArray = field(repr=False)
+    end: IntArray = field(repr=False)
+
+    def replaced(self, data: bytes, values: FloatArray, kind: np.dtype[np.generic] | None) -> bytes:
+        """Return the file with other values in its binary numbers of type `kind`, in its text if that is None."""
+        changed = self.values != values
+        rising = np.argsort(self.begin[changed])
+        begin, end, new = (each[changed][rising] for each in (self.begin, self.end, values))
+        if kind is None:
+            return with_numbers(data, begin, end, new)
+        copy = np.frombuffer(data, dtype=np.uint8).copy()
+        raw = np.ascontiguousarray(new, dtype=kind).view(np.uint8).reshape(len(new), kind.itemsize)
+        copy[begin[:, None] + np.arange(kind.itemsize)] = raw
+        return copy.tobytes()
+
+
 def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines:
     """Read the numbers on lines of text; ``%`` begins a comment.
 
@@ -83,12 +104,3 @@ def with_numbers(data: bytes, begin: IntArray, end: IntArray, values: FloatArray
     pieces[0::2] = [data[a:b] for a, b in zip([0, *last], [*first, len(data)], strict=True)]
     pieces[1::2] = [repr(value).encode() for value in values.tolist()]
     return b"".join(pieces)
-
-
-def with_bytes(data: bytes, begin: IntArray, values: FloatArray, kind: np.dtype[np.generic]) -> bytes:
-    """Return binary data with `values` (K,) as numbers of type `kind` from the bytes begin[i] on."""
-    changed = np.frombuffer(data, dtype=np.uint8).copy()
-    raw = np.ascontiguousarray(values, dtype=kind).view(np.uint8).reshape(len(values), kind.itemsize)
-    for column in range(kind.itemsize):
-        changed[begin + column] = raw[:, column]
-    return changed.tobytes()

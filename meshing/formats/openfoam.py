@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gzip
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,12 +14,12 @@ from sdm_deflect.deform.mesh import Mesh, Patch, Polyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import copied, fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
-from sdm_deflect.meshing.formats.numbers import with_bytes, with_numbers
-from sdm_deflect.meshing.formats.openfoam_files import faces, labels, open_foam, parse, vectors
+from sdm_deflect.meshing.formats.openfoam_files import FoamFile, faces, labels, open_foam, parse, vectors
 from sdm_deflect.meshing.formats.openfoam_write import write_mesh, write_system
 from sdm_deflect.meshing.mesh import FloatArray
 
 MESH = Path("constant", "polyMesh")
+Read = TypeVar("Read")
 STALE = ("processor*",)
 """Parts of a decomposed case: their meshes would be the old ones, so they are not copied."""
 
@@ -38,25 +40,21 @@ class OpenFoam:
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
         folder = mesh_folder(path)
-        with about(folder / "points"):
-            points = vectors(open_foam(folder, "points")).values
+        points = _stored(folder, "points", vectors).values
         progress("reading faces", 0.3)
-        with about(folder / "faces"):
-            polygons = faces(open_foam(folder, "faces"))
-        with about(folder / "owner"):
-            owner = labels(open_foam(folder, "owner"))
-        with about(folder / "neighbour"):
-            neighbour = labels(open_foam(folder, "neighbour"))[: len(owner)]
+        polygons, owner = _stored(folder, "faces", faces), _stored(folder, "owner", labels)
+        neighbour = _stored(folder, "neighbour", labels)[: len(owner)]
         progress("reading patches", 0.8)
-        with about(folder / "boundary"):
-            file = open_foam(folder, "boundary")
-            patches = parse(file.text())
+        patches = _stored(folder, "boundary", lambda file: parse(file.text()))
         with about(folder):
             cells = Polyhedra(polygons, owner, neighbour[neighbour >= 0])
             _check_cells(cells)
+            named, count = [], len(polygons)
             for patch in patches:
-                _check_range(patch.name, patch.start, patch.count, len(polygons))
-            named = [Patch(p.name, (polygons.rows(p.start, p.start + p.count),)) for p in patches]
+                first, end = patch.start, patch.start + patch.count
+                if not 0 <= first <= end <= count:
+                    raise MeshFileError(f"patch {patch.name} has the faces {first} to {end - 1}, but there are {count}")
+                named.append(Patch(patch.name, (polygons.rows(first, end),)))
             return Mesh(points, (cells,), tuple(named))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
@@ -98,17 +96,18 @@ def mesh_folder(path: Path) -> Path:
     raise MeshFileError(f"{path}: is not an OpenFOAM case; it has no file {MESH / 'points'}")
 
 
+def _stored(folder: Path, name: str, read: Callable[[FoamFile], Read]) -> Read:
+    with about(folder / name):
+        return read(open_foam(folder, name))
+
+
 def _move(mesh: Path, points: FloatArray, out: Path) -> None:
     """Write the file `points` of the folder `out`, as it is in the folder `mesh` but for coordinates that changed."""
     with about(mesh / "points"):
         file = open_foam(mesh, "points")
         old = vectors(file)
         check_points(points, len(old.values))
-        changed = old.values != points
-        if file.binary:
-            data = with_bytes(file.data, old.begin[changed], points[changed], file.kind("scalar"))
-        else:
-            data = with_numbers(file.data, old.begin[changed], old.end[changed], points[changed])
+        data = old.replaced(file.data, points, file.kind("scalar") if file.binary else None)
     if (mesh / "points").is_file():
         (out / "points").write_bytes(data)
     else:
@@ -122,8 +121,3 @@ def _check_cells(cells: Polyhedra) -> None:
         raise MeshFileError(f"owner and neighbour name cells that {len(cells.faces)} faces cannot bound")
     if few := np.count_nonzero(np.bincount(sides) < 4):
         raise MeshFileError(f"{few} of {len(cells)} cells have fewer than four faces; owner or neighbour is damaged")
-
-
-def _check_range(name: str, start: int, count: int, faces: int) -> None:
-    if start < 0 or count < 0 or start + count > faces:
-        raise MeshFileError(f"patch {name} has the faces {start} to {start + count - 1}, but there are {faces}")

@@ -13,15 +13,15 @@ import numpy as np
 
 from sdm_deflect.deform.mesh import Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import numbers
+from sdm_deflect.meshing.formats.numbers import Placed, numbers
 from sdm_deflect.meshing.formats.shapes import polygons
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 HEADER = re.compile(rb"FoamFile\s*\{([^}]*)\}")
 ENTRY = re.compile(rb"(\w+)\s+(\"[^\"]*\"|[^;]*);")
 COMMENT = re.compile(rb"//[^\n]*|/\*.*?\*/", re.DOTALL)
-BLANK = re.compile(rb"(?:\s|//[^\n]*(?:\n|$)|/\*.*?\*/)*", re.DOTALL)
-COUNT = re.compile(rb"(\d+)\s*([({])")
+COUNT = re.compile(rb"\s*(\d+)\s*([({])")
+BINARY_COUNT = re.compile(rb"(?:\s|//[^\n]*(?:\n|$)|/\*.*?\*/)*(\d+)\s*", re.DOTALL)
 FLAT = bytes.maketrans(b"(){}", b"    ")
 WORD = re.compile(rb"\"[^\"]*\"|[{}();]|[^\s{}();\"]+")
 
@@ -80,35 +80,26 @@ def labels(file: FoamFile) -> IntArray:
     if file.binary:
         return _binary(file, file.start, "label", 1)[0][:, 0].astype(np.intp)
     text = file.text()
-    count, uniform, begin = _count(text, 0)
+    count, uniform, begin = _count(text)
     values = numbers(text[begin:].translate(FLAT), np.int64).values.astype(np.intp)
     _check(len(values), 1 if uniform else count)
     return np.repeat(values, count) if uniform else values
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Vectors:
-    """Coordinates (N, 3) and the bytes ``begin`` to ``end - 1`` (each (N, 3)) of the file that hold them."""
-
-    values: FloatArray = field(repr=False)
-    begin: IntArray = field(repr=False)
-    end: IntArray = field(repr=False)
-
-
-def vectors(file: FoamFile) -> Vectors:
-    """Return the list of vectors in `points`, and where in the file they are."""
+def vectors(file: FoamFile) -> Placed:
+    """Return the list (N, 3) of vectors in `points`."""
     if file.binary:
         values, first = _binary(file, file.start, "scalar", 3)
         size = file.kind("scalar").itemsize
         begin = first + size * np.arange(values.size).reshape(-1, 3)
-        return Vectors(values.astype(np.float64), begin, begin + size)
+        return Placed(values.astype(np.float64), begin, begin + size)
     text = file.text()
-    count, _, start = _count(text, 0)
+    count, _, start = _count(text)
     words = numbers(text[start:].translate(FLAT), np.float64)
     _check(len(words.values), 3 * count)
     offset = file.start + start
     begin, end = (offset + at.reshape(-1, 3) for at in (words.begin, words.end))
-    return Vectors(words.values.astype(np.float64).reshape(-1, 3), begin, end)
+    return Placed(words.values.astype(np.float64).reshape(-1, 3), begin, end)
 
 
 def faces(file: FoamFile) -> Polygons:
@@ -117,11 +108,10 @@ def faces(file: FoamFile) -> Polygons:
         if file.entries.get("class") != "faceCompactList":
             raise MeshFileError(f"a binary {file.entries.get('class')} cannot be read; run foamFormatConvert")
         offsets, first = _binary(file, file.start, "label", 1)
-        after = first + offsets.nbytes + 1
-        nodes, _ = _binary(file, after, "label", 1)
+        nodes, _ = _binary(file, first + offsets.nbytes + 1, "label", 1)
         return Polygons(nodes[:, 0].astype(np.intp), offsets[:, 0].astype(np.intp))
     text = file.text()
-    count, _, start = _count(text, 0)
+    count, _, start = _count(text)
     body = text[start:]
     words = numbers(body.translate(FLAT), np.int64)
     opening = np.flatnonzero(np.frombuffer(body, dtype=np.uint8) == ord("("))
@@ -135,10 +125,9 @@ def faces(file: FoamFile) -> Polygons:
     return polygons(nodes, sizes)
 
 
-def _count(text: bytes, at: int) -> tuple[int, bool, int]:
-    """Length of the list that begins at or after `at`, whether it is uniform, and where its content begins."""
-    blank = BLANK.match(text, at)
-    found = COUNT.match(text, blank.end() if blank else at)
+def _count(text: bytes) -> tuple[int, bool, int]:
+    """Length of the list at the beginning of a text, whether it is uniform, and where its content begins."""
+    found = COUNT.match(text)
     if not found:
         raise MeshFileError("no list follows the header; the file is truncated or damaged")
     return int(found[1]), found[2] == b"{", found.end()
@@ -147,8 +136,7 @@ def _count(text: bytes, at: int) -> tuple[int, bool, int]:
 def _binary(file: FoamFile, at: int, what: str, columns: int) -> tuple[FloatArray | IntArray, int]:
     """Rows (K, columns) of a binary list, and the byte where they begin."""
     kind = file.kind(what)
-    blank = BLANK.match(file.data, at)
-    found = re.compile(rb"(\d+)\s*").match(file.data, blank.end() if blank else at)
+    found = BINARY_COUNT.match(file.data, at)
     if found and int(found[1]) == 0:
         return np.empty((0, columns), kind), found.end()
     if not found:
@@ -193,7 +181,10 @@ def parse(text: bytes) -> list[FoamPatch]:
             if word == b")":
                 break
             _ = next(words)
-            patches.append(_patch(word.decode("utf-8", "replace").strip('"'), _entries(words)))
+            name, entries = word.decode("utf-8", "replace").strip('"'), _entries(words)
+            if missing := {"type", "nFaces", "startFace"} - entries.keys():
+                raise MeshFileError(f"patch {name} has no {', '.join(sorted(missing))}")
+            patches.append(FoamPatch(name, entries["type"], int(entries["nFaces"]), int(entries["startFace"])))
     except (StopIteration, ValueError):
         raise MeshFileError("the list of patches is truncated or damaged") from None
     if len(patches) != count:
@@ -216,9 +207,3 @@ def _entries(words: Iterator[bytes]) -> dict[str, str]:
         else:
             key.append(word)
     return found
-
-
-def _patch(name: str, entries: dict[str, str]) -> FoamPatch:
-    if missing := {"type", "nFaces", "startFace"} - entries.keys():
-        raise MeshFileError(f"patch {name} has no {', '.join(sorted(missing))}")
-    return FoamPatch(name, entries["type"], int(entries["nFaces"]), int(entries["startFace"]))

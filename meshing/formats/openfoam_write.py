@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
 from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
 from sdm_deflect.meshing.mesh import FloatArray
@@ -17,6 +17,8 @@ from sdm_deflect.meshing.mesh import FloatArray
 LABEL, SCALAR = np.dtype("<i4"), np.dtype("<f8")
 FLAT = 1e-9
 """Fraction of a patch's extent by which its nodes may leave a plane that is called planar."""
+UNFIT = r"[\s\"'/;{}()\[\]$#\\]"
+"""What OpenFOAM cannot read in a word."""
 BANNER = "// Written by sdm-deflect.\n"
 SYMMETRY = ("symmetry", "sym")
 OPEN = ("far", "inlet", "outlet", "inflow", "outflow", "freestream", "chimera", "overset", "interface", "volume")
@@ -32,14 +34,8 @@ purgeWrite      1;
 writeFormat     binary;
 runTimeModifiable false;
 """
-SCHEMES = """ddtSchemes
-{
-    default         steadyState;
-}
-gradSchemes
-{
-    default         cellLimited Gauss linear 1;
-}
+SCHEMES = """ddtSchemes { default steadyState; }
+gradSchemes { default cellLimited Gauss linear 1; }
 divSchemes
 {
     default         none;
@@ -47,62 +43,22 @@ divSchemes
     div(div(phi,U)) Gauss linear;
     div((nuEff*dev2(T(grad(U))))) Gauss linear;
 }
-laplacianSchemes
-{
-    default         Gauss linear limited 0.5;
-}
-interpolationSchemes
-{
-    default         linear;
-}
-snGradSchemes
-{
-    default         limited 0.5;
-}
+laplacianSchemes { default Gauss linear limited 0.5; }
+interpolationSchemes { default linear; }
+snGradSchemes { default limited 0.5; }
 """
 SOLUTION = """solvers
 {
-    Phi
-    {
-        solver          GAMG;
-        smoother        DICGaussSeidel;
-        tolerance       1e-9;
-        relTol          0.01;
-    }
-    p
-    {
-        $Phi;
-        tolerance       1e-7;
-        relTol          0.05;
-    }
-    U
-    {
-        solver          smoothSolver;
-        smoother        GaussSeidel;
-        tolerance       1e-8;
-        relTol          0.1;
-    }
+    Phi { solver GAMG; smoother DICGaussSeidel; tolerance 1e-9; relTol 0.01; }
+    p { $Phi; tolerance 1e-7; relTol 0.05; }
+    U { solver smoothSolver; smoother GaussSeidel; tolerance 1e-8; relTol 0.1; }
 }
-potentialFlow
-{
-    nNonOrthogonalCorrectors 10;
-}
-SIMPLE
-{
-    nNonOrthogonalCorrectors 1;
-    pRefCell        0;
-    pRefValue       0;
-}
+potentialFlow { nNonOrthogonalCorrectors 10; }
+SIMPLE { nNonOrthogonalCorrectors 1; pRefCell 0; pRefValue 0; }
 relaxationFactors
 {
-    equations
-    {
-        U               0.7;
-    }
-    fields
-    {
-        p               0.3;
-    }
+    equations { U 0.7; }
+    fields { p 0.3; }
 }
 """
 
@@ -141,7 +97,7 @@ def write_mesh(mesh: Mesh, folder: Path) -> tuple[str, ...]:
 
 
 def _patches(mesh: Mesh, whole: Bounded) -> tuple[list[FoamPatch], list[str]]:
-    names = words([name for name, _, _ in whole.patches])
+    names = fitting_names([name for name, _, _ in whole.patches], UNFIT)
     patches = []
     for name, start, count in whole.patches:
         own = whole.cells.faces.rows(start, start + count).nodes
@@ -164,9 +120,7 @@ def _binary(path: Path, kind: str, lists: Sequence[NDArray[np.generic]], note: s
         for values in lists:
             file.write(b"%d\n" % len(values))
             if len(values):
-                file.write(b"(")
-                file.write(np.ascontiguousarray(values).data)
-                file.write(b")\n")
+                file.writelines((b"(", np.ascontiguousarray(values).data, b")\n"))
 
 
 def written(patches: Sequence[FoamPatch]) -> str:
@@ -190,17 +144,6 @@ def kind_of(name: str, planar: bool) -> str:
     if any(low.startswith(word) for word in SYMMETRY):
         return "symmetryPlane" if planar else "symmetry"
     return "patch" if any(word in low for word in OPEN) else "wall"
-
-
-def words(names: Sequence[str]) -> dict[str, str]:
-    """Word for each patch: its name where OpenFOAM can read it, else one that is not taken."""
-    found: dict[str, str] = {}
-    for name in names:
-        word = re.sub(r"[\s\"'/;{}()\[\]$#\\]", "_", name) or "_"
-        while word != name and (word in names or word in found.values()):
-            word += "_"
-        found[name] = word
-    return found
 
 
 def write_system(case: Path) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import FACES, Keys, face_keys, node_keys, polygons, taken, turned
+from sdm_deflect.meshing.formats.shapes import FACES, Keys, face_keys, node_keys, patch_keys, polygons, taken, turned
 from sdm_deflect.meshing.mesh import IntArray
 
 LOOSE = "unnamed"
@@ -60,8 +61,12 @@ def bounded(mesh: Mesh) -> Bounded:
 
 def _paired(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
     """Every face once, its owner (the lower cell, whose outward normal it has) and its neighbour or -1."""
-    if len(mesh.cells) == 1 and isinstance(mesh.cells[0], Polyhedra):
-        return _lower_first(mesh.cells[0])
+    if len(mesh.cells) == 1 and isinstance(cells := mesh.cells[0], Polyhedra):
+        neighbour = np.full(len(cells.faces), -1, dtype=np.intp)
+        neighbour[: len(cells.neighbour)] = cells.neighbour
+        swap = (neighbour >= 0) & (neighbour < cells.owner)
+        owner, other = np.where(swap, neighbour, cells.owner), np.where(swap, cells.owner, neighbour)
+        return turned(cells.faces, swap), owner, other
     faces, cell = _faces_of_cells(mesh)
     return _met(faces, cell, face_keys(faces, keys))
 
@@ -87,16 +92,7 @@ def polyhedra(faces: Polygons, cell: IntArray, points: int) -> Polyhedra:
     """
     once, owner, neighbour = _met(faces, cell, face_keys(faces, node_keys(points)))
     order = np.argsort(neighbour < 0, kind="stable")
-    inner = int(np.count_nonzero(neighbour >= 0))
-    return Polyhedra(taken(once, order), owner[order], neighbour[order][:inner])
-
-
-def _lower_first(cells: Polyhedra) -> tuple[Polygons, IntArray, IntArray]:
-    neighbour = np.full(len(cells.faces), -1, dtype=np.intp)
-    neighbour[: len(cells.neighbour)] = cells.neighbour
-    swap = (neighbour >= 0) & (neighbour < cells.owner)
-    owner, other = np.where(swap, neighbour, cells.owner), np.where(swap, cells.owner, neighbour)
-    return turned(cells.faces, swap), owner, other
+    return Polyhedra(taken(once, order), owner[order], neighbour[neighbour >= 0])
 
 
 def _faces_of_cells(mesh: Mesh) -> tuple[Polygons, IntArray]:
@@ -120,7 +116,7 @@ def _patch_of(mesh: Mesh, key: Keys, keys: Keys) -> tuple[IntArray, list[str]]:
     order = np.argsort(key)
     lost = []
     for i, patch in enumerate(mesh.patches):
-        own = _keys(patch, keys)
+        own = patch_keys(patch, keys)
         place = order[np.minimum(np.searchsorted(key, own, sorter=order), len(key) - 1)]
         there = key[place] == own
         taken_before = there & (found[place] < len(mesh.patches))
@@ -130,11 +126,6 @@ def _patch_of(mesh: Mesh, key: Keys, keys: Keys) -> tuple[IntArray, list[str]]:
         if taken_before.any():
             lost.append(f"{np.count_nonzero(taken_before)} faces of patch {patch.name} are on another patch; left out")
     return found, lost
-
-
-def _keys(patch: Patch, keys: Keys) -> Keys:
-    blocks: list[Cells | Polygons] = [faces for faces in patch.faces if len(faces)]
-    return np.concatenate([np.empty(0, np.uint64), *(face_keys(faces, keys) for faces in blocks)])
 
 
 def faces_by_cell(block: Polyhedra) -> tuple[Polygons, IntArray]:
@@ -150,10 +141,8 @@ def standard_cells(mesh: Mesh) -> tuple[Cells, ...]:
 
     The order within a shape is that of the polyhedra. MeshFileError if some polyhedra are of no such shape.
     """
-    cells: list[Cells] = []
-    for block in mesh.cells:
-        cells += _shapes(block) if isinstance(block, Polyhedra) else [block]
-    return tuple(cells)
+    blocks = (_shapes(block) if isinstance(block, Polyhedra) else [block] for block in mesh.cells)
+    return tuple(chain.from_iterable(blocks))
 
 
 def _shapes(block: Polyhedra) -> list[Cells]:
@@ -213,8 +202,7 @@ def _base(faces: Polygons, count: int, corners: int) -> IntArray:
 def _apex(nodes: IntArray, base: IntArray) -> IntArray:
     """The node (M, 1) that is not on the base."""
     outside = (nodes[:, :, None] != base[:, None, :]).all(axis=2)
-    apex: IntArray = np.take_along_axis(nodes, np.argmax(outside, axis=1)[:, None], axis=1)
-    return apex
+    return np.take_along_axis(nodes, np.argmax(outside, axis=1)[:, None], axis=1)
 
 
 def _opposite(start: IntArray, end: IntArray, base: IntArray) -> IntArray:

@@ -31,13 +31,6 @@ FORMATS: dict[str, Format] = {"su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "vtu
 """Every format by its name; a format is added here and nowhere else."""
 
 
-def advice(path: Path) -> str:
-    """Return what to do with a file that no format reads; empty if that is not known."""
-    if path.suffix.lower() == ".gz":
-        return f"unpack it first: gunzip {path.name}"
-    return ADVICE.get(path.suffix.lower(), "").replace("FILE", path.name)
-
-
 def read(path: str | Path, progress: Progress = silent) -> Mesh:
     """Read a mesh file, or an OpenFOAM case; the mesh bears its name.
 
@@ -68,5 +61,6 @@ def format_of(path: str | Path) -> Format:
         if path.suffix.lower() in known.suffixes:
             return known
     suffixes = sorted(suffix for known in FORMATS.values() for suffix in known.suffixes)
-    hint = advice(path) or f"known are {', '.join(suffixes)}"
+    packed = f"unpack it first: gunzip {path.name}" if path.suffix.lower() == ".gz" else ""
+    hint = packed or ADVICE.get(path.suffix.lower(), f"known are {', '.join(suffixes)}").replace("FILE", path.name)
     raise MeshFileError(f"{path}: no mesh format has the suffix {path.suffix!r}; {hint}")

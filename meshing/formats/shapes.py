@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,8 @@ FACES: dict[str, tuple[tuple[int, ...], ...]] = {
 ROWS = 1 << 18
 """Cells handled at a time, so that temporaries stay small."""
 Keys = NDArray[np.uint64]
+Faces = TypeVar("Faces", bound=Cells | Polygons)
+Whole = TypeVar("Whole", np.intp, np.uint64)
 
 
 def polygons(nodes: IntArray, sizes: IntArray) -> Polygons:
@@ -85,7 +88,9 @@ def oriented(points: FloatArray, cells: Cells) -> Cells:
     """
     step = max(1, len(cells) // SAMPLE)
     sample = cells.nodes[::step]
-    hands = _handedness(points, sample, AXES[cells.shape])
+    origin = points[sample[:, 0]]
+    a, b, c = (points[sample[:, axis]] - origin for axis in AXES[cells.shape])
+    hands = np.einsum("ij,ij->i", np.cross(a, b), c)
     if 2 * int(np.count_nonzero(hands < 0.0)) <= len(sample):
         return cells
     return replace(cells, nodes=mirrored(cells.shape, cells.nodes))
@@ -93,16 +98,7 @@ def oriented(points: FloatArray, cells: Cells) -> Cells:
 
 def mirrored(shape: str, nodes: IntArray) -> IntArray:
     """Return nodes (M, k) of volume cells in the order of their mirror images."""
-    turned: IntArray = nodes[:, list(MIRRORED[shape])]
-    return turned
-
-
-def _handedness(points: FloatArray, nodes: IntArray, axes: tuple[int, ...]) -> FloatArray:
-    """Triple product (M,) of the edges from corner 0 to `axes`, in cubed length."""
-    origin = points[nodes[:, 0]]
-    a, b, c = (points[nodes[:, axis]] - origin for axis in axes)
-    product: FloatArray = np.einsum("ij,ij->i", np.cross(a, b), c)
-    return product
+    return np.take(nodes, MIRRORED[shape], axis=1)
 
 
 def node_keys(points: int) -> Keys:
@@ -122,20 +118,41 @@ def face_keys(faces: Cells | Polygons, keys: Keys) -> Keys:
     return np.concatenate([np.empty(0, np.uint64), *(np.add.reduceat(keys[b.nodes], b.offsets[:-1]) for b in blocks)])
 
 
+def patch_keys(patch: Patch, keys: Keys) -> Keys:
+    """Keys (F,) of all faces of a patch."""
+    return np.concatenate([np.empty(0, np.uint64), *(face_keys(faces, keys) for faces in patch.faces)])
+
+
+def places(wanted: NDArray[Whole], known: NDArray[Whole]) -> tuple[IntArray, BoolArray]:
+    """Index of each number among those `known` (N,), and whether it is there; what is not has any index."""
+    if not len(known):
+        return np.zeros(wanted.shape, dtype=np.intp), np.zeros(wanted.shape, dtype=np.bool_)
+    order = np.argsort(known, kind="stable")
+    found = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(known) - 1)]
+    return found, known[found] == wanted
+
+
+def chosen(faces: Faces, rows: IntArray) -> Faces:
+    """Return the faces or cells `rows` (R,), in that order."""
+    if isinstance(faces, Polygons):
+        own = taken(faces, rows)
+        return replace(faces, nodes=own.nodes, offsets=own.offsets)
+    return replace(faces, nodes=faces.nodes[rows])
+
+
 def loose_faces(mesh: Mesh) -> dict[str, int]:
     """Count, by patch, the faces that are of no cell (patches without such faces are left out).
 
     Only cells with three nodes on the boundary are looked at, some at a time: the memory is that of the boundary.
     """
     keys = node_keys(len(mesh.points))
-    mine = {patch.name: [face_keys(faces, keys) for faces in patch.faces] for patch in mesh.patches}
-    flat = [key for group in mine.values() for key in group]
-    missing = np.unique(np.concatenate([np.empty(0, np.uint64), *flat]))
+    mine = {patch.name: patch_keys(patch, keys) for patch in mesh.patches}
+    missing = np.unique(np.concatenate([np.empty(0, np.uint64), *mine.values()]))
     for found in _cell_face_keys(mesh, keys):
         missing = missing[~np.isin(missing, found)]
         if not len(missing):
             return {}
-    counts = {name: sum(int(np.isin(key, missing).sum()) for key in group) for name, group in mine.items()}
+    counts = {name: int(np.count_nonzero(np.isin(own, missing))) for name, own in mine.items()}
     return {name: count for name, count in counts.items() if count}
 
 
@@ -147,13 +164,9 @@ def _cell_face_keys(mesh: Mesh, keys: Keys) -> Iterator[Keys]:
             yield face_keys(block.faces, keys)
             continue
         for start in range(0, len(block), ROWS):
-            yield _keys_of_rows(block.shape, block.nodes[start : start + ROWS], keys, on_boundary)
-
-
-def _keys_of_rows(shape: str, nodes: IntArray, keys: Keys, on_boundary: BoolArray) -> Keys:
-    near = nodes[on_boundary[nodes].sum(axis=1) >= 3]
-    own = keys[near]
-    return np.concatenate([own[:, list(face)].sum(axis=1, dtype=np.uint64) for face in FACES[shape]])
+            nodes = block.nodes[start : start + ROWS]
+            own = keys[nodes[on_boundary[nodes].sum(axis=1) >= 3]]
+            yield np.concatenate([own[:, list(face)].sum(axis=1, dtype=np.uint64) for face in FACES[block.shape]])
 
 
 def check_faces(mesh: Mesh) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from sdm_deflect.deform.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.numbers import Lines, with_numbers
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import simple_faces
@@ -25,6 +24,8 @@ from sdm_deflect.meshing.mesh import FloatArray, IntArray
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES).items()}
 ROWS = 1 << 15
 """Lines written at a time."""
+UNFIT = r"[\s(),%=]"
+"""SU2 drops blanks, and its lists of markers are separated by commas and parentheses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,26 +89,12 @@ def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> di
         if len(mesh.zones) > 1:
             out.write(b"IZONE= %d\n" % (i + 1))
         own = part(mesh, zone)
-        names = markers([patch.name for patch in own.patches])
+        names = fitting_names([patch.name for patch in own.patches], UNFIT, (PARALLEL,))
         renamed |= {name: marker for name, marker in names.items() if name != marker}
         for text, done in _zone(own, names):
             out.write(text.encode())
             report((i + done) / len(mesh.zones))
     return renamed
-
-
-def markers(patches: Sequence[str]) -> dict[str, str]:
-    """Marker of each patch: its name where SU2 can read it, else one that is not taken.
-
-    SU2 drops blanks, and its lists of markers are separated by commas and parentheses.
-    """
-    names: dict[str, str] = {}
-    for name in patches:
-        marker = re.sub(r"[\s(),%=]", "_", name) if name != PARALLEL else f"{name}_"
-        while marker != name and (marker in patches or marker in names.values()):
-            marker += "_"
-        names[name] = marker
-    return names
 
 
 def _copy(file: BinaryIO, begin: int, end: int, out: BinaryIO) -> None:

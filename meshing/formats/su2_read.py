@@ -156,9 +156,8 @@ def _zones(found: Sequence[Section]) -> dict[str, list[Section]]:
         zones.pop("", None)
     announced = [section.count for section in found if section.keyword == "NZONE"]
     if announced and announced[0] != len(zones):
-        raise MeshFileError(
-            f"NZONE= {announced[0]}, but there are {len(zones)} zones; the file is truncated or damaged"
-        )
+        counts = f"NZONE= {announced[0]}, but there are {len(zones)} zones"
+        raise MeshFileError(f"{counts}; the file is truncated or damaged")
     return zones
 
 
@@ -214,16 +213,12 @@ def _elements(source: Su2File, section: Section, shapes: Mapping[int, str], poin
         kinds = np.asarray(lines.values[lines.first[:-1]], dtype=np.int64)
         distinct, first = np.unique(kinds, return_index=True)
         for kind in distinct[np.argsort(first)].tolist():
+            rows = np.flatnonzero(kinds == kind)
             if kind not in shapes:
                 wanted = ", ".join(f"{number} ({shape})" for number, shape in shapes.items())
-                raise MeshFileError(
-                    f"{np.count_nonzero(kinds == kind)} elements of type {kind} where there can be {wanted}"
-                )
-            found.setdefault(kind, []).append(_nodes(lines, np.flatnonzero(kinds == kind), shapes[kind], points))
-    blocks = []
-    for kind in list(found):
-        blocks.append(Cells(shapes[kind], np.concatenate(found.pop(kind))))
-    return tuple(blocks)
+                raise MeshFileError(f"{len(rows)} elements of type {kind} where there can be {wanted}")
+            found.setdefault(kind, []).append(_nodes(lines, rows, shapes[kind], points))
+    return tuple(Cells(shapes[kind], np.concatenate(found.pop(kind))) for kind in list(found))
 
 
 def _nodes(lines: Lines, rows: IntArray, shape: str, points: int) -> IntArray:
@@ -234,7 +229,6 @@ def _nodes(lines: Lines, rows: IntArray, shape: str, points: int) -> IntArray:
         raise MeshFileError(f"{bad} lines of {shape} elements have other than {corners} nodes")
     nodes: IntArray = lines.values[lines.first[rows, None] + np.arange(1, corners + 1)].astype(np.intp, copy=False)
     if missing := np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1)):
-        raise MeshFileError(
-            f"{missing} {shape} elements name points that are not among the {points} (0 to {points - 1})"
-        )
+        known = f"the {points} (0 to {points - 1})"
+        raise MeshFileError(f"{missing} {shape} elements name points that are not among {known}")
     return nodes

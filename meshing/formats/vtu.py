@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -59,13 +59,9 @@ class Vtu:
         with about(source):
             file = VtuFile(source.read_bytes())
             check_points(points, sum(piece.points for piece in file.pieces))
-            starts = np.cumsum([0, *(piece.points for piece in file.pieces)])
-            moved = [
-                (_points(piece), points[start:][: piece.points])
-                for piece, start in zip(file.pieces, starts, strict=False)
-            ]
+            starts = np.cumsum([piece.points for piece in file.pieces])
             progress(f"writing {out.name}", 0.5)
-            data = file.replaced(moved)
+            data = file.replaced(list(zip(map(_points, file.pieces), np.split(points, starts), strict=False)))
         with fresh(out, source) as beside:
             beside.write_bytes(data)
 
@@ -99,9 +95,8 @@ def read_vtu(path: Path) -> TetMesh:
             raise MeshFileError("holds cells other than tetrahedra and triangles")
         if NAMES not in file.fields:
             raise MeshFileError(f"has no field array {NAMES}")
-        tets, triangles = (
-            grid.block(kind, np.flatnonzero(grid.types == kind)).nodes for kind in (TYPES["tetra"], TYPES["triangle"])
-        )
+        kinds = (TYPES["tetra"], TYPES["triangle"])
+        tets, triangles = (grid.block(kind, np.flatnonzero(grid.types == kind)).nodes for kind in kinds)
         patch, face = (_cell_array(file, name)[~wide].astype(np.intp) for name in ("patch", "cad_face"))
         return TetMesh(grid.points, tets, triangles, patch, face, file.strings(file.fields[NAMES]))
 
@@ -167,8 +162,7 @@ def _patches(file: VtuFile, grid: _Grid) -> tuple[Patch, ...]:
         rows = flat[own == label]
         for kind in _kinds(grid.types[rows]):
             some = rows[grid.types[rows] == kind]
-            faces = grid.polygons(some) if kind == POLYGON else grid.block(kind, some)
-            found.setdefault(name, []).append(faces)
+            found.setdefault(name, []).append(grid.polygons(some) if kind == POLYGON else grid.block(kind, some))
     return tuple(Patch(name, tuple(faces)) for name, faces in found.items())
 
 
@@ -207,21 +201,22 @@ def _grid(file: VtuFile) -> _Grid:
     parts = [_part(file, piece) for piece in file.pieces]
     if len(parts) == 1:
         return parts[0]
-    points, nodes, faces, cells = (
-        np.cumsum([0, *map(len, of)])
-        for of in ([p.points for p in parts], [p.nodes for p in parts], [p.faces.nodes for p in parts],
-                   [p.types[p.types == POLYHEDRON] for p in parts])
-    )  # fmt: skip
+    counts = [(len(p.points), len(p.nodes), len(p.faces.nodes), np.count_nonzero(p.types == POLYHEDRON)) for p in parts]
+    points, nodes, faces, cells = np.cumsum([(0, 0, 0, 0), *counts], axis=0).T
+
+    def merged(arrays: Iterable[IntArray], starts: IntArray) -> IntArray:
+        return np.concatenate([array + start for array, start in zip(arrays, starts, strict=False)])
+
     return _Grid(
         np.concatenate([part.points for part in parts]),
         np.concatenate([part.types for part in parts]),
-        np.concatenate([part.nodes + start for part, start in zip(parts, points, strict=False)]),
-        np.concatenate([[0], *(part.offsets[1:] + start for part, start in zip(parts, nodes, strict=False))]),
+        merged((part.nodes for part in parts), points),
+        np.insert(merged((part.offsets[1:] for part in parts), nodes), 0, 0),
         Polygons(
-            np.concatenate([part.faces.nodes + start for part, start in zip(parts, points, strict=False)]),
-            np.concatenate([[0], *(part.faces.offsets[1:] + start for part, start in zip(parts, faces, strict=False))]),
+            merged((part.faces.nodes for part in parts), points),
+            np.insert(merged((part.faces.offsets[1:] for part in parts), faces), 0, 0),
         ),
-        np.concatenate([part.cell + start for part, start in zip(parts, cells, strict=False)]),
+        merged((part.cell for part in parts), cells),
     )
 
 

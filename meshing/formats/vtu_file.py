@@ -68,6 +68,7 @@ class VtuFile:
         self.data, self.pieces, self.fields = data, [], {}  # type: tuple[bytes, list[Piece], dict[str, DataArray]]
         self._stack: list[str] = []
         self._open: DataArray | None = None
+        self._arrays: list[DataArray] = []
         found = APPENDED.search(data)
         self._appended = found.end() if found else len(data)
         self._raw = found is not None and b"base64" not in found[1]
@@ -103,12 +104,10 @@ class VtuFile:
             tag = TAG.match(self.data, at)
             end = tag.end() if tag else at
             self._open = DataArray(given, (at, end), (end, 0), 0)
+            self._arrays.append(self._open)
             section = self._stack[-1] if self._stack else ""
-            home = (
-                self.fields
-                if section == "FieldData" or not self.pieces
-                else self.pieces[-1].sections.setdefault(section, {})
-            )
+            of_grid = section == "FieldData" or not self.pieces
+            home = self.fields if of_grid else self.pieces[-1].sections.setdefault(section, {})
             home[given.get("Name", "")] = self._open
         self._stack.append(name)
 
@@ -166,7 +165,7 @@ class VtuFile:
                 grown.append((begin - self._appended, len(new) - (end - begin)))
             else:
                 edits.append((array.text[1], array.close, b"\n" if array.close > array.text[1] else b""))
-        for array in self._every():
+        for array in self._arrays:
             if array.attributes.get("format") == "appended":
                 at = _count(array.attributes, "offset")
                 by = sum(more for place, more in grown if place < at)
@@ -176,12 +175,6 @@ class VtuFile:
             pieces += [self.data[at:begin], new]
             at = end
         return b"".join([*pieces, self.data[at:]])
-
-    def _every(self) -> Iterator[DataArray]:
-        yield from self.fields.values()
-        for piece in self.pieces:
-            for section in piece.sections.values():
-                yield from section.values()
 
     def _encoded(self, array: DataArray, old: Array, values: FloatArray) -> Edit:
         if array.attributes.get("format") == "ascii":

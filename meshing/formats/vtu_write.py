@@ -6,7 +6,6 @@ import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 from xml.sax.saxutils import quoteattr
@@ -63,47 +62,37 @@ def write_vtu(
     MeshFileError
         If the file cannot be written, on a full disk for example.
     """
-    grid = _grid(mesh)
-    nodes, sizes, types, walls = _cells(grid.blocks)
+    blocks, volume, labels, names = _grid(mesh)
+    nodes, sizes, types, walls = _cells(blocks)
     for name, values in (point_data or {}).items():
         if len(values) != len(mesh.points):
             raise ValueError(f"{name} has {len(values)} rows, expected {len(mesh.points)} nodes")
-    on_cells = {name: _on_all(name, values, grid.volume, len(types)) for name, values in (cell_data or {}).items()}
-    ends = np.cumsum(sizes)
+    on_cells = {name: _on_all(name, values, volume, len(types)) for name, values in (cell_data or {}).items()}
     sections: dict[str, Mapping[str, Array]] = {
         "PointData": point_data or {},
-        "CellData": {**grid.labels, **on_cells},
+        "CellData": {**labels, **on_cells},
         "Points": {"Points": mesh.points},
-        "Cells": {"connectivity": nodes, "offsets": ends, "types": types, **walls},
+        "Cells": {"connectivity": nodes, "offsets": np.cumsum(sizes), "types": types, **walls},
     }
     with fresh(path) as beside, beside.open("wb") as file:
-        _write(file, grid.names, sections, len(mesh.points), len(types))
+        _write(file, names, sections, len(mesh.points), len(types))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Grid:
+def _grid(
+    mesh: Mesh | TetMesh,
+) -> tuple[Sequence[Cells | Polygons | Polyhedra], int, dict[str, IntArray], tuple[str, ...]]:
     """Blocks of cells, then of faces; the number of cells; labels (M + F,) of both; names of patches."""
-
-    blocks: Sequence[Cells | Polygons | Polyhedra]
-    volume: int
-    labels: dict[str, IntArray] = field(repr=False)
-    names: tuple[str, ...]
-
-
-def _grid(mesh: Mesh | TetMesh) -> _Grid:
     if isinstance(mesh, TetMesh):
         tets = len(mesh.tets)
-        labels = {
-            "patch": np.concatenate([np.zeros(tets, dtype=np.intp), mesh.patch]),
-            "cad_face": np.concatenate([np.full(tets, -1), mesh.face]),
-        }
-        return _Grid((Cells("tetra", mesh.tets), Cells("triangle", mesh.triangles)), tets, labels, mesh.names)
+        label = np.concatenate([np.zeros(tets, dtype=np.intp), mesh.patch])
+        labels = {"patch": label, "cad_face": np.concatenate([np.full(tets, -1), mesh.face])}
+        return (Cells("tetra", mesh.tets), Cells("triangle", mesh.triangles)), tets, labels, mesh.names
     volume = sum(len(block) for block in mesh.cells)
     if not mesh.patches:
-        return _Grid(mesh.cells, volume, {}, ())
+        return mesh.cells, volume, {}, ()
     faces = [block for patch in mesh.patches for block in patch.faces]
-    patch = np.repeat(np.arange(len(mesh.patches) + 1), [volume, *(len(patch) for patch in mesh.patches)])
-    return _Grid((*mesh.cells, *faces), volume, {"patch": patch}, (VOLUME, *mesh.names))
+    label = np.repeat(np.arange(len(mesh.patches) + 1), [volume, *(len(patch) for patch in mesh.patches)])
+    return (*mesh.cells, *faces), volume, {"patch": label}, (VOLUME, *mesh.names)
 
 
 def _on_all(name: str, values: Array, volume: int, cells: int) -> Array:
@@ -165,21 +154,19 @@ def _face_stream(block: Polyhedra) -> tuple[IntArray, IntArray]:
     first_face = np.cumsum(count) - count
     headed = np.insert(faces.nodes, faces.offsets[:-1], sizes)
     begin = faces.offsets[:-1] + np.arange(len(sizes))
-    stream: IntArray = np.insert(headed, begin[first_face], count)
     length = 1 + np.bincount(cell, sizes + 1, minlength=len(block)).astype(np.intp)
-    return stream, np.cumsum(length)
+    return np.insert(headed, begin[first_face], count), np.cumsum(length)
 
 
 def _write(
     file: BinaryIO, names: tuple[str, ...], sections: Mapping[str, Mapping[str, Array]], points: int, cells: int
 ) -> None:
-    fields = {"patch_names": "".join(f"{name}\0" for name in names).encode()} if names else {}
     text = [HEAD]
     arrays: list[Array] = []
-    for name, letters in fields.items():
+    if names:
         place = f'NumberOfTuples="{len(names)}" format="appended" offset="{"":{PLACE}}'
-        text.append(f'<FieldData>\n<Array type="String" Name={quoteattr(name)} {place}/>\n</FieldData>\n')
-        arrays.append(np.frombuffer(letters, dtype=np.uint8))
+        text.append(f'<FieldData>\n<Array type="String" Name="patch_names" {place}/>\n</FieldData>\n')
+        arrays.append(np.frombuffer("".join(f"{name}\0" for name in names).encode(), dtype=np.uint8))
     text.append(f'<Piece NumberOfPoints="{points}" NumberOfCells="{cells}">\n')
     for section, own in sections.items():
         stored = {name: _stored(values) for name, values in own.items()}

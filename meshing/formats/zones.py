@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone
-from sdm_deflect.meshing.formats.shapes import taken
-from sdm_deflect.meshing.mesh import BoolArray, IntArray
-
-Faces = TypeVar("Faces", bound=Cells | Polygons)
+from sdm_deflect.meshing.formats.shapes import Faces, chosen, taken
+from sdm_deflect.meshing.mesh import BoolArray
 
 
 def joined(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:
@@ -87,14 +84,7 @@ def _inside(block: Faces, zone: Zone, what: str) -> Faces:
         some, whole = (np.asarray(of.reduce(own, axis=1)) for of in (np.logical_or, np.logical_and))
     if torn := np.count_nonzero(some & ~whole):
         raise ValueError(f"{torn} {what} join zone {zone.name} to another zone")
-    return _shifted(block if whole.all() else _chosen(block, np.flatnonzero(whole)), -zone.start)
-
-
-def _chosen(block: Faces, rows: IntArray) -> Faces:
-    if isinstance(block, Polygons):
-        faces = taken(block, rows)
-        return replace(block, nodes=faces.nodes, offsets=faces.offsets)
-    return replace(block, nodes=block.nodes[rows])
+    return _shifted(block if whole.all() else chosen(block, np.flatnonzero(whole)), -zone.start)
 
 
 def _within(faces: Cells | Polygons, zone: Zone) -> BoolArray:
