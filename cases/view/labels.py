@@ -11,7 +11,6 @@ from sdm_deflect.cases.report.scene3d import quality_rgb
 from sdm_deflect.cases.view.pieces import Pieces, bounds
 from sdm_deflect.cases.view.run import Frame, InteractiveRun, Spans
 from sdm_deflect.deform.mesh import FloatArray, IntArray
-from sdm_deflect.deform.quality import MEASURES
 
 POSITIONS = 500
 """A section has about so many positions along the largest extent of the hexahedra."""
@@ -144,9 +143,8 @@ def _smallest(frame: Frame, run: InteractiveRun) -> Iterator[tuple[str, str, str
     for shape in dict.fromkeys(shapes):
         own = np.isin(label, [i for i, name in enumerate(shapes) if name == shape])
         if own.any():
-            key, name = f"smallest-{shape}", f"smallest of {shape} cells"
-            if len(set(shapes)) == 1:
-                key, name = "smallest", f"smallest {MEASURES[shape]}"
+            key = "smallest" if len(set(shapes)) == 1 else f"smallest-{shape}"
+            name = "smallest mean ratio" if set(shapes) == {"tetra"} else f"smallest of {shape} cells"
             yield key, name, f"{frame.quality[own].min():.3f}"
 
 
