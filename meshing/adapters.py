@@ -35,10 +35,7 @@ def accepted(mesh: Any) -> Accepted:
     meshio: patches are cell sets, or physical groups of Gmsh. pyvista: an unstructured grid whose faces carry the
     cell array ``patch``, named by the field array ``patch_names``.
 
-    Raises
-    ------
-    InputError
-        For anything else, and for meshes without a patch.
+    Raises InputError for anything else, and for meshes without a patch.
     """
     if isinstance(mesh, Mesh):
         return Accepted(_checked(mesh), mesh.with_points)
@@ -160,10 +157,7 @@ def to_pyvista(mesh: Mesh, displacement: FloatArray, orientation: Sequence[float
 def to_meshio(mesh: Mesh, displacement: FloatArray) -> Any:
     """Return a meshio Mesh of cells and faces: point data ``displacement`` (N, 3), one cell set for each patch.
 
-    Raises
-    ------
-    InputError
-        For polyhedra that are no tetrahedra, pyramids, wedges or hexahedra: meshio has no form for them.
+    Raises InputError for polyhedra that are no tetrahedra, pyramids, wedges or hexahedra: meshio has no form for them.
     """
     import meshio
 

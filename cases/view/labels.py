@@ -86,10 +86,7 @@ def about(run: InteractiveRun) -> dict[str, Any]:
 def parsed(text: str, spans: Spans, unit: str = "\N{DEGREE SIGN}") -> float:
     """Return the angle that a user typed.
 
-    Raises
-    ------
-    ValueError
-        One sentence: what is wrong with it and what would be right.
+    Raises ValueError: one sentence: what is wrong with it and what would be right.
     """
     span = spans.possible
     try:

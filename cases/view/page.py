@@ -65,10 +65,7 @@ class Control:
     def show(self, wish: Wish) -> dict[str, Any]:
         """Bring the scene to what is wanted and return what the page is to say.
 
-        Raises
-        ------
-        InputError
-            If no surface motion exists at that angle; the scene is then as before.
+        Raises InputError if no surface motion exists at that angle; the scene is then as before.
         """
         before, answer = self.shown, dict[str, Any]()
         if before is None or wish.angle != before.angle:

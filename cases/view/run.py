@@ -138,10 +138,7 @@ class InteractiveRun:
     def of(cls, folder: Path) -> "InteractiveRun":
         """Read the folder of a deflected mesh, and factorise.
 
-        Raises
-        ------
-        InputError
-            If it is not such a folder, or its files do not belong together.
+        Raises InputError if it is not such a folder, or its files do not belong together.
         """
         plan, points = read_folder(folder)
         mesh, degrees = plan.mesh, plan.job.surfaces[0].motion.unit == "deg"
@@ -158,15 +155,10 @@ class InteractiveRun:
 
         Parameters
         ----------
-        points
-            (N, 3) where the run has brought the mesh.
-        angle
-            Of the run.
+        points : (N, 3) where the run has brought the mesh.
+        angle : Of the run.
 
-        Raises
-        ------
-        InputError
-            If the centres or the points do not belong to the plans.
+        Raises InputError if the centres or the points do not belong to the plans.
         """
         mesh, stored = plans[0].mesh, _arrays(folder / "interpolant.npz")
         foreign = "does not belong to the mesh and the settings of the run; run it again"
@@ -222,11 +214,8 @@ class InteractiveRun:
     def at(self, angle: float) -> Frame:
         """Turn every surface to its share of the angle.
 
-        Raises
-        ------
-        InputError
-            If the angle is not a number or beyond what any surface can turn, or a surface cannot move so far within
-            its box.
+        Raises InputError if the angle is not a number or beyond what any surface can turn, or a surface cannot move so
+        far within its box.
         """
         if not abs(angle) <= self.largest:
             raise InputError(f"{angle:g} is outside {-self.largest:g} ... {self.largest:g}{self.unit}")

@@ -22,10 +22,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 def serve(page: Page, port: int, show: bool) -> None:
     """Serve the page until interrupted; print its address, and open it in the user's browser if that is wanted.
 
-    Raises
-    ------
-    InputError
-        If the port is taken.
+    Raises InputError if the port is taken.
     """
     port = port or free_port()
     check_free(port)

@@ -161,10 +161,7 @@ class PreparedDeflection:
     def of(cls, plan: Plan, angle: float, centers: Sequence[Centers]) -> "PreparedDeflection":
         """Prepare the steps of a deflection to an angle, given the centres that it found.
 
-        Raises
-        ------
-        InputError
-            If they are no data sites of the plan.
+        Raises InputError if they are no data sites of the plan.
         """
         points, steps, reached = plan.mesh.points, [], np.zeros((len(plan.sites.moving), 3))
         for k, own in enumerate(centers, 1):
@@ -186,10 +183,7 @@ class PreparedDeflection:
     def at(self, angle: float) -> Moved:
         """Bring the mesh to an angle; at zero nothing is interpolated.
 
-        Raises
-        ------
-        InputError
-            If the surfaces cannot move so far within the box.
+        Raises InputError if the surfaces cannot move so far within the box.
         """
         plan = self.plan
         if angle == 0.0:

@@ -247,9 +247,7 @@ def _fit(state: StepState, sliding: bool, values: FloatArray, progress: Progress
     fitting, tolerance = state.fitting, state.sites.tolerance
     found: list[Adaptation] = []
     kept: list[CholeskyBasis] = []
-    options = GreedyOptions(
-        n_add=fitting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=fitting.max_centers
-    )
+    options = GreedyOptions(n_add=fitting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=fitting.max_centers)
     for i, group in enumerate(state.groups(values, sliding)):
         if earlier:
             initial = earlier.factors[i].chosen
