@@ -27,6 +27,8 @@ from sdm_deflect.geometry.parameters import Fighter
 
 BLOCK = "chimera"
 """Patch of a Chimera block's outer faces."""
+CONFINEMENT = "confinement.up, down, aft, outboard, or corners"
+"""Settings that say how large the hexahedron of a control surface is."""
 ON_LINE = 1e-6
 """Nodes within this distance (m) of a datum line are on it: boundary nodes lie on the CAD to 1e-7 m."""
 
@@ -44,7 +46,7 @@ def plans_of(case: Case, mesh: Mesh, angles: Sequence[float] = (), progress: Pro
         Plan.of(mesh, job_of(case, mesh, turn), [turn.factor * angle for angle in wanted], progress)
         for turn in case.deflections
     )
-    check_disjoint([(plan.patches[0], plan.region.hexahedron) for plan in plans])
+    check_disjoint([(plan.patches[0], plan.region.hexahedron) for plan in plans], CONFINEMENT)
     return plans
 
 
@@ -69,7 +71,7 @@ def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
     return Job(
         surfaces=(Moving(patches, motion_of(case, mesh, surface, hexahedron), turn.factor * case.angle),),
         fixed=tuple(name for name in mesh.names if name not in (*patches, BLOCK)),
-        box=Given(hexahedron, open_faces(case, surface)),
+        box=Given(hexahedron, open_faces(case, surface), CONFINEMENT),
         sections=tuple(sections_of(case, surface)),
         near_wall=False,
         fitting=replace(case.adaptation, spacing=spacing),

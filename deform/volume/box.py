@@ -37,6 +37,11 @@ class Chosen(NamedTuple):
 class BoxRule(Protocol):
     """Chooses the hexahedron."""
 
+    @property
+    def settings(self) -> str:
+        """What a user sets to make it larger or smaller."""
+        ...
+
     def choose(self, scene: Scene) -> Chosen:
         """Return the hexahedron for a scene."""
         ...
@@ -50,10 +55,12 @@ class Given:
     ----------
     hexahedron : the box.
     open_faces : names of faces without zero sites, such as one inside a body.
+    settings : what a user sets to make it larger or smaller.
     """
 
     hexahedron: Hexahedron = field(repr=False)
     open_faces: frozenset[str] = frozenset()
+    settings: str = "box"
 
     def __post_init__(self) -> None:
         unknown = sorted(self.open_faces - FACES.keys())
@@ -93,6 +100,11 @@ class Automatic:
     def __post_init__(self) -> None:
         if not 0.0 <= self.margin < np.inf:
             raise InputError(f"margin = {self.margin} must be a positive length, or 0 to have it chosen")
+
+    @property
+    def settings(self) -> str:
+        """What a user sets to make it larger or smaller."""
+        return "margin"
 
     def choose(self, scene: Scene) -> Chosen:
         """Return the box for a scene."""

@@ -68,12 +68,17 @@ class Region:
         return cls(box, inside, tuple(zone.name for zone in zones), fixed, sections, seconds)
 
 
-def check_disjoint(boxes: Sequence[tuple[str, Hexahedron]]) -> None:
-    """Raise InputError naming the first pair of boxes that overlap, and by how much: each confines its own motion."""
+def check_disjoint(boxes: Sequence[tuple[str, Hexahedron]], settings: str = "box") -> None:
+    """Raise InputError naming the first pair of boxes that overlap, and by how much: each confines its own motion.
+
+    The message ends with the `settings` that say how large they are.
+    """
     for (one, a), (other, b) in combinations(boxes, 2):
         depth = shared_depth(a, b)
         if depth > TOUCHING * float(np.ptp(a.corners, axis=0).max()):
-            raise InputError(f"the boxes of {one} and {other} overlap by {2.0 * depth:.3g}; make them smaller")
+            raise InputError(
+                f"the boxes of {one} and {other} overlap by {2.0 * depth:.3g}; make them smaller ({settings})"
+            )
 
 
 def shared_depth(a: Hexahedron, b: Hexahedron) -> float:
@@ -129,7 +134,7 @@ def check_moving(boundary: Boundary, hexahedron: Hexahedron, all_amounts: Sequen
             names = ", ".join(surface.named for surface in boundary.surfaces)
             raise InputError(
                 f"{boundary.mesh.name}: {out} of {int(moves.sum())} moving nodes of {names} leave the box at "
-                f"{amounts[0]:g}; enlarge it"
+                f"{amounts[0]:g}; enlarge it ({boundary.job.box.settings})"
             )
 
 
@@ -152,7 +157,8 @@ def _check_clear(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray) -
             raise InputError(
                 f"{mesh.name}: the box contains {len(within)} of {len(patch.nodes)} nodes of {patch.name}"
                 + (f" ({len(shared)} shared with the moving surface)" if len(shared) else "")
-                + f", which must not move; {f'{remedy}, or ' if job.near_wall else ''}take a smaller box"
+                + f", which must not move; {f'{remedy}, or ' if job.near_wall else ''}take a smaller box "
+                f"({job.box.settings})"
             )
         if len(shared) and patch.name not in boundary.declared:
             raise InputError(

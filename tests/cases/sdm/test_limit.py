@@ -60,4 +60,4 @@ def test_an_aileron_that_leaves_its_hexahedron_is_no_limit_but_has_a_reason(aile
     assert attempt(low, aileron_mesh[0].as_mesh(), 5.0).reason == ""
     trial = attempt(low, aileron_mesh[0].as_mesh(), -30.0)
     assert (trial.quality_min, trial.steps) == (0.0, 0)
-    assert "moving nodes of aileron_left leave the box at -30" in trial.reason
+    assert "moving nodes of aileron_left leave the box at -30; enlarge it (confinement.up, down" in trial.reason

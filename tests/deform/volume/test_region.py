@@ -53,7 +53,7 @@ def test_boxes_that_overlap_are_named_with_their_depth():
     check_disjoint(named(np.array([1.0, 0.0, 0.0])))  # they only touch
     check_disjoint(named(np.array([1.0 - 1e-11, 0.0, 0.0])))
     check_disjoint([])
-    with pytest.raises(InputError, match=r"the boxes of flap and tab overlap by 0\.25; make them smaller"):
+    with pytest.raises(InputError, match=r"the boxes of flap and tab overlap by 0\.25; make them smaller \(box\)"):
         check_disjoint(named(np.array([0.75, 0.0, 0.0])))
     beside = np.array([4.5, 0.9, 0.0])
     far = [*named(np.array([2.0, 0.0, 0.0])), ("tail", box(LOW + beside, HIGH + beside))]
@@ -62,7 +62,7 @@ def test_boxes_that_overlap_are_named_with_their_depth():
 
 
 def test_a_surface_that_leaves_the_box(block):
-    with pytest.raises(InputError, match=r"\d+ of 24 moving nodes of body leave the box at 10; enlarge it"):
+    with pytest.raises(InputError, match=r"\d+ of 24 moving nodes of body leave the box at 10; enlarge it \(box\)"):
         turn(block, box=[[-0.4, -1, -1], [1, 1, 1]])
 
 
