@@ -84,7 +84,7 @@ class Result:
 
     @property
     def plan(self) -> Plan:
-        """What was decided before the fit: box, sites, cells."""
+        """What was decided before the fit, such as box, sites and cells."""
         return self.deflection.plan
 
     @property
@@ -300,7 +300,7 @@ def deflect(
 
     Returns
     -------
-    The deflected mesh with its checks. A check that fails is no error: see `Result.passed`.
+    The deflected mesh with its checks. A check that fails is no error; `passed` of the result tells.
 
     Raises
     ------
@@ -333,13 +333,14 @@ def sweep(
     """Deflect to several angles; centres and factors of the largest serve for all of them.
 
     Each angle is checked at every data site; centres are added where one is off by more than the tolerance. The box is
-    one that holds the surface at all angles.
+    one that holds the surface at all angles. Of several surfaces with angles of their own, `angles` are those of the
+    first, and the others keep their proportion to it.
 
     Parameters
     ----------
-    mesh, surfaces, hinge, progress, **options : As for `deflect`. Of several surfaces with angles of their own, those
-        of the first are replaced by `angles`, and the others keep their proportion to it.
+    mesh, surfaces, hinge : As for `deflect`.
     angles : Degrees, in any order; or text, ``"-30:30:5"`` with both ends included.
+    progress, **options : As for `deflect`.
 
     Returns
     -------

@@ -13,9 +13,9 @@ from sphinx.domains.python import PyObject
 import sdm_deflect
 
 SECTIONS = ("Attributes", "Parameters", "Returns")
-ENTRY = re.compile(r"(\s*)(\w[\w, ]*) : (.+)")
+ENTRY = re.compile(r"(\s*)([\w*][\w*, ]*) : (.+)")
 MARKUP = re.compile(r"([|*]|(?<=\w)_(?!\w))")
-CODE = re.compile(r"(`[^`]*`)")
+CODE = re.compile(r"(``.+?``|`[^`]*`)")
 BEFORE_NAPOLEON = 400
 
 
@@ -44,13 +44,17 @@ def escaped(line: str) -> str:
 
 
 def process(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Rewrite the lines of a docstring in place."""
+    """Rewrite the lines of a docstring in place; of an attribute, no words before a colon are a type."""
     lines[:] = [escaped(line) for line in rewritten(lines)]
+    if what in ("attribute", "data", "property") and ":" in lines[0]:
+        lines[0] = f": {lines[0]}"
 
 
 def is_elsewhere(app: Sphinx, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:
-    """Skip what the page of public names describes, and fields of which nothing is said."""
+    """Skip what the page of public names describes, what comes from matplotlib, and fields of which nothing is said."""
     if what == "module" and name in sdm_deflect.__all__ and thing is getattr(sdm_deflect, name):
+        return True
+    if (getattr(thing, "__module__", None) or "").startswith("matplotlib"):
         return True
     return (getattr(thing, "__doc__", None) or "").startswith("Alias for field number") or None
 
