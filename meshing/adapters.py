@@ -67,14 +67,14 @@ def _of_arrays(points: Any, patches: Mapping[str, Any]) -> Mesh:
         raise InputError(f"arrays: {error}") from None
 
 
-def _of_meshio(mesh: Any) -> tuple[Mesh, Callable[[FloatArray], Any]]:
+def _of_meshio(mesh: Any) -> Accepted:
     for block in mesh.cells:
         if block.dim == 3 and block.type not in VOLUMES:
             raise InputError(f"meshio mesh: cells of type {block.type} are not supported")
     cells = tuple(_cells(block.type, block.data) for block in mesh.cells if block.type in VOLUMES)
     patches = tuple(Patch(name, faces) for name, faces in _meshio_patches(mesh).items() if faces)
 
-    return Mesh(np.asarray(mesh.points, dtype=np.float64), cells, patches), partial(_moved, mesh)
+    return Accepted(Mesh(np.asarray(mesh.points, dtype=np.float64), cells, patches), partial(_moved, mesh))
 
 
 def _meshio_patches(mesh: Any) -> dict[str, tuple[Cells, ...]]:
@@ -94,7 +94,7 @@ def _meshio_patches(mesh: Any) -> dict[str, tuple[Cells, ...]]:
     }
 
 
-def _of_pyvista(mesh: Any) -> tuple[Mesh, Callable[[FloatArray], Any]]:
+def _of_pyvista(mesh: Any) -> Accepted:
     grid = mesh.cast_to_unstructured_grid()
     if unknown := sorted({int(kind) for kind in np.unique(grid.celltypes)} - VTK_SHAPES.keys()):
         raise InputError(f"pyvista mesh: VTK cells of type {unknown[0]} are not supported")
@@ -110,7 +110,7 @@ def _of_pyvista(mesh: Any) -> tuple[Mesh, Callable[[FloatArray], Any]]:
     ]
 
     flow = Mesh(np.asarray(grid.points, dtype=np.float64), cells, tuple(p for p in patches if len(p)))
-    return flow, partial(_moved, mesh)
+    return Accepted(flow, partial(_moved, mesh))
 
 
 def _moved(mesh: Any, points: FloatArray) -> Any:
@@ -123,21 +123,15 @@ def _cells(shape: str, nodes: Any) -> Cells:
     return Cells(shape, np.asarray(nodes, dtype=np.intp).reshape(-1, CORNERS[shape]))
 
 
-ADAPTERS: dict[str, Callable[[Any], tuple[Mesh, Callable[[FloatArray], Any]]]] = {
-    "meshio": _of_meshio,
-    "pyvista": _of_pyvista,
-}
+ADAPTERS: dict[str, Callable[[Any], Accepted]] = {"meshio": _of_meshio, "pyvista": _of_pyvista}
 
 
 def to_pyvista(mesh: Mesh, displacement: FloatArray, orientation: Sequence[float]) -> Any:
     """Return a pyvista UnstructuredGrid of cells and faces.
 
     Point array ``displacement`` (N, 3), cell arrays ``quality`` (nan on faces) and ``patch`` with the field array
-    ``patch_names``; its position 0 is ``volume``.
-
-    Parameters
-    ----------
-    orientation : For each block of cells -1 if their nodes are counted left-handed, else 1.
+    ``patch_names``; its position 0 is ``volume``. `orientation` is -1 for each block of cells whose nodes are counted
+    left-handed, else 1.
     """
     import pyvista as pv
 

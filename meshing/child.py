@@ -53,13 +53,9 @@ class Pending:
 
 @contextmanager
 def started(module: str, arrays: Arrays) -> Iterator[Pending]:
-    """Start ``python -m module`` on arrays; however this context is left, the child is gone then.
+    """Start ``python -m module``, which calls `serve`, on arrays; however this context is left, the child is gone then.
 
     Mesh generators run for minutes inside compiled code that no signal can stop; a process can be killed.
-
-    Parameters
-    ----------
-    module : A module that calls `serve` when run.
     """
     with tempfile.TemporaryDirectory(prefix="sdm-deflect-") as name:
         folder = Path(name)

@@ -81,17 +81,9 @@ class TetMesh:
         return replace(self, points=points)
 
     def as_mesh(self, name: str = "mesh") -> Mesh:
-        """The tetrahedra and each patch's triangles as the engine sees a mesh of any cells.
+        """The tetrahedra (M, 4) and each patch's triangles (K, 3), if any, as the engine sees a mesh of any cells.
 
-        Points and tetrahedra are shared, not copied; the labels of CAD faces are lost.
-
-        Parameters
-        ----------
-        name : What messages call the mesh.
-
-        Returns
-        -------
-        One block of tetrahedra (M, 4), and a patch of triangles (K, 3) for each name that has any.
+        Points and tetrahedra are shared, not copied; the labels of CAD faces are lost. Messages call the mesh `name`.
         """
         triangles = {patch: self.triangles_of(patch) for patch in self.names[1:]}
         patches = tuple(Patch(patch, (Cells("triangle", own),)) for patch, own in triangles.items() if len(own))

@@ -179,10 +179,7 @@ def zones(file: Any) -> tuple[Any, list[tuple[str, Any]]]:
 
 
 def coordinate_data(zone: Any) -> list[Any]:
-    """Return the datasets (N,) of x, y and z of a zone.
-
-    MeshFileError if one is missing, or has another length than the zone says.
-    """
+    """Return the datasets (N,) of x, y and z of a zone; MeshFileError if one is missing, or of another length."""
     grid = child(zone, "GridCoordinates")
     found = [data(child(grid, axis)) for axis in AXES]
     points = int(integers(zone)[0])

@@ -38,10 +38,7 @@ class Section:
 
 
 def sections(zone: Any) -> list[Section]:
-    """Return the sections of a zone by their elements' numbers.
-
-    MeshFileError if a section is damaged, or of a kind that has no linear cells.
-    """
+    """Return the sections of a zone by their elements' numbers; MeshFileError for damaged ones and other elements."""
     found = []
     for name, node in children(zone, "Elements_t"):
         kind, bounds = int(data(node)[0]), integers(child(node, "ElementRange"))

@@ -22,10 +22,7 @@ AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
 
 def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:
-    """Yield name and group of each child with that label, in the order in which they were made.
-
-    MeshFileError if a child is a link of HDF5 to another place or file.
-    """
+    """Yield name and group of each child with that label, in the order of making; MeshFileError for links of HDF5."""
     for name in _names(node):
         child = _own(node, name)
         if isinstance(child, h5py.Group) and _attribute(child, "label") == label:

@@ -93,10 +93,7 @@ def fitting_names(names: Sequence[str], unfit: str, reserved: Container[str] = (
 
 
 def check_points(points: FloatArray, count: int) -> None:
-    """Refuse coordinates that do not fit a file of `count` points.
-
-    ValueError for another number of points, or coordinates that are not finite.
-    """
+    """Refuse coordinates of another number of points than `count`, and such as are not finite, with a ValueError."""
     if points.shape != (count, 3):
         raise ValueError(f"the file has {count} points, but coordinates {points.shape} were given")
     if bad := np.count_nonzero(~np.isfinite(points).all(axis=1)):

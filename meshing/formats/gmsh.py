@@ -17,12 +17,11 @@ from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
 from sdm_deflect.meshing.formats.gmsh_file import GmshFile, nodes, opened
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, places, simple_faces
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.mesh import VOLUME, FloatArray, IntArray
 
 SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
 FACES = {2: "triangle", 3: "quad"}
 PHYSICAL = re.compile(rb'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
-VOLUME = "volume"
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,15 +18,7 @@ CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Elements:
-    """Elements of one type.
-
-    Parameters
-    ----------
-    kind : Gmsh's number of the type, a key of `CORNERS`.
-    nodes : (M, k) numbers of their nodes.
-    group : (M,) physical group, 0 for none.
-    entity : (M,) part of the geometry.
-    """
+    """Elements of one type (a key of `CORNERS`): numbers (M, k) of nodes, physical group (M,) or 0, and entity (M,)."""
 
     kind: int
     nodes: IntArray = field(repr=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -53,15 +54,13 @@ class Placed:
             return with_numbers(data, begin, end, new)
         copy = np.frombuffer(data, dtype=np.uint8).copy()
         raw = np.ascontiguousarray(new, dtype=kind).view(np.uint8).reshape(len(new), kind.itemsize)
-        copy[begin[:, None] + np.arange(kind.itemsize)] = raw
+        for column in range(kind.itemsize):
+            copy[begin + column] = raw[:, column]
         return copy.tobytes()
 
 
 def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines:
-    """Read the numbers on lines of text; ``%`` begins a comment.
-
-    MeshFileError with the first piece of text that is no number.
-    """
+    """Read the numbers on lines of text (``%`` begins a comment); MeshFileError with the first word that is none."""
     if b"%" in text:
         text = COMMENT.sub(lambda comment: b" " * len(comment[0]), text)
     letters = np.frombuffer(text, dtype=np.uint8)
@@ -70,10 +69,9 @@ def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines:
     begin, end = edges[0::2], edges[1::2]
     line = np.searchsorted(np.flatnonzero(letters == ord("\n")), begin)
     first = np.append(np.flatnonzero(np.diff(line, prepend=-1)), len(begin))
-    try:
-        values: Any = np.fromstring(text, dtype=kind, sep=" ")[: len(begin)]  # blank text reads as one 0
-    except ValueError:
-        raise MeshFileError(f"{_not_number(text, kind)!r} is not a number") from None
+    values: Any = ()
+    with suppress(ValueError):
+        values = np.fromstring(text, dtype=kind, sep=" ")[: len(begin)]  # blank text reads as one 0
     if len(values) != len(begin):
         raise MeshFileError(f"{_not_number(text, kind)!r} is not a number")
     return Lines(values, first, begin, end)
@@ -89,14 +87,7 @@ def _not_number(text: bytes, kind: type[np.float64 | np.int64]) -> str:
 
 
 def with_numbers(data: bytes, begin: IntArray, end: IntArray, values: FloatArray) -> bytes:
-    """Return text with other numbers in the bytes begin[i] to end[i] - 1, each with as many digits as it needs.
-
-    Parameters
-    ----------
-    data : The text.
-    begin, end : (K,) places of the numbers, in rising order.
-    values : (K,) what to write there.
-    """
+    """Return text with numbers `values` (K,) in the bytes begin[i] to end[i] - 1, rising; with the digits they need."""
     if not len(values):
         return data
     first, last = begin.tolist(), end.tolist()

@@ -74,10 +74,7 @@ def header(kind: str, name: str, folder: str = "constant/polyMesh", form: str = 
 
 
 def write_mesh(mesh: Mesh, folder: Path) -> tuple[str, ...]:
-    """Write points, faces, owner, neighbour (binary) and boundary (text); return what could not be kept.
-
-    MeshFileError as of `bounded`.
-    """
+    """Write points, faces, owner, neighbour (binary), boundary (text); return what is lost; errors as of `bounded`."""
     whole = bounded(mesh)
     cells = whole.cells
     note = (

@@ -67,12 +67,12 @@ def _paired(mesh: Mesh, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
         swap = (neighbour >= 0) & (neighbour < cells.owner)
         owner, other = np.where(swap, neighbour, cells.owner), np.where(swap, cells.owner, neighbour)
         return turned(cells.faces, swap), owner, other
-    faces, cell = _faces_of_cells(mesh)
-    return _met(faces, cell, face_keys(faces, keys))
+    return _met(*_faces_of_cells(mesh), keys)
 
 
-def _met(faces: Polygons, cell: IntArray, key: Keys) -> tuple[Polygons, IntArray, IntArray]:
+def _met(faces: Polygons, cell: IntArray, keys: Keys) -> tuple[Polygons, IntArray, IntArray]:
     """The same from all faces of all cells, each with its cell (K,): equal keys are one face."""
+    key = face_keys(faces, keys)
     order = np.lexsort((cell, key))
     same = key[order][1:] == key[order][:-1]
     if thrice := np.count_nonzero(same[1:] & same[:-1]):
@@ -86,11 +86,8 @@ def _met(faces: Polygons, cell: IntArray, key: Keys) -> tuple[Polygons, IntArray
 
 
 def polyhedra(faces: Polygons, cell: IntArray, points: int) -> Polyhedra:
-    """Return cells from all their faces, normals outwards, and the cell (K,) of each.
-
-    MeshFileError if a face is of three cells or more.
-    """
-    once, owner, neighbour = _met(faces, cell, face_keys(faces, node_keys(points)))
+    """Return cells from all their faces (outwards) and the cell (K,) of each; MeshFileError if one is of three."""
+    once, owner, neighbour = _met(faces, cell, node_keys(points))
     order = np.argsort(neighbour < 0, kind="stable")
     return Polyhedra(taken(once, order), owner[order], neighbour[neighbour >= 0])
 
@@ -187,8 +184,7 @@ def _nodes(shape: str, faces: Polygons, count: int) -> IntArray:
 
 def _pairs(nodes: IntArray) -> IntArray:
     """One number for each cell and node of it."""
-    pairs: IntArray = np.arange(len(nodes))[:, None] * (int(nodes.max()) + 1) + nodes
-    return pairs
+    return np.arange(len(nodes))[:, None] * (int(nodes.max()) + 1) + nodes
 
 
 def _base(faces: Polygons, count: int, corners: int) -> IntArray:
@@ -212,5 +208,4 @@ def _opposite(start: IntArray, end: IntArray, base: IntArray) -> IntArray:
     """
     ahead, behind = np.roll(base, -1, axis=1), np.roll(base, 1, axis=1)
     columns = [np.where(start == base[:, [i]], end, 0).sum(axis=1) for i in range(base.shape[1])]
-    opposite: IntArray = np.stack(columns, axis=1) - ahead - behind
-    return opposite
+    return np.stack(columns, axis=1) - ahead - behind

@@ -75,16 +75,11 @@ def _gathered(faces: Polygons, rows: IntArray, backward: BoolArray) -> Polygons:
 
 
 def oriented(points: FloatArray, cells: Cells) -> Cells:
-    """Return the cells in VTK's order, whichever of the two orders the file used for the block.
+    """Return volume cells of one shape in VTK's order, whichever of the two orders the file used for the block.
 
     Formats that say "VTK's order" are written with wedges (and sometimes all cells) of either hand, and solvers turn
     them as they read. A block is turned as a whole, where most of its cells are left-handed: single inverted cells
     stay inverted.
-
-    Parameters
-    ----------
-    points : (N, 3) coordinates.
-    cells : Volume cells of one shape.
     """
     step = max(1, len(cells) // SAMPLE)
     sample = cells.nodes[::step]
@@ -170,10 +165,7 @@ def _cell_face_keys(mesh: Mesh, keys: Keys) -> Iterator[Keys]:
 
 
 def check_faces(mesh: Mesh) -> None:
-    """Refuse boundary faces that are of no cell.
-
-    MeshFileError naming the patches and how many of their faces are of no cell.
-    """
+    """Refuse boundary faces of no cell: a MeshFileError that names the patches and how many of their faces are such."""
     if not sum(len(block) for block in mesh.cells):
         raise MeshFileError("there are no volume cells")
     if loose := loose_faces(mesh):

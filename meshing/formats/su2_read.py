@@ -129,8 +129,7 @@ def coordinates(lines: Lines) -> IntArray:
     sizes = np.diff(lines.first)
     if bad := np.count_nonzero((sizes != 3) & (sizes != 4)):
         raise MeshFileError(f"{bad} lines of points have other than 3 coordinates")
-    index: IntArray = lines.first[:-1, None] + np.arange(3)
-    return index
+    return lines.first[:-1, None] + np.arange(3)
 
 
 def read_zones(source: Su2File) -> Mesh:

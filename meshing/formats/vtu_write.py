@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
-from sdm_deflect.meshing.mesh import IntArray, TetMesh
+from sdm_deflect.meshing.mesh import VOLUME, IntArray, TetMesh
 
 Array = NDArray[np.generic]
 
 TYPES = {"triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
 """VTK's number of each shape."""
 POLYGON, POLYHEDRON = 7, 42
-VOLUME = "volume"
-"""Name of patch 0, the cells."""
 FAST = 1
 """zlib's level: files of meshes are 4 % larger than at VTK's default, and written in a third of the time."""
 BLOCK = 1 << 20

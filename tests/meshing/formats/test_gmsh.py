@@ -73,6 +73,7 @@ def test_meshio_reads_the_same_counts_by_name(tmp_path):
     assert {patch.name: len(patch) for patch in mesh.patches} == {
         name: np.count_nonzero(tags == tag) for name, (tag, dimension) in other.field_data.items() if dimension == 2
     }
+    assert [name for name, (_, dimension) in other.field_data.items() if dimension == 3] == ["volume"]
 
 
 def test_groups_without_a_name_and_faces_without_a_group_have_names(tmp_path):
