@@ -6,18 +6,7 @@ from sdm_deflect.geometry.assemble import assemble, preflight
 from sdm_deflect.geometry.confinement import BlockParameters, block_corners
 from sdm_deflect.geometry.datum import SURFACES, ends, hinge_line, hinged
 from sdm_deflect.geometry.deflected import Deflection, deflected_wedge, turned, wedge
-from sdm_deflect.geometry.fuse import (
-    Cell,
-    Part,
-    both_sides,
-    centred,
-    general_fuse,
-    one_side,
-    partitions,
-    skin,
-    solid,
-    walls,
-)
+from sdm_deflect.geometry.fuse import Part, both_sides, general_fuse, one_side, partitions, skin, solid, walls
 from sdm_deflect.geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.geometry.parameters import Fighter
@@ -39,9 +28,7 @@ SMALLEST_GAP_EDGE = 0.25
 
 
 def build(
-    fighter: Fighter,
-    deflections: Mapping[str, Deflection] | None = None,
-    without: Set[str] = frozenset(),
+    fighter: Fighter, deflections: Mapping[str, Deflection] | None = None, without: Set[str] = frozenset()
 ) -> CadModel:
     """Fuse all components into one solid.
 
@@ -66,24 +53,21 @@ def build(
         if name not in SURFACES:
             raise ValueError(f"no control surface {name!r}; there are {', '.join(SURFACES)}")
     found = walls(general_fuse(aircraft_parts(fighter, moved, without)))
-    model = assemble(skin(found, _solid, _own_patch), partitions(found, _solid), fluid_inside=False)
+    model = assemble(skin(found), partitions(found), fluid_inside=False)
     if not moved:
         preflight(model, min(MIN_FEATURE, fighter.aileron.gap or MIN_FEATURE))
     return model
 
 
-def aircraft_parts(
-    fighter: Fighter, deflections: Mapping[str, Deflection], without: Set[str] = frozenset()
-) -> list[Part]:
+def aircraft_parts(fighter: Fighter, deflections: Mapping[str, Deflection], without: Set[str]) -> list[Part]:
     """All components as overlapping parts; where two overlap, the volume is the earlier one's."""
-    f = fighter
-    surfaces = [Part(name, solid(_surface(f, name, deflections.get(name)))) for name in SURFACES if name not in without]
+    f, kept = fighter, [name for name in SURFACES if name not in without]
     return [
         *fuselage_parts(f.fuselage),
-        *centred("pedestal", [pedestal_polyhedron(f.pedestal, f.fuselage)]),
+        *one_side("pedestal", [pedestal_polyhedron(f.pedestal, f.fuselage)]),
         *both_sides("wing", wing_polyhedra(f)),
-        *centred("fin", fin_polyhedra(f)),
-        *surfaces,
+        *one_side("fin", fin_polyhedra(f)),
+        *(Part(name, solid(_surface(f, name, deflections.get(name)))) for name in kept),
         *both_sides("strake", strake_polyhedra(f.strake, f.fuselage)),
         *both_sides("ventral", [ventral_polyhedron(f.ventral, f.fuselage)]),
         *canopy_parts(f.canopy),
@@ -96,19 +80,9 @@ def _surface(fighter: Fighter, name: str, deflection: Deflection | None) -> Loop
     if deflection is None:
         return wedge(inner, outer) if hinged(name) else prism(inner, outer)
     axis = hinge_line(fighter, name)
-    return (
-        deflected_wedge(inner, outer, axis, deflection)
-        if hinged(name)
-        else turned(prism(inner, outer), axis, deflection)
-    )
-
-
-def _solid(_cell: Cell) -> bool:
-    return True
-
-
-def _own_patch(inner: Cell, _outer: Cell | None) -> str:
-    return inner.patch
+    if hinged(name):
+        return deflected_wedge(inner, outer, axis, deflection)
+    return turned(prism(inner, outer), axis, deflection)
 
 
 def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = "aileron_left") -> CadModel:
@@ -132,7 +106,7 @@ def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = 
         Part(CHIMERA, solid(_faces(corners))),
     ]
     found = walls(general_fuse(parts))
-    model = assemble(skin(found, _in_flow, _wetted_patch), partitions(found, _in_flow), fluid_inside=True)
+    model = assemble(skin(found, CHIMERA), partitions(found, CHIMERA), fluid_inside=True)
     preflight(model, min_edge=SMALLEST_GAP_EDGE * fighter.aileron.gap)
     return model
 
@@ -150,11 +124,3 @@ def _faces(corners: FloatArray) -> Loops:
     """The six faces (4, 3) of a hexahedron with corners (8, 3) as `hexahedron_corners` orders them."""
     quads = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
     return tuple(corners[list(quad)] for quad in quads)
-
-
-def _in_flow(cell: Cell) -> bool:
-    return cell.patch == CHIMERA
-
-
-def _wetted_patch(_flow: Cell, body: Cell | None) -> str:
-    return CHIMERA if body is None else body.patch

@@ -11,10 +11,12 @@ from OCP.TopAbs import TopAbs_Orientation
 from OCP.TopExp import TopExp
 from OCP.TopoDS import TopoDS_Shell
 from OCP.TopTools import TopTools_IndexedMapOfShape
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.model import CadEdge, CadFace, CadModel
-from sdm_deflect.geometry.projection import FloatArray, curve_of
+from sdm_deflect.geometry.projection import FloatArray, coordinates, curve_of
 from sdm_deflect.geometry.sections import MIN_FEATURE
 
 # Degrees. Flatter creases need an internal face behind them, or the volume mesher rounds them off.
@@ -36,17 +38,17 @@ ROUNDING = 1e-9
 def assemble(skin: Sequence[CadFace], partitions: Sequence[CadFace], fluid_inside: bool) -> CadModel:
     """Build the model from its exterior faces and the internal faces that may have to back their creases.
 
-    Raises
-    ------
-    CadError
-        Where the skin is not closed, comes in several pieces, or is not a valid solid.
+    CadError where the skin is not closed, comes in several pieces, or is not a valid solid.
     """
     index, owners = _edge_owners(skin)
     vertices = TopTools_IndexedMapOfShape()
     edges = tuple(_edge(Edge(index.FindKey(i + 1)), faces, skin, vertices) for i, faces in enumerate(owners))
-    weak = {i for i, edge in enumerate(edges) if edge.crease < WEAK_CREASE}
-    sheets = tuple(face for face in partitions if not weak.isdisjoint(_edge_numbers(face, index)))
-    vertex_faces: list[set[int]] = [set() for _ in range(vertices.Extent())]
+    weak = {i for i, edge in enumerate(edges, 1) if edge.crease < WEAK_CREASE}
+    sheets = tuple(
+        face for face in partitions if any(index.FindIndex(edge.wrapped) in weak for edge in face.shape.Edges())
+    )
+    numbers = range(1, vertices.Extent() + 1)
+    vertex_faces: list[set[int]] = [set() for _ in numbers]
     for edge in edges:
         for vertex in edge.vertices:
             vertex_faces[vertex].update(edge.faces)
@@ -56,7 +58,7 @@ def assemble(skin: Sequence[CadFace], partitions: Sequence[CadFace], fluid_insid
         faces=tuple(skin),
         sheets=sheets,
         edges=edges,
-        vertices=_positions(vertices),
+        vertices=coordinates(BRep_Tool.Pnt_s(Vertex(vertices.FindKey(i)).wrapped) for i in numbers),
         vertex_faces=tuple(frozenset(found) for found in vertex_faces),
         fluid_inside=fluid_inside,
     )
@@ -85,10 +87,6 @@ def _edge_owners(skin: Sequence[CadFace]) -> tuple[TopTools_IndexedMapOfShape, l
     return index, pairs
 
 
-def _edge_numbers(face: CadFace, index: TopTools_IndexedMapOfShape) -> set[int]:
-    return {index.FindIndex(edge.wrapped) - 1 for edge in face.shape.Edges()}
-
-
 def _edge(
     shape: Edge, faces: tuple[int, int], skin: Sequence[CadFace], vertices: TopTools_IndexedMapOfShape
 ) -> CadEdge:
@@ -103,24 +101,13 @@ def _edge(
     return CadEdge(forward, faces, (first, last), crease)
 
 
-def _positions(vertices: TopTools_IndexedMapOfShape) -> FloatArray:
-    """Coordinates (V, 3) in metres."""
-    points = [BRep_Tool.Pnt_s(Vertex(vertices.FindKey(i + 1)).wrapped) for i in range(vertices.Extent())]
-    return np.array([[p.X(), p.Y(), p.Z()] for p in points]).reshape(-1, 3)
-
-
 def _check_connected(count: int, edges: Sequence[CadEdge]) -> None:
-    reached, frontier = {0}, {0}
-    neighbours: list[set[int]] = [set() for _ in range(count)]
-    for edge in edges:
-        a, b = edge.faces
-        neighbours[a].add(b)
-        neighbours[b].add(a)
-    while frontier:
-        frontier = {other for face in frontier for other in neighbours[face]} - reached
-        reached |= frontier
-    if len(reached) != count:
-        raise CadError(f"the skin comes in separate pieces: {len(reached)} of {count} faces hang together")
+    faces = np.array([edge.faces for edge in edges], dtype=np.intp).reshape(-1, 2)
+    links = coo_array((np.ones(len(faces), dtype=bool), tuple(faces.T)), shape=(count, count))
+    _, piece = connected_components(links, directed=False)
+    reached = np.count_nonzero(piece == piece[0])
+    if reached != count:
+        raise CadError(f"the skin comes in separate pieces: {reached} of {count} faces hang together")
 
 
 def _solid(skin: Sequence[CadFace]) -> Solid:
@@ -140,10 +127,7 @@ def _solid(skin: Sequence[CadFace]) -> Solid:
 def preflight(model: CadModel, min_edge: float = MIN_FEATURE) -> None:
     """Check that edges have at least `min_edge` metres, face corners their angle, weak creases their sheet.
 
-    Raises
-    ------
-    CadError
-        Naming the first places that a mesher would fail at, with the patches that meet there.
+    CadError names the first places that a mesher would fail at, with the patches that meet there.
     """
     findings = [*_short_edges(model, min_edge), *_sharp_corners(model), *_unbacked_creases(model)]
     if findings:

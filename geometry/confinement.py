@@ -7,7 +7,7 @@ import numpy as np
 
 from sdm_deflect.geometry.datum import hinge_edges, parent_ribs, ribs, trailing_edge
 from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.geometry.quantity import check_quantities, quantity
+from sdm_deflect.geometry.quantity import Checked, quantity
 from sdm_deflect.geometry.sections import MIRROR, FloatArray
 
 # Corner i has the binary code zyx. Mirroring swaps the corners that differ in y.
@@ -18,7 +18,7 @@ INWARD = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Margins:
+class Margins(Checked):
     """How far a confinement hexahedron reaches beyond its surface, in metres.
 
     A tail's hexahedron begins at its panel's front border; `aft` is measured at its outboard face from the rear
@@ -31,8 +31,17 @@ class Margins:
     up: float = quantity(0.05, "m", 1e-4, 10.0, "above the hinge line")
     down: float = quantity(0.05, "m", 1e-4, 10.0, "below the hinge line")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "margins")
+
+@dataclass(frozen=True, slots=True)
+class BlockParameters(Checked):
+    """Extent of a Chimera block beyond its aileron, in metres, and where in the gap it ends."""
+
+    ahead: float = quantity(0.04, "m", 1e-3, 10.0, "ahead of the hinge line, parallel to it")
+    aft: float = quantity(0.08, "m", 1e-3, 10.0, "behind the trailing edge")
+    outboard: float = quantity(0.08, "m", 1e-3, 10.0, "beyond the tip, where the aileron reaches it")
+    up: float = quantity(0.08, "m", 1e-3, 10.0, "above the wing's plane")
+    down: float = quantity(0.08, "m", 1e-3, 10.0, "below the wing's plane")
+    gap_share: float = quantity(0.6, "", 0.3, 0.7, "distance of the end face from the aileron, by the gap")
 
 
 def hexahedron_corners(fighter: Fighter, surface: str, margins: Margins) -> FloatArray:
@@ -43,8 +52,9 @@ def hexahedron_corners(fighter: Fighter, surface: str, margins: Margins) -> Floa
     """
     if surface == "rudder":
         return _rudder(fighter, margins)
-    starboard = _aileron(fighter, margins) if surface.startswith("aileron") else _tail(fighter, margins)
-    return starboard if surface.endswith("_right") else (starboard * MIRROR)[MIRRORED_CORNERS]
+    if surface.startswith("tail"):
+        return _on_side(surface, _tail(fighter, margins))
+    return _around_aileron(fighter, surface, parent_ribs(fighter, surface), margins)
 
 
 def inward_face(surface: str) -> str:
@@ -61,15 +71,19 @@ def rib_faces(fighter: Fighter, surface: str) -> tuple[str, ...]:
     return (inward, opposite[inward])[: len(parent_ribs(fighter, surface))]
 
 
-def _aileron(fighter: Fighter, margins: Margins) -> FloatArray:
-    """Corners (8, 3): front face vertical through the hinge edges, root face in the plane of the wing's rib."""
+def _around_aileron(
+    fighter: Fighter, surface: str, stations: FloatArray, reach: Margins | BlockParameters, ahead: float = 0.0
+) -> FloatArray:
+    """Corners (8, 3): end faces at stations (k,), a vertical front face `ahead` of the hinge edges (metres)."""
     hinge = hinge_edges(fighter, "aileron_right")[0]
-    stations = np.abs(parent_ribs(fighter, "aileron_right"))
-    tip = fighter.wing.half_span + margins.outboard
-    y = np.array([stations[0], stations[1] if len(stations) == 2 else tip])
-    front = along(hinge[:, 1], hinge[:, 0], y)
-    aft = np.full(2, fighter.wing.x_te + margins.aft)
-    return _corners(np.array([front, aft]), np.array([y, y]), np.array([[-margins.down] * 2, [margins.up] * 2]))
+    y = np.append(np.abs(stations), fighter.wing.half_span + reach.outboard)[:2]
+    x = np.array([along(hinge[:, 1], hinge[:, 0], y) - ahead, np.full(2, fighter.wing.x_te + reach.aft)])
+    return _on_side(surface, _corners(x, y, np.array([[-reach.down] * 2, [reach.up] * 2])))
+
+
+def _on_side(surface: str, starboard: FloatArray) -> FloatArray:
+    """Corners (8, 3) given for the starboard side, on the surface's own."""
+    return starboard if surface.endswith("_right") else (starboard * MIRROR)[MIRRORED_CORNERS]
 
 
 def _tail(fighter: Fighter, margins: Margins) -> FloatArray:
@@ -92,15 +106,13 @@ def _tail(fighter: Fighter, margins: Margins) -> FloatArray:
             raise ValueError(f"margins.{name} leaves the tail's tip {-value:g} m outside its hexahedron")
     rear = f.panel_rear + margins.aft * (y - f.radius) / (y[1] - f.radius)
     x = np.array([[f.panel_front] * 2, rear])
-    return _corners(x, np.array([y, y]), np.array([lower, upper]))
+    return _corners(x, y, np.array([lower, upper]))
 
 
 def _rudder(fighter: Fighter, margins: Margins) -> FloatArray:
     """Corners (8, 3): front face through the hinge edges, lower face in the plane of the rudder's lower end."""
     hinge, trailing = hinge_edges(fighter, "rudder")[0], trailing_edge(fighter, "rudder")
-    stations = parent_ribs(fighter, "rudder")
-    tip = fighter.fin.z_tip + margins.outboard
-    z = np.array([stations[0], stations[1] if len(stations) == 2 else tip])
+    z = np.append(parent_ribs(fighter, "rudder"), fighter.fin.z_tip + margins.outboard)[:2]
     front = along(hinge[:, 2], hinge[:, 0], z)
     aft = along(trailing[:, 2], trailing[:, 0], z) + margins.aft
     corners = [[x[k], y, z[k]] for k in (0, 1) for y in (-margins.down, margins.up) for x in (front, aft)]
@@ -108,8 +120,8 @@ def _rudder(fighter: Fighter, margins: Margins) -> FloatArray:
 
 
 def _corners(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-    """Corners (8, 3) from x[aft][outboard], y[aft][outboard], z[above][outboard], each (2, 2)."""
-    return np.array([[x[a, o], y[a, o], z[k, o]] for k in (0, 1) for o in (0, 1) for a in (0, 1)])
+    """Corners (8, 3) from x[aft][outboard] (2, 2), y[outboard] (2,), z[above][outboard] (2, 2)."""
+    return np.array([[x[a, o], y[o], z[k, o]] for k in (0, 1) for o in (0, 1) for a in (0, 1)])
 
 
 def along(stations: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
@@ -118,28 +130,10 @@ def along(stations: FloatArray, values: FloatArray, wanted: FloatArray) -> Float
     return np.asarray(values[0] + slope * (wanted - stations[0]), dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True)
-class BlockParameters:
-    """Extent of a Chimera block beyond its aileron, in metres, and where in the gap it ends."""
-
-    ahead: float = quantity(0.04, "m", 1e-3, 10.0, "ahead of the hinge line, parallel to it")
-    aft: float = quantity(0.08, "m", 1e-3, 10.0, "behind the trailing edge")
-    outboard: float = quantity(0.08, "m", 1e-3, 10.0, "beyond the tip, where the aileron reaches it")
-    up: float = quantity(0.08, "m", 1e-3, 10.0, "above the wing's plane")
-    down: float = quantity(0.08, "m", 1e-3, 10.0, "below the wing's plane")
-    gap_share: float = quantity(0.6, "", 0.3, 0.7, "distance of the end face from the aileron, by the gap")
-
-    def __post_init__(self) -> None:
-        check_quantities(self, "block")
-
-
 def gap_faces(fighter: Fighter, parameters: BlockParameters, surface: str) -> FloatArray:
     """Stations y (k,) of the block's faces that stand in a gap, perpendicular to y; inboard first.
 
-    Raises
-    ------
-    ValueError
-        Where the surface is no aileron or has no gap.
+    ValueError where the surface is no aileron or has no gap.
     """
     if not surface.startswith("aileron"):
         raise ValueError(f"a Chimera block surrounds an aileron, not {surface!r}")
@@ -151,12 +145,5 @@ def gap_faces(fighter: Fighter, parameters: BlockParameters, surface: str) -> Fl
 
 def block_corners(fighter: Fighter, parameters: BlockParameters, surface: str) -> FloatArray:
     """Corners (8, 3) of the block, in the order of `hexahedron_corners`: bits aft, starboard, above."""
-    stations = np.abs(gap_faces(fighter, parameters, surface))
-    hinge = hinge_edges(fighter, "aileron_right")[0]
-    tip = fighter.wing.half_span + parameters.outboard
-    y = (stations[0], stations[1] if len(stations) == 2 else tip)
-    front = along(hinge[:, 1], hinge[:, 0], np.array(y)) - parameters.ahead
-    aft = fighter.wing.x_te + parameters.aft
-    corners = [[x, y[o], z] for z in (-parameters.down, parameters.up) for o in (0, 1) for x in (front[o], aft)]
-    starboard = np.array(corners)
-    return starboard if surface.endswith("_right") else (starboard * MIRROR)[MIRRORED_CORNERS]
+    stations = gap_faces(fighter, parameters, surface)
+    return _around_aileron(fighter, surface, stations, parameters, parameters.ahead)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from math import cos, radians
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from sdm_deflect.geometry.sections import (
@@ -11,6 +12,7 @@ from sdm_deflect.geometry.sections import (
     MIN_FEATURE,
     MIN_GAP,
     TE,
+    FloatArray,
     aileron_span,
     fin_section,
     rudder_span,
@@ -32,9 +34,10 @@ def _require(holds: bool, message: str) -> None:
         raise ValueError(message)
 
 
-def _increasing(named: dict[str, float]) -> None:
-    pairs = list(named.items())
-    for (name, value), (following, limit) in pairwise(pairs):
+def _increasing(fighter: Fighter, *quantities: str | tuple[str, float]) -> None:
+    """Require that values grow: parameters by their names, and pairs of what follows from them and its value."""
+    named = [(each, attrgetter(each)(fighter)) if isinstance(each, str) else each for each in quantities]
+    for (name, value), (following, limit) in pairwise(named):
         _require(
             value + MIN_FEATURE <= limit,
             f"{name} = {value:g} m must lie at least {MIN_FEATURE:g} m below {following} = {limit:g} m",
@@ -42,19 +45,11 @@ def _increasing(named: dict[str, float]) -> None:
 
 
 def _fuselage(fighter: Fighter) -> None:
-    f = fighter.fuselage
-    _increasing(
-        {
-            "fuselage.nose_length": f.nose_length,
-            "fuselage.panel_front": f.panel_front,
-            "fuselage.panel_rear": f.panel_rear,
-            "fuselage.length": f.length,
-        }
-    )
-    p = fighter.pedestal
-    _increasing({"pedestal.x_apex": p.x_apex, "pedestal.x_shoulder": p.x_shoulder, "pedestal.x_aft": p.x_aft})
-    _increasing({"pedestal.x_foot": p.x_foot, "pedestal.x_ramp_end": p.x_ramp_end})
-    _increasing({"fuselage.radius": f.radius, "pedestal.z_top": p.z_top})
+    f, p = fighter.fuselage, fighter.pedestal
+    _increasing(fighter, "fuselage.nose_length", "fuselage.panel_front", "fuselage.panel_rear", "fuselage.length")
+    _increasing(fighter, "pedestal.x_apex", "pedestal.x_shoulder", "pedestal.x_aft")
+    _increasing(fighter, "pedestal.x_foot", "pedestal.x_ramp_end")
+    _increasing(fighter, "fuselage.radius", "pedestal.z_top")
     beside = f.radius * cos(radians(f.panel_angle))
     _require(
         p.half_width + MIN_FEATURE <= beside,
@@ -64,16 +59,9 @@ def _fuselage(fighter: Fighter) -> None:
 
 
 def _wing(fighter: Fighter) -> None:
-    w = fighter.wing
-    _increasing({"wing.tip_chord": w.tip_chord, "wing.root_chord": w.root_chord})
-    _increasing(
-        {
-            "fuselage.radius": fighter.fuselage.radius,
-            "wing.y_kink": w.y_kink,
-            "wing.half_span": w.half_span,
-        }
-    )
-    _increasing({"wing.x_te": w.x_te, "fuselage.panel_front": fighter.fuselage.panel_front})
+    _increasing(fighter, "wing.tip_chord", "wing.root_chord")
+    _increasing(fighter, "fuselage.radius", "wing.y_kink", "wing.half_span")
+    _increasing(fighter, "wing.x_te", "fuselage.panel_front")
 
 
 def _aileron(fighter: Fighter) -> None:
@@ -107,41 +95,38 @@ def _require_strip(end: str, width: float, neighbour: str) -> None:
 
 def _tail(fighter: Fighter) -> None:
     t, f = fighter.tail, fighter.fuselage
-    _increasing({"fuselage.radius": f.radius, "tail.half_span": t.half_span})
-    _increasing({"fuselage.panel_front": f.panel_front, "the tail root's leading edge": t.x_te - t.root_chord})
-    _increasing({"tail.x_te": t.x_te, "fuselage.panel_rear": f.panel_rear})
-    reach = abs(t.anhedral) + 10.0
+    _increasing(fighter, "fuselage.radius", "tail.half_span")
+    _increasing(fighter, "fuselage.panel_front", ("the tail root's leading edge", t.x_te - t.root_chord))
+    _increasing(fighter, "tail.x_te", "fuselage.panel_rear")
     _require(
-        reach <= f.panel_angle,
+        abs(t.anhedral) + 10.0 <= f.panel_angle,
         f"tail.anhedral = {t.anhedral:g} deg puts the tail's root within 10 deg of the border of its "
         f"fuselage panel at fuselage.panel_angle = {f.panel_angle:g} deg",
     )
-    tip = tail_section(t, f, t.half_span)
-    _require_tip("tail", float(tip[TE, 0] - tip[LE, 0]))
+    _require_tip("tail", tail_section(t, f, t.half_span))
 
 
 def _fin(fighter: Fighter) -> None:
-    fin, p = fighter.fin, fighter.pedestal
-    _increasing({"fin.z_root": fin.z_root, "fin.z_tip": fin.z_tip})
-    _increasing({"pedestal.x_ramp_end": p.x_ramp_end, "fin.x_le": fin.x_le})
-    _increasing({"the fin's trailing edge at its root": fin.x_le + fin.root_chord, "pedestal.x_aft": p.x_aft})
-    tip = fin_section(fin, fin.z_tip)
-    _require_tip("fin", float(tip[TE, 0] - tip[LE, 0]))
+    fin = fighter.fin
+    _increasing(fighter, "fin.z_root", "fin.z_tip")
+    _increasing(fighter, "pedestal.x_ramp_end", "fin.x_le")
+    _increasing(fighter, ("the fin's trailing edge at its root", fin.x_le + fin.root_chord), "pedestal.x_aft")
+    _require_tip("fin", fin_section(fin, fin.z_tip))
     half = 0.5 * fin.thickness_ratio * fin.root_chord
-    _increasing({"half the fin's root thickness": half, "pedestal.half_width": p.half_width})
+    _increasing(fighter, ("half the fin's root thickness", half), "pedestal.half_width")
 
 
-def _require_tip(name: str, chord: float) -> None:
+def _require_tip(name: str, tip: FloatArray) -> None:
+    chord = tip[TE, 0] - tip[LE, 0]
     _require(
-        chord >= 0.01,
-        f"{name}.le_sweep, its chord and its span leave a tip chord of {chord:g} m; it needs 0.01 m",
+        chord >= 0.01, f"{name}.le_sweep, its chord and its span leave a tip chord of {chord:g} m; it needs 0.01 m"
     )
 
 
 def _rudder(fighter: Fighter) -> None:
-    lower, upper = rudder_span(fighter)
-    _increasing({"pedestal.z_top": fighter.pedestal.z_top, "rudder.z_inboard": lower})
-    _increasing({"rudder.z_inboard": lower, "rudder.z_outboard": upper})
+    _, upper = rudder_span(fighter)
+    _increasing(fighter, "pedestal.z_top", "rudder.z_inboard")
+    _increasing(fighter, "rudder.z_inboard", ("rudder.z_outboard", upper))
     rest = fighter.fin.z_tip - upper
     _require(
         rest == 0.0 or rest >= MIN_FEATURE,
@@ -151,10 +136,8 @@ def _rudder(fighter: Fighter) -> None:
 
 
 def _under_side(fighter: Fighter) -> None:
-    stations = fighter.inlet.stations()
-    _increasing({f"inlet.x_{i + 1}": station[0] for i, station in enumerate(stations)})
-    v, front = fighter.ventral, fighter.fuselage.panel_front
-    _increasing({"ventral.x_root": v.x_root, "ventral.x_tip": v.x_tip, "ventral.x_te": v.x_te})
-    _increasing({"ventral.x_te": v.x_te, "fuselage.panel_front": front})
-    _increasing({"inlet.x_4": fighter.inlet.x_4, "fuselage.panel_front": front})
-    _increasing({"fuselage.radius": fighter.fuselage.radius, "ventral.r_te": v.r_te})
+    _increasing(fighter, "inlet.x_1", "inlet.x_2", "inlet.x_3", "inlet.x_4")
+    _increasing(fighter, "ventral.x_root", "ventral.x_tip", "ventral.x_te")
+    _increasing(fighter, "ventral.x_te", "fuselage.panel_front")
+    _increasing(fighter, "inlet.x_4", "fuselage.panel_front")
+    _increasing(fighter, "fuselage.radius", "ventral.r_te")

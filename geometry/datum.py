@@ -32,14 +32,9 @@ def hinged(surface: str) -> bool:
 
 
 def ends(fighter: Fighter, surface: str) -> FloatArray:
-    """Undeflected sections (2, 6, 3) at a surface's inboard and outboard end.
+    """Undeflected sections (2, 6, 3) at a surface's inboard and outboard end, a tail's inside the fuselage.
 
-    A tail's inboard end lies inside the fuselage.
-
-    Raises
-    ------
-    ValueError
-        Where there is no control surface of that name.
+    ValueError where there is no control surface of that name.
     """
     if surface not in SURFACES:
         raise ValueError(f"no control surface {surface!r}; there are {', '.join(SURFACES)}")

@@ -1,12 +1,13 @@
 """Control surfaces deflected in the CAD itself: the reference that a deformed mesh is measured against."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sdm_deflect.geometry.polyhedra import Loops, prism
+from sdm_deflect.geometry.polyhedra import WEDGE, Loops, prism
 from sdm_deflect.geometry.quantity import check_quantities, quantity
 from sdm_deflect.geometry.sections import HINGE_LOWER, HINGE_UPPER, TE, FloatArray
 
@@ -42,8 +43,7 @@ def rotated(points: FloatArray, axis: FloatArray, degrees: float) -> FloatArray:
 
 def wedge(inner: FloatArray, outer: FloatArray) -> Loops:
     """The trailing-edge wedge between two sections (6, 3), undeflected."""
-    corners = [HINGE_UPPER, TE, HINGE_LOWER]
-    return prism(inner[corners], outer[corners])
+    return prism(inner[WEDGE], outer[WEDGE])
 
 
 def deflected_wedge(inner: FloatArray, outer: FloatArray, axis: FloatArray, deflection: Deflection) -> Loops:
@@ -62,11 +62,8 @@ def turned(loops: Loops, axis: FloatArray, deflection: Deflection) -> Loops:
 
 def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, angle: float) -> Loops:
     """The wedge between sections (6, 3) with its trailing edge alone turned about `axis` (2, 3)."""
-    rings = []
-    for end in (inner, outer):
-        trailing = rotated(end[TE], axis, angle)
-        rings.append(np.array([end[HINGE_UPPER], trailing, end[HINGE_LOWER]]))
-    return prism(*rings)
+    ends = ([end[HINGE_UPPER], rotated(end[TE], axis, angle), end[HINGE_LOWER]] for end in (inner, outer))
+    return prism(*map(np.array, ends))
 
 
 def _with_nose(inner: FloatArray, outer: FloatArray) -> Loops:
@@ -76,10 +73,8 @@ def _with_nose(inner: FloatArray, outer: FloatArray) -> Loops:
     ridge = 0.5 * (upper + lower) - np.outer(NOSE * half, [1.0, 0.0, 0.0])
     along = (ridge[1] - ridge[0]) / np.linalg.norm(ridge[1] - ridge[0])
     nose = ridge + np.outer(half * [1.0, -1.0], along)
-    quads = [
-        np.array([a[0], a[1], b[1], b[0]])
-        for a, b in ((upper, trailing), (trailing, lower), (lower, nose), (nose, upper))
-    ]
+    sides = pairwise((upper, trailing, lower, nose, upper))
+    quads = [np.array([a[0], a[1], b[1], b[0]]) for a, b in sides]
     ends = [np.array([upper[i], trailing[i], lower[i]]) for i in (0, 1)]
     noses = [np.array([upper[i], lower[i], nose[i]]) for i in (0, 1)]
     return (*quads, *ends, *noses)

@@ -18,7 +18,7 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Shape
 from OCP.TopTools import TopTools_FormatVersion
 
-from sdm_deflect.geometry.projection import FloatArray
+from sdm_deflect.geometry.projection import FloatArray, coordinates
 
 Writer = Callable[[Sequence[Shape], Path], None]
 
@@ -36,10 +36,7 @@ TINY = 1e-300
 def tessellate(face: Face, deflection: float) -> tuple[FloatArray, NDArray[np.intp]]:
     """Points (N, 3) on the face and outward triangles (T, 3); exact on a plane, else within `deflection` metres.
 
-    Raises
-    ------
-    ValueError
-        If the kernel finds no triangle on the face.
+    ValueError where the kernel finds no triangle on the face.
     """
     alone = Face(_unmeshed(face))
     BRepMesh_IncrementalMesh(alone.wrapped, deflection, False, ANGLE, False)
@@ -75,8 +72,7 @@ def _triangulation(face: Face) -> tuple[FloatArray, NDArray[np.intp]]:
     if mesh is None:
         raise ValueError(f"the CAD kernel could not triangulate a face at {face.Center().toTuple()}")
     move = location.Transformation()
-    nodes = (mesh.Node(i + 1).Transformed(move) for i in range(mesh.NbNodes()))
-    points = np.array([[p.X(), p.Y(), p.Z()] for p in nodes])
+    points = coordinates(mesh.Node(i + 1).Transformed(move) for i in range(mesh.NbNodes()))
     triangles = np.array([mesh.Triangle(i + 1).Get() for i in range(mesh.NbTriangles())], dtype=np.intp) - 1
     reversed_face = face.wrapped.Orientation() == TopAbs_Orientation.TopAbs_REVERSED
     return points, triangles[:, ::-1] if reversed_face else triangles

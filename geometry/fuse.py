@@ -1,12 +1,11 @@
 """From overlapping parts to disjoint cells that share their faces, and to the faces that are skin."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from cadquery import Face, Shape, Shell, Solid, Vector, Wire
 from OCP.BOPAlgo import BOPAlgo_Builder
-from OCP.TopoDS import TopoDS_Shape
 from OCP.TopTools import TopTools_IndexedMapOfShape
 
 from sdm_deflect.geometry.errors import CadError
@@ -33,21 +32,15 @@ def solid(loops: Sequence[FloatArray]) -> Solid:
     return closed if closed.Volume() > 0.0 else Solid(closed.wrapped.Reversed())
 
 
-def both_sides(name: str, polyhedra: Iterable[Loops]) -> list[Part]:
+def both_sides(name: str, starboard: Sequence[Loops]) -> list[Part]:
     """The starboard polyhedra as ``name_right``, and their exact mirror images as ``name_left``."""
-    starboard = list(polyhedra)
     return one_side(f"{name}_right", starboard) + one_side(f"{name}_left", starboard)
 
 
-def one_side(patch: str, starboard: Iterable[Loops]) -> list[Part]:
-    """Polyhedra given for the starboard side, on the side that the patch name ends with."""
+def one_side(patch: str, starboard: Sequence[Loops]) -> list[Part]:
+    """Polyhedra as they are, or mirrored for a patch whose name ends in ``_left``."""
     factor = MIRROR if patch.endswith("_left") else MIRROR**2
     return [Part(patch, solid([loop * factor for loop in loops])) for loops in starboard]
-
-
-def centred(name: str, polyhedra: Iterable[Loops]) -> list[Part]:
-    """Polyhedra across the plane of symmetry."""
-    return [Part(name, solid(loops)) for loops in polyhedra]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,13 +53,7 @@ class Cell:
 
 
 def general_fuse(parts: Sequence[Part]) -> list[Cell]:
-    """Cut all parts at each other's faces, without merging anything.
-
-    Raises
-    ------
-    CadError
-        Where the kernel reports a failure or loses a part.
-    """
+    """Cut all parts at each other's faces, without merging anything; CadError where the kernel fails."""
     builder = BOPAlgo_Builder()
     builder.SetRunParallel(False)
     builder.SetUseOBB(True)  # the same pieces, found in two thirds of the time
@@ -75,20 +62,16 @@ def general_fuse(parts: Sequence[Part]) -> list[Cell]:
     builder.Perform()
     if builder.HasErrors():
         raise CadError("the CAD kernel could not fuse the parts; move parts whose edges nearly touch")
-    pieces = TopTools_IndexedMapOfShape()
+    pieces, images = TopTools_IndexedMapOfShape(), builder.Images()
     owners: list[int] = []
     for i, part in enumerate(parts):
-        for piece in _images(builder, part.solid.wrapped):
+        whole = part.solid.wrapped
+        for piece in images.Find(whole) if images.IsBound(whole) else [whole]:
             if pieces.FindIndex(piece) == 0:
                 pieces.Add(piece)
                 owners.append(i)
     found = [Shape.cast(pieces.FindKey(i + 1)) for i in range(len(owners))]
     return [Cell(solid, owner, parts[owner].patch) for solid, owner in zip(found, owners, strict=True)]
-
-
-def _images(builder: BOPAlgo_Builder, original: TopoDS_Shape) -> list[TopoDS_Shape]:
-    images = builder.Images()
-    return list(images.Find(original)) if images.IsBound(original) else [original]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,55 +81,42 @@ class Wall:
     shape: Face
     cells: tuple[Cell, ...]
 
-    def seen_from(self, cell: Cell) -> Face:
-        """The face, oriented out of one of its cells."""
-        return self.shape if cell is self.cells[0] else Face(self.shape.wrapped.Reversed())
-
 
 def walls(cells: Sequence[Cell]) -> list[Wall]:
     """Every face of the cells, once."""
     index = TopTools_IndexedMapOfShape()
-    shapes: list[Face] = []
-    sides: list[list[Cell]] = []
+    sides: list[tuple[Face, list[Cell]]] = []
     for cell in cells:
         for face in cell.solid.Faces():
-            position = index.FindIndex(face.wrapped) - 1
-            if position < 0:
+            if index.FindIndex(face.wrapped) == 0:
                 index.Add(face.wrapped)
-                shapes.append(face)
-                sides.append([cell])
-            else:
-                sides[position].append(cell)
-    return [Wall(shape, tuple(side)) for shape, side in zip(shapes, sides, strict=True)]
+                sides.append((face, []))
+            sides[index.FindIndex(face.wrapped) - 1][1].append(cell)
+    return [Wall(shape, tuple(side)) for shape, side in sides]
 
 
-def skin(
-    all_walls: Sequence[Wall], inside: Callable[[Cell], bool], patch: Callable[[Cell, Cell | None], str]
-) -> list[CadFace]:
-    """The faces between what counts as inside and what does not, oriented outwards.
+def skin(all_walls: Sequence[Wall], flow: str | None = None) -> list[CadFace]:
+    """The faces around the cells of patch `flow`, or around all cells, oriented outwards.
 
-    Parameters
-    ----------
-    patch : callable
-        Names a face from its inner cell and its outer cell, which is None where there is none.
+    A face takes the patch of the cell outside, or where there is none, of the one inside.
     """
     faces = []
     for wall in all_walls:
-        inner = [cell for cell in wall.cells if inside(cell)]
-        outer = [cell for cell in wall.cells if not inside(cell)]
+        inner = [cell for cell in wall.cells if flow in (None, cell.patch)]
+        outer = [cell for cell in wall.cells if cell not in inner]
         if len(inner) == 1:
-            faces.append(CadFace(wall.seen_from(inner[0]), patch(inner[0], next(iter(outer), None))))
+            shape = wall.shape if inner[0] is wall.cells[0] else Face(wall.shape.wrapped.Reversed())
+            faces.append(CadFace(shape, (outer or inner)[0].patch))
     return ordered(faces)
 
 
-def partitions(all_walls: Sequence[Wall], inside: Callable[[Cell], bool]) -> list[CadFace]:
+def partitions(all_walls: Sequence[Wall], flow: str | None = None) -> list[CadFace]:
     """The other faces, between cells of different parts on the same side of the skin."""
+    pairs = [(wall, *wall.cells) for wall in all_walls if len(wall.cells) == 2]
     faces = [
-        CadFace(wall.shape, wall.cells[0].patch)
-        for wall in all_walls
-        if len(wall.cells) == 2
-        and inside(wall.cells[0]) == inside(wall.cells[1])
-        and wall.cells[0].owner != wall.cells[1].owner
+        CadFace(wall.shape, first.patch)
+        for wall, first, second in pairs
+        if first.owner != second.owner and (flow is None or (first.patch == flow) == (second.patch == flow))
     ]
     return ordered(faces)
 

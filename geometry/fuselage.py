@@ -20,17 +20,13 @@ def fuselage_parts(fuselage: Fuselage) -> list[Part]:
     """
     f, angle = fuselage, fuselage.panel_angle
     parts = []
-    for start in (-90.0, 90.0):
-        side = "right" if start < 0.0 else "left"
+    for start, side in ((-90.0, "right"), (90.0, "left")):
         lower, upper = 90.0 + start - angle, 90.0 + start + angle
         parts += [
             Part("fuselage", _sector(_ogive(f, start), 180.0)),
             Part("fuselage", _sector(_rectangle(f, f.nose_length, f.panel_front, start), 180.0)),
             Part("fuselage", _sector(_rectangle(f, f.panel_front, f.panel_rear, start), lower - start)),
-            Part(
-                f"fuselage_panel_{side}",
-                _sector(_rectangle(f, f.panel_front, f.panel_rear, lower), 2 * angle),
-            ),
+            Part(f"fuselage_panel_{side}", _sector(_rectangle(f, f.panel_front, f.panel_rear, lower), 2 * angle)),
             Part("fuselage", _sector(_rectangle(f, f.panel_front, f.panel_rear, upper), lower - start)),
             Part("fuselage_rear", _sector(_rectangle(f, f.panel_rear, f.length, start), 180.0)),
         ]
@@ -78,9 +74,7 @@ def inlet_parts(inlet: Inlet) -> list[Part]:
 def _inlet_outline(x: float, half_width: float, side: float, bottom: float) -> cq.Wire:
     # The top lies well inside the fuselage at every station.
     top = 0.4 * side
-    corners = [cq.Vector(x, y, z) for y, z in ((-half_width, side), (-half_width, top), (half_width, top))]
-    end = cq.Vector(x, half_width, side)
-    arc = cq.Edge.makeThreePointArc(end, cq.Vector(x, 0, bottom), corners[0])
-    path = [*corners, end]
-    lines = [cq.Edge.makeLine(a, b) for a, b in pairwise(path)]
-    return cq.Wire.assembleEdges([*lines, arc])
+    around = ((-half_width, side), (-half_width, top), (half_width, top), (half_width, side))
+    corners = [cq.Vector(x, y, z) for y, z in around]
+    arc = cq.Edge.makeThreePointArc(corners[-1], cq.Vector(x, 0, bottom), corners[0])
+    return cq.Wire.assembleEdges([*(cq.Edge.makeLine(a, b) for a, b in pairwise(corners)), arc])

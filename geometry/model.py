@@ -127,13 +127,7 @@ class CadModel:
         return found
 
     def write(self, path: Path) -> None:
-        """Write the solid as .step, .brep or .stl, whole or not at all.
-
-        Raises
-        ------
-        ValueError
-            For any other suffix.
-        """
+        """Write the solid as .step, .brep or .stl, whole or not at all; ValueError for any other suffix."""
         writers = {".step": write_step, ".brep": write_brep, ".stl": write_stl}
         if path.suffix.lower() not in writers:
             raise ValueError(f"{path} ends in {path.suffix!r}; it must end in {', '.join(writers)}")

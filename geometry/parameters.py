@@ -8,11 +8,11 @@ resolve (strake root, aft end of the inlet), the closest shape without them.
 from dataclasses import dataclass, field
 
 from sdm_deflect.geometry.consistency import check_consistency
-from sdm_deflect.geometry.quantity import check_quantities, quantity
+from sdm_deflect.geometry.quantity import Checked, quantity
 
 
 @dataclass(frozen=True, slots=True)
-class Fuselage:
+class Fuselage(Checked):
     """Tangent ogive and cylinder; a cylinder panel next to each tail is a patch of its own."""
 
     length: float = quantity(0.943, "m", 0.1, 10.0, "nose apex to base")
@@ -22,12 +22,9 @@ class Fuselage:
     panel_rear: float = quantity(0.932, "m", 0.05, 10.0, "x of the panels' rear border")
     panel_angle: float = quantity(55.0, "deg", 20.0, 75.0, "polar half-angle of a panel from the horizontal")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "fuselage")
-
 
 @dataclass(frozen=True, slots=True)
-class Canopy:
+class Canopy(Checked):
     """Ellipsoid half sunk into the fuselage."""
 
     x: float = quantity(0.3034, "m", 0.0, 10.0, "x of the centre")
@@ -36,12 +33,9 @@ class Canopy:
     semi_width: float = quantity(0.0230, "m", 0.005, 1.0, "semi-axis along y")
     semi_height: float = quantity(0.0390, "m", 0.005, 1.0, "semi-axis along z")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "canopy")
-
 
 @dataclass(frozen=True, slots=True)
-class Inlet:
+class Inlet(Checked):
     """Blocked inlet under the fuselage: ruled lofts between four stations with a rounded bottom."""
 
     x_1: float = quantity(0.328, "m", 0.0, 10.0, "x of the front station")
@@ -61,21 +55,14 @@ class Inlet:
     z_side_4: float = quantity(-0.0500, "m", -2.0, 0.0, "z where the side ends, station 4")
     z_bottom_4: float = quantity(-0.0515, "m", -2.0, 0.0, "lowest z at station 4")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "inlet")
-
-    def stations(self) -> tuple[tuple[float, float, float, float], ...]:
+    def stations(self) -> tuple[tuple[float, ...], ...]:
         """(x, half-width, z of the side, z of the bottom) from front to aft."""
-        return (
-            (self.x_1, self.half_width_1, self.z_side_1, self.z_bottom_1),
-            (self.x_2, self.half_width_2, self.z_side_2, self.z_bottom_2),
-            (self.x_3, self.half_width_3, self.z_side_3, self.z_bottom_3),
-            (self.x_4, self.half_width_4, self.z_side_4, self.z_bottom_4),
-        )
+        columns = ("x", "half_width", "z_side", "z_bottom")
+        return tuple(tuple(getattr(self, f"{name}_{i}") for name in columns) for i in range(1, 5))
 
 
 @dataclass(frozen=True, slots=True)
-class Pedestal:
+class Pedestal(Checked):
     """Dorsal pedestal under the fin: pointed in plan, with a ramp in front and a flat top."""
 
     x_apex: float = quantity(0.640, "m", 0.0, 10.0, "x of the plan's point, inside the fuselage")
@@ -86,12 +73,9 @@ class Pedestal:
     half_width: float = quantity(0.0112, "m", 0.003, 0.5, "half-width")
     z_top: float = quantity(0.0855, "m", 0.0, 2.0, "z of the flat top")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "pedestal")
-
 
 @dataclass(frozen=True, slots=True)
-class Strake:
+class Strake(Checked):
     """Flat plate with bevelled leading edge from the nose into the wing."""
 
     thickness: float = quantity(0.005, "m", 0.001, 0.1, "thickness")
@@ -105,12 +89,9 @@ class Strake:
     y_3: float = quantity(0.0995, "m", 0.0, 5.0, "y of that point")
     x_end: float = quantity(0.500, "m", 0.0, 10.0, "x where the strake ends, inside the wing")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "strake")
-
 
 @dataclass(frozen=True, slots=True)
-class Wing:
+class Wing(Checked):
     """Trapezoid of hexagonal section with unswept trailing edge; constant thickness inboard of the kink."""
 
     half_span: float = quantity(0.3048, "m", 0.05, 5.0, "y of the tip")
@@ -121,24 +102,18 @@ class Wing:
     bevel_ratio: float = quantity(0.0955, "", 0.02, 0.4, "width of either bevel by chord, outboard of the kink")
     y_kink: float = quantity(0.112, "m", 0.02, 5.0, "y inboard of which thickness and bevels are constant")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "wing")
-
 
 @dataclass(frozen=True, slots=True)
-class Aileron:
+class Aileron(Checked):
     """The wing's trailing-edge bevel wedge between two span stations."""
 
     gap: float = quantity(0.0, "m", 0.0, 1.0, "spanwise gap between wing and aileron; 0: none")
     y_inboard: float = quantity(0.0, "m", 0.0, 5.0, "y of the inboard end; 0: one gap outboard of the wing's kink")
     y_outboard: float = quantity(0.0, "m", 0.0, 5.0, "y of the outboard end; 0: the wing tip")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "aileron")
-
 
 @dataclass(frozen=True, slots=True)
-class Tail:
+class Tail(Checked):
     """All-moving horizontal tail of hexagonal section, its plane through the fuselage axis."""
 
     half_span: float = quantity(0.1778, "m", 0.03, 5.0, "y of the tip")
@@ -150,12 +125,9 @@ class Tail:
     bevel_ratio: float = quantity(0.12, "", 0.02, 0.4, "width of either bevel by chord")
     pivot: float = quantity(0.60, "", 0.0, 1.0, "axis of rotation by root chord, from the leading edge")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "tail")
-
 
 @dataclass(frozen=True, slots=True)
-class VentralFin:
+class VentralFin(Checked):
     """Flat plate with bevelled edges in a plane through the fuselage axis."""
 
     cant: float = quantity(25.0, "deg", 0.0, 60.0, "angle from the vertical")
@@ -167,12 +139,9 @@ class VentralFin:
     thickness: float = quantity(0.0032, "m", 0.001, 0.1, "thickness")
     bevel: float = quantity(0.006, "m", 0.001, 0.1, "width of the bevels")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "ventral")
-
 
 @dataclass(frozen=True, slots=True)
-class Fin:
+class Fin(Checked):
     """Trapezoidal fin of hexagonal section in the plane y = 0."""
 
     z_root: float = quantity(0.0855, "m", 0.0, 5.0, "z to which the root values refer")
@@ -184,19 +153,13 @@ class Fin:
     thickness_ratio: float = quantity(0.040, "", 0.01, 0.2, "thickness by chord")
     bevel_ratio: float = quantity(0.10, "", 0.02, 0.4, "width of either bevel by chord")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "fin")
-
 
 @dataclass(frozen=True, slots=True)
-class Rudder:
+class Rudder(Checked):
     """The fin's trailing-edge bevel wedge between two heights."""
 
     z_inboard: float = quantity(0.0955, "m", 0.0, 5.0, "z of the lower end, above the pedestal")
     z_outboard: float = quantity(0.0, "m", 0.0, 5.0, "z of the upper end; 0: the fin's tip")
-
-    def __post_init__(self) -> None:
-        check_quantities(self, "rudder")
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,11 +46,9 @@ def wing_polyhedra(fighter: Fighter) -> list[Loops]:
     wing, span = fighter.wing, aileron_span(fighter)
     root = wing_section(wing, BURIED * fighter.fuselage.radius)
     kink, tip = wing_section(wing, wing.y_kink), wing_section(wing, wing.half_span)
-    polyhedra = [prism(root, kink), prism(kink[BOX], tip[BOX])]
-    for inner, outer in ((wing.y_kink, span.wing_rib), (span.outer_rib, wing.half_span)):
-        if inner < outer:
-            polyhedra.append(prism(wing_section(wing, inner)[WEDGE], wing_section(wing, outer)[WEDGE]))
-    return polyhedra
+    rest = ((wing.y_kink, span.wing_rib), (span.outer_rib, wing.half_span))
+    wedges = [prism(*(wing_section(wing, y)[WEDGE] for y in ends)) for ends in rest if ends[0] < ends[1]]
+    return [prism(root, kink), prism(kink[BOX], tip[BOX]), *wedges]
 
 
 def fin_polyhedra(fighter: Fighter) -> list[Loops]:
@@ -59,11 +57,9 @@ def fin_polyhedra(fighter: Fighter) -> list[Loops]:
     lower, upper = rudder_span(fighter)
     buried = 0.75 * fighter.fuselage.radius
     foot, tip = fin_section(fin, buried), fin_section(fin, fin.z_tip)
-    polyhedra = [prism(foot[BOX], tip[BOX])]
-    for low, high in ((buried, lower), (upper, fin.z_tip)):
-        if low < high:
-            polyhedra.append(prism(fin_section(fin, low)[WEDGE], fin_section(fin, high)[WEDGE]))
-    return polyhedra
+    rest = ((buried, lower), (upper, fin.z_tip))
+    wedges = [prism(*(fin_section(fin, z)[WEDGE] for z in ends)) for ends in rest if ends[0] < ends[1]]
+    return [prism(foot[BOX], tip[BOX]), *wedges]
 
 
 def strake_polyhedra(strake: Strake, fuselage: Fuselage) -> list[Loops]:
@@ -73,11 +69,8 @@ def strake_polyhedra(strake: Strake, fuselage: Fuselage) -> list[Loops]:
     """
     outline, inner, root = _strake_plan(strake, fuselage)
     half = 0.5 * strake.thickness
-    pieces = []
-    for i in range(len(outline) - 1):
-        ring = [outline[i], outline[i + 1], inner[i + 1], root[i + 1], root[i], inner[i]]
-        pieces.append(_bevelled_piece(ring, half))
-    return pieces
+    cuts = pairwise(zip(outline, inner, root, strict=True))
+    return [_bevelled_piece(first, last, half) for first, last in cuts]
 
 
 def _strake_plan(strake: Strake, fuselage: Fuselage) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -94,9 +87,9 @@ def _strake_plan(strake: Strake, fuselage: Fuselage) -> tuple[FloatArray, FloatA
     return outline, inner, np.array([inner[0], *cuts, [strake.x_end, y]])
 
 
-def _bevelled_piece(ring: list[FloatArray], half: float) -> Loops:
-    """A piece between two cuts; `ring` is edge, edge, inner, root, root, inner in plan, (2,) each."""
-    edge0, edge1, inner1, root1, root0, inner0 = ring
+def _bevelled_piece(first: Sequence[FloatArray], last: Sequence[FloatArray], half: float) -> Loops:
+    """A piece between two cuts, each given by its edge, inner and root point in plan, (2,) each."""
+    (edge0, inner0, root0), (edge1, inner1, root1) = first, last
     across = (0.0, half, half, -half, -half)
     faces = [
         _at_heights((edge0, inner0, root0, root0, inner0), across),
@@ -119,25 +112,17 @@ def ventral_polyhedron(ventral: VentralFin, fuselage: Fuselage) -> Loops:
     """A plate whose three free edges are bevelled by parallel insets, so that every face is planar."""
     v, buried = ventral, VENTRAL_ROOT * fuselage.radius
     lean = (v.x_tip - v.x_root) / (v.r_tip - fuselage.radius)
-    outline = np.array(
-        [
-            [v.x_root - lean * (fuselage.radius - buried), buried],
-            [v.x_tip, v.r_tip],
-            [v.x_te, v.r_te],
-            [v.x_te, buried],
-        ]
-    )
+    root = [v.x_root - lean * (fuselage.radius - buried), buried]
+    outline = np.array([root, [v.x_tip, v.r_tip], [v.x_te, v.r_te], [v.x_te, buried]])
     base = np.array([[0.0, buried], [1.0, buried]])
     inner = inset(outline, v.bevel, base, base)
     half = 0.5 * v.thickness
     edge, right, left = (
         _canted(plan, offset, v.cant) for plan, offset in ((outline, 0.0), (inner, half), (inner, -half))
     )
-    faces = [right, left]
-    for flat in (right, left):
-        faces += [np.array([edge[i], edge[i + 1], flat[i + 1], flat[i]]) for i in range(3)]
-    root = np.array([edge[0], right[0], right[3], edge[3], left[3], left[0]])
-    return (*faces, root)
+    bevels = [np.array([edge[i], edge[i + 1], flat[i + 1], flat[i]]) for flat in (right, left) for i in range(3)]
+    foot = np.array([edge[0], right[0], right[3], edge[3], left[3], left[0]])
+    return (right, left, *bevels, foot)
 
 
 def pedestal_polyhedron(pedestal: Pedestal, fuselage: Fuselage) -> Loops:
@@ -165,12 +150,11 @@ def inset(outline: FloatArray, width: float, first: FloatArray, last: FloatArray
 
     The inset begins on the line `first` and ends on the line `last`, each given by two points (2, 2).
     """
-    lines = []
+    lines = [first]
     for a, b in pairwise(outline):
         right = np.array([b[1] - a[1], a[0] - b[0]]) / np.linalg.norm(b - a)
         lines.append(np.array([a, b]) + width * right)
-    lines = [first, *lines, last]
-    return np.array([crossing(a, b) for a, b in pairwise(lines)])
+    return np.array([crossing(a, b) for a, b in pairwise([*lines, last])])
 
 
 def crossing(a: FloatArray, b: FloatArray) -> FloatArray:

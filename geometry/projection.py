@@ -1,11 +1,10 @@
 """Nearest points on the surfaces of CAD faces and the curves of CAD edges: exact on planes, cylinders and lines."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from cadquery import Edge, Face
-from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.Geom import Geom_Curve, Geom_Surface
@@ -16,7 +15,7 @@ from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt, gp_Pnt2d
 from OCP.ShapeAnalysis import ShapeAnalysis_Surface
 from OCP.TopAbs import TopAbs_Orientation
 
-FloatArray = NDArray[np.float64]
+from sdm_deflect.geometry.sections import FloatArray
 
 # Far below any dimension of an aircraft, far above rounding.
 RESOLUTION = 1e-12
@@ -25,16 +24,9 @@ RESOLUTION = 1e-12
 SEARCH_PRECISION = 1e-7
 
 
-class Surface(Protocol):
-    """An unbounded surface with a side that counts as outside."""
-
-    def nearest(self, points: FloatArray) -> FloatArray:
-        """Nearest points (N, 3) on the surface."""
-        ...
-
-    def normals(self, points: FloatArray) -> FloatArray:
-        """Outward unit normals (N, 3) at the points nearest to `points` (N, 3)."""
-        ...
+def coordinates(places: Iterable[gp_Pnt | gp_Dir]) -> FloatArray:
+    """The kernel's points or directions as rows (N, 3)."""
+    return np.array([[place.X(), place.Y(), place.Z()] for place in places], dtype=np.float64).reshape(-1, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,19 +83,11 @@ class FreeFormSurface:
 
     def nearest(self, points: FloatArray) -> FloatArray:
         """Nearest points (N, 3), as close as the kernel's own point projection."""
-        out = np.empty((len(points), 3))
-        for i, uv in enumerate(self._parameters(points)):
-            value = self.geometry.Value(uv.X(), uv.Y())
-            out[i] = value.X(), value.Y(), value.Z()
-        return out
+        return coordinates(self.geometry.Value(uv.X(), uv.Y()) for uv in self._parameters(points))
 
     def normals(self, points: FloatArray) -> FloatArray:
         """Unit normals (N, 3); at a pole, that of a neighbouring point."""
-        out = np.empty((len(points), 3))
-        for i, uv in enumerate(self._parameters(points)):
-            direction = self._normal(uv)
-            out[i] = direction.X(), direction.Y(), direction.Z()
-        return self.side * out
+        return self.side * coordinates(self._normal(uv) for uv in self._parameters(points))
 
     def _parameters(self, points: FloatArray) -> list[gp_Pnt2d]:
         analysis = ShapeAnalysis_Surface(self.geometry)
@@ -116,6 +100,9 @@ class FreeFormSurface:
             towards = 1e-6 * np.array([0.5 * (u0 + u1) - uv.X(), 0.5 * (v0 + v1) - uv.Y()])
             properties.SetParameters(uv.X() + towards[0], uv.Y() + towards[1])
         return properties.Normal()
+
+
+Surface = PlaneSurface | CylinderSurface | FreeFormSurface
 
 
 def surface_of(face: Face) -> Surface:
@@ -135,22 +122,8 @@ def surface_of(face: Face) -> Surface:
 
 def _frame(position: gp_Ax3) -> tuple[FloatArray, FloatArray]:
     """Origin (3,) of a placement and its x, y and z directions as rows (3, 3)."""
-    origin = position.Location()
-    rows = [position.XDirection(), position.YDirection(), position.Direction()]
-    frame = np.array([[d.X(), d.Y(), d.Z()] for d in rows])
-    return np.array([origin.X(), origin.Y(), origin.Z()]), frame
-
-
-class Curve(Protocol):
-    """A bounded curve."""
-
-    def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Nearest points (N, 3) and their parameters (N,), for `points` (N, 3)."""
-        ...
-
-    def at(self, shares: FloatArray) -> FloatArray:
-        """Points (N, 3) at shares (N,) of the parameter range, 0 at the first end and 1 at the last."""
-        ...
+    rows = coordinates([position.XDirection(), position.YDirection(), position.Direction()])
+    return coordinates([position.Location()])[0], rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,8 +163,7 @@ class FreeCurve:
         return self._values(self.first + shares * (self.last - self.first))
 
     def _values(self, parameters: FloatArray) -> FloatArray:
-        values = [self.geometry.Value(t) for t in parameters.tolist()]
-        return np.array([[v.X(), v.Y(), v.Z()] for v in values]).reshape(-1, 3)
+        return coordinates(map(self.geometry.Value, parameters.tolist()))
 
     def _parameter(self, point: gp_Pnt) -> float:
         # The kernel finds interior extrema only; the ends compete with them.
@@ -201,12 +173,13 @@ class FreeCurve:
         return min(candidates, key=lambda t: float(self.geometry.Value(t).SquareDistance(point)))
 
 
+Curve = Segment | FreeCurve
+
+
 def curve_of(edge: Edge) -> Curve:
     """The bounded curve under an edge, in the direction of the kernel's parameter."""
     adaptor = BRepAdaptor_Curve(edge.wrapped)
     first, last = adaptor.FirstParameter(), adaptor.LastParameter()
     if adaptor.GetType() == GeomAbs_Line:
-        ends = [adaptor.Value(t) for t in (first, last)]
-        start, end = (np.array([p.X(), p.Y(), p.Z()]) for p in ends)
-        return Segment(start, end)
+        return Segment(*coordinates(map(adaptor.Value, (first, last))))
     return FreeCurve(BRep_Tool.Curve_s(edge.wrapped, 0.0, 0.0), first, last)

@@ -1,5 +1,6 @@
 """Numbers with a unit and a range, declared once as dataclass fields and checked at construction."""
 
+import re
 from dataclasses import Field, field, fields
 from math import isfinite
 from numbers import Integral, Real
@@ -26,14 +27,20 @@ def quantity(default: float, unit: str, low: float, high: float, doc: str) -> An
 def check_quantities(instance: Any, prefix: str) -> None:
     """Check every declared quantity of a dataclass instance, for its ``__post_init__``.
 
-    Raises
-    ------
-    ValueError
-        Naming the first value that is not a finite number inside its range.
+    ValueError names the first value that is not a finite number inside its range.
     """
     for declared in fields(instance):
         if "unit" in declared.metadata:
             _check(f"{prefix}.{declared.name}", getattr(instance, declared.name), declared)
+
+
+class Checked:
+    """Base of dataclasses whose quantities are checked; messages call them by the class name's first word."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_quantities(self, re.findall("[A-Z][a-z]*", type(self).__name__)[0].lower())
 
 
 def _check(name: str, value: object, declared: Field[Any]) -> None:

@@ -43,9 +43,8 @@ def diamond(y: float, leading: float, chord: float) -> np.ndarray:
 def body() -> CadModel:
     """Half a cylinder with a stub wing: planes, a cylinder, curved intersection lines."""
     wing = solid(prism(diamond(0.05, 0.12, 0.25), diamond(0.25, 0.2, 0.15)))
-    cells = walls(general_fuse([Part("fuselage", half_cylinder()), Part("wing_right", wing)]))
-    exterior = skin(cells, lambda cell: True, lambda inner, outer: inner.patch)
-    return assemble(exterior, partitions(cells, lambda cell: True), fluid_inside=False)
+    found = walls(general_fuse([Part("fuselage", half_cylinder()), Part("wing_right", wing)]))
+    return assemble(skin(found), partitions(found), fluid_inside=False)
 
 
 @pytest.fixture(scope="session")
@@ -54,12 +53,7 @@ def chamber(body: CadModel) -> CadModel:
     wing = solid(prism(diamond(0.05, 0.12, 0.25), diamond(0.25, 0.2, 0.15)))
     box = cq.Workplane("XY").box(0.6, 0.3, 0.3).translate((0.25, 0.25, 0.0)).val()
     found = walls(general_fuse([Part("wing_right", wing), Part("chimera", box)]))
-    exterior = skin(
-        found,
-        lambda cell: cell.patch == "chimera",
-        lambda inner, outer: "wing_right" if outer is not None else "chimera",
-    )
-    return assemble(exterior, [], fluid_inside=True)
+    return assemble(skin(found, "chimera"), [], fluid_inside=True)
 
 
 @pytest.fixture(scope="session")
