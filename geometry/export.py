@@ -18,7 +18,8 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Shape
 from OCP.TopTools import TopTools_FormatVersion
 
-from sdm_deflect.geometry.projection import FloatArray, coordinates
+from sdm_deflect.geometry.projection import coordinates
+from sdm_deflect.geometry.sections import FloatArray
 
 Writer = Callable[[Sequence[Shape], Path], None]
 

@@ -1,7 +1,5 @@
 """Meshes kept by the content of the parameters they were made from."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -28,17 +26,9 @@ _ARRAYS = ("points", "tets", "triangles", "patch", "face")
 def cache_key(parameters: Mapping[str, object]) -> str:
     """Digest (hexadecimal) of parameters, recipe and mesh generators' versions.
 
-    Parameters
-    ----------
-    parameters : Everything the mesh depends on: numbers, texts, frozen dataclasses, lists and mappings of them. The
-        order of a mapping does not matter.
-
-    Raises
-    ------
-    ValueError
-        For a number that is not finite.
-    TypeError
-        For a value that has no canonical text.
+    The parameters are everything the mesh depends on: numbers, texts, frozen dataclasses, lists and mappings of them,
+    whose order does not matter. ValueError for a number that is not finite, TypeError for a value that has no
+    canonical text.
     """
     content = {"recipe": RECIPE, "makers": {name: version(name) for name in _MAKERS}, "parameters": dict(parameters)}
     text = json.dumps(content, sort_keys=True, allow_nan=False, default=_plain)
@@ -74,7 +64,7 @@ class MeshCache:
         return mesh, dict(text["note"])
 
     def store(self, key: str, mesh: TetMesh, note: Mapping[str, object]) -> None:
-        """Keep a mesh and its note; the file appears whole or not at all; OSError if the folder cannot be written."""
+        """Keep a mesh and its note, whole or not at all; OSError where the folder cannot be written."""
         text = json.dumps({"names": mesh.names, "note": dict(note)}, sort_keys=True)
         indices = {name: getattr(mesh, name).astype(np.int32) for name in _ARRAYS[1:]}
         with replacing(self._path(key)) as beside:

@@ -1,7 +1,5 @@
 """Work in a child process that ends at once when this process is interrupted or dies."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import resource
@@ -36,10 +34,7 @@ class Pending:
     process: subprocess.Popen[bytes]
 
     def answer(self, seconds: float) -> dict[str, Array]:
-        """Wait at most `seconds` for the arrays that the child answers with.
-
-        MeshingError if the child fails or takes longer; with the last line it wrote.
-        """
+        """Wait at most `seconds` for the child's arrays; MeshingError, with its last line, if it fails or is late."""
         try:
             _, complaint = self.process.communicate(timeout=seconds)
         except subprocess.TimeoutExpired:
@@ -77,18 +72,14 @@ def started(module: str, arrays: Arrays) -> Iterator[Pending]:
 
 
 def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
-    """Run ``python -m module`` on arrays and return the arrays that it answers with, within `seconds`.
-
-    MeshingError if the child fails or takes longer; with the last line it wrote.
-    """
+    """Run ``python -m module`` on arrays and return the arrays that it answers with, as `Pending.answer` does."""
     with started(module, arrays) as pending:
         return pending.answer(seconds)
 
 
 def serve(work: Callable[[Arrays], Arrays]) -> None:
     """Be the child: read the question, work, write the answer, own peak memory (bytes) and processor seconds."""
-    if sys.platform == "linux":  # ends this process when its parent dies of anything, a kill that no one catches too
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    _die_with_parent()
     with np.load(sys.argv[1], allow_pickle=False) as stored:
         question = dict(stored)
     answer = work(question)
@@ -104,3 +95,9 @@ def peak_bytes() -> int:
         return 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM:")))
     except (OSError, StopIteration):
         return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def _die_with_parent() -> None:
+    """Ask Linux to kill this process when its parent dies of anything, be it a kill that cannot be caught."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -1,8 +1,6 @@
 """From the mesher's tetrahedra, which fill a whole box, to the named flow mesh on the exact CAD."""
 
-from __future__ import annotations
-
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -55,7 +53,7 @@ def winding_number(queries: FloatArray, points: FloatArray, triangles: IntArray)
     for i, query in enumerate(queries):
         a, b, c = (points[triangles[:, j]] - query for j in range(3))
         la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-        over = np.einsum("ij,ij->i", a, np.cross(b, c))
+        over = _dots(a, np.cross(b, c))
         under = la * lb * lc + _dots(a, b) * lc + _dots(b, c) * la + _dots(c, a) * lb
         winding[i] = np.arctan2(over, under).sum() / (2.0 * np.pi)
     return winding
@@ -64,7 +62,8 @@ def winding_number(queries: FloatArray, points: FloatArray, triangles: IntArray)
 def _within(points: FloatArray, nodes: IntArray, surface: Surface, tolerance: float) -> BoolArray:
     """True (F,) for faces (F, 3) whose nodes, edge midpoints and centre lie within the tolerance."""
     closest = ClosestTriangle(surface.points, surface.outer)
-    used = np.flatnonzero(_in_box(points, surface.points, tolerance))
+    low, high = surface.points.min(axis=0) - tolerance, surface.points.max(axis=0) + tolerance
+    used = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
     near = np.zeros(len(points), dtype=bool)
     near[used] = closest(points[used])[0] <= tolerance
     within: BoolArray = np.all(near[nodes], axis=1, keepdims=False)
@@ -75,24 +74,13 @@ def _within(points: FloatArray, nodes: IntArray, surface: Surface, tolerance: fl
     return within
 
 
-def _in_box(points: FloatArray, around: FloatArray, margin: float) -> BoolArray:
-    """True (N,) for points (N, 3) within `margin` of the box around others (K, 3)."""
-    low, high = around.min(axis=0) - margin, around.max(axis=0) + margin
-    return np.asarray(((points >= low) & (points <= high)).all(axis=1))
-
-
 def _dots(a: FloatArray, b: FloatArray) -> FloatArray:
     """Scalar products (N,) of vectors (N, 3)."""
     return np.asarray(np.einsum("ij,ij->i", a, b))
 
 
 def boundary_triangles(faces: CellFaces, fluid: BoolArray) -> tuple[IntArray, BoolArray]:
-    """Triangles (B, 3) between flow and anything else, oriented out of the flow.
-
-    Returns
-    -------
-    The triangles, and which of them (B,) lie on the outside of the mesher's box.
-    """
+    """Triangles (B, 3) between flow and anything else, oriented out of it; which (B,) lie on the mesher's box."""
     outermost = faces.second < 0
     first = fluid[faces.first]
     second = fluid[faces.second] & ~outermost
@@ -117,13 +105,10 @@ def cad_faces(points: FloatArray, triangles: IntArray, surface: Surface) -> IntA
     for face in np.unique(surface.face):
         own = surface.outer[surface.face == face]
         extent = surface.points[own].reshape(-1, 3)
-        low, high = (
-            centres + edges[:, None] > extent.min(axis=0),
-            centres - edges[:, None] < extent.max(axis=0),
-        )
-        near = np.flatnonzero((low & high).all(axis=1))
+        above, below = centres + edges[:, None] > extent.min(axis=0), centres - edges[:, None] < extent.max(axis=0)
+        near = np.flatnonzero((above & below).all(axis=1))
         distance, index = ClosestTriangle(surface.points, own)(centres[near])
-        agreement = np.einsum("ij,ij->i", unit_normals(surface.points, own)[index], normals[near])
+        agreement = _dots(unit_normals(surface.points, own)[index], normals[near])
         cost = distance + NORMAL_WEIGHT * edges[near] * (1.0 - agreement)
         better = cost < best[near]
         best[near[better]], chosen[near[better]] = cost[better], face
@@ -138,17 +123,9 @@ def unit_normals(points: FloatArray, triangles: IntArray) -> FloatArray:
 
 
 def assemble(filling: Filling, surface: Surface, model: CadModel, envelope: float) -> TetMesh:
-    """Select the flow, name its boundary and put that on the CAD.
+    """Select the flow, name its boundary and put that on the CAD; MeshingError where the two do not match.
 
-    Parameters
-    ----------
-    envelope
-        How far (metres) the filling's surface strays from the surface mesh.
-
-    Raises
-    ------
-    MeshingError
-        If the boundary cannot be matched with the CAD.
+    The filling's surface strays by the `envelope` (metres) from the surface mesh.
     """
     faces = cell_faces(filling.tets)
     solid = inside_solid(filling.points, filling.tets, faces, surface, envelope)
@@ -166,11 +143,7 @@ def assemble(filling: Filling, surface: Surface, model: CadModel, envelope: floa
 
 
 def _named(
-    points: FloatArray,
-    tets: IntArray,
-    body: tuple[IntArray, IntArray],
-    far: IntArray,
-    model: CadModel,
+    points: FloatArray, tets: IntArray, body: tuple[IntArray, IntArray], far: IntArray, model: CadModel
 ) -> TetMesh:
     """Mesh of the used points (N, 3), its patches in the order of the CAD faces, the far field (K, 3) last.
 
@@ -180,11 +153,10 @@ def _named(
     patch_of_face = np.array([names.index(face.patch) for face in model.faces])
     triangles, face = body
     used, compact = np.unique(np.concatenate([tets.ravel(), triangles.ravel(), far.ravel()]), return_inverse=True)
-    cells, skin = compact[: tets.size].reshape(-1, 4), compact[tets.size :].reshape(-1, 3)
     return TetMesh(
         points=points[used],
-        tets=cells,
-        triangles=skin,
+        tets=compact[: tets.size].reshape(-1, 4),
+        triangles=compact[tets.size :].reshape(-1, 3),
         patch=np.concatenate([patch_of_face[face], np.full(len(far), len(names) - 1)]),
         face=np.concatenate([face, np.full(len(far), -1)]),
         names=names,
@@ -212,9 +184,7 @@ class ClosestTriangle:
         """Distance (P,) in metres from each point (P, 3) and index (P,) of the nearest triangle."""
         squared, index = np.empty(len(points)), np.empty(len(points), dtype=np.intp)
         cell, spot = vtkGenericCell(), [0.0, 0.0, 0.0]
-        found: Any = reference(0)
-        part: Any = reference(0)
-        away: Any = reference(0.0)
+        found, part, away = (cast("Any", reference(zero)) for zero in (0, 0, 0.0))
         for i, point in enumerate(points.tolist()):
             self._locator.FindClosestPoint(point, spot, cell, found, part, away)
             squared[i], index[i] = away, found

@@ -1,7 +1,5 @@
 """Which CAD vertex, edge or face each boundary node belongs to, and the nodes' places on them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,14 +19,11 @@ RIVALS = 24
 class Attachment:
     """The CAD entity of each boundary node.
 
-    Parameters
+    Attributes
     ----------
-    nodes
-        (K,) sorted node indices.
-    vertex, edge, face
-        (K,) index of the CAD vertex, else of the CAD edge, else of the CAD face; -1 elsewhere.
-    incidence
-        (P, 2) distinct pairs of a node and a CAD face that it touches.
+    nodes : (K,) sorted node indices
+    vertex, edge, face : (K,) index of the CAD vertex, else of the CAD edge, else of the CAD face; -1 elsewhere
+    incidence : (P, 2) distinct pairs of a node and a CAD face that it touches
     """
 
     nodes: IntArray
@@ -80,11 +75,7 @@ def _vertices(points: FloatArray, nodes: IntArray, incidence: IntArray, model: C
 def _edges(points: FloatArray, nodes: IntArray, incidence: IntArray, model: CadModel) -> IntArray:
     """CAD edge (K,) nearest to each of the nodes (K,) among those between two faces it touches; -1 for none."""
     edge, nearest = np.full(len(nodes), -1), np.full(len(nodes), np.inf)
-    on_face = [np.empty(0, dtype=np.intp) for _ in model.faces]
-    order = np.argsort(incidence[:, 1], kind="stable")
-    faces, start = np.unique(incidence[order, 1], return_index=True)
-    for face, members in zip(faces, np.split(incidence[order, 0], start[1:]), strict=True):
-        on_face[face] = members
+    on_face = [incidence[incidence[:, 1] == face, 0] for face in range(len(model.faces))]
     for index, cad in enumerate(model.edges):
         shared = np.intersect1d(on_face[cad.faces[0]], on_face[cad.faces[1]], assume_unique=True)
         rows = np.searchsorted(nodes, shared)

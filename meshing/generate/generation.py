@@ -1,7 +1,5 @@
 """The whole road from CAD to a mesh that passed verification."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, replace
 
@@ -42,8 +40,6 @@ class MeshReport:
     attempts: int
     rejected: tuple[str, ...]
     seconds: float
-    surface_seconds: float
-    volume_seconds: float
     peak_bytes: int
     processor_seconds: float
 
@@ -66,10 +62,8 @@ def generate(
 
     Parameters
     ----------
-    progress
-        Called with a stage and the fraction done, nan where that is unknown.
-    finer
-        Points (S, 3) where the cells are to be small for another reason than the CAD, and edge lengths (S,).
+    progress : called with a stage and the fraction done, nan where that is unknown
+    finer : points (S, 3) where the cells are to be small for another reason than the CAD, and edge lengths (S,)
 
     Raises
     ------
@@ -79,14 +73,11 @@ def generate(
     start = time.perf_counter()
     progress("surface mesh", 0.0)
     field, box, surface = prepare(model, parameters, finer)
-    surface_seconds = time.perf_counter() - start
     rejected: list[str] = []
     for attempt in range(1, parameters.max_attempts + 1):
         progress(f"volume mesh, attempt {attempt}", float("nan"))
-        begin = time.perf_counter()
         try:
             filling = fill(surface, field, box, harder(parameters, attempt))
-            volume_seconds = time.perf_counter() - begin
             progress(f"boundary, attempt {attempt}", 0.9)
             mesh = assemble(filling, surface, model, parameters.envelope)
             for _ in range(parameters.refinements):
@@ -97,10 +88,8 @@ def generate(
         verification = verify(mesh, model, parameters)
         if not verification.failures:
             seconds = time.perf_counter() - start
-            timings = (seconds, surface_seconds, volume_seconds)
-            used = (filling.peak_bytes, filling.processor_seconds)
-            report = MeshReport(verification, attempt, tuple(rejected), *timings, *used)
-            return Generated(mesh, report)
+            used = (seconds, filling.peak_bytes, filling.processor_seconds)
+            return Generated(mesh, MeshReport(verification, attempt, tuple(rejected), *used))
         rejected.append("; ".join(verification.failures))
     reasons = " | ".join(f"attempt {i}: {reason}" for i, reason in enumerate(rejected, 1))
     raise MeshingError(f"no usable mesh in {parameters.max_attempts} attempts: {reasons}")
@@ -114,10 +103,7 @@ def harder(parameters: MeshParameters, attempt: int) -> MeshParameters:
 def prepare(model: CadModel, parameters: MeshParameters, finer: Finer | None = None) -> tuple[SizeField, Box, Surface]:
     """The target sizes, the box to fill and the surface mesh: all that attempts have in common.
 
-    Raises
-    ------
-    MeshingError
-        If the surface cannot be meshed.
+    MeshingError where the surface cannot be meshed.
     """
     points, lengths = sources(model, parameters)
     known = np.concatenate([points, model.vertices])

@@ -1,7 +1,5 @@
 """The child process that runs gmsh: CAD faces and a size field in, a conforming surface mesh out."""
 
-from __future__ import annotations
-
 import gmsh
 import numpy as np
 
@@ -12,16 +10,9 @@ FRONTAL_DELAUNAY = 6
 
 
 def mesh_faces(question: Arrays) -> Arrays:
-    """Triangulate the faces of a .brep file.
+    """Triangulate the faces of the .brep file ``brep``, by edge lengths on a mesh ``points``, ``tets``, ``lengths``.
 
-    Parameters
-    ----------
-    question
-        ``brep``: the file; ``points``, ``tets``, ``lengths``: target edge lengths on a background mesh.
-
-    Returns
-    -------
-    ``points`` (N, 3), ``triangles`` (T, 3), ``face`` (T,) and the faces' ``areas`` (K,).
+    Answers ``points`` (N, 3), ``triangles`` (T, 3), ``face`` (T,) and the faces' ``areas`` (K,).
     """
     gmsh.initialize(interruptible=False)
     try:

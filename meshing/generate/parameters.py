@@ -1,32 +1,15 @@
 """Target sizes, tolerances and acceptance limits of a mesh, as one frozen value."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from itertools import takewhile
 from types import MappingProxyType
+from typing import Self
 
-from sdm_deflect.geometry.quantity import check_quantities, quantity
+from sdm_deflect.geometry.quantity import Checked, quantity
 
 # The far field is as good as free (its cells are few), so its size follows from its distance.
 FAR_EDGE = 0.4
-
-COMPONENTS = (
-    "fuselage",
-    "fuselage_panel",
-    "fuselage_rear",
-    "canopy",
-    "inlet",
-    "pedestal",
-    "strake",
-    "wing",
-    "aileron",
-    "tail",
-    "ventral",
-    "fin",
-    "rudder",
-    "chimera",
-)
 
 
 def _edge(default: float, where: str) -> float:
@@ -35,13 +18,10 @@ def _edge(default: float, where: str) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class MeshParameters:
+class MeshParameters(Checked):
     """How fine, how exact and how good a mesh shall be; the defaults are those of the small scale.
 
-    Raises
-    ------
-    ValueError
-        For a value outside its range.
+    ValueError for a value outside its range.
     """
 
     fuselage: float = _edge(0.024, "fuselage")
@@ -73,26 +53,21 @@ class MeshParameters:
     accept_mean: float = quantity(0.87, "", 0.0, 1.0, "smallest average mean ratio of an acceptable mesh")
     accept_below: float = quantity(2e-4, "", 0.0, 1.0, "largest acceptable share of cells below 0.4")
 
-    def __post_init__(self) -> None:
-        check_quantities(self, "mesh")
-
     def edge_length(self, patch: str) -> float:
-        """Target edge length in metres on a patch; left and right are alike.
-
-        Raises
-        ------
-        ValueError
-            If no target length belongs to the patch.
-        """
+        """Target edge length in metres on a patch, left and right alike; ValueError where none belongs to it."""
         component = patch.removesuffix("_left").removesuffix("_right")
         if component not in COMPONENTS:
             raise ValueError(f"no target edge length for patch {patch!r}; there are {', '.join(COMPONENTS)}")
         return float(getattr(self, component))
 
-    def scaled(self, factor: float) -> MeshParameters:
+    def scaled(self, factor: float) -> Self:
         """All edge lengths and the envelope multiplied by a factor."""
         lengths = {name: factor * getattr(self, name) for name in (*COMPONENTS, "corner", "envelope")}
         return replace(self, **lengths)
+
+
+# The parts of an aircraft that have an edge length of their own: the fields before `corner`.
+COMPONENTS = tuple(takewhile(lambda name: name != "corner", (field.name for field in fields(MeshParameters))))
 
 
 def _once_refined(base: MeshParameters) -> MeshParameters:
@@ -132,14 +107,7 @@ _BLOCK = replace(
     gap_cells=1.5 * _SMALL.gap_cells,
 )
 _PAPER_BLOCK = replace(
-    _MEDIUM,
-    aileron=0.00115,
-    wing=0.0018,
-    chimera=0.0034,
-    corner=0.003,
-    gap_cells=4.0,
-    growth=0.17,
-    envelope=6e-5,
+    _MEDIUM, aileron=0.00115, wing=0.0018, chimera=0.0034, corner=0.003, gap_cells=4.0, growth=0.17, envelope=6e-5
 )
 
 SCALES: Mapping[str, MeshParameters] = MappingProxyType({"small": _SMALL, "medium": _MEDIUM, "paper": _PAPER})

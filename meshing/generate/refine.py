@@ -1,7 +1,5 @@
 """Uniform red refinement: every tetrahedron into eight, new boundary nodes on the exact CAD."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 h(x) = min over sources of (h_i + growth |x - p_i|).
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -75,11 +73,9 @@ def size_field(points: FloatArray, lengths: FloatArray, growth: float, largest: 
 def leaves(
     low: FloatArray, high: FloatArray, split: Callable[[FloatArray, float], BoolArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Split the cubes that cover a box as long as `split(centres, edge)` says so.
+    """Low corners (K, 3) and edge lengths (K,) of the cubes that cover a box, in metres.
 
-    Returns
-    -------
-    Low corners (K, 3) and edge lengths (K,) of the cubes that were not split, in metres.
+    They are split as long as `split(centres, edge)` says so.
     """
     edge = float((high - low).max()) / ROOTS
     count = np.ceil((high - low) / edge - 1e-9).astype(np.intp)
@@ -95,12 +91,7 @@ def leaves(
 
 
 def background(field: SizeField, low: FloatArray, high: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Tetrahedra that cover a box and carry the size field as nodal values.
-
-    Returns
-    -------
-    Points (N, 3), tetrahedra (M, 4), target edge lengths (N,) in metres.
-    """
+    """Points (N, 3), tetrahedra (M, 4) that cover a box, and the nodes' target edge lengths (N,), in metres."""
 
     def split(centres: FloatArray, edge: float) -> BoolArray:
         within = np.maximum(field(centres) - field.growth * HALF_DIAGONAL * edge, field.smallest)

@@ -1,9 +1,5 @@
 """Where the CAD asks for small cells: on patches, in curves, in gaps, at sharp corners and on short edges."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -15,6 +11,7 @@ from sdm_deflect.meshing.mesh import FloatArray, IntArray
 DEFLECTION = 5e-4
 DENSITY = 4.0
 FEWEST = 40
+# Degrees. Interior angles of faces below it ask for small cells.
 SHARP_CORNER = 25.0
 # Cells from where a sharp edge ends on a face to the border of that face.
 TO_BORDER = 2.5
@@ -26,36 +23,24 @@ AHEAD = 0.8
 ENVELOPES = 10.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Samples:
-    """Points (S, 3) on CAD faces, normals (S, 3) into the fluid, and target edge lengths (S,) in metres."""
-
-    points: FloatArray
-    normals: FloatArray
-    lengths: FloatArray
+# Points (S, 3) on CAD faces, normals (S, 3) into the fluid, and target edge lengths (S,) in metres.
+Samples = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def sources(model: CadModel, parameters: MeshParameters) -> tuple[FloatArray, FloatArray]:
     """Points (S, 3) and the edge lengths (S,) wanted there, in metres."""
     samples = [_sample(face, model.fluid_inside, parameters) for face in model.faces]
-    together = Samples(
-        np.concatenate([each.points for each in samples]),
-        np.concatenate([each.normals for each in samples]),
-        np.concatenate([each.lengths for each in samples]),
-    )
+    points, normals, lengths = (np.concatenate(each) for each in zip(*samples, strict=True))
     floor = ENVELOPES * parameters.envelope
-    gaps = np.maximum(_gap_widths(together, parameters.gap_cells) / parameters.gap_cells, floor)
+    gaps = np.maximum(_gap_widths((points, normals, lengths), parameters.gap_cells) / parameters.gap_cells, floor)
     angles = [_interior_angles(face, model.vertices) for face in model.faces]
-    corners = model.vertices[_sharp_corners(angles)]
+    sharp = np.any([(angle > 0.0) & (angle < SHARP_CORNER) for angle in angles], axis=0)
+    corners = model.vertices[sharp]
     at_corners = np.full(len(corners), parameters.corner)
     ends, ways = _sharp_ends(model, angles)
     middles, along = _middles(model)
-    return (
-        np.concatenate([together.points, corners, ends, middles]),
-        np.concatenate(
-            [np.minimum(together.lengths, gaps), at_corners, ways / TO_BORDER, along / parameters.edge_cells]
-        ),
-    )
+    wanted = (np.minimum(lengths, gaps), at_corners, ways / TO_BORDER, along / parameters.edge_cells)
+    return np.concatenate([points, corners, ends, middles]), np.concatenate(wanted)
 
 
 def _sample(face: CadFace, fluid_inside: bool, parameters: MeshParameters) -> Samples:
@@ -66,7 +51,7 @@ def _sample(face: CadFace, fluid_inside: bool, parameters: MeshParameters) -> Sa
     if not face.planar:
         floor = min(length, max(parameters.corner, ENVELOPES * parameters.envelope))
         lengths = np.clip(np.deg2rad(parameters.turn) / _curvature(points, normals), floor, length)
-    return Samples(points, -normals if fluid_inside else normals, lengths)
+    return points, -normals if fluid_inside else normals, lengths
 
 
 def _spread(triangulation: tuple[FloatArray, IntArray], density: float) -> FloatArray:
@@ -95,15 +80,15 @@ def _gap_widths(samples: Samples, cells: float) -> FloatArray:
 
     Gaps wider than `cells` times the sample's own edge length need no attention and read inf.
     """
-    widths = np.full(len(samples.points), np.inf)
-    tree = cKDTree(samples.points)
-    for i, near in enumerate(tree.query_ball_point(samples.points, cells * samples.lengths)):
+    points, normals, lengths = samples
+    widths = np.full(len(points), np.inf)
+    for i, near in enumerate(cKDTree(points).query_ball_point(points, cells * lengths)):
         other = np.asarray(near)
-        opposed = other[samples.normals[other] @ samples.normals[i] < OPPOSED]
+        opposed = other[normals[other] @ normals[i] < OPPOSED]
         if len(opposed):
-            way = samples.points[opposed] - samples.points[i]
+            way = points[opposed] - points[i]
             distance = np.linalg.norm(way, axis=1)
-            facing = distance[way @ samples.normals[i] > AHEAD * distance]
+            facing = distance[way @ normals[i] > AHEAD * distance]
             widths[i] = facing.min(initial=np.inf)
     return widths
 
@@ -125,12 +110,6 @@ def _interior_angles(face: CadFace, vertices: FloatArray) -> FloatArray:
         on_vertex = distance[triangles[:, i]] < 1e-6
         np.add.at(angle, vertex[triangles[on_vertex, i]], _angle(left - at, right - at)[on_vertex])
     return np.rad2deg(angle)
-
-
-def _sharp_corners(angles: list[FloatArray]) -> IntArray:
-    """Vertices (K,) where some face's interior angle, (V,) for each face, is below SHARP_CORNER degrees."""
-    sharp = [(angle > 0.0) & (angle < SHARP_CORNER) for angle in angles]
-    return np.flatnonzero(np.any(sharp, axis=0))
 
 
 def _sharp_ends(model: CadModel, angles: list[FloatArray]) -> tuple[FloatArray, FloatArray]:

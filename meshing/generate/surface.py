@@ -1,7 +1,5 @@
 """A conforming surface mesh of the CAD faces: the input of the volume mesher and the reference for names."""
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,16 +20,12 @@ ASTRAY = 1e-5
 class Surface:
     """Triangles of the CAD model's exterior faces, and of the internal sheets that the mesher needs too.
 
-    Parameters
+    Attributes
     ----------
-    points
-        (N, 3) in metres.
-    outer
-        (T, 3) triangles of the exterior faces, oriented out of the solid.
-    face
-        (T,) CAD face of each of them.
-    inner
-        (S, 3) triangles of the sheets.
+    points : (N, 3) in metres
+    outer : (T, 3) triangles of the exterior faces, oriented out of the solid
+    face : (T,) CAD face of each of them
+    inner : (S, 3) triangles of the sheets
     """
 
     points: FloatArray
@@ -52,10 +46,7 @@ class Surface:
 def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatArray]) -> Surface:
     """Mesh all faces with sizes from a background mesh: points (N, 3), tetrahedra (M, 4), target edge lengths (N,).
 
-    Raises
-    ------
-    MeshingError
-        If gmsh fails on a face or the result does not match the CAD.
+    MeshingError where gmsh fails on a face or the result does not match the CAD.
     """
     points, tets, lengths = background
     with tempfile.TemporaryDirectory(prefix="sdm-deflect-") as folder:

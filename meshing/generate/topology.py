@@ -1,7 +1,5 @@
 """Faces of tetrahedra, edges of triangles, and whether a boundary is closed around its cells."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,12 +18,10 @@ TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 class CellFaces:
     """The distinct faces of a set of tetrahedra.
 
-    Parameters
+    Attributes
     ----------
-    nodes
-        (F, 3), oriented out of the first cell.
-    first, second
-        (F,) cells on either side; `second` is -1 on the outside.
+    nodes : (F, 3), oriented out of the first cell
+    first, second : (F,) cells on either side; `second` is -1 on the outside
     """
 
     nodes: IntArray
@@ -34,13 +30,7 @@ class CellFaces:
 
 
 def cell_faces(tets: IntArray) -> CellFaces:
-    """All distinct faces of tetrahedra (M, 4).
-
-    Raises
-    ------
-    ValueError
-        If more than two tetrahedra share a face.
-    """
+    """All distinct faces of tetrahedra (M, 4); ValueError where more than two share one."""
     nodes = tets[:, TET_FACES].reshape(-1, 3)
     keys = np.sort(nodes, axis=1)
     order = np.lexsort((keys[:, 2], keys[:, 0] * (tets.max(initial=0) + 1) + keys[:, 1]))

@@ -1,7 +1,6 @@
 """Whether a mesh is fit for use: checked on the finished mesh against the CAD, trusting no step before."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,12 +29,10 @@ class Worst:
 class Exactness:
     """Largest distances (metres) of boundary nodes, freshly projected, from the CAD.
 
-    Parameters
+    Attributes
     ----------
-    exact, edge, free_form
-        From planes and cylinders, from CAD edges, from all other faces.
-    matched_vertices
-        How many CAD vertices have a node on them.
+    exact, edge, free_form : from planes and cylinders, from CAD edges, from all other faces
+    matched_vertices : how many CAD vertices have a node on them
     """
 
     exact: float
@@ -57,18 +54,13 @@ class Exactness:
 class Verification:
     """Figures of a mesh, and what is wrong with it.
 
-    Parameters
+    Attributes
     ----------
-    quality
-        Summary of the mean ratio.
-    worst
-        The worst cell that touches each patch.
-    exactness
-        How far boundary nodes are from the CAD.
-    far_distance
-        Smallest distance in metres from the body's bounding box to the far field; inf if there is none.
-    failures
-        One sentence for each violated requirement; empty for a usable mesh.
+    quality : summary of the mean ratio
+    worst : the worst cell that touches each patch
+    exactness : how far boundary nodes are from the CAD
+    far_distance : smallest distance in metres from the body's bounding box to the far field; inf if there is none
+    failures : one sentence for each violated requirement; empty for a usable mesh
     """
 
     quality: Quality
@@ -135,17 +127,15 @@ def _worst(mesh: TetMesh, quality: FloatArray) -> dict[str, Worst]:
     return found
 
 
-def _quality_failures(summary: Quality, parameters: MeshParameters) -> list[str]:
-    failures = []
+def _quality_failures(summary: Quality, parameters: MeshParameters) -> Iterator[str]:
     if summary.inverted:
-        failures.append(f"{summary.inverted} cells are inverted")
+        yield f"{summary.inverted} cells are inverted"
     if summary.min < parameters.accept_min:
-        failures.append(f"smallest mean ratio {summary.min:.3f} is below {parameters.accept_min:g}")
+        yield f"smallest mean ratio {summary.min:.3f} is below {parameters.accept_min:g}"
     if summary.mean < parameters.accept_mean:
-        failures.append(f"average mean ratio {summary.mean:.3f} is below {parameters.accept_mean:g}")
+        yield f"average mean ratio {summary.mean:.3f} is below {parameters.accept_mean:g}"
     if summary.below_0_4 >= parameters.accept_below:
-        failures.append(f"{summary.below_0_4:.3%} of the cells are below mean ratio 0.4")
-    return failures
+        yield f"{summary.below_0_4:.3%} of the cells are below mean ratio 0.4"
 
 
 def _place(index: int, model: CadModel) -> str:
@@ -158,21 +148,17 @@ def _place(index: int, model: CadModel) -> str:
 
 def exactness(points: FloatArray, attachment: Attachment, model: CadModel) -> Exactness:
     """Measure all boundary nodes of points (N, 3)."""
-    exact, edge, free_form = 0.0, 0.0, 0.0
+    edge, away = 0.0, {True: 0.0, False: 0.0}
     for index, face in enumerate(model.faces):
         nodes = points[attachment.incidence[attachment.incidence[:, 1] == index, 0]]
-        away = _largest(face.project(nodes) - nodes)
-        if face.free_form:
-            free_form = max(free_form, away)
-        else:
-            exact = max(exact, away)
+        away[face.free_form] = max(away[face.free_form], _largest(face.project(nodes) - nodes))
     for index in np.unique(attachment.edge[attachment.edge >= 0]):
         nodes = points[attachment.nodes[attachment.edge == index]]
         edge = max(edge, _largest(model.edges[index].project(nodes)[0] - nodes))
     on_vertex = attachment.vertex >= 0
     apart = points[attachment.nodes[on_vertex]] - model.vertices[attachment.vertex[on_vertex]]
     matched = int(np.count_nonzero(np.linalg.norm(apart, axis=1) <= EXACT))
-    return Exactness(exact, edge, free_form, matched)
+    return Exactness(away[False], edge, away[True], matched)
 
 
 def _largest(vectors: FloatArray) -> float:
@@ -194,11 +180,9 @@ def broken_chains(
     on_vertex = attachment.vertex >= 0
     node_of_vertex[attachment.vertex[on_vertex]] = attachment.nodes[on_vertex]
     assigned = _assign(points, ends, pairs, model)
-    problems = {}
-    for index, cad in enumerate(model.edges):
-        problem = _problem(points, ends[assigned == index], cad, node_of_vertex)
-        if problem:
-            problems[index] = problem
+    chains = ((cad, ends[assigned == index]) for index, cad in enumerate(model.edges))
+    found = enumerate(_problem(points, own, cad, node_of_vertex) for cad, own in chains)
+    problems = {index: problem for index, problem in found if problem}
     for pair in sorted(set(map(tuple, pairs[assigned < 0].tolist()))):
         problems[-1 - len(problems)] = f"faces {pair[0]} and {pair[1]} share mesh edges but no CAD edge"
     return problems
@@ -237,11 +221,11 @@ def _problem(points: FloatArray, ends: IntArray, cad: CadEdge, node_of_vertex: I
     if (np.diff(np.sort(parameter)) <= 0.0).any():
         return "has nodes that coincide"
     start, end = node_of_vertex[list(cad.vertices)]
-    if cad.vertices[0] != cad.vertices[1] and (chain[0] != start or chain[-1] != end):
+    if cad.vertices[0] == cad.vertices[1]:
+        chain = np.append(chain, chain[0])
+    elif chain[0] != start or chain[-1] != end:
         return "does not lead from vertex to vertex"
     links = np.stack([chain[:-1], chain[1:]], axis=1)
-    if cad.vertices[0] == cad.vertices[1]:
-        links = np.concatenate([links, [[chain[-1], chain[0]]]])
     if not np.array_equal(np.sort(encode(np.sort(links, axis=1))), np.sort(encode(ends))):
         return "is not one chain of mesh edges"
     return ""

@@ -1,7 +1,5 @@
 """The only call of the volume mesher (pytetwild)."""
 
-from __future__ import annotations
-
 import itertools
 import os
 from dataclasses import dataclass
@@ -35,12 +33,8 @@ class Filling:
 def fill(surface: Surface, field: SizeField, box: tuple[FloatArray, FloatArray], parameters: MeshParameters) -> Filling:
     """Fill the box from `low` (3,) to `high` (3,) with tetrahedra that respect the surface.
 
-    The result differs from run to run: the mesher seeds itself from the system.
-
-    Raises
-    ------
-    MeshingError
-        If the mesher crashes, takes too long or returns an inverted cell.
+    The result differs from run to run: the mesher seeds itself from the system. MeshingError where it crashes, takes
+    too long or returns an inverted cell.
     """
     low, high = box
     corners = np.array(list(itertools.product(*zip(low, high, strict=True))))

@@ -1,7 +1,5 @@
 """The child process that runs fTetWild: triangles, seed points and a size field in, tetrahedra out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytetwild
 
@@ -14,16 +12,10 @@ IDEAL_EDGE = 0.7
 def tetrahedralise(question: Arrays) -> Arrays:
     """Fill space around and inside triangles with tetrahedra.
 
-    Parameters
-    ----------
-    question
-        ``points`` (N, 3), of which unreferenced ones are seeds and domain corners; ``triangles`` (T, 3);
-        ``background_points``, ``background_tets``, ``background_lengths``: target edge lengths;
-        ``envelope`` in metres; ``energy``: AMIPS energy 3 / Q at which a cell is left alone; ``threads``.
-
-    Returns
-    -------
-    ``points`` and ``tets``, positively oriented.
+    The question holds ``points`` (N, 3), of which unreferenced ones are seeds and domain corners; ``triangles``
+    (T, 3); ``background_points``, ``background_tets``, ``background_lengths``: target edge lengths; ``envelope`` in
+    metres; ``energy``: AMIPS energy 3 / Q at which a cell is left alone; ``threads``. The answer is ``points`` and
+    ``tets``, positively oriented.
     """
     points, lengths = question["points"], question["background_lengths"]
     diagonal = np.linalg.norm(np.ptp(points, axis=0))
