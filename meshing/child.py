@@ -79,7 +79,8 @@ def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
 
 def serve(work: Callable[[Arrays], Arrays]) -> None:
     """Be the child: read the question, work, write the answer, own peak memory (bytes) and processor seconds."""
-    _die_with_parent()
+    if sys.platform == "linux":  # ends this process when its parent dies of anything, a kill that no one catches too
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     with np.load(sys.argv[1], allow_pickle=False) as stored:
         question = dict(stored)
     answer = work(question)
@@ -95,9 +96,3 @@ def peak_bytes() -> int:
         return 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM:")))
     except (OSError, StopIteration):
         return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-
-def _die_with_parent() -> None:
-    """Ask Linux to kill this process when its parent dies of anything, be it a kill that cannot be caught."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

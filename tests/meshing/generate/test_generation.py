@@ -48,7 +48,7 @@ def test_the_report_tells_how_it_went(made: Generated) -> None:
     assert report.verification.failures == ()
     assert report.verification.boundary_to_cad_max < 1e-12
     assert 1 <= report.attempts == len(report.rejected) + 1
-    assert report.seconds > report.volume_seconds > 0.0
+    assert report.seconds > 0.0
     assert report.peak_bytes > 1e7
 
 
