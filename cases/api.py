@@ -47,7 +47,7 @@ def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
     from sdm_deflect.meshing.formats.registry import read as read_file
 
     with _about_files():
-        return read_file(Path(path), progress)
+        return read_file(_path(path), progress)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -131,7 +131,7 @@ class Result:
         """
         from sdm_deflect.cases.mesh_files import Targets, write_mesh
 
-        mesh, out = self.plan.mesh, Path(path)
+        mesh, out = self.plan.mesh, _path(path)
         with _about_files():
             if not mesh.source:
                 return write_mesh(None, mesh, self.points, out)
@@ -157,14 +157,14 @@ class Result:
         """
         from sdm_deflect.cases.report.folder import write_run_folder
 
-        place = Path(folder)
+        place = _path(folder)
         try:
             if place.exists() and any(place.iterdir()) and not (place / "report.html").exists():
                 raise InputError(f"{place} holds other files already: name a new folder")
             write_run_folder(place, self.deflection, self.checks, None, {}, self.min_quality)
         except OSError as error:
             raise InputError(f"{place} cannot be written: {error.strerror}") from None
-        return Path(folder) / "report.html"
+        return place / "report.html"
 
     def plot(self) -> "Figure":
         """Draw the moving surface and what is near it: before, and after, coloured by the displacement.
@@ -368,6 +368,12 @@ def _run(mesh: Any, job: Job, angles: Sequence[float], least: float, progress: P
         for i, one in swept(plan, angles, progress)
     ]
     return tuple(result for _, result in sorted(results, key=lambda pair: pair[0]))
+
+
+def _path(path: Any) -> Path:
+    if not isinstance(path, str | PathLike):
+        raise InputError(f"{path!r} is no path of a file or folder")
+    return Path(path)
 
 
 @contextmanager

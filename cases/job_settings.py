@@ -1,6 +1,6 @@
 """A job from text or keywords: the settings of `sdm deflect`, of its TOML file and of `deflect` are the same."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from math import inf, isnan
 from pathlib import Path
@@ -218,8 +218,8 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
     """
     for name in IN_PYTHON.keys() & options.keys():
         raise InputError(f"unknown setting {name}; did you mean {IN_PYTHON[name]}?")
-    own, rest = _parted(options)
-    own |= {name: value for name, value in (("hinge", hinge), ("angle", angle)) if value is not None}
+    parts = _parted({"hinge": hinge, "angle": angle, **options})
+    own, rest = ({name: value for name, value in part.items() if value is not None} for part in parts)
     several = tables_of(surfaces)
     if several and own:
         raise InputError(f"{min(own)} belongs to one surface: put it into the tables of surfaces")
@@ -305,7 +305,8 @@ def angles_of(wanted: Any) -> tuple[float, ...]:
         If it is none of these, or an angle is out of range.
     """
     if not isinstance(wanted, str):
-        found = structured({"angles": wanted}, _Angles).angles
+        several = isinstance(wanted, Iterable) and not isinstance(wanted, Mapping)
+        found = structured({"angles": list(wanted) if several else wanted}, _Angles).angles
         if not found:
             raise InputError("angles is empty: give at least one")
         return found

@@ -192,6 +192,7 @@ def _table(kind: type[Any]) -> Callable[[Any, Any], Any]:
 
 
 def _number(value: Any, _: Any) -> float:
+    value = _plain(value)
     if isinstance(value, bool) or not isinstance(value, Real):
         raise _UnfitError(value, "is not a number")
     with suppress(OverflowError):

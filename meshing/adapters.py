@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells, Mesh, Patch
+from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells, Mesh, Patch, whole
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -60,9 +60,9 @@ def _checked(mesh: Mesh) -> Mesh:
 
 
 def _of_arrays(points: Any, patches: Mapping[str, Any]) -> Mesh:
-    named = tuple(Patch(name, (), np.unique(np.asarray(own, dtype=np.intp))) for name, own in patches.items())
     try:
-        return Mesh(np.asarray(points, dtype=np.float64), (), named, name="arrays")
+        named = tuple(Patch(name, (), np.unique(whole(own, f"patch {name}"))) for name, own in patches.items())
+        return Mesh(points, (), named, name="arrays")
     except InputError as error:
         raise InputError(f"arrays: {error}") from None
 

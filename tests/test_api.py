@@ -167,6 +167,8 @@ def test_surfaces_with_hinges_of_their_own():
         (("nosuch.su2", "body", HINGE, 5), {}, "nosuch.su2"),
         (("mesh.xyz", "body", HINGE, 5), {}, "no mesh format has the suffix '.xyz'"),
         ((5, "body", HINGE, 5), {}, "an object of type int is no mesh"),
+        (((np.eye(3), {"body": "abc"}), "body", HINGE, 5), {}, "patch body must be whole numbers"),
+        (((np.eye(3), {"body": [0.5]}), "body", HINGE, 5), {}, "patch body must be whole numbers"),
         ((None, "bdy", HINGE, 5), {}, "'bdy' is no patch; did you mean body?"),
         ((None, "body", HINGE[:1], 5), {}, "hinge = [[0.0, 0.0, 0.0]] must hold 2 values"),
         ((None, "body", [HINGE[0], HINGE[0]], 5), {}, "the hinge has no length"),
@@ -223,6 +225,10 @@ def test_a_file_is_saved_read_and_never_overwritten(result, tmp_path):
     again = sd.deflect(str(tmp_path / "block.vtu"), "body", HINGE, -3.0)
     with pytest.raises(sd.InputError, match="this is a file that is read"):
         again.save(tmp_path / "block.vtu")
+    with pytest.raises(sd.InputError, match="5 is no path"):
+        again.save(5)
+    with pytest.raises(sd.InputError, match="5 is no path"):
+        sd.read(5)
     with pytest.raises(sd.InputError, match=r"no mesh format has the suffix '\.doc'"):
         again.save(tmp_path / "block.doc")
 

@@ -114,6 +114,7 @@ def test_python_takes_the_words_of_the_command():
     motion = blended.surfaces[0].motion
     assert (blended.fixed, motion.held.names, motion.rib.share) == (("wing*", "tip"), ("rib", "hinge"), 0.1)
     assert motion.driven == TrailingEdge(30.0)
+    assert settings_of("flap", HINGE, np.array(5.0), {"tolerance": None, "slide": None}).job().angle == 5.0
     hexahedron = box(np.zeros(3), np.ones(3))
     assert job(box=hexahedron).box.hexahedron is hexahedron
 
@@ -252,7 +253,7 @@ def test_ranges_of_angles(text, angles):
 
 def test_angles_of_python_keep_their_order():
     assert angles_of([5, -3.0, np.float64(5.0)]) == (5.0, -3.0, 5.0)
-    assert angles_of(np.array([0.0, 2.0])) == (0.0, 2.0)
+    assert angles_of(np.array([0.0, 2.0])) == angles_of(range(0, 3, 2)) == angles_of(x for x in (0, 2)) == (0.0, 2.0)
 
 
 @pytest.mark.parametrize(
