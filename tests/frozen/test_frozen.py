@@ -34,10 +34,14 @@ def expected(before, kept, rows="rows", values="points"):
     return out
 
 
-def frozen_mesh(name):
+def frozen_tets(name):
     kept = frozen(f"mesh_{name}")
     indices = (kept[key].astype(np.intp) for key in ("tets", "triangles", "patch", "face"))
-    return TetMesh(kept["points"], *indices, tuple(map(str, kept["names"]))).as_mesh(name)
+    return TetMesh(kept["points"], *indices, tuple(map(str, kept["names"])))
+
+
+def frozen_mesh(name):
+    return frozen_tets(name).as_mesh(name)
 
 
 @pytest.fixture(scope="module")
