@@ -18,6 +18,8 @@ from nbclient import NotebookClient
 import sdm_deflect as sd
 from sdm_deflect.cases.job_settings import IN_PYTHON, JobSettings, SurfaceSettings
 from sdm_deflect.cases.settings import names_of
+from sdm_deflect.meshing.adapters import to_meshio, to_pyvista
+from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.blocks import block_with_body, two_bodies
 
 ROOT = Path(__file__).parents[1]
@@ -270,3 +272,12 @@ def test_pyvista_and_meshio_take_a_result(result):
     other = result.to_meshio()
     assert set(other.cell_sets) == set(mesh.names)
     assert np.array_equal(other.points, result.points)
+
+
+def test_polyhedra_keep_their_faces(block):
+    mesh = sd.Mesh(block.points, (bounded(block).cells,), block.patches)
+    still = np.zeros_like(block.points)
+    grids = [to_pyvista(one, still, (1.0,)) for one in (mesh, block)]
+    volumes = [grid.compute_cell_sizes()["Volume"][: len(block.cells[0])] for grid in grids]
+    np.testing.assert_allclose(*volumes)
+    assert to_meshio(mesh, still).cells[0].type == "hexahedron"
