@@ -57,9 +57,8 @@ def plan_table(plan: Plan) -> Group:
     table = _table(f"{plan.mesh.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
     inside = plan.region.inside
     for patch in plan.mesh.patches:
-        name, nodes = patch.name, patch.nodes
-        count = len(np.intersect1d(nodes, inside, assume_unique=True))
-        table.add_row(Text(name), Text(_part(plan, name)), str(len(nodes)), str(count))
+        count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
+        table.add_row(Text(patch.name), Text(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
     return Group(table, *_texts(_lines(plan)))
 
 
@@ -75,9 +74,8 @@ def result_table(done: "Outcome") -> Group:
         failed = [one for one in ordered if not one.passed]
         body = [sweep_table(ordered, title), *(verdict(one.checks, f"{one.angle:+g} {unit}") for one in failed)]
     extra = [one.seconds for one in done.angles[1:]]
-    speed = f"first angle {done.angles[0].seconds:.2f} s"
-    if extra:
-        speed += f", {sum(extra) / len(extra):.2f} s for each further one"
+    further = f", {sum(extra) / len(extra):.2f} s for each further one" if extra else ""
+    speed = f"first angle {done.angles[0].seconds:.2f} s{further}"
     wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}"] if done.files else []
     last = "all validations passed" if done.passed else "A VALIDATION FAILED"
     losses = [f"not held by this format: {text}" for text in done.lost]
@@ -96,22 +94,14 @@ def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
 
 def sweep_table(angles: Sequence["Judged"], title: str) -> Table:
     """Return one row for each angle."""
-    headings = ("angle", "steps", "centres", "site error", "least quality", "seconds", "verdict")
-    table = _table(title, (), headings)
+    table = _table(title, (), ("angle", "steps", "centres", "site error", "least quality", "seconds", "verdict"))
     for one in angles:
         fits = one.figures["adaptation"]
         centers = ", ".join(f"{name}: {fit['centers']}" for name, fit in fits.items())
         error = max(fit["max_error"] for fit in fits.values())
         least = min((quality.min for quality in one.quality), default=float("nan"))
-        table.add_row(
-            f"{one.angle:+g}",
-            str(one.figures["steps"]),
-            centers,
-            f"{error:.1e}",
-            f"{least:.3f}",
-            f"{one.seconds:.2f}",
-            _word("passed" if one.passed else "FAILED"),
-        )
+        numbers = (f"{one.figures['steps']}", centers, f"{error:.1e}", f"{least:.3f}", f"{one.seconds:.2f}")
+        table.add_row(f"{one.angle:+g}", *numbers, _word("passed" if one.passed else "FAILED"))
     return table
 
 

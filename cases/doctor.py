@@ -1,6 +1,5 @@
 """Whether this machine is fit for the program, and if not, what would help."""
 
-import os
 import shutil
 import subprocess
 import sys
@@ -70,10 +69,9 @@ def compiled() -> Finding:
 
 def import_complaint(module: str) -> str:
     """Return why a module cannot be imported in a process of its own, empty if it can."""
+    command = [sys.executable, "-c", f"import {module}"]
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", f"import {module}"], capture_output=True, text=True, timeout=SECONDS, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
     except subprocess.TimeoutExpired:
         return f"import took more than {SECONDS:g} s"
     lines = done.stderr.strip().splitlines() or [f"ended with code {done.returncode}"]
@@ -89,17 +87,16 @@ def graphics() -> Finding:
     except RenderError as error:
         return Finding("graphics", False, f"reports have no pictures of the surface meshes: {error}", INSTALL)
     drawn = image[15, 20].tolist() == [255, 0, 0]
-    return Finding("graphics", drawn, "off-screen drawing works" if drawn else "a triangle was drawn wrongly",
-                   "" if drawn else INSTALL)  # fmt: skip
+    text, remedy = ("off-screen drawing works", "") if drawn else ("a triangle was drawn wrongly", INSTALL)
+    return Finding("graphics", drawn, text, remedy)
 
 
 def threads() -> Finding:
     """Count cores and threads."""
     from numba import config
 
-    return Finding(
-        "threads", True, f"{usable_cores()} cores, {config.NUMBA_NUM_THREADS} threads for kernel sums; {blas()}"
-    )
+    text = f"{usable_cores()} cores, {config.NUMBA_NUM_THREADS} threads for kernel sums; {blas()}"
+    return Finding("threads", True, text)
 
 
 def cache() -> Finding:
@@ -144,9 +141,7 @@ def available_bytes() -> float | None:
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:
-        names = os.sysconf_names if hasattr(os, "sysconf_names") else {}
-        known = {"SC_AVPHYS_PAGES", "SC_PAGE_SIZE"} <= set(names)
-        return float(os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")) if known else None
+        return None
     return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
 
 

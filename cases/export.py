@@ -41,23 +41,16 @@ def export_run(
 
     Parameters
     ----------
-    run
-        Output folder of a run; nothing in it changes.
-    form
-        A name in `FORMATS`.
-    which
-        One of `WHICH`.
-    out
-        File to write (for OpenFOAM a folder); beside `run` if None. It appears whole or not at all.
-    progress
-        Called with what is being done.
+    run : output folder of a run; nothing in it changes.
+    form : a name in `FORMATS`.
+    which : one of `WHICH`.
+    out : file to write (for OpenFOAM a folder); beside `run` if None. It appears whole or not at all.
+    progress : called with what is being done.
 
     Returns
     -------
-    out
-        What was written.
-    lost
-        A sentence for each thing that the format cannot hold.
+    out : what was written.
+    lost : a sentence for each thing that the format cannot hold.
 
     Raises
     ------
@@ -72,8 +65,7 @@ def export_run(
     known = FORMATS[form]
     suffix = "" if form == "openfoam" else known.suffixes[0]
     target = out or run.resolve().with_name(f"{run.resolve().name}-{which}{suffix}")
-    own = [path for path in run.iterdir() if target.exists() and path.samefile(target)]
-    if own:
+    if target.exists() and any(path.samefile(target) for path in run.iterdir()):
         raise InputError(f"--out {target} is a file of the run; export to another name")
     progress(f"reading {source.name}", 0.0)
     mesh = read_vtu(source).as_mesh()

@@ -103,9 +103,7 @@ class Targets:
         """Whether what is there may be replaced."""
         if target.is_dir():
             return self._is_folder and not target.suffix[1:2].isalpha() and not any(target.iterdir())
-        if not target.is_file():
-            return False
-        return target == self.out or (target in self.extra and _is_ours(target))
+        return target.is_file() and (target == self.out or (target in self.extra and _is_ours(target)))
 
     def _named(self, tail: str, suffix: str | None = None) -> Path:
         stem, own = (self.out.name, "") if self._is_folder else (self.out.stem, self.out.suffix)

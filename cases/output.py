@@ -78,11 +78,9 @@ def write_convergence(path: Path, deflections: Sequence[Deflection]) -> None:
         rows = csv.writer(file)
         rows.writerow(["direction", "iteration", "centres", "max_error", "seconds", "surface", "step"])
         for one in deflections:
-            for k, step in enumerate(one.steps):
+            for k, step in enumerate(one.steps, 1):
                 for fit in step.fits.adaptations:
                     direction = "".join(DIRECTIONS[c] for c in fit.components)
                     for row in fit.history:
-                        rows.writerow(
-                            [direction, row.iteration, row.n_centers, f"{row.max_residual:.6e}",
-                             f"{row.seconds:.6f}", one.plan.surface, k + 1]
-                        )  # fmt: skip
+                        figures = (f"{row.max_residual:.6e}", f"{row.seconds:.6f}")
+                        rows.writerow([direction, row.iteration, row.n_centers, *figures, one.plan.surface, k])

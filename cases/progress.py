@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import isnan
 from time import perf_counter
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from sdm_deflect.deform.progress import Progress, silent
@@ -23,7 +22,6 @@ class Display(Protocol):
 
     def end(self, stage: str, seconds: float) -> None:
         """Announce that a stage is over."""
-        ...
 
 
 class Silent:
@@ -77,14 +75,13 @@ class Bars:
 
     def __post_init__(self) -> None:
         from rich import progress
-        from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
 
         self._bars = progress.Progress(
-            SpinnerColumn(),
-            TextColumn("{task.fields[stage]:<12}", markup=False),
-            BarColumn(bar_width=24),
-            TimeElapsedColumn(),
-            TextColumn("{task.description}", markup=False),
+            progress.SpinnerColumn(),
+            progress.TextColumn("{task.fields[stage]:<12}", markup=False),
+            progress.BarColumn(bar_width=24),
+            progress.TimeElapsedColumn(),
+            progress.TextColumn("{task.description}", markup=False),
             console=self.console,
         )
 
@@ -92,21 +89,16 @@ class Bars:
         self._bars.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *failure: object) -> None:
         self._bars.stop()
 
     def begin(self, stage: str) -> Progress:
         """Add a bar for the stage."""
-        task = self._bars.add_task("", total=None, stage=stage)
-        self._tasks[stage] = task
+        task = self._tasks[stage] = self._bars.add_task("", total=None, stage=stage)
 
         def report(text: str, fraction: float) -> None:
-            known = not isnan(fraction)
-            self._bars.update(
-                task, description=text, total=1.0 if known else None, completed=fraction if known else 0.0
-            )
+            total, completed = (None, 0.0) if isnan(fraction) else (1.0, fraction)
+            self._bars.update(task, description=text, total=total, completed=completed)
 
         return report
 

@@ -1,5 +1,8 @@
 """The CAD of a case and its meshes: what a run needs only when the cache has no mesh for it."""
 
+from collections.abc import Callable
+from functools import partial
+
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.reference import turned
@@ -16,11 +19,6 @@ def undeflected_cad(case: Case) -> CadModel:
     return build(case.fighter)
 
 
-def background_cad(case: Case) -> CadModel:
-    """Build the aircraft that surrounds the Chimera block of a case."""
-    return background(case.fighter, case.deflections[0].surface)
-
-
 def deflected_cad(case: Case) -> CadModel:
     """Build the aircraft with its surfaces turned rigidly by the angles of the case."""
     return build(case.fighter, turned(case, "rigid"))
@@ -28,22 +26,21 @@ def deflected_cad(case: Case) -> CadModel:
 
 def undeflected(case: Case, watch: Stopwatch) -> Generated:
     """Build and mesh the aircraft, or the Chimera block."""
-    with watch.stage("geometry") as tell:
-        model = undeflected_cad(case)
-        tell(f"{len(model.faces)} CAD faces", 1.0)
-    return _meshed(model, case.mesh, watch)
+    return _meshed(partial(undeflected_cad, case), case.mesh, watch)
 
 
 def around_block(case: Case, finer: Finer, watch: Stopwatch) -> Generated:
     """Build and mesh the aircraft that surrounds the Chimera block."""
-    with watch.stage("geometry") as tell:
-        model = background_cad(case)
-        tell(f"{len(model.faces)} CAD faces", 1.0)
-    return _meshed(model, case.background, watch, finer)
+    return _meshed(partial(background, case.fighter, case.deflections[0].surface), case.background, watch, finer)
 
 
-def _meshed(model: CadModel, parameters: MeshParameters, watch: Stopwatch, finer: Finer | None = None) -> Generated:
-    with watch.stage("mesh") as tell:
-        made = generate(model, parameters, progress=tell, finer=finer)
-        tell(f"{len(made.mesh.tets)} cells in attempt {made.report.attempts}", 1.0)
+def _meshed(
+    built: Callable[[], CadModel], parameters: MeshParameters, watch: Stopwatch, finer: Finer | None = None
+) -> Generated:
+    with watch.stage("geometry") as progress:
+        model = built()
+        progress(f"{len(model.faces)} CAD faces", 1.0)
+    with watch.stage("mesh") as progress:
+        made = generate(model, parameters, progress=progress, finer=finer)
+        progress(f"{len(made.mesh.tets)} cells in attempt {made.report.attempts}", 1.0)
     return made

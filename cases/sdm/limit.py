@@ -44,10 +44,8 @@ def find_limits(case: Case, mesh: Mesh, threshold: float, resolution: float, pro
     threshold : smallest acceptable mean ratio.
     resolution : the bracket (deg) at which the bisection ends.
     """
-    return (
-        _find(case, mesh, threshold, resolution, -1.0, progress),
-        _find(case, mesh, threshold, resolution, 1.0, progress),
-    )
+    below, above = (_find(case, mesh, threshold, resolution, sign, progress) for sign in (-1.0, 1.0))
+    return below, above
 
 
 def _find(case: Case, mesh: Mesh, threshold: float, resolution: float, sign: float, progress: Progress) -> Limit:
@@ -59,9 +57,7 @@ def _find(case: Case, mesh: Mesh, threshold: float, resolution: float, sign: flo
         trials.append(attempt(case, mesh, sign * magnitude))
         return trials[-1].quality_min >= threshold
 
-    good, bad = 0.0, largest
-    if acceptable(largest):
-        good = largest
+    good, bad = (largest if acceptable(largest) else 0.0), largest
     while good < largest and bad - good > resolution:
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if acceptable(middle) else (good, middle)

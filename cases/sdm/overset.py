@@ -1,19 +1,10 @@
 """A Chimera block over its background: the hole cut out of it, its cells there, and a donor for every node in need."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
-from vtkmodules.util.numpy_support import numpy_to_vtk
-from vtkmodules.vtkCommonCore import VTK_ID_TYPE, vtkPoints
-from vtkmodules.vtkCommonDataModel import (
-    VTK_TETRA,
-    vtkCellArray,
-    vtkGenericCell,
-    vtkStaticCellLocator,
-    vtkUnstructuredGrid,
-)
+from vtkmodules.vtkCommonDataModel import vtkGenericCell, vtkStaticCellLocator
 
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import BLOCK, block_stations
@@ -35,31 +26,11 @@ CELLS_TO_BLOCK_FACE = 2.5
 """Cells of the background between the hole and the block's face in a gap: the hole's fringe lies there."""
 
 
-@dataclass(frozen=True, slots=True)
-class Overlap:
-    """Nodes that need a donor and nodes that found none (orphans), for both directions.
+def orphans(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArray) -> Check:
+    """Count the nodes that find no donor between a (deflected) block and the background.
 
-    Attributes
-    ----------
-    outer, outer_orphans : nodes on the block's outer faces, donors sought in the background.
-    fringe, fringe_orphans : background nodes next to the hole, donors sought in the block.
-    hole : background nodes that are switched off around the control surface.
-    """
-
-    outer: int
-    outer_orphans: int
-    fringe: int
-    fringe_orphans: int
-    hole: int
-
-    @property
-    def orphans(self) -> int:
-        """All nodes without a donor."""
-        return self.outer_orphans + self.fringe_orphans
-
-
-def overlap(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArray) -> Overlap:
-    """Count orphans between a (deflected) block and the background.
+    Nodes on the block's outer faces seek theirs in the background, nodes of the background next to the hole in the
+    block. Those in the hole are switched off.
 
     Parameters
     ----------
@@ -67,15 +38,14 @@ def overlap(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArr
         It must lie well inside the block.
     """
     outer = block.on(BLOCK)
-    off = np.all((background.points > low) & (background.points < high), axis=1)
-    fringe = fringe_nodes(background.tets, off)
-    return Overlap(
-        outer=len(outer),
-        outer_orphans=int(np.count_nonzero(~has_donor(block.points[outer], background))),
-        fringe=len(fringe),
-        fringe_orphans=int(np.count_nonzero(~has_donor(background.points[fringe], block))),
-        hole=int(np.count_nonzero(off)),
+    off = np.flatnonzero(np.all((background.points > low) & (background.points < high), axis=1))
+    fringe = np.setdiff1d(background.tets[background.touching(off)], off)
+    found = (has_donor(block.points[outer], background), has_donor(background.points[fringe], block))
+    where = (
+        f"{len(outer)} nodes of the block's faces in the background, {len(fringe)} of the background around its "
+        f"hole of {len(off)} nodes in the block"
     )
+    return Check("orphans", float(sum(np.count_nonzero(~one) for one in found)), 0.0, "nodes", where)
 
 
 def hole(case: Case) -> tuple[FloatArray, FloatArray]:
@@ -115,29 +85,19 @@ def overset_checks(case: Case, mesh: TetMesh, deflected: TetMesh, background: Te
     face = nodes[off_plane <= ON_FACE]
     off = np.abs(deflected.points[face, 1] - mesh.points[face, 1])
     yield Check("chimera_face_in_plane", float(off.max()), 0.0, "m", worst(off, mesh.points[face]))
-    found = overlap(deflected, background, *hole(case))
-    where = (
-        f"{found.outer} nodes of the block's faces in the background, {found.fringe} of the background around its "
-        f"hole of {found.hole} nodes in the block"
-    )
-    yield Check("orphans", float(found.orphans), 0.0, "nodes", where)
-
-
-def fringe_nodes(tets: IntArray, hole: BoolArray) -> IntArray:
-    """Nodes outside the hole that share a cell with a node inside it."""
-    cut = tets[hole[tets].any(axis=1)]
-    nodes = np.unique(cut)
-    return nodes[~hole[nodes]]
+    yield orphans(deflected, background, *hole(case))
 
 
 def has_donor(points: FloatArray, mesh: TetMesh) -> BoolArray:
     """True for each of points (N, 3) that lies in a cell of the mesh."""
+    import pyvista as pv  # a second, for Chimera blocks only
+
     tets = cells_near(points, mesh)
     if not len(tets):
         return np.zeros(len(points), dtype=bool)
     used, local_tets = np.unique(tets, return_inverse=True)
     locator = vtkStaticCellLocator()
-    locator.SetDataSet(_grid(mesh.points[used], local_tets.reshape(-1, 4)))
+    locator.SetDataSet(pv.UnstructuredGrid({pv.CellType.TETRA: local_tets.reshape(-1, 4)}, mesh.points[used]))
     locator.BuildLocator()
     cell, weights, local = vtkGenericCell(), [0.0] * 4, [0.0] * 3
     found = [locator.FindCell(p, 0.0, cell, local, weights) >= 0 for p in points.tolist()]
@@ -157,19 +117,8 @@ def cells_near(points: FloatArray, mesh: TetMesh) -> IntArray:
         tets = mesh.tets[start : start + ROWS]
         corners = mesh.points[tets]
         centre = corners.mean(axis=1)
-        radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1) * (1.0 + 1e-9)
-        reach = radius[:, None]
+        reach = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1, keepdims=True) * (1.0 + 1e-9)
         boxed = np.flatnonzero(np.all((centre + reach >= low) & (centre - reach <= high), axis=1))
-        count = tree.query_ball_point(centre[boxed], radius[boxed], return_length=True)
+        count = tree.query_ball_point(centre[boxed], reach[boxed, 0], return_length=True)
         near.append(tets[boxed[count > 0]])
     return np.vstack(near)
-
-
-def _grid(nodes: FloatArray, tets: IntArray) -> vtkUnstructuredGrid:
-    points, cells, grid = vtkPoints(), vtkCellArray(), vtkUnstructuredGrid()
-    points.SetData(numpy_to_vtk(np.ascontiguousarray(nodes), True))
-    offsets = 4 * np.arange(len(tets) + 1)
-    cells.SetData(numpy_to_vtk(offsets, True, VTK_ID_TYPE), numpy_to_vtk(tets.ravel(), True, VTK_ID_TYPE))
-    grid.SetPoints(points)
-    grid.SetCells(VTK_TETRA, cells)
-    return grid

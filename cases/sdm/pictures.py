@@ -7,35 +7,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sdm_deflect.cases.report import scene3d
 from sdm_deflect.cases.report.figures import bars
 from sdm_deflect.cases.report.pictures import Picture
-from sdm_deflect.cases.report.scene3d import (
-    BLUE,
-    COMPONENTS,
-    DARK,
-    GREY,
-    MAGENTA,
-    ORANGE,
-    Layer,
-    View,
-    box,
-    components_of,
-    dots,
-    framed,
-    patches,
-    plain,
-    quality_rgb,
-)
+from sdm_deflect.cases.report.scene3d import Layer, View
 from sdm_deflect.cases.sdm.job import BLOCK, panel_of
 from sdm_deflect.cases.sdm.metrics import Run
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.geometry.confinement import block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
+from sdm_deflect.meshing.generate.topology import cell_faces, edges_of
 from sdm_deflect.meshing.mesh import TetMesh
 
 FAR_FIELD = "far_field"
-TET_FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 EDGE = (40, 40, 40)
 BINS = np.linspace(0.0, 1.0, 51)
 WHOLE, GAP, TAIL = (900, 620), (900, 700), (900, 640)
@@ -56,10 +41,12 @@ def blocks(aircraft: Run, chimera: Run) -> Picture:
     """
     if chimera.background is None:
         raise ValueError(f"case {chimera.case.name} has no Chimera block")
-    names = components_of(walls(aircraft.mesh))
-    legend = {name: COMPONENTS[name] for name in [*names, BLOCK]}
+    mesh, names = aircraft.mesh, scene3d.components_of(walls(aircraft.mesh))
+    surface = scene3d.patches(mesh.as_mesh(), walls(mesh), edge=(70, 70, 70), width=0.6)
+    whole = scene3d.framed(surface, mesh.points[mesh.on(*walls(mesh))], (-1.0, -1.1, 0.9), WHOLE)
+    legend = {name: scene3d.COMPONENTS[name] for name in [*names, BLOCK]}
     return Picture(
-        (whole(aircraft.mesh), overlapping(chimera, chimera.background)),
+        (whole, overlapping(chimera, chimera.background)),
         ("full model, one block", "Chimera block of the aileron in the aircraft's block"),
         "Left: surface mesh of the aircraft, coloured by component. Right: the Chimera block around the left aileron, "
         "transparent with magenta edges, in the surrounding aircraft.",
@@ -74,17 +61,16 @@ def walls(mesh: TetMesh) -> list[str]:
 
 def shell(tets: IntArray) -> tuple[IntArray, IntArray]:
     """Return the triangles (F, 3) that bound a set of tetrahedra (M, 4), and the row (F,) of each one's cell."""
-    faces = tets[:, TET_FACES].reshape(-1, 3)
-    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    outer = np.sort(first[count == 1])
-    return faces[outer], outer // 4
+    faces = cell_faces(tets)
+    outer = faces.second < 0
+    return faces.nodes[outer], faces.first[outer]
 
 
 def cells_by_quality(mesh: TetMesh, chosen: BoolArray, **looks: Any) -> Layer:
     """Return the outside of the chosen (M,) cells, coloured by their mean ratio."""
     tets = mesh.tets[chosen]
     triangles, cell = shell(tets)
-    rgb = quality_rgb(mean_ratio(mesh.points, tets)[cell])
+    rgb = scene3d.quality_rgb(mean_ratio(mesh.points, tets)[cell])
     return Layer(mesh.points, triangles, rgb, **{"edge": EDGE, "ambient": 0.85, **looks})
 
 
@@ -93,19 +79,13 @@ def centroids(mesh: TetMesh) -> FloatArray:
     return np.asarray(mesh.points[mesh.tets].mean(axis=1))
 
 
-def whole(mesh: TetMesh) -> View:
-    """Look at the aircraft from ahead, port and above."""
-    layers = patches(mesh.as_mesh(), walls(mesh), edge=(70, 70, 70), width=0.6)
-    return framed(layers, mesh.points[mesh.on(*walls(mesh))], (-1.0, -1.1, 0.9), WHOLE)
-
-
 def overlapping(run: Run, background: TetMesh) -> View:
     """Look at the block around the aileron from behind, port and above."""
     corners = block_corners(run.case.fighter, run.case.block, run.deflections[0].plan.surface)
-    around = patches(background.as_mesh(), walls(background), edge=(120, 120, 120), width=0.4)
-    own = patches(run.mesh.as_mesh(), walls(run.mesh), edge=(60, 60, 60), width=0.6)
-    outside = plain(run.mesh.points, run.mesh.triangles_of(BLOCK), MAGENTA, opacity=0.12)
-    return framed((*around, *own, outside, box(corners)), corners, (0.9, -1.0, 0.9), WHOLE)
+    around = scene3d.patches(background.as_mesh(), walls(background), edge=(120, 120, 120), width=0.4)
+    own = scene3d.patches(run.mesh.as_mesh(), walls(run.mesh), edge=(60, 60, 60), width=0.6)
+    outside = scene3d.plain(run.mesh.points, run.mesh.triangles_of(BLOCK), scene3d.MAGENTA, opacity=0.12)
+    return scene3d.framed((*around, *own, outside, scene3d.box(corners)), corners, (0.9, -1.0, 0.9), WHOLE)
 
 
 def gaps(runs: Sequence[Run]) -> Picture:
@@ -126,10 +106,12 @@ def gap(run: Run) -> View:
     plan, mesh = run.deflections[0].plan, run.deflected
     own, face, end = stations(run)
     width = abs(face - own)
-    grey = patches(mesh.as_mesh(), walls(mesh), DARK)
+    grey = scene3d.patches(mesh.as_mesh(), walls(mesh), scene3d.DARK)
     cells = cells_by_quality(mesh, in_gap(run), width=1.2)
     focus = np.array([end[1, 0], own - np.sign(face - own) * width, 2.0 * width])
-    return View((*grey, cells, box(plan.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 14.0 * width, GAP)
+    return View(
+        (*grey, cells, scene3d.box(plan.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 14.0 * width, GAP
+    )
 
 
 def stations(run: Run) -> tuple[float, float, FloatArray]:
@@ -155,12 +137,12 @@ def confinement(run: Run) -> Picture:
     """Figure 6: surface meshes of tail and panel, the hexahedron and the zero sites on its faces."""
     plan, mesh = run.deflections[0].plan, run.mesh
     surface = plan.surface
-    shown = patches(mesh.as_mesh(), (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
+    shown = scene3d.patches(mesh.as_mesh(), (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
     others = [name for name in walls(mesh) if name not in run.deflections[0].plan.patches]
-    rest = patches(mesh.as_mesh(), others, GREY, opacity=0.25)
-    zero = tuple(dots(part.points, BLUE, 10.0) for part in plan.sites.zero)
+    rest = scene3d.patches(mesh.as_mesh(), others, scene3d.GREY, opacity=0.25)
+    zero = tuple(scene3d.dots(part.points, scene3d.BLUE, 10.0) for part in plan.sites.zero)
     corners = plan.region.hexahedron.corners
-    view = framed((*rest, *shown, *zero, box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
+    view = scene3d.framed((*rest, *shown, *zero, scene3d.box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
     return Picture(
         (view,),
         (f"{len(plan.sites.zero[0])} sites at zero, {len(plan.sites.moving)} on the surface",),
@@ -186,15 +168,10 @@ def section(run: Run, mesh: TetMesh) -> View:
     """Look from the tip at the cells inboard of a cut across the tail."""
     span, region = ends(run.case.fighter, run.deflections[0].plan.surface), run.deflections[0].plan.region
     middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
-    grey = patches(mesh.as_mesh(), (run.deflections[0].plan.surface,), GREY)
-    cells = cells_by_quality(mesh, cut(run, middle), width=0.8)
-    return View((*grey, cells, box(region.hexahedron.corners, 2.0)), middle, (0.12, -1.0, 0.3), 0.16, TAIL)
-
-
-def cut(run: Run, middle: FloatArray) -> BoolArray:
-    """True for cells (M,) that touch the hexahedron and lie inboard of the cut; chosen before the deflection."""
-    region, centre = run.deflections[0].plan.region, centroids(run.mesh)
-    return np.asarray(run.mesh.touching(region.inside) & (np.abs(centre[:, 1]) < abs(middle[1])))
+    grey = scene3d.patches(mesh.as_mesh(), (run.deflections[0].plan.surface,), scene3d.GREY)
+    chosen = run.mesh.touching(region.inside) & (np.abs(centroids(run.mesh)[:, 1]) < abs(middle[1]))
+    cells = cells_by_quality(mesh, chosen, width=0.8)  # chosen by where they were before the deflection
+    return View((*grey, cells, scene3d.box(region.hexahedron.corners, 2.0)), middle, (0.12, -1.0, 0.3), 0.16, TAIL)
 
 
 def panel(run: Run, mesh: TetMesh) -> View:
@@ -203,9 +180,9 @@ def panel(run: Run, mesh: TetMesh) -> View:
     meshed = [name for name in walls(mesh) if name.startswith("fuselage_")]
     shaded = [name for name in walls(mesh) if name not in meshed and not name.startswith("wing")]
     layers = (
-        *patches(mesh.as_mesh(), shaded, GREY),
-        *patches(mesh.as_mesh(), meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
-        plain(run.mesh.points, border(run.mesh, surface), ORANGE, width=5.0),
+        *scene3d.patches(mesh.as_mesh(), shaded, scene3d.GREY),
+        *scene3d.patches(mesh.as_mesh(), meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
+        scene3d.plain(run.mesh.points, border(run.mesh, surface), scene3d.ORANGE, width=5.0),
     )
     focus = mesh.points[mesh.on(panel_of(surface))].mean(axis=0)
     return View(layers, focus, (0.55, -1.0, 0.5), 0.2, TAIL)
@@ -213,10 +190,8 @@ def panel(run: Run, mesh: TetMesh) -> View:
 
 def border(mesh: TetMesh, surface: str) -> IntArray:
     """Return the edges (E, 2) at which the panel of a tail meets patches other than the tail."""
-    triangles = mesh.triangles_of(panel_of(surface))
-    edges = np.sort(np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    distinct, count = np.unique(edges, axis=0, return_counts=True)
-    outer = distinct[count == 1]
+    edges, index = edges_of(mesh.triangles_of(panel_of(surface)))
+    outer = edges[np.bincount(index.ravel()) == 1]
     return np.asarray(outer[~np.isin(outer, mesh.on(surface)).all(axis=1)])
 
 

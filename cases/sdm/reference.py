@@ -7,10 +7,10 @@ it goes on while this process reads the mesh and deforms it.
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -24,9 +24,7 @@ from sdm_deflect.meshing.mesh import FloatArray, IntArray
 if TYPE_CHECKING:
     from sdm_deflect.cases.sdm.case import Case
     from sdm_deflect.geometry.model import CadFace
-    from sdm_deflect.geometry.parameters import Fighter
 
-Mode = Literal["rigid", "blended"]
 Deflections = Mapping[str, Deflection]
 
 SECONDS = 600.0
@@ -67,8 +65,7 @@ def reference(case: Case) -> Iterator[Callable[[], Reference]]:
     CadError
         From the callable, if the CAD kernel fails.
     """
-    question = np.frombuffer(pickle.dumps((case.fighter, variants(case))), dtype=np.uint8)
-    with started("sdm_deflect.cases.sdm.reference", {"question": question}) as pending:
+    with started("sdm_deflect.cases.sdm.reference", question(case)) as pending:
 
         def wait() -> Reference:
             try:
@@ -85,7 +82,7 @@ def variants(case: Case) -> tuple[Deflections, ...]:
     return (rigid,) if rigid == blended else (rigid, blended)
 
 
-def turned(case: Case, mode: Mode) -> dict[str, Deflection]:
+def turned(case: Case, mode: Literal["rigid", "blended"]) -> dict[str, Deflection]:
     """Return by how much the CAD's surfaces turn, and how; tails can only turn rigidly."""
     return {
         one.surface: Deflection(one.factor * case.angle, mode if hinged(one.surface) else "rigid")
@@ -93,50 +90,48 @@ def turned(case: Case, mode: Mode) -> dict[str, Deflection]:
     }
 
 
-def encoded(built: list[dict[str, Faces]]) -> Arrays:
-    """Return the faces of each variant as arrays by name."""
-    return {
-        f"{variant}/{surface}/{i}/{part}": getattr(face, part)
-        for variant, found in enumerate(built)
-        for surface, faces in found.items()
-        for i, face in enumerate(faces)
-        for part in ReferenceFace.__slots__
-    }
+def question(case: Case) -> Arrays:
+    """Return what the process that builds is asked."""
+    return packed((case.fighter, variants(case)))
 
 
-def decoded(arrays: Arrays) -> Reference:
-    """Return the reference that these arrays encode."""
-    parts: dict[str, dict[str, dict[str, dict[str, np.ndarray]]]] = {}
-    for name, array in arrays.items():
-        variant, *path = name.split("/")
-        if path:
-            surface, i, part = path
-            parts.setdefault(variant, {}).setdefault(surface, {}).setdefault(i, {})[part] = array
+def answer(question: Arrays) -> Arrays:
+    """Build the aircraft once for each variant and return the faces of the surfaces that turn."""
+    from sdm_deflect.geometry.aircraft import build  # the CAD kernel: in the process that builds alone
+
+    fighter, variants = unpacked(question)
+    models = [build(fighter, turned) for turned in variants]
+    return packed(
+        [
+            {name: [arrays_of(face) for face in model.faces_of(name)] for name in turned}
+            for model, turned in zip(models, variants, strict=True)
+        ]
+    )
+
+
+def decoded(answer: Arrays) -> Reference:
+    """Return the reference that an answer holds."""
     built = [
-        {surface: tuple(ReferenceFace(**face) for face in faces.values()) for surface, faces in found.items()}
-        for found in parts.values()
+        {surface: tuple(ReferenceFace(*parts) for parts in faces) for surface, faces in found.items()}
+        for found in unpacked(answer)
     ]
     return Reference(built[0], built[-1])
 
 
-def reduced(fighter: Fighter, variants: Iterable[Deflections]) -> list[dict[str, Faces]]:
-    """Build the aircraft once for each variant and keep the faces of the surfaces that turn."""
-    from sdm_deflect.geometry.aircraft import build  # the CAD kernel: in the process that builds alone
-
-    models = ((build(fighter, turned), turned) for turned in variants)
-    return [{name: tuple(map(arrays_of, model.faces_of(name))) for name in turned} for model, turned in models]
-
-
-def arrays_of(face: CadFace) -> ReferenceFace:
-    """Return a face as arrays."""
+def arrays_of(face: CadFace) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return the fields of a `ReferenceFace`."""
     points, triangles = face.tessellation()
-    normal = face.normal_at(points[:1])[0] if face.planar else np.full(3, np.nan)
-    return ReferenceFace(points, triangles, normal)
+    return points, triangles, face.normal_at(points[:1])[0] if face.planar else np.full(3, np.nan)
 
 
-def answer(question: Arrays) -> Arrays:
-    """Return the faces that a question asks for."""
-    return encoded(reduced(*pickle.loads(question["question"].tobytes())))  # this program's own
+def packed(value: object) -> Arrays:
+    """Return a value as the array of its bytes; only this program's own are unpacked."""
+    return {"packed": np.frombuffer(pickle.dumps(value), dtype=np.uint8)}
+
+
+def unpacked(arrays: Arrays) -> Any:
+    """Return the value that was packed."""
+    return pickle.loads(arrays["packed"].tobytes())
 
 
 if __name__ == "__main__":

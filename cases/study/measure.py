@@ -7,6 +7,8 @@ from statistics import median
 from time import perf_counter
 from typing import Self
 
+import numpy as np
+
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import job_of
 from sdm_deflect.cases.study.paper import Evaluation, Row, Setting, Table
@@ -46,20 +48,10 @@ class Loop:
     name: str
     meaning: str
     rule: Rule
-    basis: Callable[[Problem, IndexArray], Basis]
-
-    @property
-    def chooses_as_paper(self) -> bool:
-        """True if the centres are those of the paper's rule, whatever the time they take."""
-        return isinstance(self.rule, Worst)
+    basis: Callable[[Problem, IndexArray], Basis] = CholeskyBasis.of
 
 
-GROWN = Loop(
-    "grown",
-    "the paper's rule, with one factor for all directions that grows with the centres",
-    Worst(),
-    CholeskyBasis.of,
-)
+GROWN = Loop("grown", "the paper's rule, with one factor for all directions that grows with the centres", Worst())
 LAPACK = Loop(
     "lapack",
     "the paper's rule, factorised again in every iteration by LAPACK, once for all directions",
@@ -72,9 +64,10 @@ GMRES = Loop(
     Worst(look_ahead=1),
     partial(DirectBasis.of, solve=krylov()),
 )
-DEFAULT = Loop(
-    "default", "what `sdm run` does: blocks of separated sites, growing factor", Separated(), CholeskyBasis.of
-)
+DEFAULT = Loop("default", "what `sdm run` does: blocks of separated sites, growing factor", Separated())
+ALL = (GROWN, LAPACK, GMRES, DEFAULT)
+DIRECT = (GROWN, LAPACK, DEFAULT)
+"""Without GMRES, which takes long where a problem is large."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +84,10 @@ class SiteGroups:
     surface: int
     groups: dict[str, DataSites]
     plan: Plan
+
+    def largest_mm(self, columns: str) -> float:
+        """Return the largest prescribed displacement in these directions, millimetres."""
+        return 1e3 * float(np.abs(self.groups[columns].values).max())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,8 +119,8 @@ def sites_of(case: Case, mesh: TetMesh) -> SiteGroups:
     plan = Plan.of(flow, job_of(case, flow, case.deflections[0]))
     moving = DataSites(mesh.points[plan.sites.moving], plan.boundary.displacement(plan.job.amounts))
     parts = [moving, *plan.sites.zero]
-    groups = {_name(group): group for grouping in GROUPINGS.values() for group in grouping(parts)}
-    return SiteGroups(len(moving), groups, plan)
+    groups = [group for grouping in GROUPINGS.values() for group in grouping(parts)]
+    return SiteGroups(len(moving), {"".join(DIRECTIONS[c] for c in one.components): one for one in groups}, plan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,8 +143,8 @@ class Task:
 
     def run(self) -> Adaptation:
         """Adapt the centres once."""
-        kernel, loop = ThinPlateSpline(), self.loop
-        return adapt(self.group, kernel, self.first, self.options, rule=loop.rule, basis=loop.basis)
+        rule, basis = self.loop.rule, self.loop.basis
+        return adapt(self.group, ThinPlateSpline(), self.first, self.options, rule=rule, basis=basis)
 
     def measured(self, fit: Adaptation, seconds: list[float]) -> Measured:
         """Return the row of a fit that took these times."""
@@ -171,10 +168,6 @@ def measure(tasks: Sequence[Task], progress: Progress = silent) -> tuple[Measure
                 fits[i] = task.run()
                 seconds[i].append(fits[i].history[-1].seconds)
     return tuple(task.measured(fits[i], seconds[i]) for i, task in enumerate(tasks))
-
-
-def _name(group: DataSites) -> str:
-    return "".join(DIRECTIONS[c] for c in group.components)
 
 
 def timed(theirs: Evaluation, case: Case, mesh: TetMesh) -> Evaluation:

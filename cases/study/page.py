@@ -1,7 +1,6 @@
 """The page `docs/paper.md`: every table and figure of the paper's section 5, every sentence from the numbers."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,16 +12,15 @@ from numba import get_num_threads
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.progress import Display, Stopwatch
 from sdm_deflect.cases.report.offscreen import RenderError
-from sdm_deflect.cases.report.pictures import figure_of, write_png
+from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
 from sdm_deflect.cases.sdm import pictures as aircraft
-from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.metrics import Run
 from sdm_deflect.cases.sdm.pipeline import meshed, run_case
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.study.measure import filter_is_cheap, savings, timed
 from sdm_deflect.cases.study.paper import QualityStatement, paper
 from sdm_deflect.cases.study.study import run_study
-from sdm_deflect.cases.study.text import markdown, write_study
+from sdm_deflect.cases.study.text import markdown, write_csv, write_plot
 from sdm_deflect.cases.study.trends import Finding
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.fitting import Strategy
@@ -83,51 +81,30 @@ class Sources:
     cache: bool = True
     _runs: dict[Key, Run] = field(default_factory=dict)
 
-    def case(self, name: str) -> Case:
-        """Return a case at this scale."""
-        return case_named(name, self.scale)
-
     def mesh(self, name: str) -> TetMesh:
         """Return the undeflected mesh of a case."""
-        return meshed(self.case(name), Stopwatch(self.display), self.cache)[0]
+        return meshed(case_named(name, self.scale), Stopwatch(self.display), self.cache)[0]
 
     def run(self, name: str, angle: float, strategy: Strategy = "squv") -> Run:
         """Return a finished run with the paper's rule of adding centres, validated like every run."""
         key = (name, angle, strategy)
         if key not in self._runs:
-            case = self.case(name)
-            adaptation = replace(case.adaptation, rule="worst", strategy=strategy)
-            case = replace(case, angle=angle, adaptation=adaptation)
+            case = case_named(name, self.scale)
+            case = replace(case, angle=angle, adaptation=replace(case.adaptation, rule="worst", strategy=strategy))
             with TemporaryDirectory(dir=self.folder) as scratch:
                 self._runs[key] = run_case(case, Stopwatch(self.display), Path(scratch), self.cache)
         return self._runs[key]
-
-
-@contextmanager
-def sources(scale: str, display: Display, cache: bool = True) -> Iterator[Sources]:
-    """Yield the runs of a scale; their files vanish afterwards."""
-    with TemporaryDirectory(prefix="sdm-study-") as folder:
-        yield Sources(scale, Path(folder), display, cache)
 
 
 Write = Callable[[Sources, Path], str]
 """Writes the pictures of a section into a folder and returns its Markdown."""
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
-    """One heading of the page."""
-
-    title: str
-    write: Write
-
-
 def figure1(runs: Sources, folder: Path) -> str:
     """The aircraft and the two blocks, with the sizes of both meshes."""
     whole, block = runs.run("aileron", -12.0), runs.run("aileron-chimera", -12.0)
-    picture = aircraft.blocks(whole, block)
     lines = [_sizes("full model", whole, "aileron"), _sizes("Chimera block", block, "aileron-chimera")]
-    return _shown(figure_of(picture), picture.alternative, folder / "figure1.png") + "\n\n" + "\n".join(lines)
+    return _drawn(aircraft.blocks(whole, block), folder / "figure1.png") + "\n\n" + "\n".join(lines)
 
 
 def figure3(runs: Sources, folder: Path) -> str:
@@ -146,24 +123,16 @@ def figure4(runs: Sources, folder: Path) -> str:
 def figure5(runs: Sources, folder: Path) -> str:
     """The gap at both angles, and the checks that the paper does by eye."""
     pair = [runs.run("aileron-chimera", angle) for angle in (-12.0, -30.0)]
-    picture = aircraft.gaps(pair)
+    seen = "nothing changes outside the hexahedron, that the wing is not influenced and that the aileron stays planar"
     names = ("outside_moved", "fixed_surfaces_moved", "planarity", "inverted_cells")
-    checks = [line for run in pair for line in _checks(run, names)]
-    return (
-        _shown(figure_of(picture), picture.alternative, folder / "figure5.png")
-        + (
-            "\n\nThe paper judges by eye that nothing changes outside the hexahedron, that the wing is not influenced "
-            "and that the aileron stays planar. Measured here:\n\n"
-        )
-        + "\n".join(checks)
-    )
+    return _drawn(aircraft.gaps(pair), folder / "figure5.png") + _checks(seen, pair, names)
 
 
 def figure6(runs: Sources, folder: Path) -> str:
     """The tail with its hexahedron and sites."""
     run = runs.run("tail", 12.0)
-    picture, theirs, plan = aircraft.confinement(run), paper().size("tail"), run.deflections[0].plan
-    return _shown(figure_of(picture), picture.alternative, folder / "figure6.png") + (
+    theirs, plan = paper().size("tail"), run.deflections[0].plan
+    return _drawn(aircraft.confinement(run), folder / "figure6.png") + (
         f"\n\n- Sites: here {len(plan.sites.moving)} on the surface and {plan.sites.zero_sites(0)} on the hexahedron; "
         f"the paper: {theirs.surface} and {theirs.zero_sites[0]}.\n"
         f"- Mesh points inside the hexahedron: here {len(plan.region.inside)} of {len(run.mesh.points)}; "
@@ -180,16 +149,9 @@ def figure7(runs: Sources, folder: Path) -> str:
 def figure8(runs: Sources, folder: Path) -> str:
     """The mesh around the tail, and the checks that the paper does by eye."""
     run = runs.run("tail", 12.0)
-    picture = aircraft.around(run)
+    seen = "the tail stays planar, the fuselage circular and closed at the root, and that only the adjacent panel moves"
     names = ("planarity", "cylindricity", "root_on_cylinder", "fixed_surfaces_moved", "outside_moved")
-    return (
-        _shown(figure_of(picture), picture.alternative, folder / "figure8.png")
-        + (
-            "\n\nThe paper judges by eye that the tail stays planar, the fuselage circular and closed at the root, and "
-            "that only the adjacent panel moves. Measured here:\n\n"
-        )
-        + "\n".join(_checks(run, names))
-    )
+    return _drawn(aircraft.around(run), folder / "figure8.png") + _checks(seen, [run], names)
 
 
 def timings(runs: Sources, _folder: Path) -> str:
@@ -201,14 +163,11 @@ def timings(runs: Sources, _folder: Path) -> str:
     notes = []
     for theirs in paper().evaluations:
         mesh = runs.mesh(theirs.case)
-        ours = timed(theirs, runs.case(theirs.case), mesh)
+        ours = timed(theirs, case_named(theirs.case, runs.scale), mesh)
         for who, one in (("paper", theirs), ("here", ours)):
             times = (one.filter_seconds, one.inside_seconds, one.whole_seconds)
-            lines.append(
-                f"| {theirs.case} | {who} | {one.centers} | {one.inside} | "
-                + " | ".join(f"{seconds:.3g}" for seconds in times)
-                + " |"
-            )
+            cells = (theirs.case, who, one.centers, one.inside, *(f"{seconds:.3g}" for seconds in times))
+            lines.append(f"| {' | '.join(map(str, cells))} |")
         saved, cheap = savings(ours, len(mesh.points)), filter_is_cheap(ours)
         notes.append(
             f"- {theirs.case}: confined evaluation is faster at least by the ratio of the numbers of points: "
@@ -234,21 +193,29 @@ def _statements(figure: int, runs: dict[float, Run], note: str = "") -> Iterator
             yield f"- {said(theirs)} Here{note}: **{found.verdict}** ({found.evidence})."
 
 
-def _histograms(number: int, runs: list[Run], titles: list[str], found: Iterator[str] | list[str], folder: Path) -> str:
+def _histograms(number: int, runs: list[Run], titles: list[str], found: Iterable[str], folder: Path) -> str:
     figure, alternative = aircraft.histograms(runs, titles)
     return _shown(figure, alternative, folder / f"figure{number}.png") + "\n\n" + "\n".join(found)
 
 
-def _checks(run: Run, names: tuple[str, ...]) -> Iterator[str]:
-    for check in run.checks:
-        if check.name in names:
-            yield f"- {run.case.angle:+g}°, `{check.name}`: {_measured(check)}"
+def _checks(seen: str, runs: list[Run], names: tuple[str, ...]) -> str:
+    """Say what the paper judges by eye, and what the checks of these names measured."""
+    lines = [
+        f"- {run.case.angle:+g}°, `{check.name}`: {_measured(check)}"
+        for run in runs
+        for check in run.checks
+        if check.name in names
+    ]
+    return f"\n\nThe paper judges by eye that {seen}. Measured here:\n\n" + "\n".join(lines)
 
 
 def _measured(check: Check) -> str:
-    sign = "at most" if check.judgement == "at most" else "at least"
     verdict = "passed" if check.passed else "**failed**"
-    return f"{check.value:.3g} {check.unit}, {sign} {check.limit:.3g} demanded: {verdict} ({check.where})."
+    return f"{check.value:.3g} {check.unit}, {check.judgement} {check.limit:.3g} demanded: {verdict} ({check.where})."
+
+
+def _drawn(picture: Picture, path: Path) -> str:
+    return _shown(figure_of(picture), picture.alternative, path)
 
 
 def _shown(figure: Figure, alternative: str, path: Path) -> str:
@@ -260,16 +227,17 @@ def write_page(scale: str, folder: Path, display: Display, cache: bool = True) -
     """Write paper.md, figures/ and tables/ into `folder`. A section that cannot be made says why in its place."""
     (folder / "figures").mkdir()
     (folder / "tables").mkdir()
-    with sources(scale, display, cache) as runs:
-        parts = [INTRODUCTION.format(scale=scale, threads=get_num_threads(), machine=paper().machine)]
-        for section in SECTIONS:
-            parts.append(f"## {section.title}\n\n{_written(section, runs, folder / 'figures')}")
+    parts = [INTRODUCTION.format(scale=scale, threads=get_num_threads(), machine=paper().machine)]
+    with TemporaryDirectory(prefix="sdm-study-") as scratch:
+        runs = Sources(scale, Path(scratch), display, cache)
+        for title, write in SECTIONS.items():
+            parts.append(f"## {title}\n\n{_written(write, runs, folder / 'figures')}")
     (folder / "paper.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
-def _written(section: Section, runs: Sources, folder: Path) -> str:
+def _written(write: Write, runs: Sources, folder: Path) -> str:
     try:
-        return section.write(runs, folder)
+        return write(runs, folder)
     except (ValueError, RuntimeError) as error:
         if isinstance(error, RenderError) or is_reported(error):
             return f"Not made: {error}."
@@ -279,24 +247,23 @@ def _written(section: Section, runs: Sources, folder: Path) -> str:
 def _table(name: str, runs: Sources, folder: Path) -> str:
     """Carry out a study; its CSV goes beside the figures."""
     result = run_study(name, runs.scale, Stopwatch(runs.display), runs.cache)
-    alternative = write_study(result, folder)
-    (folder / f"{name}.csv").replace(folder.parent / "tables" / f"{name}.csv")
-    (folder / f"{name}.md").unlink()
+    write_csv(result, folder.parent / "tables" / f"{name}.csv")
+    alternative = write_plot(result, folder / f"{name}.png")
     body = markdown(result).partition("\n\n")[2]
     return f"{body}\n![{alternative}](figures/{name}.png)\n\nAll numbers: [{name}.csv](tables/{name}.csv)."
 
 
-SECTIONS = (
-    Section("Figure 1: the configuration", figure1),
-    Section(f"Table 1 and figure 2: {paper().tables['table1'].title}", partial(_table, "table1")),
-    Section(f"Table 2: {paper().tables['table2'].title}", partial(_table, "table2")),
-    Section("Figure 3: mesh quality for the aileron without a gap, MV and SQUV", figure3),
-    Section(f"Table 3: {paper().tables['table3'].title}", partial(_table, "table3")),
-    Section("Figure 4: mesh quality for the aileron in the Chimera block", figure4),
-    Section("Figure 5: the mesh in the gap", figure5),
-    Section("Figure 6: the tail, its hexahedron and data sites", figure6),
-    Section(f"Table 4: {paper().tables['table4'].title}", partial(_table, "table4")),
-    Section("Figure 7: mesh quality for the tail", figure7),
-    Section("Figure 8: the mesh around the tail", figure8),
-    Section("Timings of section 5, for f_x", timings),
-)
+SECTIONS: dict[str, Write] = {
+    "Figure 1: the configuration": figure1,
+    f"Table 1 and figure 2: {paper().tables['table1'].title}": partial(_table, "table1"),
+    f"Table 2: {paper().tables['table2'].title}": partial(_table, "table2"),
+    "Figure 3: mesh quality for the aileron without a gap, MV and SQUV": figure3,
+    f"Table 3: {paper().tables['table3'].title}": partial(_table, "table3"),
+    "Figure 4: mesh quality for the aileron in the Chimera block": figure4,
+    "Figure 5: the mesh in the gap": figure5,
+    "Figure 6: the tail, its hexahedron and data sites": figure6,
+    f"Table 4: {paper().tables['table4'].title}": partial(_table, "table4"),
+    "Figure 7: mesh quality for the tail": figure7,
+    "Figure 8: the mesh around the tail": figure8,
+    "Timings of section 5, for f_x": timings,
+}

@@ -129,25 +129,19 @@ def paper() -> Paper:
     data = loads(files(__package__).joinpath("paper.toml").read_text(encoding="utf-8"))
     return Paper(
         machine=data["machine"]["text"],
-        tables={name: _table(data[name]) for name in sorted(data) if name.startswith("table")},
+        tables={
+            name: Table(**{**data[name], "rows": tuple(map(_row, data[name]["rows"]))})
+            for name in sorted(data)
+            if name.startswith("table")
+        },
         sizes=tuple(Size(**{**one, "zero_sites": tuple(one["zero_sites"])}) for one in data["sizes"]),
-        evaluations=tuple(_evaluation(one) for one in data["evaluations"]),
+        evaluations=tuple(Evaluation(**{**one, "setting": _setting(one["setting"])}) for one in data["evaluations"]),
         quality=tuple(QualityStatement(**one) for one in data["quality"]),
     )
 
 
-def _table(data: dict[str, Any]) -> Table:
-    return Table(**{**data, "rows": tuple(_row(one) for one in data["rows"])})
-
-
 def _row(data: dict[str, Any]) -> Row:
-    names = {"columns", "angle", "initial", "n_add"}
-    setting = _setting({name: data[name] for name in names})
-    return Row(setting, **{name: value for name, value in data.items() if name not in names})
-
-
-def _evaluation(data: dict[str, Any]) -> Evaluation:
-    return Evaluation(**{**data, "setting": _setting(data["setting"])})
+    return Row(_setting(data), **{name: value for name, value in data.items() if name not in Setting.__slots__})
 
 
 def _setting(data: dict[str, Any]) -> Setting:

@@ -1,11 +1,12 @@
 """Plots of the studies: figure 2 of the paper and its kin."""
 
 from collections.abc import Callable
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.study.measure import DEFAULT, GMRES, GROWN, Loop, Measured
+from sdm_deflect.cases.study.measure import DEFAULT, GMRES, GROWN, Measured
 from sdm_deflect.cases.study.study import Result
 from sdm_deflect.cases.study.trends import title
 
@@ -28,11 +29,10 @@ def table1(result: Result, figure: Figure) -> str:
     left, right = figure.subplots(1, 2, sharey=True)
     start = 0.0
     for columns in ("xyz", "x", "y", "z"):
-        curve(left, chosen[columns], [step.n_centers for step in chosen[columns].history])
-        seconds = [step.seconds for step in chosen[columns].history]
-        begin = 0.0 if columns == "xyz" else start
-        curve(right, chosen[columns], [begin + s for s in seconds])
-        start = 0.0 if columns == "xyz" else start + seconds[-1]
+        curve(left, chosen[columns])
+        seconds = [start + step.seconds for step in chosen[columns].history]
+        curve(right, chosen[columns], seconds)
+        start = 0.0 if columns == "xyz" else seconds[-1]
     finish(left, result, "centres")
     finish(right, result, f"time of {loop.name}, s (SQUV: x, y and z in turn)")
     left.set_ylabel("largest residual, m")
@@ -48,9 +48,10 @@ def table2(result: Result, figure: Figure) -> str:
     left.plot(n_add, [row.seconds for row in theirs], label="paper", **PAPER)
     right.plot(n_add, [row.centers for row in theirs], label="paper", **PAPER)
     for loop in result.loops:
-        line(left, loop, n_add, [row.seconds for row in result.by(loop)])
-    for loop in (GROWN, DEFAULT):
-        line(right, loop, n_add, [row.centers for row in result.by(loop)])
+        looks: dict[str, Any] = {"color": LOOP_COLOURS[loop.name], "label": f"here, {loop.name}", "marker": "o"}
+        left.plot(n_add, [row.seconds for row in result.by(loop)], ms=4, **looks)
+        if loop in (GROWN, DEFAULT):
+            right.plot(n_add, [row.centers for row in result.by(loop)], ms=4, **looks)
     left.set(yscale="log", ylabel="time, s")
     right.set(ylabel="final centres", ylim=(0, None))
     for axes in (left, right):
@@ -66,7 +67,7 @@ def table3(result: Result, figure: Figure) -> str:
     for angle, axes in zip(angles, figure.subplots(1, len(angles), sharey=True), strict=True):
         for one in result.measured:
             if one.loop == GROWN and one.row.setting.angle == angle:
-                curve(axes, one, [step.n_centers for step in one.history])
+                curve(axes, one)
         finish(axes, result, f"centres ({angle:+g} deg)")
         axes.legend(fontsize="small")
     figure.axes[0].set_ylabel("largest residual, m")
@@ -78,7 +79,7 @@ def table4(result: Result, figure: Figure) -> str:
     axes = figure.add_subplot()
     for one in result.measured:
         if one.loop == GROWN:
-            curve(axes, one, [step.n_centers for step in one.history])
+            curve(axes, one)
     for row in result.study.table.rows:
         label = f"paper, ${title(row.setting.columns)}$"
         axes.plot(row.centers, row.max_error, "s", color=COLOURS[row.setting.columns], mec="black", label=label)
@@ -91,33 +92,22 @@ def table4(result: Result, figure: Figure) -> str:
 DRAW: dict[str, Draw] = {"table1": table1, "table2": table2, "table3": table3, "table4": table4}
 
 
-def curve(axes: Axes, one: Measured, abscissa: list[float] | list[int]) -> None:
-    """Draw the residuals of one adaptation; MV as a wide line, so that f_z shows on top of it."""
+def curve(axes: Axes, one: Measured, seconds: list[float] | None = None) -> None:
+    """Draw one adaptation's residuals against centres or times; MV as a wide line, so that f_z shows on top of it."""
     columns = one.row.setting.columns
     wide = {"lw": 6, "alpha": 0.6} if columns == "xyz" else {"lw": 1.8}
     residuals = [step.max_residual for step in one.history]
     marker = "o" if len(residuals) == 1 else ""
     name = f"${title(columns)}$" if len(columns) == 1 else title(columns)
+    abscissa = seconds or [step.n_centers for step in one.history]
     axes.semilogy(abscissa, residuals, color=COLOURS[columns], label=name, marker=marker, **wide)
-
-
-def line(axes: Axes, loop: Loop, abscissa: list[int], values: list[float] | list[int]) -> None:
-    """Draw one loop's values."""
-    axes.plot(abscissa, values, color=LOOP_COLOURS[loop.name], label=f"here, {loop.name}", marker="o", ms=4)
 
 
 def finish(axes: Axes, result: Result, label: str) -> None:
     """Mark the tolerance and label the abscissa."""
     tolerance = result.study.table.tolerance
     axes.axhline(tolerance, color="0.3", lw=1, ls=":")
-    axes.annotate(
-        f"tolerance {tolerance:g} m",
-        (0.98, tolerance),
-        xycoords=("axes fraction", "data"),
-        ha="right",
-        va="top",
-        color="0.3",
-        fontsize="small",
-    )
+    looks: dict[str, Any] = {"ha": "right", "va": "top", "color": "0.3", "fontsize": "small"}
+    axes.annotate(f"tolerance {tolerance:g} m", (0.98, tolerance), xycoords=("axes fraction", "data"), **looks)
     axes.set_xlabel(label)
     axes.grid(alpha=0.3)

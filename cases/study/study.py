@@ -1,38 +1,26 @@
 """One of the paper's tables, measured here row by row."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.pipeline import meshed
 from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.study.measure import (
-    DEFAULT,
-    GMRES,
-    GROWN,
-    LAPACK,
-    Loop,
-    Measured,
-    SiteGroups,
-    Task,
-    measure,
-    sites_of,
-)
+from sdm_deflect.cases.study.measure import ALL, DIRECT, Loop, Measured, SiteGroups, Task, measure, sites_of
 from sdm_deflect.cases.study.paper import Row, Setting, Table, paper
 from sdm_deflect.cases.study.trends import TRENDS, Finding, Trend
 from sdm_deflect.deform.progress import Progress
+from sdm_deflect.deform.rbf.selection import Worst
 from sdm_deflect.meshing.mesh import TetMesh
-
-Chosen = Callable[[Table, Setting], tuple[Loop, ...]]
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Which loops to time for each row of a table."""
+    """Which loops to time for the rows of a table: for those with the fewest initial centres (figure 2), for others."""
 
     name: str
-    loops: Chosen
+    fewest: tuple[Loop, ...]
+    others: tuple[Loop, ...]
 
     @property
     def table(self) -> Table:
@@ -43,6 +31,11 @@ class Study:
     def trends(self) -> tuple[Trend, ...]:
         """What the paper reads off it."""
         return TRENDS[self.name]
+
+    def loops(self, setting: Setting) -> tuple[Loop, ...]:
+        """Return the loops to time for one row."""
+        fewest = min(row.setting.initial for row in self.table.rows)
+        return self.fewest if setting.initial == fewest else self.others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,36 +64,20 @@ class Result:
     @property
     def loops(self) -> tuple[Loop, ...]:
         """The loops that were timed, in a fixed order."""
-        return tuple(loop for loop in (GROWN, LAPACK, GMRES, DEFAULT) if self.by(loop))
+        return tuple(loop for loop in ALL if self.by(loop))
 
     def findings(self, trend: Trend) -> dict[Loop, Finding]:
         """Judge a trend: for time by every loop with the paper's rule, for centres by the first of them."""
-        alike = [loop for loop in self.loops if loop.chooses_as_paper]
+        alike = [loop for loop in self.loops if isinstance(loop.rule, Worst)]
         judged = {loop: trend.test(self.by(loop), self.study.table) for loop in (alike if trend.of_time else alike[:1])}
         return {loop: finding for loop, finding in judged.items() if finding is not None}
 
 
-def every_loop(_table: Table, _setting: Setting) -> tuple[Loop, ...]:
-    """Time all loops: for tables of small problems."""
-    return GROWN, LAPACK, GMRES, DEFAULT
-
-
-def gmres_once(table: Table, setting: Setting) -> tuple[Loop, ...]:
-    """Time GMRES, which takes long, for the fewest initial centres only (figure 2)."""
-    fewest = min(row.setting.initial for row in table.rows)
-    return every_loop(table, setting) if setting.initial == fewest else direct_loops(table, setting)
-
-
-def direct_loops(_table: Table, _setting: Setting) -> tuple[Loop, ...]:
-    """Leave GMRES out: for tables of large problems."""
-    return GROWN, LAPACK, DEFAULT
-
-
 STUDIES = {
-    "table1": Study("table1", gmres_once),
-    "table2": Study("table2", every_loop),
-    "table3": Study("table3", direct_loops),
-    "table4": Study("table4", direct_loops),
+    "table1": Study("table1", ALL, DIRECT),
+    "table2": Study("table2", ALL, ALL),
+    "table3": Study("table3", DIRECT, DIRECT),
+    "table4": Study("table4", DIRECT, DIRECT),
 }
 
 
@@ -110,25 +87,20 @@ def carry_out(study: Study, case: Case, mesh: TetMesh, progress: Progress) -> Re
     angles = dict.fromkeys(row.setting.angle for row in table.rows)
     sites = {angle: sites_of(replace(case, angle=angle), mesh) for angle in angles}
     settings = [row.setting for row in table.rows]
-    tasks = [Task.of(sites[one.angle], one, table, loop) for one in settings for loop in study.loops(table, one)]
+    tasks = [Task.of(sites[one.angle], one, table, loop) for one in settings for loop in study.loops(one)]
     return Result(study, case, len(mesh.points), len(mesh.tets), sites, measure(tasks, progress))
 
 
-def case_of(study: Study, scale: str) -> Case:
-    """Return the case of a study at the angle of its first row.
+def run_study(name: str, scale: str, watch: Stopwatch, cache: bool = True) -> Result:
+    """Mesh the case of a study (or take the mesh from the cache) and measure every row.
 
     Raises
     ------
     ValueError
-        If there is no such case or scale.
+        If there is no such scale.
     """
-    return replace(case_named(study.table.case, scale), angle=study.table.rows[0].setting.angle)
-
-
-def run_study(name: str, scale: str, watch: Stopwatch, cache: bool = True) -> Result:
-    """Mesh the case of a study (or take the mesh from the cache) and measure every row."""
     study = STUDIES[name]
-    case = case_of(study, scale)
+    case = replace(case_named(study.table.case, scale), angle=study.table.rows[0].setting.angle)
     mesh, _ = meshed(case, watch, cache)
     with watch.stage(name) as progress:
         return carry_out(study, case, mesh, progress)

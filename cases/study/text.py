@@ -5,41 +5,33 @@ from collections.abc import Iterator
 from math import isnan
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from sdm_deflect.cases.report.pictures import write_png
-from sdm_deflect.cases.study.measure import DEFAULT, GROWN, REPETITIONS, Loop, SiteGroups
+from sdm_deflect.cases.study.measure import DEFAULT, GROWN, REPETITIONS
 from sdm_deflect.cases.study.paper import Row, Setting, Size, paper
 from sdm_deflect.cases.study.plots import DRAW
 from sdm_deflect.cases.study.study import Result
 from sdm_deflect.cases.study.trends import listed, title
 
-FIELDS = (
-    "source",
-    "columns",
-    "angle_deg",
-    "initial_surface",
-    "initial_hexahedron",
-    "n_add",
-    "sites",
-    "iterations",
-    "centers",
-    "seconds",
-    "max_error",
-    "converged",
-    "repetitions",
-)
+SETTING = ("columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_add")
+RESULTS = ("iterations", "centers", "seconds", "max_error")
+FIELDS = ("source", *SETTING, "sites", *RESULTS, "converged", "repetitions")
 
 
-def write_study(result: Result, folder: Path) -> str:
-    """Write <name>.csv, <name>.md and <name>.png into `folder`; return the text alternative of the picture."""
+def write_study(result: Result, folder: Path) -> None:
+    """Write <name>.csv, <name>.md and <name>.png into `folder`."""
     name = result.study.name
     write_csv(result, folder / f"{name}.csv")
-    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
-    alternative = DRAW[name](result, figure)
-    write_png(figure, folder / f"{name}.png")
+    alternative = write_plot(result, folder / f"{name}.png")
     (folder / f"{name}.md").write_text(f"{markdown(result)}\n![{alternative}]({name}.png)\n", encoding="utf-8")
+
+
+def write_plot(result: Result, path: Path) -> str:
+    """Write the picture of a study; return its text alternative."""
+    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
+    alternative = DRAW[result.study.name](result, figure)
+    write_png(figure, path)
     return alternative
 
 
@@ -75,9 +67,10 @@ def sizes(result: Result) -> str:
     theirs, sites = paper().size(result.study.table.case), next(iter(result.sites.values()))
     x, y, z = (sites.plan.sites.zero_sites(c) for c in range(3))
     ours = Size(theirs.case, result.points, result.cells, sites.surface, (x, y, z))
+    moved = "; ".join(f"{listed(map(one.largest_mm, 'xyz'))} mm at {angle:+g}°" for angle, one in result.sites.items())
     return (
         f"Here (scale `{result.case.scale}`): {_size(ours)}. The paper: {_size(theirs)}. "
-        f"Largest prescribed displacement in x, y, z: {'; '.join(map(_largest, result.sites.items()))}."
+        f"Largest prescribed displacement in x, y, z: {moved}."
     )
 
 
@@ -115,12 +108,12 @@ def small_motions(result: Result) -> Iterator[str]:
     """Say which directions move by less than the tolerance, and what they then cost."""
     for angle, sites in result.sites.items():
         for d in "xyz":
-            largest = float(np.abs(sites.groups[d].values).max())
             rows = [row for row in result.by(GROWN) if row.setting.columns == d and row.setting.angle == angle]
-            if rows and largest < result.study.table.tolerance:
+            if rows and sites.largest_mm(d) < 1e3 * result.study.table.tolerance:
+                most = max(row.iterations for row in rows)
                 yield (
-                    f"At {angle:+g}° f_{d} is nowhere larger than {1e3 * largest:.3g} mm, less than the tolerance; it "
-                    f"takes {max(row.iterations for row in rows)} iterations."
+                    f"At {angle:+g}° f_{d} is nowhere larger than {sites.largest_mm(d):.3g} mm, less than the "
+                    f"tolerance; it takes {most} iterations."
                 )
 
 
@@ -129,19 +122,10 @@ def verdicts(result: Result) -> list[str]:
     lines = []
     for trend in result.study.trends:
         found = result.findings(trend)
-        judged = [f"{_by(loop, trend.of_time)}**{one.verdict}** ({one.evidence})" for loop, one in found.items()]
+        named = "`{}` " if trend.of_time else ""
+        judged = [f"{named.format(loop.name)}**{one.verdict}** ({one.evidence})" for loop, one in found.items()]
         lines.append(f"- {trend.statement} Here: {'; '.join(judged) or 'these rows cannot tell'}.")
     return lines
-
-
-def _largest(entry: tuple[float, SiteGroups]) -> str:
-    angle, sites = entry
-    largest = (1e3 * float(np.abs(sites.groups[d].values).max()) for d in "xyz")
-    return f"{listed(largest)} mm at {angle:+g}°"
-
-
-def _by(loop: Loop, of_time: bool) -> str:
-    return f"`{loop.name}` " if of_time else ""
 
 
 def _size(size: Size) -> str:

@@ -7,7 +7,9 @@ sites for f_y. Table 4: SQUV for the horizontal tail, with a limit on the number
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
+from typing import Literal
 
 from sdm_deflect.cases.study.paper import Row, Table
 
@@ -32,6 +34,7 @@ class Finding:
 
 
 Rows = Sequence[Row]
+Name = Literal["iterations", "centers", "seconds"]
 Test = Callable[[Rows, Table], Finding | None]
 """Judges the rows that one loop gave; None if they do not suffice."""
 
@@ -55,9 +58,10 @@ def among(rows: Iterable[Row], columns: str) -> list[Row]:
     return [row for row in rows if row.setting.columns == columns]
 
 
-def columns_of(rows: Iterable[Row]) -> list[str]:
-    """Return the directions that occur, in order."""
-    return list(dict.fromkeys(row.setting.columns for row in rows))
+def by_columns(rows: Rows, name: Name) -> dict[str, list[float]]:
+    """Return one figure of the rows, by direction in order of occurrence."""
+    columns = dict.fromkeys(row.setting.columns for row in rows)
+    return {one: [getattr(row, name) for row in among(rows, one)] for one in columns}
 
 
 def title(columns: str) -> str:
@@ -87,7 +91,7 @@ def ascending(values: Sequence[float]) -> bool:
 
 def fewer_iterations(rows: Rows, _table: Table) -> Finding | None:
     """The final iteration number falls, or is zero throughout, as the initial centres grow."""
-    counts = {columns: [row.iterations for row in among(rows, columns)] for columns in columns_of(rows)}
+    counts = by_columns(rows, "iterations")
     if max(map(len, counts.values())) < 2:
         return None
     holds = all(ascending([-n for n in group]) or not any(group) for group in counts.values())
@@ -96,14 +100,14 @@ def fewer_iterations(rows: Rows, _table: Table) -> Finding | None:
 
 def mostly_more_centers(rows: Rows, _table: Table) -> Finding | None:
     """The final number of centres rises in more than half of the steps to more initial centres."""
-    steps = [rising([row.centers for row in among(rows, columns)]) for columns in columns_of(rows)]
+    steps = [rising(group) for group in by_columns(rows, "centers").values()]
     up, total = (sum(counts) for counts in zip(*steps, strict=True))
     return Finding(2 * up > total, f"it rises in {up} of {total} steps") if total else None
 
 
 def same_time(rows: Rows, _table: Table) -> Finding | None:
     """The time of an adaptation hardly depends on its initial centres."""
-    groups = {columns: [row.seconds for row in among(rows, columns)] for columns in columns_of(rows)}
+    groups = by_columns(rows, "seconds")
     if max(map(len, groups.values())) < 2:
         return None
     holds = all(spread(group) <= HARDLY for group in groups.values())
@@ -134,27 +138,14 @@ def mv_twice_as_dear(rows: Rows, _table: Table) -> Finding | None:
 
 def squv_seconds(rows: Rows, mv: Row) -> float:
     """Return the time of the three uni-variate adaptations with the initial centres of a multi-variate one."""
-    return sum(
-        row.seconds for row in rows if row.setting.columns != "xyz" and row.setting.initial == mv.setting.initial
-    )
-
-
-TABLE1 = (
-    Trend("More initial centres mean fewer iterations.", fewer_iterations),
-    Trend("More initial centres mostly mean more centres in the end.", mostly_more_centers),
-    Trend("The initial centres hardly influence the time.", same_time, of_time=True),
-    Trend("f_y needs the fewest centres, followed by f_x and f_z.", y_then_x_then_z),
-    Trend("SQUV for f_z ends with the same iterations and centres as MV.", z_equals_mv),
-    Trend("MV is dearer than SQUV by more than a factor of two.", mv_twice_as_dear, of_time=True),
-)
+    return sum(row.seconds for d in "xyz" for row in among(rows, d) if row.setting.initial == mv.setting.initial)
 
 
 def mostly_fewer_iterations(rows: Rows, _table: Table) -> Finding:
     """The final iteration number falls in more than half of the steps to a larger M_add."""
     down, total = rising([-row.iterations for row in rows])
-    return Finding(
-        2 * down > total, f"it falls in {down} of {total} steps, from {rows[0].iterations} to {rows[-1].iterations}"
-    )
+    text = f"it falls in {down} of {total} steps, from {rows[0].iterations} to {rows[-1].iterations}"
+    return Finding(2 * down > total, text)
 
 
 def more_centers(rows: Rows, _table: Table) -> Finding:
@@ -165,11 +156,9 @@ def more_centers(rows: Rows, _table: Table) -> Finding:
 
 def always_faster(rows: Rows, _table: Table) -> Finding:
     """Every M_add above one takes less time than one."""
-    slowest = max(rows[1:], key=lambda row: row.seconds)
-    return Finding(
-        slowest.seconds < rows[0].seconds,
-        f"{rows[0].seconds:.3g} s with 1, at most {slowest.seconds:.3g} s with more (M_add = {slowest.setting.n_add})",
-    )
+    one, slowest = rows[0].seconds, max(rows[1:], key=lambda row: row.seconds)
+    text = f"{one:.3g} s with 1, at most {slowest.seconds:.3g} s with more (M_add = {slowest.setting.n_add})"
+    return Finding(slowest.seconds < one, text)
 
 
 def six_times_faster(rows: Rows, _table: Table) -> Finding:
@@ -188,76 +177,37 @@ def monotonic_then_not(rows: Rows, _table: Table) -> Finding:
     return Finding(holds, f"{listed(small)} s up to 25; then it rises in {up} of {total} steps")
 
 
-TABLE2 = (
-    Trend("A larger M_add generally means fewer iterations.", mostly_fewer_iterations),
-    Trend("A larger M_add generally means more centres.", more_centers),
-    Trend("Any M_add above one takes less time than one.", always_faster, of_time=True),
-    Trend("The time falls by a factor of more than 6 at best.", six_times_faster, of_time=True),
-    Trend("It falls monotonically up to M_add = 25 only, then often rises again.", monotonic_then_not, of_time=True),
-)
-
-
 def by_angle(rows: Rows) -> dict[float, dict[str, Row]]:
     """Sort rows by angle (smaller deflections first) and direction."""
     angles = sorted({row.setting.angle for row in rows}, key=abs)
     return {angle: {row.setting.columns: row for row in rows if row.setting.angle == angle} for angle in angles}
 
 
-def y_fewest_centers(rows: Rows, _table: Table) -> Finding:
-    """At each angle f_y ends with the fewest centres."""
-    sorted_rows = by_angle(rows)
-    holds = all(min(three, key=lambda d: three[d].centers) == "y" for three in sorted_rows.values())
+def y_least(rows: Rows, _table: Table, name: Name = "centers", unit: str = "") -> Finding:
+    """At each angle f_y has the smallest number of centres, or another figure."""
+    values = {angle: {d: getattr(three[d], name) for d in "yxz"} for angle, three in by_angle(rows).items()}
     text = (
-        f"{angle:+g} deg: " + ", ".join(f"f_{d} {three[d].centers}" for d in "yxz")
-        for angle, three in sorted_rows.items()
+        f"{angle:+g} deg: " + ", ".join(f"f_{d} {listed([value])}{unit}" for d, value in three.items())
+        for angle, three in values.items()
     )
-    return Finding(holds, "; ".join(text))
+    return Finding(all(min("xyz", key=three.__getitem__) == "y" for three in values.values()), "; ".join(text))
 
 
-def y_least_time(rows: Rows, _table: Table) -> Finding:
-    """At each angle f_y takes the least time."""
-    sorted_rows = by_angle(rows)
-    holds = all(min(three, key=lambda d: three[d].seconds) == "y" for three in sorted_rows.values())
-    text = (
-        f"{angle:+g} deg: " + ", ".join(f"f_{d} {three[d].seconds:.3g} s" for d in "yxz")
-        for angle, three in sorted_rows.items()
-    )
-    return Finding(holds, "; ".join(text))
-
-
-def larger_angle_more_centers(rows: Rows, _table: Table) -> Finding:
-    """In each direction the larger deflection needs more centres."""
+def larger_angle_more(rows: Rows, _table: Table, name: Name = "centers") -> Finding:
+    """In each direction the larger deflection needs more centres, or more of another figure."""
     small, large = by_angle(rows).values()
-    factors = [large[d].centers / small[d].centers for d in "xyz"]
+    factors = [getattr(large[d], name) / getattr(small[d], name) for d in "xyz"]
     return Finding(min(factors) > 1.0, f"by factors of {listed(factors)} in x, y, z")
-
-
-def larger_angle_more_time(rows: Rows, _table: Table) -> Finding:
-    """In each direction the larger deflection takes more time."""
-    small, large = by_angle(rows).values()
-    factors = [large[d].seconds / small[d].seconds for d in "xyz"]
-    return Finding(min(factors) > 1.0, f"by factors of {listed(factors)} in x, y, z")
-
-
-TABLE3 = (
-    Trend("f_y needs the fewest centres, although it has the most sites.", y_fewest_centers),
-    Trend("f_y takes the least time.", y_least_time, of_time=True),
-    Trend("A larger deflection needs more centres in every direction.", larger_angle_more_centers),
-    Trend("A larger deflection takes more time in every direction.", larger_angle_more_time, of_time=True),
-)
 
 
 def all_at_limit(rows: Rows, table: Table) -> Finding:
     """Every direction ends at the limit on the centres, after the same iterations, above the tolerance."""
-    holds = (
-        all(row.centers == table.max_centers and row.max_error > table.tolerance for row in rows)
-        and len({row.iterations for row in rows}) == 1
-    )
+    limited = all(row.centers == table.max_centers and row.max_error > table.tolerance for row in rows)
     text = "; ".join(
         f"f_{row.setting.columns} {row.centers} centres after {row.iterations} iterations, {row.max_error:.2e} m"
         for row in rows
     )
-    return Finding(holds, text)
+    return Finding(limited and len({row.iterations for row in rows}) == 1, text)
 
 
 def error_y_then_x_then_z(rows: Rows, table: Table) -> Finding | None:
@@ -274,11 +224,37 @@ def hardly_different_times(rows: Rows, _table: Table) -> Finding:
     return Finding(spread(seconds) <= HARDLY, f"longest over shortest: {spread(seconds):.2f}")
 
 
-TABLE4 = (
-    Trend("No direction reaches the tolerance; all end at the limit after the same iterations.", all_at_limit),
-    Trend("The largest error is smallest for f_y, followed by f_x.", error_y_then_x_then_z),
-    Trend("The times differ little.", hardly_different_times, of_time=True),
-)
-
-
-TRENDS = {"table1": TABLE1, "table2": TABLE2, "table3": TABLE3, "table4": TABLE4}
+TRENDS: dict[str, tuple[Trend, ...]] = {
+    "table1": (
+        Trend("More initial centres mean fewer iterations.", fewer_iterations),
+        Trend("More initial centres mostly mean more centres in the end.", mostly_more_centers),
+        Trend("The initial centres hardly influence the time.", same_time, of_time=True),
+        Trend("f_y needs the fewest centres, followed by f_x and f_z.", y_then_x_then_z),
+        Trend("SQUV for f_z ends with the same iterations and centres as MV.", z_equals_mv),
+        Trend("MV is dearer than SQUV by more than a factor of two.", mv_twice_as_dear, of_time=True),
+    ),
+    "table2": (
+        Trend("A larger M_add generally means fewer iterations.", mostly_fewer_iterations),
+        Trend("A larger M_add generally means more centres.", more_centers),
+        Trend("Any M_add above one takes less time than one.", always_faster, of_time=True),
+        Trend("The time falls by a factor of more than 6 at best.", six_times_faster, of_time=True),
+        Trend(
+            "It falls monotonically up to M_add = 25 only, then often rises again.", monotonic_then_not, of_time=True
+        ),
+    ),
+    "table3": (
+        Trend("f_y needs the fewest centres, although it has the most sites.", y_least),
+        Trend("f_y takes the least time.", partial(y_least, name="seconds", unit=" s"), of_time=True),
+        Trend("A larger deflection needs more centres in every direction.", larger_angle_more),
+        Trend(
+            "A larger deflection takes more time in every direction.",
+            partial(larger_angle_more, name="seconds"),
+            of_time=True,
+        ),
+    ),
+    "table4": (
+        Trend("No direction reaches the tolerance; all end at the limit after the same iterations.", all_at_limit),
+        Trend("The largest error is smallest for f_y, followed by f_x.", error_y_then_x_then_z),
+        Trend("The times differ little.", hardly_different_times, of_time=True),
+    ),
+}

@@ -3,10 +3,10 @@
 from functools import cache
 
 from sdm_deflect.cases.sdm.case import Case
-from sdm_deflect.cases.sdm.reference import Reference, decoded, encoded, reduced, variants
+from sdm_deflect.cases.sdm.reference import Reference, answer, decoded, question
 
 
 @cache
 def built(case: Case) -> Reference:
     """Return the reference of a case as a run gets it."""
-    return decoded(encoded(reduced(case.fighter, variants(case))))
+    return decoded(answer(question(case)))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.sdm.job import BLOCK, block_stations
-from sdm_deflect.cases.sdm.overset import has_donor, overlap
+from sdm_deflect.cases.sdm.overset import has_donor, orphans
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 
@@ -54,7 +54,7 @@ def test_sliding_is_better_than_pinning(chimera_run):
 def test_a_hole_larger_than_the_block_leaves_orphans(chimera_run):
     run, _ = chimera_run
     low, high = run.mesh.points.min(axis=0) - 0.02, run.mesh.points.max(axis=0) + 0.02
-    assert overlap(run.deflected, run.background, low, high).fringe_orphans > 0
+    assert orphans(run.deflected, run.background, low, high).value > 0
 
 
 def test_donors_are_found_inside_and_nowhere_else(chimera_run):
