@@ -37,16 +37,10 @@ class Finding:
     remedy: str = ""
 
 
-def examinations() -> tuple[Callable[[], Finding], ...]:
-    """Return everything that is looked at, in order."""
-    return libraries, compiled, graphics, threads, cache, disk, memory
-
-
 def examined(progress: Progress = silent) -> Iterator[Finding]:
     """Look at everything."""
-    every = examinations()
-    for i, examine in enumerate(every):
-        progress(examine.__name__, i / len(every))
+    for i, examine in enumerate(EXAMINATIONS):
+        progress(examine.__name__, i / len(EXAMINATIONS))
         yield examine()
 
 
@@ -148,3 +142,7 @@ def available_bytes() -> float | None:
 def _existing(place: Path) -> Path:
     """Return the nearest folder above that exists."""
     return next(one for one in (place, *place.absolute().parents) if one.exists())
+
+
+EXAMINATIONS: tuple[Callable[[], Finding], ...] = (libraries, compiled, graphics, threads, cache, disk, memory)
+"""Everything that is looked at, in order."""

@@ -14,7 +14,6 @@ from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.zones import joined
 
-WHICH = ("deflected", "undeflected")
 WITH_ZONES = ("cgns",)
 """Formats in which the background of a Chimera block is a second zone of the same file."""
 SPEED = 10.0
@@ -43,7 +42,7 @@ def export_run(
     ----------
     run : output folder of a run; nothing in it changes.
     form : a name in `FORMATS`.
-    which : one of `WHICH`.
+    which : "deflected" or "undeflected".
     out : file to write (for OpenFOAM a folder); beside `run` if None. It appears whole or not at all.
     progress : called with what is being done.
 

@@ -21,7 +21,6 @@ from sdm_deflect.meshing.formats.vtu_write import write_vtu
 SENSITIVITY = "d_points_d_angle"
 SETTINGS = "settings.toml"
 """In the folder of a report, by which it is told from others."""
-RULE = "only the file that out names, and an earlier sensitivity, are replaced"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +91,8 @@ class Targets:
                 raise InputError(f"{target} would be written twice; choose another name in out")
             seen.add(target.resolve())
             if target.exists() and not self._replaced(target):
-                raise InputError(f"{target} exists already, and {RULE}; delete it, or choose another name in out")
+                rule = "only the file that out names, and an earlier sensitivity, are replaced"
+                raise InputError(f"{target} exists already, and {rule}; delete it, or choose another name in out")
         for folder in self.reports:
             if folder.exists() and not (folder / SETTINGS).is_file():
                 raise InputError(f"{folder} exists already and is no earlier report; delete it, or choose another out")

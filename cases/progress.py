@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import isnan
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol
 
 from sdm_deflect.deform.progress import Progress, silent
 
@@ -70,13 +70,13 @@ class Bars:
     """One rich progress bar per stage with elapsed time and counts, on the given console."""
 
     console: "Console"
-    _bars: Any = field(init=False)
+    bars: Any = field(init=False)
     _tasks: dict[str, Any] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         from rich import progress
 
-        self._bars = progress.Progress(
+        self.bars = progress.Progress(
             progress.SpinnerColumn(),
             progress.TextColumn("{task.fields[stage]:<12}", markup=False),
             progress.BarColumn(bar_width=24),
@@ -85,26 +85,19 @@ class Bars:
             console=self.console,
         )
 
-    def __enter__(self) -> Self:
-        self._bars.start()
-        return self
-
-    def __exit__(self, *failure: object) -> None:
-        self._bars.stop()
-
     def begin(self, stage: str) -> Progress:
         """Add a bar for the stage."""
-        task = self._tasks[stage] = self._bars.add_task("", total=None, stage=stage)
+        task = self._tasks[stage] = self.bars.add_task("", total=None, stage=stage)
 
         def report(text: str, fraction: float) -> None:
             total, completed = (None, 0.0) if isnan(fraction) else (1.0, fraction)
-            self._bars.update(task, description=text, total=total, completed=completed)
+            self.bars.update(task, description=text, total=total, completed=completed)
 
         return report
 
     def end(self, stage: str, seconds: float) -> None:
         """Fill the bar of the stage; what it told last stays."""
-        self._bars.update(self._tasks[stage], total=1.0, completed=1.0)
+        self.bars.update(self._tasks[stage], total=1.0, completed=1.0)
 
 
 @contextmanager
@@ -121,8 +114,9 @@ def shown(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> It
     elif verbose or not out.is_terminal:
         yield Lines(out, every=verbose)
     else:
-        with Bars(out) as bars:
-            yield bars
+        display = Bars(out)
+        with display.bars:
+            yield display
 
 
 @dataclass(slots=True)

@@ -11,6 +11,9 @@ from sdm_deflect.deform.quality import Quality, mean_ratio, summarise
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.meshing.mesh import TetMesh
 
+SHOWN = ("min", "p01", "mean", "below_0_2", "below_0_4")
+"""What is shown of the quality of the whole mesh."""
+
 
 @dataclass(frozen=True, slots=True)
 class MeshOrigin:
@@ -64,6 +67,7 @@ def metrics(run: Run) -> Json:
     """Return the content of metrics.json of a case (SI units, degrees)."""
     case, first = run.case, run.deflections[0]
     before, after = (summarise(mean_ratio(mesh.points, mesh.tets)) for mesh in (run.mesh, run.deflected))
+    quality = [{name: getattr(state, name) for name in SHOWN} for state in (before, after)]
     surfaces = {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflections}
     surface = surfaces[first.plan.surface]
     if run.pinned:
@@ -82,7 +86,7 @@ def metrics(run: Run) -> Json:
         },
         **{name: value for name, value in surface.items() if name != "angle_deg"},
         "evaluation": _evaluation(run),
-        "quality": {"before": _quality(before), "after": _quality(after), "inverted": after.inverted},
+        "quality": {"before": quality[0], "after": quality[1], "inverted": after.inverted},
         "validation": verdict_figures(run.checks),
         "deflections": surfaces,
         "timings": run.seconds,
@@ -128,7 +132,3 @@ def _evaluation(run: Run) -> Json:
         "whole_mesh_seconds": run.whole_mesh_seconds,
         "pairs_per_second": pairs / seconds if seconds else 0.0,
     }
-
-
-def _quality(summary: Quality) -> Json:
-    return {name: getattr(summary, name) for name in ("min", "p01", "mean", "below_0_2", "below_0_4")}

@@ -7,7 +7,7 @@ it goes on while this process reads the mesh and deforms it.
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,8 +24,6 @@ from sdm_deflect.meshing.mesh import FloatArray, IntArray
 if TYPE_CHECKING:
     from sdm_deflect.cases.sdm.case import Case
     from sdm_deflect.geometry.model import CadFace
-
-Deflections = Mapping[str, Deflection]
 
 SECONDS = 600.0
 """Time that the CAD kernel may take."""
@@ -76,7 +74,7 @@ def reference(case: Case) -> Iterator[Callable[[], Reference]]:
         yield wait
 
 
-def variants(case: Case) -> tuple[Deflections, ...]:
+def variants(case: Case) -> tuple[dict[str, Deflection], ...]:
     """Return how the surfaces turn in the rigid CAD and, if that is another, in the blended one."""
     rigid, blended = turned(case, "rigid"), turned(case, "blended")
     return (rigid,) if rigid == blended else (rigid, blended)
@@ -100,13 +98,11 @@ def answer(question: Arrays) -> Arrays:
     from sdm_deflect.geometry.aircraft import build  # the CAD kernel: in the process that builds alone
 
     fighter, variants = unpacked(question)
-    models = [build(fighter, turned) for turned in variants]
-    return packed(
-        [
-            {name: [arrays_of(face) for face in model.faces_of(name)] for name in turned}
-            for model, turned in zip(models, variants, strict=True)
-        ]
-    )
+    built = []
+    for turned in variants:
+        model = build(fighter, turned)
+        built.append({name: [arrays_of(face) for face in model.faces_of(name)] for name in turned})
+    return packed(built)
 
 
 def decoded(answer: Arrays) -> Reference:

@@ -41,21 +41,16 @@ VISIBLE = 3e-4
 """A histogram is as before if at most this share of all cells is new below the limit: a hundredth of the height of its
 highest bars, which hold some 3 % of the cells each. Less is not visible."""
 
-Key = tuple[str, float, Strategy]
-
-
-def said(theirs: QualityStatement) -> str:
-    """Return the paper's statement as a sentence."""
-    if theirs.finding == "none":
-        return f"At {theirs.angle:+g}° the deformed mesh has no cell below {theirs.below:g}."
-    return f"At {theirs.angle:+g}° no deterioration is visible below {theirs.below:g}."
+SAID = {
+    "none": "At {:+g}° the deformed mesh has no cell below {:g}.",
+    "as before": "At {:+g}° no deterioration is visible below {:g}.",
+}
 
 
 def judged(theirs: QualityStatement, run: Run) -> Finding:
     """Count the cells below the mean ratio that the paper names, before and after."""
     before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
-    region = run.deflections[0].plan.region
-    near = run.mesh.touching(region.inside)
+    near = run.mesh.touching(run.deflections[0].plan.region.inside)
     old, new = before < theirs.below, after < theirs.below
     holds = not new.any() if theirs.finding == "none" else new.sum() - old.sum() <= VISIBLE * len(new)
     return Finding(
@@ -68,18 +63,13 @@ def judged(theirs: QualityStatement, run: Run) -> Finding:
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Meshes and runs of one scale.
-
-    Attributes
-    ----------
-    folder : where runs write their files.
-    """
+    """Meshes and runs of one scale; runs write their files into `folder`."""
 
     scale: str
     folder: Path
     display: Display
     cache: bool = True
-    _runs: dict[Key, Run] = field(default_factory=dict)
+    _runs: dict[tuple[str, float, Strategy], Run] = field(default_factory=dict)
 
     def mesh(self, name: str) -> TetMesh:
         """Return the undeflected mesh of a case."""
@@ -190,7 +180,8 @@ def _statements(figure: int, runs: dict[float, Run], note: str = "") -> Iterator
     for theirs in paper().quality:
         if theirs.figure == figure:
             found = judged(theirs, runs[theirs.angle])
-            yield f"- {said(theirs)} Here{note}: **{found.verdict}** ({found.evidence})."
+            said = SAID[theirs.finding].format(theirs.angle, theirs.below)
+            yield f"- {said} Here{note}: **{found.verdict}** ({found.evidence})."
 
 
 def _histograms(number: int, runs: list[Run], titles: list[str], found: Iterable[str], folder: Path) -> str:

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from tomllib import loads
-from typing import Any, Literal
+from typing import Literal
+
+from cattrs import structure
 
 COLUMNS = ("x", "y", "z", "xyz")
 """Uni-variate adaptations for one direction, and the multi-variate one for all three."""
@@ -127,22 +129,7 @@ class Paper:
 def paper() -> Paper:
     """Read the data file of the package."""
     data = loads(files(__package__).joinpath("paper.toml").read_text(encoding="utf-8"))
-    return Paper(
-        machine=data["machine"]["text"],
-        tables={
-            name: Table(**{**data[name], "rows": tuple(map(_row, data[name]["rows"]))})
-            for name in sorted(data)
-            if name.startswith("table")
-        },
-        sizes=tuple(Size(**{**one, "zero_sites": tuple(one["zero_sites"])}) for one in data["sizes"]),
-        evaluations=tuple(Evaluation(**{**one, "setting": _setting(one["setting"])}) for one in data["evaluations"]),
-        quality=tuple(QualityStatement(**one) for one in data["quality"]),
-    )
-
-
-def _row(data: dict[str, Any]) -> Row:
-    return Row(_setting(data), **{name: value for name, value in data.items() if name not in Setting.__slots__})
-
-
-def _setting(data: dict[str, Any]) -> Setting:
-    return Setting(data["columns"], float(data["angle"]), tuple(data["initial"]), data["n_add"])
+    tables = {name: data[name] for name in sorted(data) if name.startswith("table")}
+    for table in tables.values():
+        table["rows"] = [{**row, "setting": row} for row in table["rows"]]
+    return structure({**data, "machine": data["machine"]["text"], "tables": tables}, Paper)

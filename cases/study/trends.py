@@ -141,17 +141,11 @@ def squv_seconds(rows: Rows, mv: Row) -> float:
     return sum(row.seconds for d in "xyz" for row in among(rows, d) if row.setting.initial == mv.setting.initial)
 
 
-def mostly_fewer_iterations(rows: Rows, _table: Table) -> Finding:
-    """The final iteration number falls in more than half of the steps to a larger M_add."""
-    down, total = rising([-row.iterations for row in rows])
-    text = f"it falls in {down} of {total} steps, from {rows[0].iterations} to {rows[-1].iterations}"
-    return Finding(2 * down > total, text)
-
-
-def more_centers(rows: Rows, _table: Table) -> Finding:
-    """The final number of centres rises in more than half of the steps to a larger M_add."""
-    up, total = rising([row.centers for row in rows])
-    return Finding(2 * up > total, f"it rises in {up} of {total} steps, from {rows[0].centers} to {rows[-1].centers}")
+def mostly(rows: Rows, _table: Table, name: Name, way: Literal["falls", "rises"]) -> Finding:
+    """A figure falls, or rises, in more than half of the steps to a larger M_add."""
+    values = [getattr(row, name) for row in rows]
+    steps, total = rising(values if way == "rises" else values[::-1])
+    return Finding(2 * steps > total, f"it {way} in {steps} of {total} steps, from {values[0]} to {values[-1]}")
 
 
 def always_faster(rows: Rows, _table: Table) -> Finding:
@@ -168,7 +162,7 @@ def six_times_faster(rows: Rows, _table: Table) -> Finding:
     return Finding(factor > SPEED_UP, f"a factor of {factor:.1f} with M_add = {best.setting.n_add}")
 
 
-def monotonic_then_not(rows: Rows, _table: Table) -> Finding:
+def falls_then_rises(rows: Rows, _table: Table) -> Finding:
     """The time falls monotonically up to M_add = 25, and rises again at least once after that."""
     small = [row.seconds for row in rows if row.setting.n_add <= MONOTONIC_TO]
     large = [row.seconds for row in rows if row.setting.n_add >= MONOTONIC_TO]
@@ -234,13 +228,11 @@ TRENDS: dict[str, tuple[Trend, ...]] = {
         Trend("MV is dearer than SQUV by more than a factor of two.", mv_twice_as_dear, of_time=True),
     ),
     "table2": (
-        Trend("A larger M_add generally means fewer iterations.", mostly_fewer_iterations),
-        Trend("A larger M_add generally means more centres.", more_centers),
+        Trend("A larger M_add generally means fewer iterations.", partial(mostly, name="iterations", way="falls")),
+        Trend("A larger M_add generally means more centres.", partial(mostly, name="centers", way="rises")),
         Trend("Any M_add above one takes less time than one.", always_faster, of_time=True),
         Trend("The time falls by a factor of more than 6 at best.", six_times_faster, of_time=True),
-        Trend(
-            "It falls monotonically up to M_add = 25 only, then often rises again.", monotonic_then_not, of_time=True
-        ),
+        Trend("It falls monotonically up to M_add = 25 only, then often rises again.", falls_then_rises, of_time=True),
     ),
     "table3": (
         Trend("f_y needs the fewest centres, although it has the most sites.", y_least),

@@ -76,7 +76,7 @@ def test_command_prints_and_fails_when_something_is_not_well(monkeypatch, capsys
     from sdm_deflect.cases.cli import cli
 
     ill = doctor.Finding("cache", False, "a [bold]file[/bold]", "rm it")
-    monkeypatch.setattr(doctor, "examinations", lambda: (lambda: ill,))
+    monkeypatch.setattr(doctor, "EXAMINATIONS", (lambda: ill,))
     answer = CliRunner().invoke(cli, ["doctor", "--json"], standalone_mode=False)
     assert answer.return_value == 1
     assert json.loads(answer.stdout) == [{"name": "cache", "well": False, "text": ill.text, "remedy": "rm it"}]
