@@ -124,18 +124,14 @@ def _word(verdict: Verdict) -> Text:
 
 def _lines(plan: Plan) -> list[str]:
     sites, region = plan.sites, plan.region
-    corners = region.hexahedron.corners
+    low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
     return [
-        f"box {region.box.why}; from {_point(corners[0])} to {_point(corners[7])}",
+        f"box {region.box.why}; from ({low}) to ({high})",
         f"{len(region.inside)} of {len(plan.mesh.points)} nodes inside, {plan.touched.count} cells touched",
         f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
         f"{sum(map(len, sites.zero))} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
         *(f"note: {note}" for note in notes_of(plan)),
     ]
-
-
-def _point(corner: Sequence[float]) -> str:
-    return "(" + ", ".join(f"{x:.4g}" for x in corner) + ")"
 
 
 def _part(plan: Plan, name: str) -> str:

@@ -114,7 +114,10 @@ def cache() -> Finding:
 
 def disk() -> Finding:
     """Look for room for results and meshes."""
-    places = {place: shutil.disk_usage(_existing(place)).free for place in (Path.cwd(), default_folder())}
+    places = {}
+    for place in (Path.cwd(), default_folder()):
+        existing = next(one for one in (place, *place.absolute().parents) if one.exists())
+        places[place] = shutil.disk_usage(existing).free
     text = ", ".join(f"{free / 1e9:.1f} GB free at {place}" for place, free in places.items())
     well = min(places.values()) >= LEAST_DISK
     return Finding("disk", well, text, "" if well else f"a run needs about {LEAST_DISK / 1e9:g} GB: free some space")
@@ -122,26 +125,14 @@ def disk() -> Finding:
 
 def memory() -> Finding:
     """Look for enough memory."""
-    free = available_bytes()
-    if free is None:
-        return Finding("memory", True, "not known on this system")
-    well = free >= LEAST_MEMORY
-    remedy = f"a run at small scale needs about {LEAST_MEMORY / 1e9:g} GB: end other programs"
-    return Finding("memory", well, f"{free / 1e9:.1f} GB available", "" if well else remedy)
-
-
-def available_bytes() -> float | None:
-    """Return the memory that a program can still get, None where the system does not tell."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:
-        return None
-    return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
-
-
-def _existing(place: Path) -> Path:
-    """Return the nearest folder above that exists."""
-    return next(one for one in (place, *place.absolute().parents) if one.exists())
+        return Finding("memory", True, "not known on this system")
+    free = 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    well = free >= LEAST_MEMORY
+    remedy = f"a run at small scale needs about {LEAST_MEMORY / 1e9:g} GB: end other programs"
+    return Finding("memory", well, f"{free / 1e9:.1f} GB available", "" if well else remedy)
 
 
 EXAMINATIONS: tuple[Callable[[], Finding], ...] = (libraries, compiled, graphics, threads, cache, disk, memory)

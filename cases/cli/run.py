@@ -233,9 +233,9 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
 def study(name: str, scale: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, verbose: bool) -> None:
     """Measure a table of the paper and write it as .csv, .md and .png; page: all tables and figures."""
     from sdm_deflect.cases.output import output_folder
+    from sdm_deflect.cases.study.files import write_study
+    from sdm_deflect.cases.study.measure import run_study
     from sdm_deflect.cases.study.page import write_page
-    from sdm_deflect.cases.study.study import run_study
-    from sdm_deflect.cases.study.text import write_study
 
     folder = out or Path("runs") / name
     with output_folder(folder) as scratch, watched(quiet or (as_json and not verbose), verbose) as watch:

@@ -20,8 +20,6 @@ from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.generate.topology import cell_faces, edges_of
 from sdm_deflect.meshing.mesh import TetMesh
 
-FAR_FIELD = "far_field"
-EDGE = (40, 40, 40)
 BINS = np.linspace(0.0, 1.0, 51)
 WHOLE, GAP, TAIL = (900, 620), (900, 700), (900, 640)
 """Width and height in pixels of each view."""
@@ -56,7 +54,7 @@ def blocks(aircraft: Run, chimera: Run) -> Picture:
 
 def walls(mesh: TetMesh) -> list[str]:
     """Return the patches of the aircraft itself."""
-    return [name for name in mesh.names[1:] if name not in (FAR_FIELD, BLOCK)]
+    return [name for name in mesh.names[1:] if name not in ("far_field", BLOCK)]
 
 
 def shell(tets: IntArray) -> tuple[IntArray, IntArray]:
@@ -71,12 +69,7 @@ def cells_by_quality(mesh: TetMesh, chosen: BoolArray, **looks: Any) -> Layer:
     tets = mesh.tets[chosen]
     triangles, cell = shell(tets)
     rgb = scene3d.quality_rgb(mean_ratio(mesh.points, tets)[cell])
-    return Layer(mesh.points, triangles, rgb, **{"edge": EDGE, "ambient": 0.85, **looks})
-
-
-def centroids(mesh: TetMesh) -> FloatArray:
-    """Return the centroids (M, 3) of the cells."""
-    return np.asarray(mesh.points[mesh.tets].mean(axis=1))
+    return Layer(mesh.points, triangles, rgb, **{"edge": (40, 40, 40), "ambient": 0.85, **looks})
 
 
 def overlapping(run: Run, background: TetMesh) -> View:
@@ -127,7 +120,7 @@ def in_gap(run: Run) -> BoolArray:
     They are chosen by where they were before the deflection, so that every angle shows the same cells.
     """
     own, face, section = stations(run)
-    x, y, z = centroids(run.mesh).T
+    x, y, z = run.mesh.points[run.mesh.tets].mean(axis=1).T
     width, outboard = abs(face - own), np.sign(own - face) * (y - own)
     ahead = (x > section[0, 0]) & (x < section[1, 0] - 0.25 * np.ptp(section[:, 0]))
     return np.asarray(ahead & (outboard < OUTBOARD * width) & (np.abs(z) < ALONG * width))
@@ -169,7 +162,8 @@ def section(run: Run, mesh: TetMesh) -> View:
     span, region = ends(run.case.fighter, run.deflections[0].plan.surface), run.deflections[0].plan.region
     middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
     grey = scene3d.patches(mesh.as_mesh(), (run.deflections[0].plan.surface,), scene3d.GREY)
-    chosen = run.mesh.touching(region.inside) & (np.abs(centroids(run.mesh)[:, 1]) < abs(middle[1]))
+    y = run.mesh.points[run.mesh.tets, 1].mean(axis=1)
+    chosen = run.mesh.touching(region.inside) & (np.abs(y) < abs(middle[1]))
     cells = cells_by_quality(mesh, chosen, width=0.8)  # chosen by where they were before the deflection
     return View((*grey, cells, scene3d.box(region.hexahedron.corners, 2.0)), middle, (0.12, -1.0, 0.3), 0.16, TAIL)
 

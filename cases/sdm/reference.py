@@ -33,9 +33,7 @@ SECONDS = 600.0
 class ReferenceFace:
     """A trimmed CAD face: points (P, 3) and outward triangles (T, 3), exact on a plane.
 
-    Attributes
-    ----------
-    normal : outward unit normal (3,) of a plane, nan on any other surface.
+    `normal` is the outward unit normal (3,) of a plane, nan on any other surface.
     """
 
     points: FloatArray

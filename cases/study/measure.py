@@ -1,4 +1,4 @@
-"""Adaptations, filter and evaluation with the paper's settings on the data sites of a case, timed."""
+"""The paper's tables, measured row by row: adaptations, filter and evaluation with its settings, timed."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -9,15 +9,18 @@ from typing import Self
 
 import numpy as np
 
+from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import job_of
-from sdm_deflect.cases.study.paper import Evaluation, Row, Setting, Table
-from sdm_deflect.cases.study.trends import Finding
+from sdm_deflect.cases.sdm.pipeline import meshed
+from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.study.paper import Evaluation, Row, Setting, Table, paper
+from sdm_deflect.cases.study.trends import Finding, Trend
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.rbf.bases import DirectBasis
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
-from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Iteration, Stop, adapt
-from sdm_deflect.deform.rbf.interpolant import Interpolant, krylov
+from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Stop, adapt
+from sdm_deflect.deform.rbf.interpolant import krylov
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.points import IndexArray
 from sdm_deflect.deform.rbf.problem import Problem
@@ -37,13 +40,7 @@ ALIKE = 1.5
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """How the centres are chosen and how their coefficients are found.
-
-    Attributes
-    ----------
-    name : short, for files and legends.
-    meaning : one phrase.
-    """
+    """How the centres are chosen and how their coefficients are found: a short name, and the meaning in one phrase."""
 
     name: str
     meaning: str
@@ -68,6 +65,8 @@ DEFAULT = Loop("default", "what `sdm run` does: blocks of separated sites, growi
 ALL = (GROWN, LAPACK, GMRES, DEFAULT)
 DIRECT = (GROWN, LAPACK, DEFAULT)
 """Without GMRES, which takes long where a problem is large."""
+LOOPS = {"table1": (ALL, DIRECT), "table2": (ALL, ALL), "table3": (DIRECT, DIRECT), "table4": (DIRECT, DIRECT)}
+"""Which loops to time for the rows of a table: for those with the fewest initial centres (figure 2), and for others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,12 +75,11 @@ class SiteGroups:
 
     Attributes
     ----------
-    surface : number of sites on the control surface, which come first in every group.
     groups : by their directions: "x", "y", "z" for SQUV, "xyz" for MV (where all directions have the same sites).
+        Those on the control surface come first in every group.
     plan : the hexahedron and what lies in it.
     """
 
-    surface: int
     groups: dict[str, DataSites]
     plan: Plan
 
@@ -97,20 +95,20 @@ class Measured:
     Attributes
     ----------
     row : as in the paper's table; its time is the median of `repetitions`.
-    loop : which greedy loop.
     sites : number of data sites.
-    history : the residual in every iteration.
-    interpolant : in metres.
-    converged : True if the tolerance was reached.
+    fit : with the residual in every iteration, and the interpolant in metres.
     """
 
     row: Row
     loop: Loop
     sites: int
-    history: tuple[Iteration, ...]
-    interpolant: Interpolant
-    converged: bool
+    fit: Adaptation
     repetitions: int
+
+    @property
+    def converged(self) -> bool:
+        """True if the tolerance was reached."""
+        return self.fit.stop is Stop.CONVERGED
 
 
 def sites_of(case: Case, mesh: TetMesh) -> SiteGroups:
@@ -120,7 +118,7 @@ def sites_of(case: Case, mesh: TetMesh) -> SiteGroups:
     moving = DataSites(mesh.points[plan.sites.moving], plan.boundary.displacement(plan.job.amounts))
     parts = [moving, *plan.sites.zero]
     groups = [group for grouping in GROUPINGS.values() for group in grouping(parts)]
-    return SiteGroups(len(moving), {"".join(DIRECTIONS[c] for c in one.components): one for one in groups}, plan)
+    return SiteGroups({"".join(DIRECTIONS[c] for c in one.components): one for one in groups}, plan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,7 +137,7 @@ class Task:
         group = sites.groups[setting.columns]
         tolerance, most = demand.tolerance, demand.max_centers
         options = GreedyOptions(n_add=setting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=most)
-        return cls(setting, loop, group, initial_centers(group, sites.surface, setting.initial), options)
+        return cls(setting, loop, group, initial_centers(group, len(sites.plan.sites.moving), setting.initial), options)
 
     def run(self) -> Adaptation:
         """Adapt the centres once."""
@@ -148,9 +146,8 @@ class Task:
 
     def measured(self, fit: Adaptation, seconds: list[float]) -> Measured:
         """Return the row of a fit that took these times."""
-        iterations, converged = fit.history[-1].iteration, fit.stop is Stop.CONVERGED
-        row = Row(self.setting, iterations, len(fit.chosen), median(seconds), fit.max_error)
-        return Measured(row, self.loop, len(self.group), fit.history, fit.interpolant, converged, len(seconds))
+        row = Row(self.setting, fit.history[-1].iteration, len(fit.chosen), median(seconds), fit.max_error)
+        return Measured(row, self.loop, len(self.group), fit, len(seconds))
 
 
 def measure(tasks: Sequence[Task], progress: Progress = silent) -> tuple[Measured, ...]:
@@ -170,14 +167,84 @@ def measure(tasks: Sequence[Task], progress: Progress = silent) -> tuple[Measure
     return tuple(task.measured(fits[i], seconds[i]) for i, task in enumerate(tasks))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """A study carried out on a mesh.
+
+    Attributes
+    ----------
+    name : of the paper's table.
+    case : as it was run; its angle is that of the first row.
+    points, cells : of the mesh.
+    sites : the data sites at each angle.
+    measured : every row, once for each of its loops.
+    """
+
+    name: str
+    case: Case
+    points: int
+    cells: int
+    sites: dict[float, SiteGroups]
+    measured: tuple[Measured, ...]
+
+    @property
+    def table(self) -> Table:
+        """The paper's table."""
+        return paper().tables[self.name]
+
+    def by(self, loop: Loop) -> list[Row]:
+        """Return the rows that one loop gave."""
+        return [one.row for one in self.measured if one.loop == loop]
+
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        """The loops that were timed, in a fixed order."""
+        return tuple(loop for loop in ALL if self.by(loop))
+
+    def findings(self, trend: Trend) -> dict[Loop, Finding]:
+        """Judge a trend: for time by every loop with the paper's rule, for centres by the first of them."""
+        alike = [loop for loop in self.loops if isinstance(loop.rule, Worst)]
+        judged = {loop: trend.test(self.by(loop), self.table) for loop in (alike if trend.of_time else alike[:1])}
+        return {loop: finding for loop, finding in judged.items() if finding is not None}
+
+
+def carry_out(name: str, case: Case, mesh: TetMesh, progress: Progress) -> Result:
+    """Measure every row of a table on the mesh of its case."""
+    table, (for_fewest, others) = paper().tables[name], LOOPS[name]
+    settings = [row.setting for row in table.rows]
+    fewest = min(one.initial for one in settings)
+    sites = {angle: sites_of(replace(case, angle=angle), mesh) for angle in dict.fromkeys(s.angle for s in settings)}
+    tasks = [
+        Task.of(sites[one.angle], one, table, loop)
+        for one in settings
+        for loop in (for_fewest if one.initial == fewest else others)
+    ]
+    return Result(name, case, len(mesh.points), len(mesh.tets), sites, measure(tasks, progress))
+
+
+def run_study(name: str, scale: str, watch: Stopwatch, cache: bool = True) -> Result:
+    """Mesh the case of a study (or take the mesh from the cache) and measure every row.
+
+    Raises
+    ------
+    ValueError
+        If there is no such scale.
+    """
+    table = paper().tables[name]
+    case = replace(case_named(table.case, scale), angle=table.rows[0].setting.angle)
+    mesh, _ = meshed(case, watch, cache)
+    with watch.stage(name) as progress:
+        return carry_out(name, case, mesh, progress)
+
+
 def timed(theirs: Evaluation, case: Case, mesh: TetMesh) -> Evaluation:
     """Find the interpolant as the paper did and time filter and evaluation, medians of several runs."""
     sites = sites_of(replace(case, angle=theirs.setting.angle), mesh)
-    region, fit = sites.plan.region, measure([Task.of(sites, theirs.setting, theirs, GROWN)])[0]
+    region, fit = sites.plan.region, measure([Task.of(sites, theirs.setting, theirs, GROWN)])[0].fit
     inside = mesh.points[region.inside]
     return replace(
         theirs,
-        centers=fit.row.centers,
+        centers=len(fit.chosen),
         inside=len(inside),
         filter_seconds=_median_seconds(lambda: region.hexahedron.contains(mesh.points)),
         inside_seconds=_median_seconds(lambda: fit.interpolant(inside)),

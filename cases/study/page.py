@@ -17,12 +17,10 @@ from sdm_deflect.cases.sdm import pictures as aircraft
 from sdm_deflect.cases.sdm.metrics import Run
 from sdm_deflect.cases.sdm.pipeline import meshed, run_case
 from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.study.measure import filter_is_cheap, savings, timed
+from sdm_deflect.cases.study.files import markdown, write_csv, write_plot
+from sdm_deflect.cases.study.measure import filter_is_cheap, run_study, savings, timed
 from sdm_deflect.cases.study.paper import QualityStatement, paper
-from sdm_deflect.cases.study.study import run_study
-from sdm_deflect.cases.study.text import markdown, write_csv, write_plot
 from sdm_deflect.cases.study.trends import Finding
-from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.fitting import Strategy
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
@@ -104,10 +102,11 @@ def figure3(runs: Sources, folder: Path) -> str:
     return _histograms(3, [mv, squv], ["MV", "SQUV"], found, folder)
 
 
-def figure4(runs: Sources, folder: Path) -> str:
-    """Histograms of both angles in the Chimera block."""
-    pair = {angle: runs.run("aileron-chimera", angle) for angle in (-12.0, -30.0)}
-    return _histograms(4, list(pair.values()), [f"{angle:+g} deg" for angle in pair], _statements(4, pair), folder)
+def histograms(runs: Sources, folder: Path, number: int, name: str, angles: tuple[float, ...]) -> str:
+    """Histograms of a case at some angles."""
+    found = {angle: runs.run(name, angle) for angle in angles}
+    titles = [f"{angle:+g} deg" for angle in angles]
+    return _histograms(number, list(found.values()), titles, _statements(number, found), folder)
 
 
 def figure5(runs: Sources, folder: Path) -> str:
@@ -128,12 +127,6 @@ def figure6(runs: Sources, folder: Path) -> str:
         f"- Mesh points inside the hexahedron: here {len(plan.region.inside)} of {len(run.mesh.points)}; "
         f"the paper: {paper().evaluations[1].inside} of {theirs.points}."
     )
-
-
-def figure7(runs: Sources, folder: Path) -> str:
-    """Histograms of the tail."""
-    run = runs.run("tail", 12.0)
-    return _histograms(7, [run], [f"{run.case.angle:+g} deg"], _statements(7, {12.0: run}), folder)
 
 
 def figure8(runs: Sources, folder: Path) -> str:
@@ -192,17 +185,13 @@ def _histograms(number: int, runs: list[Run], titles: list[str], found: Iterable
 def _checks(seen: str, runs: list[Run], names: tuple[str, ...]) -> str:
     """Say what the paper judges by eye, and what the checks of these names measured."""
     lines = [
-        f"- {run.case.angle:+g}°, `{check.name}`: {_measured(check)}"
+        f"- {run.case.angle:+g}°, `{one.name}`: {one.value:.3g} {one.unit}, {one.judgement} {one.limit:.3g} demanded: "
+        f"{'passed' if one.passed else '**failed**'} ({one.where})."
         for run in runs
-        for check in run.checks
-        if check.name in names
+        for one in run.checks
+        if one.name in names
     ]
     return f"\n\nThe paper judges by eye that {seen}. Measured here:\n\n" + "\n".join(lines)
-
-
-def _measured(check: Check) -> str:
-    verdict = "passed" if check.passed else "**failed**"
-    return f"{check.value:.3g} {check.unit}, {check.judgement} {check.limit:.3g} demanded: {verdict} ({check.where})."
 
 
 def _drawn(picture: Picture, path: Path) -> str:
@@ -250,11 +239,13 @@ SECTIONS: dict[str, Write] = {
     f"Table 2: {paper().tables['table2'].title}": partial(_table, "table2"),
     "Figure 3: mesh quality for the aileron without a gap, MV and SQUV": figure3,
     f"Table 3: {paper().tables['table3'].title}": partial(_table, "table3"),
-    "Figure 4: mesh quality for the aileron in the Chimera block": figure4,
+    "Figure 4: mesh quality for the aileron in the Chimera block": partial(
+        histograms, number=4, name="aileron-chimera", angles=(-12.0, -30.0)
+    ),
     "Figure 5: the mesh in the gap": figure5,
     "Figure 6: the tail, its hexahedron and data sites": figure6,
     f"Table 4: {paper().tables['table4'].title}": partial(_table, "table4"),
-    "Figure 7: mesh quality for the tail": figure7,
+    "Figure 7: mesh quality for the tail": partial(histograms, number=7, name="tail", angles=(12.0,)),
     "Figure 8: the mesh around the tail": figure8,
     "Timings of section 5, for f_x": timings,
 }

@@ -1,9 +1,4 @@
-"""The trends that the paper reads off its tables, as tests that any table, the paper's own included, passes or fails.
-
-Table 1: the number of initial centres, for MV and SQUV, one centre added at a time. Table 2: the number of centres
-added in an iteration, M_add, for f_z. Table 3: SQUV for two deflections in a Chimera block, whose face carries further
-sites for f_y. Table 4: SQUV for the horizontal tail, with a limit on the number of centres.
-"""
+"""The trends that the paper reads off its tables, as tests that any table, the paper's own too, passes or fails."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -43,9 +38,7 @@ Test = Callable[[Rows, Table], Finding | None]
 class Trend:
     """What the paper says, and the test of it.
 
-    Attributes
-    ----------
-    of_time : True if it is about time: then every loop is judged, else only the centres that the paper's rule gives.
+    A trend `of_time` is judged for every loop, any other only for the centres that the paper's rule gives.
     """
 
     statement: str
@@ -132,13 +125,11 @@ def z_equals_mv(rows: Rows, _table: Table) -> Finding | None:
 
 def mv_twice_as_dear(rows: Rows, _table: Table) -> Finding | None:
     """MV takes more than twice the time of the three uni-variate adaptations together."""
-    ratios = [mv.seconds / squv_seconds(rows, mv) for mv in among(rows, "xyz")]
+    ratios = []
+    for mv in among(rows, "xyz"):
+        squv = (row.seconds for d in "xyz" for row in among(rows, d) if row.setting.initial == mv.setting.initial)
+        ratios.append(mv.seconds / sum(squv))
     return Finding(min(ratios) > TWICE, f"time of MV over that of SQUV: {listed(ratios)}")
-
-
-def squv_seconds(rows: Rows, mv: Row) -> float:
-    """Return the time of the three uni-variate adaptations with the initial centres of a multi-variate one."""
-    return sum(row.seconds for d in "xyz" for row in among(rows, d) if row.setting.initial == mv.setting.initial)
 
 
 def mostly(rows: Rows, _table: Table, name: Name, way: Literal["falls", "rises"]) -> Finding:
@@ -187,7 +178,7 @@ def y_least(rows: Rows, _table: Table, name: Name = "centers", unit: str = "") -
     return Finding(all(min("xyz", key=three.__getitem__) == "y" for three in values.values()), "; ".join(text))
 
 
-def larger_angle_more(rows: Rows, _table: Table, name: Name = "centers") -> Finding:
+def grows(rows: Rows, _table: Table, name: Name = "centers") -> Finding:
     """In each direction the larger deflection needs more centres, or more of another figure."""
     small, large = by_angle(rows).values()
     factors = [getattr(large[d], name) / getattr(small[d], name) for d in "xyz"]
@@ -237,12 +228,8 @@ TRENDS: dict[str, tuple[Trend, ...]] = {
     "table3": (
         Trend("f_y needs the fewest centres, although it has the most sites.", y_least),
         Trend("f_y takes the least time.", partial(y_least, name="seconds", unit=" s"), of_time=True),
-        Trend("A larger deflection needs more centres in every direction.", larger_angle_more),
-        Trend(
-            "A larger deflection takes more time in every direction.",
-            partial(larger_angle_more, name="seconds"),
-            of_time=True,
-        ),
+        Trend("A larger deflection needs more centres in every direction.", grows),
+        Trend("A larger deflection takes more time in every direction.", partial(grows, name="seconds"), of_time=True),
     ),
     "table4": (
         Trend("No direction reaches the tolerance; all end at the limit after the same iterations.", all_at_limit),

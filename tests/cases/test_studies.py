@@ -10,15 +10,24 @@ import pytest
 
 from sdm_deflect.cases.cli import main
 from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.study.measure import DEFAULT, GMRES, GROWN, LAPACK, filter_is_cheap, initial_centers, savings
+from sdm_deflect.cases.study.files import FIELDS, markdown, write_study
+from sdm_deflect.cases.study.measure import (
+    DEFAULT,
+    GMRES,
+    GROWN,
+    LAPACK,
+    carry_out,
+    filter_is_cheap,
+    initial_centers,
+    savings,
+)
 from sdm_deflect.cases.study.paper import Row, Setting, paper
-from sdm_deflect.cases.study.study import STUDIES, carry_out
-from sdm_deflect.cases.study.text import FIELDS, markdown, write_study
 from sdm_deflect.cases.study.trends import (
+    TRENDS,
     all_at_limit,
     error_y_then_x_then_z,
     falls_then_rises,
-    larger_angle_more,
+    grows,
     mv_twice_as_dear,
     six_times_faster,
     y_least,
@@ -51,9 +60,9 @@ def test_unknown_direction_is_named():
         Setting("xy", -12.0, (5, 5), 1)
 
 
-@pytest.mark.parametrize(("name", "trend"), [(s.name, t) for s in STUDIES.values() for t in s.trends])
+@pytest.mark.parametrize(("name", "trend"), [(name, trend) for name, trends in TRENDS.items() for trend in trends])
 def test_every_trend_holds_on_the_paper_s_own_numbers(name, trend):
-    table = STUDIES[name].table
+    table = paper().tables[name]
     found = trend.test(table.rows, table)
     assert found is not None
     assert found.holds, found.evidence
@@ -75,13 +84,13 @@ def cheaper_mv(row: Row) -> Row:
         ("table2", six_times_faster, lambda r: replace(r, seconds=r.seconds + 4.0)),
         ("table2", falls_then_rises, lambda r: replace(r, seconds=1.0 / r.setting.n_add)),
         ("table3", y_least, lambda r: replace(r, centers=1000 if r.setting.columns == "y" else r.centers)),
-        ("table3", larger_angle_more, lambda r: replace(r, centers=500)),
+        ("table3", grows, lambda r: replace(r, centers=500)),
         ("table4", all_at_limit, lambda r: replace(r, max_error=7e-5)),
         ("table4", error_y_then_x_then_z, lambda r: replace(r, max_error=1.0 / r.max_error)),
     ],
 )
 def test_trends_fail_on_numbers_that_deny_them(name, test, change):
-    table = STUDIES[name].table
+    table = paper().tables[name]
     found = test(changed(table, change), table)
     assert not found.holds
     assert found.verdict == "does not hold"
@@ -125,19 +134,19 @@ def results(aileron_mesh):
     """Tables 1 and 2 at small scale; under a minute."""
     mesh, _ = aileron_mesh
     names = ("table1", "table2")
-    return {name: carry_out(STUDIES[name], case_named("aileron"), mesh, lambda text, done: None) for name in names}
+    return {name: carry_out(name, case_named("aileron"), mesh, lambda text, done: None) for name in names}
 
 
 @pytest.mark.mesher
 @pytest.mark.parametrize("name", ["table1", "table2"])
 def test_every_row_is_measured_and_converges(results, name):
     result = results[name]
-    settings = [row.setting for row in result.study.table.rows]
+    settings = [row.setting for row in result.table.rows]
     for loop in (GROWN, LAPACK, DEFAULT):
         assert [row.setting for row in result.by(loop)] == settings
     for one in result.measured:
         assert one.converged
-        assert one.row.max_error < result.study.table.tolerance
+        assert one.row.max_error < result.table.tolerance
         assert one.row.centers <= one.sites
         assert one.row.seconds > 0.0
 
@@ -157,7 +166,7 @@ def test_loops_with_the_paper_s_rule_choose_the_same_centres(results, name):
 @pytest.mark.mesher
 def test_the_cost_of_mv_is_judged_for_every_loop(results):
     """Which loops hold it depends on the machine's load; that each is judged from its own times does not."""
-    found = results["table1"].findings(STUDIES["table1"].trends[-1])
+    found = results["table1"].findings(TRENDS["table1"][-1])
     assert {GROWN, GMRES} <= set(found)
     assert all(finding.evidence for finding in found.values())
 
@@ -170,10 +179,10 @@ def test_files_of_a_study(results, tmp_path):
             rows = list(csv.DictReader(file))
         assert tuple(rows[0]) == FIELDS
         sources = [row["source"] for row in rows]
-        assert sources.count("paper") == sources.count("grown") == len(result.study.table.rows)
+        assert sources.count("paper") == sources.count("grown") == len(result.table.rows)
         text = markdown(result)
-        assert text.count("\n| ") == len(result.study.table.rows) + 2
-        assert text.count("**holds**") + text.count("**does not hold**") >= len(result.study.trends)
+        assert text.count("\n| ") == len(result.table.rows) + 2
+        assert text.count("**holds**") + text.count("**does not hold**") >= len(TRENDS[name])
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (tmp_path / f"{name}.md").read_text(encoding="utf-8").startswith(text)
 
