@@ -140,10 +140,7 @@ class JobSettings:
     def job(self) -> Job:
         """Return the job; files are read.
 
-        Raises
-        ------
-        InputError
-            If a value does not fit, a file cannot be read, or surface, hinge or angle is missing.
+        Raises InputError if a value does not fit, a file cannot be read, or surface, hinge or angle is missing.
         """
         if not self.surface:
             raise InputError("no surface to move: name its patches")
@@ -202,19 +199,14 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
 
     Parameters
     ----------
-    surfaces
-        Name of a patch, or several, wildcards allowed; or tables of `SurfaceSettings`, one for each moving surface.
-    hinge
-        (2, 3) two points of the hinge line; None where `motion` or `table` needs none.
-    angle
-        Degrees; of a table of displacements its share.
-    options
-        Settings of `JobSettings` and, for the surface, of `SurfaceSettings`.
+    surfaces : Name of a patch, or several, wildcards allowed; or tables of `SurfaceSettings`, one for each moving
+        surface.
+    hinge : (2, 3) two points of the hinge line; None where `motion` or `table` needs none.
+    angle : Degrees; of a table of displacements its share.
+    options : Settings of `JobSettings` and, for the surface, of `SurfaceSettings`.
 
-    Raises
-    ------
-    InputError
-        For an option that is unknown or without effect, or a value of another type or out of range: one sentence.
+    Raises InputError for an option that is unknown or without effect, or a value of another type or out of range: one
+    sentence.
     """
     for name in IN_PYTHON.keys() & options.keys():
         raise InputError(f"unknown setting {name}; did you mean {IN_PYTHON[name]}?")
@@ -299,10 +291,7 @@ def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequen
 def angles_of(wanted: Any) -> tuple[float, ...]:
     """Return the angles of ``first:last:step``, both ends included, of a list with commas, or of a sequence.
 
-    Raises
-    ------
-    InputError
-        If it is none of these, or an angle is out of range.
+    Raises InputError if it is none of these, or an angle is out of range.
     """
     if not isinstance(wanted, str):
         several = isinstance(wanted, Iterable) and not isinstance(wanted, Mapping)

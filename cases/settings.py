@@ -43,10 +43,7 @@ class _UnfitError(ValueError):
 def structured(table: Mapping[str, Any], kind: type[T]) -> T:
     """Return the dataclass that a nested table describes; what it leaves out has the default.
 
-    Raises
-    ------
-    InputError
-        One sentence on the first setting that is unknown, of another type, or out of range.
+    Raises InputError: one sentence on the first setting that is unknown, of another type, or out of range.
     """
     try:
         return _converter().structure(_deepened(table, kind), kind)
@@ -63,10 +60,7 @@ def changed(value: T, changes: Mapping[str, Any]) -> T:
 def to_toml(value: Any) -> str:
     """Return every value of a dataclass as TOML, from which `structured` makes the same again.
 
-    Raises
-    ------
-    InputError
-        If a value is an object that TOML has no form for.
+    Raises InputError if a value is an object that TOML has no form for.
     """
     try:
         return tomli_w.dumps(_flattened(asdict(value, dict_factory=_without_none)))
@@ -98,10 +92,7 @@ def read_toml(path: Path) -> Nested:
 def assigned(assignments: Sequence[str]) -> Nested:
     """Turn ["wing.half_span=0.3", ...] into nested tables; values are written as in TOML, texts also without quotes.
 
-    Raises
-    ------
-    InputError
-        If an assignment is not of the form key=value, or contradicts another.
+    Raises InputError if an assignment is not of the form key=value, or contradicts another.
     """
     nested: Nested = {}
     for text in assignments:
@@ -221,12 +212,7 @@ def _text(value: Any, _: Any) -> str:
     return str(value)
 
 
-HOOKS: dict[Any, Callable[[Any, Any], Any]] = {
-    float: _number,
-    int: _whole,
-    bool: _truth,
-    str: _text,
-}
+HOOKS: dict[Any, Callable[[Any, Any], Any]] = {float: _number, int: _whole, bool: _truth, str: _text}
 NAMES = (tuple[str, ...], tuple[str | int, ...])
 
 

@@ -70,18 +70,12 @@ def write_run_folder(
 
     Parameters
     ----------
-    folder
-        Where to; it may exist.
-    one
-        The deflection.
-    checks
-        The verdict on it.
-    out
-        The file of the deflected mesh; `folder` is, or will be, that of `folder_of`. None if there is no file.
-    timings
-        Seconds by stage.
-    min_quality
-        The setting by which the quality was judged.
+    folder : Where to; it may exist.
+    one : The deflection.
+    checks : The verdict on it.
+    out : The file of the deflected mesh; `folder` is, or will be, that of `folder_of`. None if there is no file.
+    timings : Seconds by stage.
+    min_quality : The setting by which the quality was judged.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_convergence(folder / "convergence.csv", [one])
@@ -100,10 +94,7 @@ def write_run_folder(
 def report_of_folder(folder: Path) -> ReportData:
     """Make report.html and the figures of a folder anew, from its files and the mesh that settings.toml names.
 
-    Raises
-    ------
-    InputError
-        If a file is missing or damaged, or the mesh is another than it was.
+    Raises InputError if a file is missing or damaged, or the mesh is another than it was.
     """
     try:
         settings = (folder / SETTINGS).read_text(encoding="utf-8")
@@ -346,10 +337,7 @@ def _solid(block: Volume, place: IntArray) -> Volume:
 def _read_points(path: Path, plan: Plan) -> FloatArray:
     """Return the deflected points (N, 3) that a file holds, or those of them that may change.
 
-    Raises
-    ------
-    InputError
-        If the file does not belong to the mesh.
+    Raises InputError if the file does not belong to the mesh.
     """
     points, out = format_of(path).read(path).points, plan.mesh.points.copy()
     node = np.arange(len(out))

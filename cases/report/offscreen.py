@@ -34,10 +34,7 @@ def rendering(
 ) -> Iterator[Callable[[], tuple[Image, ...]]]:
     """Begin to draw views; the callable waits for the images (H, W, 3).
 
-    Raises
-    ------
-    RenderError
-        From the callable, if the drawing process fails; says what that most likely needs.
+    Raises RenderError from the callable, if the drawing process fails; says what that most likely needs.
     """
     with started(module, encoded(tuple(map(legible, views)))) as pending:
 
@@ -54,10 +51,7 @@ def rendering(
 def rendered(views: tuple[View, ...], module: str = "sdm_deflect.cases.report.offscreen") -> tuple[Image, ...]:
     """Return the images (H, W, 3) of views.
 
-    Raises
-    ------
-    RenderError
-        If the drawing process fails.
+    Raises RenderError if the drawing process fails.
     """
     with rendering(views, module) as images:
         return images()

@@ -71,10 +71,7 @@ class Picture:
 def figure_of(picture: Picture) -> Drawing:
     """Render the views and put them together.
 
-    Raises
-    ------
-    RenderError
-        If the views cannot be rendered.
+    Raises RenderError if the views cannot be rendered.
     """
     return assembled(picture, rendered(picture.views))
 

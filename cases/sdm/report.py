@@ -69,10 +69,7 @@ def report_data_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: S
 def report_data_of_folder(folder: Path) -> ReportData:
     """Return what the report of a finished case shows, from its folder; the validation is made again.
 
-    Raises
-    ------
-    InputError
-        If a file is missing or damaged.
+    Raises InputError if a file is missing or damaged.
     """
     case, mesh, deflected = read_run(folder)
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
