@@ -7,17 +7,8 @@ from typing import NoReturn
 
 import click
 
+from sdm_deflect.cases.cli import options
 from sdm_deflect.cases.cli.deflect import deflect, quality
-from sdm_deflect.cases.cli.options import (
-    INTERRUPTED,
-    UNUSABLE,
-    code_of,
-    json_option,
-    print_json,
-    print_tables,
-    progress_options,
-    watched,
-)
 from sdm_deflect.cases.cli.run import export, geometry, limit, list_cases, report, run, study, validate, view
 
 
@@ -33,7 +24,7 @@ for command in (list_cases, run, deflect, validate, report, view, export, limit,
 
 @cli.command()
 @click.option("--clear", is_flag=True, help="Delete the cached meshes.")
-@json_option
+@options.json_option
 def cache(clear: bool, as_json: bool) -> None:
     """Show where meshes are cached and how much they take."""
     from sdm_deflect.meshing.cache import MeshCache, default_folder
@@ -42,7 +33,7 @@ def cache(clear: bool, as_json: bool) -> None:
     freed = store.clear() if clear else 0
     sizes = store.entries().values()
     if as_json:
-        print_json({"folder": store.folder, "meshes": len(sizes), "bytes": sum(sizes), "freed_bytes": freed})
+        options.print_json({"folder": store.folder, "meshes": len(sizes), "bytes": sum(sizes), "freed_bytes": freed})
     elif clear:
         click.echo(f"{store.folder}: freed {freed / 1e6:.1f} MB")
     else:
@@ -50,20 +41,17 @@ def cache(clear: bool, as_json: bool) -> None:
 
 
 @cli.command()
-@json_option
-@progress_options
+@options.json_option
+@options.progress_options
 def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
     """Check libraries, graphics, threads, cache, disk and memory, and say what to install."""
     from sdm_deflect.cases.console import findings
     from sdm_deflect.cases.doctor import examined
 
-    with watched(quiet, verbose) as watch, watch.stage("doctor") as progress:
+    with options.watched(quiet, verbose) as watch, watch.stage("doctor") as progress:
         found = list(examined(progress))
-    if as_json:
-        print_json([asdict(one) for one in found])
-    else:
-        print_tables(findings(found))
-    return code_of(all(one.well for one in found))
+    options.print_either(as_json, [asdict(one) for one in found], findings(found))
+    return options.code_of(all(one.well for one in found))
 
 
 def main() -> NoReturn:
@@ -73,12 +61,12 @@ def main() -> NoReturn:
         code = cli(prog_name="sdm", standalone_mode=False) or 0
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
-        code = UNUSABLE
+        code = options.UNUSABLE
     except click.ClickException as error:
         code = _complain(error.format_message())
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted; earlier results are as they were", err=True)
-        code = INTERRUPTED
+        code = options.INTERRUPTED
     except (ValueError, RuntimeError) as error:
         from sdm_deflect.cases.errors import is_reported
 
@@ -90,4 +78,4 @@ def main() -> NoReturn:
 
 def _complain(message: str) -> int:
     click.echo("sdm: " + " ".join(message.split()), err=True)
-    return UNUSABLE
+    return options.UNUSABLE

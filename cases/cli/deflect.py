@@ -6,25 +6,15 @@ from typing import Any
 
 import click
 
-from sdm_deflect.cases.cli.options import (
-    FILE,
-    STRATEGIES,
-    Point,
-    code_of,
-    json_option,
-    print_json,
-    print_tables,
-    progress_options,
-    report_option,
-    set_option,
-    watched,
-)
+from sdm_deflect.cases.cli import options
 
 
 @click.command()
-@click.argument("mesh", type=FILE)
+@click.argument("mesh", type=options.FILE)
 @click.option("--surface", "patches", multiple=True, metavar="NAME", help="Patches that move; repeat, or use commas.")
-@click.option("--hinge", nargs=2, type=Point(), metavar="x0,y0,z0 x1,y1,z1", help="Two points of the hinge line.")
+@click.option(
+    "--hinge", nargs=2, type=options.Point(), metavar="x0,y0,z0 x1,y1,z1", help="Two points of the hinge line."
+)
 @click.option("--angle", type=float, help="Degrees, right-handed from the first hinge point to the second.")
 @click.option("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")
 @click.option("--motion", type=click.Choice(("rigid", "blended")), help="Whole surface, or hinge to trailing edge.")
@@ -38,18 +28,18 @@ from sdm_deflect.cases.cli.options import (
 @click.option("--box", metavar="auto|FILE", help="The box: auto, or a .toml with `corners`.")
 @click.option("--margin", type=float, help="Distance from the surface to an automatic box.")
 @click.option("--steps", metavar="auto|N", help="Most steps for an angle (auto: up to 8).")
-@click.option("--strategy", type=STRATEGIES, help="squv: centres for each direction; mv: common ones.")
+@click.option("--strategy", type=options.STRATEGIES, help="squv: centres for each direction; mv: common ones.")
 @click.option("--tolerance", type=float, help="Error at a data site (default: 1 % of the surface's median edge).")
 @click.option("--allow-inverted", is_flag=True, default=None, help="Take a mesh that has inverted cells already.")
 @click.option("--min-quality", type=float, help="Share of its least quality that a type of cell must keep (0.1).")
-@set_option
-@click.option("--config", type=FILE, help="The same in a TOML file; several surfaces as [[surface]].")
-@click.option("--out", type=FILE, help="File to write (default: MESH-deflected); the suffix says the format.")
+@options.set_option
+@click.option("--config", type=options.FILE, help="The same in a TOML file; several surfaces as [[surface]].")
+@click.option("--out", type=options.FILE, help="File to write (default: MESH-deflected); the suffix says the format.")
 @click.option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
 @click.option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
-@report_option
-@json_option
-@progress_options
+@options.report_option
+@options.json_option
+@options.progress_options
 def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, report: bool, **given: Any) -> int:
     """Deflect marked surfaces of a mesh file, and let the mesh around them follow.
 
@@ -70,34 +60,29 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     job = settings.job()
     wanted = Targets.of(mesh, out, many or (job.angle,), sensitivity, report)
     wanted.check((*inputs_of(nested, Path()), *([config] if config else ())))
-    with watched(quiet or (as_json and not verbose), verbose) as watch:
+    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
         if dry_run:
             plan = planned(mesh, job, wanted.angles, watch)
         else:
             done = deflect_file(wanted, job, watch, settings.min_quality)
     if dry_run:
         names = [str(path) for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *wanted.reports)]
-        if as_json:
-            print_json({**plan_figures(plan), "files": names})
-        else:
-            print_tables(plan_table(plan), f"would write {', '.join(names)}")
+        figured = {**plan_figures(plan), "files": names}
+        options.print_either(as_json, figured, plan_table(plan), f"would write {', '.join(names)}")
         return 0
-    if as_json:
-        print_json(figures(done, watch))
-    else:
-        print_tables(result_table(done))
-    return code_of(done.passed)
+    options.print_either(as_json, figures(done, watch), result_table(done))
+    return options.code_of(done.passed)
 
 
 @click.command()
-@click.argument("mesh", type=FILE)
-@json_option
+@click.argument("mesh", type=options.FILE)
+@options.json_option
 def quality(mesh: Path, as_json: bool) -> None:
     """Print points, cells, patches, quality and inverted cells of a mesh file."""
     from sdm_deflect.cases.inspection import inspect, inspected
 
     if as_json:
-        print_json(inspected(mesh))
+        options.print_json(inspected(mesh))
     else:
         click.echo(inspect(mesh))
 
@@ -106,11 +91,11 @@ def _tables(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the tables of a configuration file with the options of the command line in their place."""
     from sdm_deflect.cases.job_settings import read_job, slides_of, with_options
 
-    options = dict(given)
-    config, assignments, steps = (options.pop(name) for name in ("config", "assignments", "steps"))
-    options["slide"] = slides_of(options["slide"])
-    options["max_steps"] = None if steps in (None, "auto") else _steps(steps)
-    return with_options(read_job(config) if config else {}, options, assignments)
+    own = dict(given)
+    config, assignments, steps = (own.pop(name) for name in ("config", "assignments", "steps"))
+    own["slide"] = slides_of(own["slide"])
+    own["max_steps"] = None if steps in (None, "auto") else _steps(steps)
+    return with_options(read_job(config) if config else {}, own, assignments)
 
 
 def _steps(text: str) -> int:

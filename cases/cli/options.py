@@ -90,6 +90,14 @@ def print_tables(*tables: Any) -> None:
         out.print(Text(table) if isinstance(table, str) else table)
 
 
+def print_either(as_json: bool, figures: Any, *tables: Any) -> None:
+    """Print figures as JSON, or else tables for a reader."""
+    if as_json:
+        print_json(figures)
+    else:
+        print_tables(*tables)
+
+
 def code_of(passed: bool) -> int:
     """Return the exit code of a verdict."""
     return 0 if passed else FAILED

@@ -7,54 +7,37 @@ from typing import Any
 
 import click
 
-from sdm_deflect.cases.cli.options import (
-    FILE,
-    FORMATS,
-    SCALES,
-    STRATEGIES,
-    CaseName,
-    angle_option,
-    cache_option,
-    code_of,
-    json_option,
-    print_json,
-    print_tables,
-    progress_options,
-    report_option,
-    scale_option,
-    set_option,
-    watched,
-)
+from sdm_deflect.cases.cli import options
 
 TABLES = ("table1", "table2", "table3", "table4")
 PAGE = "page"
 
 
 @click.command("list")
-@json_option
+@options.json_option
 def list_cases(as_json: bool) -> None:
     """List the cases with their default angle."""
     from sdm_deflect.cases.sdm.registry import CASES
 
     if as_json:
-        print_json([{"name": one.name, "angle_deg": one.angle, "title": one.title} for one in CASES.values()])
+        options.print_json([{"name": one.name, "angle_deg": one.angle, "title": one.title} for one in CASES.values()])
         return
     for one in CASES.values():
         click.echo(f"{one.name:<18}{one.angle:+6.1f} deg  {one.title}")
 
 
 @click.command()
-@click.argument("case", default="", type=CaseName())
-@click.option("--scale", type=SCALES, help="Size of the mesh (default: small).")
-@angle_option
-@click.option("--strategy", type=STRATEGIES, help="squv: centres for each direction; mv: common ones.")
-@click.option("--out", type=FILE, help="Output folder (default: runs/CASE).")
-@set_option
-@click.option("--config", type=FILE, help="Repeat a run from its case.toml.")
-@cache_option
-@report_option
-@json_option
-@progress_options
+@click.argument("case", default="", type=options.CaseName())
+@click.option("--scale", type=options.SCALES, help="Size of the mesh (default: small).")
+@options.angle_option
+@click.option("--strategy", type=options.STRATEGIES, help="squv: centres for each direction; mv: common ones.")
+@click.option("--out", type=options.FILE, help="Output folder (default: runs/CASE).")
+@options.set_option
+@click.option("--config", type=options.FILE, help="Repeat a run from its case.toml.")
+@options.cache_option
+@options.report_option
+@options.json_option
+@options.progress_options
 def run(
     case: str, out: Path | None, cache: bool, report: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any
 ) -> int:
@@ -69,23 +52,25 @@ def run(
     from sdm_deflect.cases.sdm.pipeline import run_case
 
     folder = out or Path("runs") / resolved.name
-    with output_folder(folder) as scratch, watched(quiet or (as_json and not verbose), verbose) as watch:
+    with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
         result = run_case(resolved, watch, scratch, cache, report)
     if as_json:
         click.echo((folder / "metrics.json").read_text(encoding="utf-8"), nl=False)
     else:
         title = f"{resolved.name} {resolved.angle:+g} deg, {resolved.scale}, {resolved.strategy}"
         last = "all validations passed" if result.passed else "A VALIDATION FAILED"
-        print_tables(verdict(result.checks, title), *summary(result), f"results in {folder}", last)
-    return code_of(result.passed)
+        options.print_tables(verdict(result.checks, title), *summary(result), f"results in {folder}", last)
+    return options.code_of(result.passed)
 
 
 @click.command()
-@click.option("--out", type=FILE, required=True, help="File to write: .step, .brep or .stl.")
-@click.option("--case", default="aileron", show_default=True, type=CaseName(), help="Case whose aircraft is built.")
-@angle_option
-@set_option
-@progress_options
+@click.option("--out", type=options.FILE, required=True, help="File to write: .step, .brep or .stl.")
+@click.option(
+    "--case", default="aileron", show_default=True, type=options.CaseName(), help="Case whose aircraft is built."
+)
+@options.angle_option
+@options.set_option
+@options.progress_options
 def geometry(
     out: Path, case: str, angle: float | None, assignments: tuple[str, ...], quiet: bool, verbose: bool
 ) -> None:
@@ -99,7 +84,7 @@ def geometry(
 
     from sdm_deflect.cases.sdm.cad import deflected_cad, undeflected_cad
 
-    with watched(quiet, verbose) as watch, watch.stage("geometry"):
+    with options.watched(quiet, verbose) as watch, watch.stage("geometry"):
         model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)
         try:
             model.write(out)
@@ -109,27 +94,24 @@ def geometry(
 
 
 @click.command()
-@click.argument("folder", type=FILE)
-@json_option
-@progress_options
+@click.argument("folder", type=options.FILE)
+@options.json_option
+@options.progress_options
 def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
     """Repeat the validation of a finished run from its files."""
     from sdm_deflect.cases.console import verdict
     from sdm_deflect.cases.metrics import verdict_figures
     from sdm_deflect.cases.sdm.run_folder import validate_folder
 
-    with watched(quiet, verbose) as watch, watch.stage("validation"):
+    with options.watched(quiet, verbose) as watch, watch.stage("validation"):
         checks = validate_folder(folder)
-    if as_json:
-        print_json({"folder": folder, **verdict_figures(checks)})
-    else:
-        print_tables(verdict(checks, str(folder)))
-    return code_of(all(check.passed for check in checks))
+    options.print_either(as_json, {"folder": folder, **verdict_figures(checks)}, verdict(checks, str(folder)))
+    return options.code_of(all(check.passed for check in checks))
 
 
 @click.command()
-@click.argument("folder", type=FILE)
-@progress_options
+@click.argument("folder", type=options.FILE)
+@options.progress_options
 def report(folder: Path, quiet: bool, verbose: bool) -> int:
     """Make report.html and figures/ of a finished run, or of a deflected mesh, anew from the files beside it."""
     from sdm_deflect.cases.mesh_files import SETTINGS
@@ -137,17 +119,17 @@ def report(folder: Path, quiet: bool, verbose: bool) -> int:
     from sdm_deflect.cases.sdm import report as sdm
 
     of_mesh = (folder / SETTINGS).is_file()
-    with watched(quiet, verbose) as watch, watch.stage("report"):
+    with options.watched(quiet, verbose) as watch, watch.stage("report"):
         data = deflected.report_of_folder(folder) if of_mesh else sdm.report_of_folder(folder)
     click.echo(f"{folder / 'report.html'}: {(folder / 'report.html').stat().st_size / 1e6:.1f} MB")
-    return code_of(data.passed)
+    return options.code_of(data.passed)
 
 
 @click.command()
-@click.argument("folder", metavar="RUN", type=FILE)
+@click.argument("folder", metavar="RUN", type=options.FILE)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1 (default: a free one).")
 @click.option("--open/--no-open", "show", default=True, help="Whether to open the page in the browser.")
-@progress_options
+@options.progress_options
 def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> None:
     """Show a finished run, or a deflected mesh by the folder beside it, with a slider for the angle; Ctrl-C ends it.
 
@@ -159,7 +141,7 @@ def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> Non
 
     if port:
         check_free(port)
-    with watched(quiet, verbose) as watch, watch.stage("factorising"):
+    with options.watched(quiet, verbose) as watch, watch.stage("factorising"):
         from sdm_deflect.cases.sdm.report import interactive_run
         from sdm_deflect.cases.view.page import Control, Page
         from sdm_deflect.cases.view.run import InteractiveRun
@@ -170,16 +152,16 @@ def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> Non
 
 
 @click.command()
-@click.argument("folder", metavar="RUN", type=FILE)
-@click.option("--format", "form", required=True, type=FORMATS, help="Format of the flow solver.")
+@click.argument("folder", metavar="RUN", type=options.FILE)
+@click.option("--format", "form", required=True, type=options.FORMATS, help="Format of the flow solver.")
 @click.option("--which", default="deflected", show_default=True, type=click.Choice(("deflected", "undeflected")))
-@click.option("--out", type=FILE, help="File to write, for OpenFOAM a new folder (default: beside RUN).")
-@progress_options
+@click.option("--out", type=options.FILE, help="File to write, for OpenFOAM a new folder (default: beside RUN).")
+@options.progress_options
 def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, verbose: bool) -> None:
     """Write a finished run's mesh in a flow solver's format, boundary names included."""
     from sdm_deflect.cases.export import export_run
 
-    with watched(quiet, verbose) as watch, watch.stage("export") as progress:
+    with options.watched(quiet, verbose) as watch, watch.stage("export") as progress:
         target, lost = export_run(folder, form, which, out, progress)
     for sentence in lost:
         click.echo(f"{target}: {sentence}", err=True)
@@ -187,14 +169,14 @@ def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, v
 
 
 @click.command()
-@click.argument("case", type=CaseName())
-@scale_option
+@click.argument("case", type=options.CaseName())
+@options.scale_option
 @click.option("--quality", "threshold", default=0.2, show_default=True, help="Smallest acceptable mean ratio.")
 @click.option("--resolution", default=1.0, show_default=True, help="Degrees to which the limit is found.")
-@click.option("--out", type=FILE, help="Output folder (default: runs/CASE-limit).")
-@set_option
-@json_option
-@progress_options
+@click.option("--out", type=options.FILE, help="Output folder (default: runs/CASE-limit).")
+@options.set_option
+@options.json_option
+@options.progress_options
 def limit(case: str, threshold: float, resolution: float, out: Path | None, as_json: bool, **given: Any) -> None:
     """Find the largest angle of each sign that inverts no cell and keeps a quality, by bisection."""
     from sdm_deflect.cases.sdm.registry import resolve
@@ -211,25 +193,22 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
     from sdm_deflect.cases.sdm.pipeline import meshed
 
     folder = out or Path("runs") / f"{resolved.name}-limit"
-    with output_folder(folder) as scratch, watched(quiet or (as_json and not verbose), verbose) as watch:
+    with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
         mesh, _ = meshed(resolved, watch)
         with watch.stage("bisection") as progress:
             limits = find_limits(resolved, mesh.as_mesh(resolved.name), threshold, resolution, progress)
         table = write_limits(limits, resolved, threshold, scratch)
-    if as_json:
-        figures = {"case": resolved.name, "scale": resolved.scale, "quality": threshold, "resolution_deg": resolution}
-        print_json({**figures, "limits": [asdict(one) for one in limits]})
-    else:
-        print_tables(table)
+    figures = {"case": resolved.name, "scale": resolved.scale, "quality": threshold, "resolution_deg": resolution}
+    options.print_either(as_json, {**figures, "limits": [asdict(one) for one in limits]}, table)
 
 
 @click.command()
 @click.argument("name", type=click.Choice((*TABLES, PAGE)))
-@scale_option
-@click.option("--out", type=FILE, help="Output folder (default: runs/NAME).")
-@cache_option
-@json_option
-@progress_options
+@options.scale_option
+@click.option("--out", type=options.FILE, help="Output folder (default: runs/NAME).")
+@options.cache_option
+@options.json_option
+@options.progress_options
 def study(name: str, scale: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, verbose: bool) -> None:
     """Measure a table of the paper and write it as .csv, .md and .png; page: all tables and figures."""
     from sdm_deflect.cases.output import output_folder
@@ -238,7 +217,7 @@ def study(name: str, scale: str, out: Path | None, cache: bool, as_json: bool, q
     from sdm_deflect.cases.study.page import write_page
 
     folder = out or Path("runs") / name
-    with output_folder(folder) as scratch, watched(quiet or (as_json and not verbose), verbose) as watch:
+    with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
         if name == PAGE:
             write_page(scale, scratch, watch.display, cache)
         else:
@@ -246,7 +225,7 @@ def study(name: str, scale: str, out: Path | None, cache: bool, as_json: bool, q
         tables = {path.stem: _rows(path) for path in sorted(scratch.rglob("*.csv"))}
         text = (scratch / ("paper.md" if name == PAGE else f"{name}.md")).read_text(encoding="utf-8")
     if as_json:
-        print_json({"study": name, "scale": scale, "folder": folder, "tables": tables})
+        options.print_json({"study": name, "scale": scale, "folder": folder, "tables": tables})
     else:
         click.echo(f"{text}\nresults in {folder}")
 
