@@ -11,7 +11,7 @@ from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.touched import Layers
-from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
+from sdm_deflect.deform.volume.deflection import Plan, sweep
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.formats.registry import read
 
@@ -26,12 +26,6 @@ class Judged:
     layers: Layers | None
     checks: tuple[Check, ...]
     seconds: float
-
-    @classmethod
-    def of(cls, one: Deflection, min_quality: float) -> "Judged":
-        """Judge a deflection."""
-        checks = checks_of(one, min_quality)
-        return cls(one.angle, deflection_figures(one), one.quality, layers_of(one), checks, one.seconds)
 
     @property
     def passed(self) -> bool:
@@ -78,15 +72,15 @@ def deflect_file(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float
                 _, one = next(results)
                 progress(f"{one.angle:+g} {job.surfaces[0].motion.unit}", 1.0)
             with watch.stage("quality"):
-                found.append(Judged.of(one, min_quality))
+                judged = one.quality, layers_of(one), checks_of(one, min_quality)
+                found.append(Judged(one.angle, deflection_figures(one), *judged, one.seconds))
             names.append(wanted.mesh(one.angle))
             with watch.stage("write") as progress:
                 lost = write_mesh(wanted.source, plan.mesh, one.points, scratch / names[-1].name, progress)
             if wanted.reported:
                 with watch.stage("report") as progress:
-                    out, seconds = names[-1], {**watch.seconds}
-                    place = scratch / wanted.report(one.angle).name
-                    write_run_folder(place, one, found[-1].checks, out, seconds, min_quality)
+                    place, seconds = scratch / wanted.report(one.angle).name, {**watch.seconds}
+                    write_run_folder(place, one, found[-1].checks, names[-1], seconds, min_quality)
             if wanted.sensitive:
                 with watch.stage("sensitivity"):
                     arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))

@@ -138,10 +138,7 @@ class JobSettings:
             raise InputError(f"min_quality = {self.min_quality:g} must be a share between 0 and 1")
 
     def job(self) -> Job:
-        """Return the job; files are read.
-
-        Raises InputError if a value does not fit, a file cannot be read, or surface, hinge or angle is missing.
-        """
+        """Return the job, files read; InputError if one cannot be, or a value does not fit or is missing."""
         if not self.surface:
             raise InputError("no surface to move: name its patches")
         return Job(
@@ -289,16 +286,12 @@ def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequen
 
 
 def angles_of(wanted: Any) -> tuple[float, ...]:
-    """Return the angles of ``first:last:step``, both ends included, of a list with commas, or of a sequence.
-
-    Raises InputError if it is none of these, or an angle is out of range.
-    """
+    """Return the angles of ``first:last:step``, ends included, of a list with commas, or a sequence; or InputError."""
     if not isinstance(wanted, str):
         several = isinstance(wanted, Iterable) and not isinstance(wanted, Mapping)
-        found = structured({"angles": list(wanted) if several else wanted}, _Angles).angles
-        if not found:
-            raise InputError("angles is empty: give at least one")
-        return found
+        if found := structured({"angles": list(wanted) if several else wanted}, _Angles).angles:
+            return found
+        raise InputError("angles is empty: give at least one")
     text = wanted
     try:
         if ":" in text:

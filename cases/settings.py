@@ -1,7 +1,6 @@
-"""One schema for all settings: TOML tables, ``key=value`` texts and keywords become frozen dataclasses.
+"""TOML tables, ``key=value`` texts and keywords become frozen dataclasses, whose fields are the schema of all settings.
 
-A dataclass is its own schema: the names, types and ranges of its fields. A mistake becomes one sentence that names the
-setting as the user would type it, such as ``wing.half_span``.
+A mistake becomes one sentence that names the setting as the user would type it, such as ``wing.half_span``.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,6 +25,7 @@ from sdm_deflect.deform.errors import InputError, nearest
 
 T = TypeVar("T")
 Nested = dict[str, Any]
+Hook = Callable[[Any, Any], Any]
 INLINE = ("fighter", "fitting")
 """Tables whose values stand one level higher in files and assignments."""
 LONGEST = 80
@@ -41,10 +41,7 @@ class _UnfitError(ValueError):
 
 
 def structured(table: Mapping[str, Any], kind: type[T]) -> T:
-    """Return the dataclass that a nested table describes; what it leaves out has the default.
-
-    Raises InputError: one sentence on the first setting that is unknown, of another type, or out of range.
-    """
+    """Return the dataclass that a table describes, or InputError: a sentence on the first setting that is wrong."""
     try:
         return _converter().structure(_deepened(table, kind), kind)
     except BaseValidationError as errors:
@@ -58,12 +55,9 @@ def changed(value: T, changes: Mapping[str, Any]) -> T:
 
 
 def to_toml(value: Any) -> str:
-    """Return every value of a dataclass as TOML, from which `structured` makes the same again.
-
-    Raises InputError if a value is an object that TOML has no form for.
-    """
+    """Return TOML from which `structured` makes the same again; InputError for an object that TOML has no form for."""
     try:
-        return tomli_w.dumps(_flattened(asdict(value, dict_factory=_without_none)))
+        return tomli_w.dumps(_flattened(asdict(value, dict_factory=lambda pairs: _given(dict(pairs)))))
     except TypeError as error:
         raise InputError(f"these settings hold an object of Python that no file can hold: {error}") from None
 
@@ -90,10 +84,7 @@ def read_toml(path: Path) -> Nested:
 
 
 def assigned(assignments: Sequence[str]) -> Nested:
-    """Turn ["wing.half_span=0.3", ...] into nested tables; values are written as in TOML, texts also without quotes.
-
-    Raises InputError if an assignment is not of the form key=value, or contradicts another.
-    """
+    """Turn ["wing.half_span=0.3", ...] into tables, values as in TOML or text; InputError if one is not key=value."""
     nested: Nested = {}
     for text in assignments:
         key, equals, value = (part.strip() for part in text.partition("="))
@@ -109,8 +100,8 @@ def assigned(assignments: Sequence[str]) -> Nested:
     return nested
 
 
-def _without_none(pairs: list[tuple[str, Any]]) -> Nested:
-    return {name: value for name, value in pairs if value is not None}
+def _given(table: Nested) -> Nested:
+    return {name: value for name, value in table.items() if value is not None}
 
 
 def _value(text: str) -> Any:
@@ -160,17 +151,14 @@ def _converter() -> Converter:
     for kind, of_kind in HOOKS.items():
         converter.register_structure_hook(kind, of_kind)
     for origin, of_origin in ORIGINS.items():
-        converter.register_structure_hook_func(partial(_comes_of, origin), of_origin)
+        is_of = partial(lambda wanted, kind: get_origin(kind) is wanted, origin)
+        converter.register_structure_hook_func(is_of, of_origin)
     converter.register_structure_hook_func(lambda kind: kind in NAMES, _names)
     converter.register_structure_hook_factory(is_dataclass, _table)
     return converter
 
 
-def _comes_of(origin: Any, kind: Any) -> bool:
-    return get_origin(kind) is origin
-
-
-def _table(kind: type[Any]) -> Callable[[Any, Any], Any]:
+def _table(kind: type[Any]) -> Hook:
     """Return the hook of a dataclass."""
     make = make_dict_structure_fn(kind, _converter(), _cattrs_forbid_extra_keys=True)
 
@@ -212,7 +200,7 @@ def _text(value: Any, _: Any) -> str:
     return str(value)
 
 
-HOOKS: dict[Any, Callable[[Any, Any], Any]] = {float: _number, int: _whole, bool: _truth, str: _text}
+HOOKS: dict[Any, Hook] = {float: _number, int: _whole, bool: _truth, str: _text}
 NAMES = (tuple[str, ...], tuple[str | int, ...])
 
 
@@ -279,13 +267,7 @@ def _item(place: str | int, value: Any, kind: Any) -> Any:
         raise
 
 
-ORIGINS: dict[Any, Callable[[Any, Any], Any]] = {
-    Literal: _choice,
-    tuple: _items,
-    dict: _mapping,
-    Union: _either,
-    UnionType: _either,
-}
+ORIGINS: dict[Any, Hook] = {Literal: _choice, tuple: _items, dict: _mapping, Union: _either, UnionType: _either}
 
 
 def _sentences(error: BaseException, path: tuple[str | int, ...], kind: Any) -> Iterator[str]:

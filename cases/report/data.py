@@ -1,12 +1,14 @@
 """What a report tells of: any deflected mesh, with its boxes, adaptations and checks."""
 
 import csv
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from itertools import groupby, takewhile
 from math import floor, log10
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -71,6 +73,26 @@ class Convergence:
     errors: tuple[float, ...]
 
 
+class Fits(NamedTuple):
+    """The adaptations of a deflection, and the centres (C, 3) of its first step by direction."""
+
+    convergence: tuple[Convergence, ...]
+    centres: dict[str, FloatArray]
+
+    @classmethod
+    def of(cls, one: Deflection) -> "Fits":
+        """Return the adaptations of a deflection."""
+        convergence = []
+        for k, step in enumerate(one.steps, 1):
+            for fit in step.fits.adaptations:
+                directions, rows = "".join(DIRECTIONS[c] for c in fit.components), fit.history
+                pairs = tuple(row.n_centers for row in rows), tuple(row.max_residual for row in rows)
+                convergence.append(Convergence(one.plan.surface, k, directions, *pairs))
+        first = one.steps[0].fits.adaptations
+        centres = {DIRECTIONS[c]: fit.interpolant.centers for fit in first for c in fit.components}
+        return cls(tuple(convergence), centres)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Moved:
     """A moving surface.
@@ -110,7 +132,6 @@ class Box:
     touched : cells with such a node.
     zero : (Z, 3) data sites of zero displacement.
     tolerance : of the residual at the data sites, a length.
-    centres : (C, 3) of the first step by direction.
     """
 
     name: str
@@ -121,8 +142,26 @@ class Box:
     touched: TouchedCells = field(repr=False)
     zero: FloatArray = field(repr=False)
     tolerance: float
-    convergence: tuple[Convergence, ...] = field(repr=False)
-    centres: dict[str, FloatArray] = field(repr=False)
+    fits: Fits = field(repr=False)
+
+    @classmethod
+    def of(cls, plan: Plan, angle: float, name: str, fits: Fits) -> "Box":
+        """Return the box of a plan with its surfaces, the first of them at `angle`."""
+        surfaces = [
+            Moved(name_of(own.patches), one.amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
+            for one, own in zip(plan.job.at(angle).surfaces, plan.boundary.surfaces, strict=True)
+        ]
+        return cls(
+            name=name,
+            surfaces=tuple(surfaces),
+            hexahedron=plan.region.hexahedron,
+            nodes=plan.changed,
+            sites=plan.sites.moving,
+            touched=plan.touched,
+            zero=np.vstack([np.empty((0, 3)), *(part.points for part in plan.sites.zero)]),
+            tolerance=plan.sites.tolerance,
+            fits=fits,
+        )
 
     @cached_property
     def before(self) -> tuple[Quality, ...]:
@@ -200,23 +239,8 @@ def in_view(mesh: Mesh, parts: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(p.name for p in mesh.patches if p.name in parts or _diagonal(mesh.points[p.nodes]) <= reach)
 
 
-def middle_of(mesh: Mesh, names: tuple[str, ...]) -> FloatArray:
-    """Return the middle (3,) of the extent of some patches."""
-    places = mesh.points[mesh.on(*names)]
-    return np.asarray(0.5 * (places.min(axis=0) + places.max(axis=0)))
-
-
 def _diagonal(points: FloatArray) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
-
-
-def measure_of(shapes: set[str]) -> str:
-    """Return what the quality of cells of these shapes is, in words."""
-    measures = {MEASURES[shape] for shape in shapes}
-    if len(measures) == 1:
-        return measures.pop()
-    owners = {measure: sorted(shape for shape in shapes if MEASURES[shape] == measure) for measure in sorted(measures)}
-    return "; ".join(f"{measure} ({', '.join(own)})" for measure, own in owners.items())
 
 
 def shape_of(block: Volume) -> str:
@@ -232,10 +256,13 @@ def drawn_quality(points: FloatArray, block: Volume, rows: IntArray, orientation
 
 
 def drawn_measure(mesh: Mesh) -> str:
-    """Return what the colours of cells mean."""
-    shapes = {shape_of(block) for block in mesh.cells}
-    text = measure_of(shapes) if shapes else "quality"
-    return text.replace(MEASURES[POLYHEDRON], f"{FLAT:g} x {MEASURES[POLYHEDRON]}")
+    """Return what the colours of cells mean, in words."""
+    shapes: dict[str, set[str]] = {}
+    for block in mesh.cells:
+        shapes.setdefault(MEASURES[shape_of(block)], set()).add(shape_of(block))
+    alone = len(shapes) == 1
+    texts = [one if alone else f"{one} ({', '.join(sorted(own))})" for one, own in sorted(shapes.items())]
+    return ("; ".join(texts) or "quality").replace(MEASURES[POLYHEDRON], f"{FLAT:g} x {MEASURES[POLYHEDRON]}")
 
 
 def round_length(most: float) -> float:
@@ -251,70 +278,41 @@ def name_of(patches: Sequence[str]) -> str:
     return patches[0] if len(patches) == 1 else start if len(start) > 2 else f"{patches[0]} and {len(patches) - 1} more"
 
 
-def box_of(
-    plan: Plan, angle: float, name: str, convergence: tuple[Convergence, ...], centres: dict[str, FloatArray]
-) -> Box:
-    """Return the box of a plan with its surfaces, the first of them at `angle`."""
-    surfaces = tuple(
-        Moved(name_of(own.patches), one.amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
-        for one, own in zip(plan.job.at(angle).surfaces, plan.boundary.surfaces, strict=True)
-    )
-    zero = np.vstack([np.empty((0, 3)), *(part.points for part in plan.sites.zero)])
-    return Box(
-        name=name,
-        surfaces=surfaces,
-        hexahedron=plan.region.hexahedron,
-        nodes=plan.changed,
-        sites=plan.sites.moving,
-        touched=plan.touched,
-        zero=zero,
-        tolerance=plan.sites.tolerance,
-        convergence=convergence,
-        centres=centres,
-    )
+def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[Fits]]:
+    """Read metrics.json, the checks in it, and of each deflection what convergence.csv and interpolant.npz hold."""
+    figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    courses: dict[str, list[Convergence]] = {}
+    with (folder / "convergence.csv").open(newline="", encoding="utf-8") as file:
+        for key, group in groupby(csv.DictReader(file), _course):
+            centres, errors = zip(*((int(row["centres"]), float(row["max_error"])) for row in group), strict=True)
+            courses.setdefault(key[0], []).append(Convergence(*key, centres, errors))
+    with np.load(folder / "interpolant.npz", allow_pickle=False) as stored:
+        tags = [f"_{name}" if i else "" for i, name in enumerate(courses)]
+        first = [{d: stored[f"centers_{d}{tag}"] for d in "xyz"} for tag in tags]
+    fits = [Fits(tuple(own), by_direction) for own, by_direction in zip(courses.values(), first, strict=True)]
+    return figures, tuple(_check(row) for row in figures["validation"]["checks"]), fits
 
 
-def convergence_of(one: Deflection) -> tuple[Convergence, ...]:
-    """Return the adaptations of a deflection."""
-    return tuple(
-        Convergence(
-            one.plan.surface,
-            k,
-            "".join(DIRECTIONS[c] for c in fit.components),
-            tuple(row.n_centers for row in fit.history),
-            tuple(row.max_residual for row in fit.history),
-        )
-        for k, step in enumerate(one.steps, 1)
-        for fit in step.fits.adaptations
-    )
+def _course(row: dict[str, str]) -> tuple[str, int, str]:
+    return row["surface"], int(row["step"]), row["direction"]
 
 
-def centres_of(one: Deflection) -> dict[str, FloatArray]:
-    """Return the centres (C, 3) of a deflection's first step by direction."""
-    return {DIRECTIONS[c]: fit.interpolant.centers for fit in one.steps[0].fits.adaptations for c in fit.components}
-
-
-def check_of(row: Json) -> Check:
-    """Return a check as metrics.json has it."""
+def _check(row: Json) -> Check:
     own = {item.name: row[item.name] for item in fields(Check) if item.name in row}
     return Check(**{**own, "value": float("nan") if row["value"] is None else row["value"]})
 
 
-def read_convergence(path: Path) -> tuple[Convergence, ...]:
-    """Read convergence.csv."""
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    found = []
-    for key, group in groupby(rows, key=lambda row: (row["surface"], int(row["step"]), row["direction"])):
-        pairs = [(int(row["centres"]), float(row["max_error"])) for row in group]
-        found.append(Convergence(*key, tuple(count for count, _ in pairs), tuple(error for _, error in pairs)))
-    return tuple(found)
+def rows_of(settings: Mapping[str, Any]) -> Rows:
+    """Return settings as rows of a table, without units and meanings."""
+    return [(name, shown(value), "", "") for name, value in settings.items()]
 
 
-def read_centres(path: Path, boxes: list[str]) -> dict[str, dict[str, FloatArray]]:
-    """Read the centres of the first step from interpolant.npz, by box and direction."""
-    with np.load(path, allow_pickle=False) as stored:
-        return {
-            name: {d: stored[f"centers_{d}_{name}" if i else f"centers_{d}"] for d in "xyz"}
-            for i, name in enumerate(boxes)
-        }
+def shown(value: Any) -> str:
+    """Return the value of a setting in words; of a long list the beginning."""
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {one}" for name, one in value.items()) or "none"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(shown, value[:9])) + (", ..." if len(value) > 9 else "") or "none"
+    if is_dataclass(value):
+        return " ".join(shown(getattr(value, one.name)) for one in fields(value))
+    return f"{value:g}" if isinstance(value, float) else str(value)

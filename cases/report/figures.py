@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.report.data import Box, Convergence, ReportData, shape_of
+from sdm_deflect.cases.report.data import Box, ReportData, shape_of
 from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.quality import MEASURES, POLYHEDRON, quality_of
 
@@ -16,17 +16,15 @@ STYLES = (
     {"color": "#333333", "ls": ":", "marker": "^"},
 )
 """Of the directions x, y, z: told apart by dashes and markers, too."""
-COLUMNS = 2
 SMALLEST = 1e-16
 """Residuals below are drawn here: an axis of logarithms has no zero."""
 
 
-def panels(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+def panels(count: int) -> tuple[Figure, list[Axes]]:
     """Return a figure of so many axes, two in a row; a single one is wider."""
-    columns = min(count, COLUMNS)
+    columns = min(count, 2)
     rows = -(-count // columns)
-    size = (columns * width if columns > 1 else 1.5 * width, rows * height)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=(9.2 if columns > 1 else 6.9, 3.5 * rows), layout="constrained")
     axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
     for spare in axes[count:]:
         spare.set_axis_off()
@@ -35,12 +33,14 @@ def panels(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]
 
 def convergence(data: ReportData) -> tuple[Figure, str]:
     """Largest residual against the number of centres, per direction (the paper's figure 2), and what is seen."""
-    figure, axes = panels(len(data.boxes), 4.6, 3.5)
+    figure, axes = panels(len(data.boxes))
     texts, unit = [], data.length.name
     for one, box in zip(axes, data.boxes, strict=True):
-        first = [course for course in box.convergence if course.step == 1]
+        first = [course for course in box.fits.convergence if course.step == 1]
         for course in first:
-            _course(one, course)
+            style: dict[str, Any] = STYLES["xyz".index(course.directions[0])]
+            errors = np.maximum(course.errors, SMALLEST)
+            one.semilogy(course.centres, errors, label=f"$f_{{{course.directions}}}$", lw=1.8, ms=4.5, **style)
         one.axhline(box.tolerance, color="0.4", lw=1, label=f"tolerance {box.tolerance:.3g} {unit}")
         one.set(xlabel="centres", ylabel=f"largest residual at the data sites, {unit}", title=box.name)
         one.legend(loc="best", fontsize="small")
@@ -50,30 +50,23 @@ def convergence(data: ReportData) -> tuple[Figure, str]:
     return figure, "Largest residual against the number of centres. " + " ".join(texts)
 
 
-def _course(axes: Axes, course: Convergence) -> None:
-    style: dict[str, Any] = STYLES["xyz".index(course.directions[0])]
-    errors = np.maximum(course.errors, SMALLEST)
-    axes.semilogy(course.centres, errors, label=f"$f_{{{course.directions}}}$", lw=1.8, ms=4.5, **style)
-
-
 def quality(data: ReportData) -> tuple[Figure, str]:
     """Quality of the cells that touch each hexahedron by type, before and after, and what is seen."""
     found = [(box, shape, *pair) for box in data.boxes for shape, pair in _qualities(data, box).items()]
-    figure, axes = panels(len(found), 4.6, 3.5)
+    figure, axes = panels(len(found))
     texts = [_histogram(data, one, *part) for one, part in zip(axes, found, strict=True)]
     return figure, "Histograms of the quality of cells before and after the deflection. " + " ".join(texts)
 
 
-def _qualities(data: ReportData, box: Box) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Quality of the touched cells before and after, by type."""
-    parts: dict[str, list[list[FloatArray]]] = {}
-    touched = box.touched
+def _qualities(data: ReportData, box: Box) -> dict[str, FloatArray]:
+    """Quality (2, M) of the touched cells before and after, by type."""
+    parts: dict[str, list[FloatArray]] = {}
+    touched, states = box.touched, (data.mesh.points, data.points)
     for block, rows, sign in zip(data.mesh.cells, touched.rows, touched.orientation, strict=True):
         if len(rows):
-            pair = [quality_of(points, block, rows, sign) for points in (data.mesh.points, data.points)]
+            pair = np.array([quality_of(points, block, rows, sign) for points in states])
             parts.setdefault(shape_of(block), []).append(pair)
-    return {shape: (np.concatenate([p[0] for p in own]), np.concatenate([p[1] for p in own])) for shape, own in
-            parts.items()}  # fmt: skip
+    return {shape: np.concatenate(own, axis=1) for shape, own in parts.items()}
 
 
 def _histogram(data: ReportData, axes: Axes, box: Box, shape: str, before: FloatArray, after: FloatArray) -> str:

@@ -13,31 +13,17 @@ from zipfile import BadZipFile
 import numpy as np
 import tomli_w
 
-from sdm_deflect.cases.job_settings import job_settings
+from sdm_deflect.cases.job_settings import job_settings, read_job
 from sdm_deflect.cases.mesh_files import SETTINGS
 from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, peak_rss_bytes, verdict_figures
 from sdm_deflect.cases.output import output_folder, write_convergence, write_interpolants
-from sdm_deflect.cases.report.data import (
-    MESH_UNITS,
-    Convergence,
-    ReportData,
-    Rows,
-    box_of,
-    centres_of,
-    check_of,
-    convergence_of,
-    in_view,
-    middle_of,
-    name_of,
-    read_centres,
-    read_convergence,
-)
+from sdm_deflect.cases.report.data import MESH_UNITS, Box, Fits, ReportData, in_view, name_of, read_figures, rows_of
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import drawn
 from sdm_deflect.deform.checks import MIN_QUALITY, Check
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting
-from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polygons, Polyhedra, Volume
+from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polyhedra, Volume
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import Blended
@@ -81,76 +67,58 @@ def write_run_folder(
     write_convergence(folder / "convergence.csv", [one])
     write_interpolants(folder / "interpolant.npz", [one])
     nested = {**settings_of(one, out, folder), "min_quality": min_quality}
-    (folder / SETTINGS).write_text(tomli_w.dumps(nested), encoding="utf-8")
+    settings = tomli_w.dumps(nested)
+    (folder / SETTINGS).write_text(settings, encoding="utf-8")
     write_deflected(folder / "deflected.vtu", one)
     figures = metrics_of(one, checks, out, timings)
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    settings = (folder / SETTINGS).read_text(encoding="utf-8")
     data = data_of(one, settings).judged(checks, figures)
     write_report(data, drawn(data, folder / "figures"), folder)
     return data
 
 
 def report_of_folder(folder: Path) -> ReportData:
-    """Make report.html and the figures of a folder anew, from its files and the mesh that settings.toml names.
-
-    Raises InputError if a file is missing or damaged, or the mesh is another than it was.
-    """
+    """Make report.html and the figures anew; InputError if a file is missing or damaged, or the mesh is another."""
     try:
         settings = (folder / SETTINGS).read_text(encoding="utf-8")
-        figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
-        convergence = read_convergence(folder / "convergence.csv")
-        centres = read_centres(folder / "interpolant.npz", [""])[""]
-        checks = tuple(check_of(row) for row in figures["validation"]["checks"])
+        figures, checks, (fits,) = read_figures(folder)
     except (OSError, KeyError, TypeError, ValueError, BadZipFile) as error:
         raise InputError(f"{folder} is not the whole folder of a deflection: {error}") from None
     plan, points = read_folder(folder)
-    data = _data(plan, plan.angle, points, settings, convergence, centres).judged(checks, figures)
+    data = _data(plan, plan.angle, points, settings, fits).judged(checks, figures)
     with output_folder(folder) as scratch:
         write_report(data, drawn(data, scratch / "figures"), scratch)
     return data
 
 
 def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
-    """Return the plan of a deflection made anew from its settings and its mesh, and the points (N, 3) it came to.
-
-    Raises
-    ------
-    InputError
-        If a file is missing or damaged, or does not belong to the others.
-    """
+    """Return the plan made anew and the points (N, 3); InputError if a file is missing, damaged or of another mesh."""
     try:
-        nested = loads((folder / SETTINGS).read_text(encoding="utf-8"))
+        path = loads((folder / SETTINGS).read_text(encoding="utf-8")).get("mesh", "")
         count = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))["mesh"]["points"]
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"{folder} is not the whole folder of a deflection: {error}") from None
-    path = nested.pop("mesh", "")
     if not path:
         raise InputError(f"{folder / SETTINGS} names no mesh: that of this deflection was no file")
     source = (folder / path).resolve()
     mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
     if len(mesh.points) != count:
         raise InputError(f"{source} has {len(mesh.points)} points, but {count} when it was deflected")
-    plan = Plan.of(mesh, job_settings(_beside(nested, folder)).job())
+    plan = Plan.of(mesh, job_settings(read_job(folder / SETTINGS)).job())
     return plan, _read_points(folder / "deflected.vtu", plan)
 
 
 def data_of(one: Deflection, settings: str = "") -> ReportData:
     """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
-    return _data(one.plan, one.angle, one.points, settings, convergence_of(one), centres_of(one))
+    return _data(one.plan, one.angle, one.points, settings, Fits.of(one))
 
 
-def _data(
-    plan: Plan,
-    angle: float,
-    points: FloatArray,
-    settings: str,
-    convergence: tuple[Convergence, ...],
-    centres: dict[str, FloatArray],
-) -> ReportData:
-    mesh, box = plan.mesh, box_of(plan, angle, name_of(plan.patches), convergence, centres)
+def _data(plan: Plan, angle: float, points: FloatArray, settings: str, fits: Fits) -> ReportData:
+    mesh, box = plan.mesh, Box.of(plan, angle, name_of(plan.patches), fits)
     moves = "; ".join(f"{surface.name} by {surface.turned}" for surface in box.surfaces)
     shown = in_view(mesh, (*plan.patches, *plan.boundary.fixed))
+    places, nested = mesh.points[mesh.on(*shown)], loads(settings)
+    tables = {f"surface[{i}]": rows_of(one) for i, one in enumerate(nested.pop("surface", []))}
     return ReportData(
         title=f"{mesh.name}: {moves}",
         facts=(("mesh", mesh.name), ("strategy", plan.job.fitting.strategy.upper())),
@@ -160,9 +128,9 @@ def _data(
         length=MESH_UNITS,
         settings=settings,
         settings_file=SETTINGS,
-        repeat=f"sdm deflect {loads(settings).get('mesh', 'MESH')} --config {SETTINGS}",
-        tables=_tables(loads(settings)),
-        middle=middle_of(mesh, shown),
+        repeat=f"sdm deflect {nested.get('mesh', 'MESH')} --config {SETTINGS}",
+        tables={"settings": rows_of(nested), **tables},
+        middle=0.5 * (places.min(axis=0) + places.max(axis=0)),
         drawn=shown,
         hidden=tuple(name for name in mesh.names if name not in shown),
     )
@@ -196,10 +164,9 @@ def settings_of(one: Deflection, out: Path | None, folder: Path) -> dict[str, An
     fitting = {item.name: getattr(job.fitting, item.name) for item in fields(Fitting)}
     fitting |= {"tolerance": plan.sites.tolerance, "spacing": plan.sites.spacing}
     home, source = folder_of(out) if out else folder, plan.mesh.source
-    named = {"mesh": relpath(source, home)} if source else {}
     surfaces = zip(job.surfaces, plan.boundary.surfaces, one.amounts, strict=True)
     return {
-        **named,
+        **({"mesh": relpath(source, home)} if source else {}),
         "fixed": list(plan.boundary.fixed),
         "slide": {name: one.shape for one in job.slides for name in plan.mesh.named([one.patch], "slide")},
         "box": plan.region.hexahedron.corners.tolist(),
@@ -211,13 +178,12 @@ def settings_of(one: Deflection, out: Path | None, folder: Path) -> dict[str, An
 
 
 def _surface(number: int, moving: Moving, surface: Surface, amount: float, folder: Path) -> dict[str, Any]:
-    motion, table = moving.motion, {"patches": list(surface.patches)}
-    base = motion.base if isinstance(motion, Blended) else motion
-    out: dict[str, Any] = {**table, **_base(base, surface, amount, folder / f"table_{number}.npz")}
-    if isinstance(motion, Blended):
-        out |= {"motion": "blended", "strip": motion.rib.share}
-        out |= {"held": _nodes(motion.held, surface), "driven": _nodes(motion.driven, surface)}
-    return out
+    motion, table = moving.motion, folder / f"table_{number}.npz"
+    out: dict[str, Any] = {"patches": list(surface.patches)}
+    if not isinstance(motion, Blended):
+        return out | _base(motion, surface, amount, table)
+    out |= {"held": _nodes(motion.held, surface), "driven": _nodes(motion.driven, surface)}
+    return out | {"motion": "blended", "strip": motion.rib.share} | _base(motion.base, surface, amount, table)
 
 
 def _base(base: Motion, surface: Surface, amount: float, table: Path) -> dict[str, Any]:
@@ -244,31 +210,6 @@ def _nodes(nodes: NodeSet, surface: Surface) -> list[str] | list[int]:
     return [int(node) for node in nodes.nodes] if isinstance(nodes, Listed) else [type(nodes).__name__]
 
 
-def _beside(nested: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return settings whose tables are sought in the folder."""
-    for surface in nested.get("surface", []):
-        if "table" in surface:
-            surface["table"] = str(folder / surface["table"])
-    return nested
-
-
-def _tables(nested: dict[str, Any]) -> dict[str, Rows]:
-    """Return the settings as rows, the common ones first."""
-    surfaces = nested.pop("surface", [])
-    found = {"settings": [(name, _shown(value), "", "") for name, value in nested.items()]}
-    for i, surface in enumerate(surfaces):
-        found[f"surface[{i}]"] = [(name, _shown(value), "", "") for name, value in surface.items()]
-    return found
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{name}: {one}" for name, one in value.items()) or "none"
-    if isinstance(value, list):
-        return ", ".join(_shown(one) for one in value[:9]) + (", ..." if len(value) > 9 else "") or "none"
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
 def is_small(mesh: Mesh) -> bool:
     """True if the whole mesh is written."""
     return sum(len(block) for block in mesh.cells) <= MOST_CELLS
@@ -277,8 +218,7 @@ def is_small(mesh: Mesh) -> bool:
 def write_deflected(path: Path, one: Deflection) -> None:
     """Write cells and faces with displacement and quality: of the whole mesh, or those that may change."""
     plan, points, whole = one.plan, one.points, is_small(one.plan.mesh)
-    rows = [np.arange(len(block)) if whole else own for block, own in
-            zip(plan.mesh.cells, plan.touched.rows, strict=True)]  # fmt: skip
+    rows = [np.arange(len(block)) for block in plan.mesh.cells] if whole else list(plan.touched.rows)
     parts = zip(plan.mesh.cells, rows, plan.touched.orientation, strict=True)
     quality = np.concatenate([np.empty(0), *(quality_of(points, *part) for part in parts)])
     moved, node = plan.mesh.with_points(points), np.arange(len(points))
@@ -298,9 +238,9 @@ def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh
     used += [block.nodes.ravel() for patch in faces for block in patch]
     node, place = np.unique(np.concatenate([nodes, *used])), np.full(len(mesh.points), -1)
     place[node] = np.arange(len(node))
-    patches = [Patch(patch.name, tuple(_numbered(block, place) for block in own)) for patch, own in
-               zip(mesh.patches, faces, strict=True)]  # fmt: skip
-    return Mesh(mesh.points[node], tuple(_solid(block, place) for block in cells), tuple(patches)), node
+    named = zip(mesh.patches, faces, strict=True)
+    patches = [Patch(patch.name, tuple(_numbered(block, place) for block in own)) for patch, own in named]
+    return Mesh(mesh.points[node], tuple(_numbered(block, place) for block in cells), tuple(patches)), node
 
 
 def _rows(block: Volume, rows: IntArray) -> Volume:
@@ -322,23 +262,15 @@ def _with_node(block: Faces, chosen: np.ndarray) -> Faces:
     return taken(block, np.flatnonzero(np.logical_or.reduceat(chosen[block.nodes], block.offsets[:-1])))
 
 
-def _numbered(block: Faces, place: IntArray) -> Faces:
-    if isinstance(block, Cells):
-        return Cells(block.shape, place[block.nodes])
-    return Polygons(place[block.nodes], block.offsets)
-
-
-def _solid(block: Volume, place: IntArray) -> Volume:
-    if isinstance(block, Cells):
-        return Cells(block.shape, place[block.nodes])
-    return Polyhedra(Polygons(place[block.faces.nodes], block.faces.offsets), block.owner, block.neighbour)
+def _numbered(block: Any, place: IntArray) -> Any:
+    """Return cells or faces whose nodes have other numbers, given by place (N,)."""
+    if isinstance(block, Polyhedra):
+        return replace(block, faces=_numbered(block.faces, place))
+    return replace(block, nodes=place[block.nodes])
 
 
 def _read_points(path: Path, plan: Plan) -> FloatArray:
-    """Return the deflected points (N, 3) that a file holds, or those of them that may change.
-
-    Raises InputError if the file does not belong to the mesh.
-    """
+    """Return the points (N, 3), from a file that holds all or those that may change; InputError if it is another's."""
     points, out = format_of(path).read(path).points, plan.mesh.points.copy()
     node = np.arange(len(out))
     if len(points) != len(out):

@@ -1,23 +1,21 @@
-"""Pictures drawn in another process, so that a missing graphics library is a message and not the end.
-
-The process is `python -m sdm_deflect.cases.report.offscreen`: a system without an OpenGL library ends it with a
-segmentation fault, which no exception handler catches.
-"""
+"""Pictures drawn in another process: without an OpenGL library it ends with a segmentation fault, this one does not."""
 
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pickle import dumps, loads
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.cases.report.scene3d import Layer, View, decoded, encoded, legible
+from sdm_deflect.cases.report.scene3d import Layer, View, legible
 from sdm_deflect.meshing.child import Arrays, serve, started
 from sdm_deflect.meshing.errors import MeshingError
 
 Image = NDArray[np.uint8]
 
+MODULE = "sdm_deflect.cases.report.offscreen"
 SECONDS = 300.0
 LOG_PREFIX = re.compile(r"\x1b\[[0-9;]*m|\d{4}-\d\d-\d\d [^|]*\| ")
 """Colours and the place in VTK's source that its last words begin with."""
@@ -29,14 +27,10 @@ class RenderError(RuntimeError):
 
 
 @contextmanager
-def rendering(
-    views: tuple[View, ...], module: str = "sdm_deflect.cases.report.offscreen"
-) -> Iterator[Callable[[], tuple[Image, ...]]]:
-    """Begin to draw views; the callable waits for the images (H, W, 3).
-
-    Raises RenderError from the callable, if the drawing process fails; says what that most likely needs.
-    """
-    with started(module, encoded(tuple(map(legible, views)))) as pending:
+def rendering(views: tuple[View, ...], module: str = MODULE) -> Iterator[Callable[[], tuple[Image, ...]]]:
+    """Begin to draw; the callable waits for the images (H, W, 3), or raises RenderError that says what is needed."""
+    question = np.frombuffer(dumps([legible(view) for view in views]), dtype=np.uint8)
+    with started(module, {"views": question}) as pending:
 
         def wait() -> tuple[Image, ...]:
             try:
@@ -48,18 +42,15 @@ def rendering(
         yield wait
 
 
-def rendered(views: tuple[View, ...], module: str = "sdm_deflect.cases.report.offscreen") -> tuple[Image, ...]:
-    """Return the images (H, W, 3) of views.
-
-    Raises RenderError if the drawing process fails.
-    """
-    with rendering(views, module) as images:
+def rendered(views: tuple[View, ...]) -> tuple[Image, ...]:
+    """Return the images (H, W, 3) of views; RenderError if the drawing process fails."""
+    with rendering(views) as images:
         return images()
 
 
 def draw(question: Arrays) -> Arrays:
     """Return one image (H, W, 3) for each view, by number."""
-    return {str(i): image(view) for i, view in enumerate(decoded(question))}
+    return {str(i): image(view) for i, view in enumerate(loads(question["views"].tobytes()))}
 
 
 def image(view: View) -> Any:
@@ -71,16 +62,15 @@ def image(view: View) -> Any:
     for layer in view.layers:
         add(plotter, layer)
     towards = np.array(view.towards) / np.linalg.norm(view.towards)
-    plotter.camera.position = view.focus + 10.0 * view.height * towards
-    plotter.camera.focal_point = view.focus
-    plotter.camera.up = view.up
+    plotter.camera_position = [view.focus + 10.0 * view.height * towards, view.focus, view.up]
     plotter.enable_parallel_projection()
     plotter.camera.parallel_scale = 0.5 * view.height
     plotter.reset_camera_clipping_range()
     plotter.enable_anti_aliasing("ssaa")
-    pixels = plotter.screenshot(return_img=True)
-    plotter.close()
-    return pixels
+    try:
+        return plotter.screenshot(return_img=True)
+    finally:
+        plotter.close()
 
 
 def add(plotter: Any, layer: Layer) -> None:

@@ -18,6 +18,8 @@ from sdm_deflect.cases.report.turnable import MOST_CELLS, turnable
 from sdm_deflect.cases.surroundings import surroundings, versions
 from sdm_deflect.deform.quality import Quality
 
+HERE = "sdm_deflect.cases.report"
+
 
 def write_report(data: ReportData, gallery: Gallery, folder: Path) -> None:
     """Write report.html into `folder`."""
@@ -26,16 +28,11 @@ def write_report(data: ReportData, gallery: Gallery, folder: Path) -> None:
 
 def page(data: ReportData, gallery: Gallery) -> str:
     """Return the page; every text in it is escaped, and no script but its own two can run."""
-    library, viewer = plotly(), own("viewer.js")
-    environment = Environment(
-        loader=PackageLoader("sdm_deflect.cases.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"inline": inline, "pixels": pixels, "meaning": meaning}
-    return environment.get_template("page.html").render(
+    library, viewer = read("plotly", "package_data", "plotly.min.js"), read(HERE, "viewer.js")
+    loader = PackageLoader(HERE, ".")
+    jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    jinja.filters |= {"inline": inline, "pixels": pixels, "meaning": meaning}
+    return jinja.get_template("page.html").render(
         data=data,
         figures=data.figures,
         gallery=gallery,
@@ -46,7 +43,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
         toml_file=b64encode(data.settings.encode()).decode("ascii"),
         surroundings=surroundings(),
         versions=versions(),
-        style=own("style.css"),
+        style=read(HERE, "style.css"),
         library=b64encode(compress(library.encode(), mtime=0)).decode("ascii"),
         viewer=viewer,
         policy=policy([library, viewer]),
@@ -70,14 +67,9 @@ def policy(scripts: Iterable[str]) -> str:
     return f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
 
 
-def own(name: str) -> Markup:
-    """Return a file beside this one as it is, for a place where nothing is escaped."""
-    return Markup(files("sdm_deflect.cases.report").joinpath(name).read_text(encoding="utf-8"))
-
-
-def plotly() -> str:
-    """Return the plotting library; it goes into the page compressed, as a third of its size."""
-    return files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8").replace("\r\n", "\n")
+def read(package: str, *name: str) -> Markup:
+    """Return a file of a package as it is, for a place where nothing is escaped."""
+    return Markup(files(package).joinpath(*name).read_text(encoding="utf-8").replace("\r\n", "\n"))
 
 
 def inline(exhibit: Exhibit) -> str:

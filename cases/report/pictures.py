@@ -5,29 +5,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from PIL import Image as ImageFile
 
-from sdm_deflect.cases.report import figures, slices
+from sdm_deflect.cases.report import figures, scene3d, slices
 from sdm_deflect.cases.report.data import METRES, Box, Length, Moved, ReportData, round_length
 from sdm_deflect.cases.report.offscreen import Image, RenderError, rendered, rendering
-from sdm_deflect.cases.report.scene3d import (
-    MOVED_MAP,
-    QUALITY_MAP,
-    QUALITY_RANGE,
-    View,
-    box,
-    framed,
-    moved_faces,
-    patches,
-)
 from sdm_deflect.deform.mesh import FloatArray
 
 INCHES = 5.2
@@ -58,7 +48,7 @@ class Picture:
     length : the unit of length.
     """
 
-    views: tuple[View, ...]
+    views: tuple[scene3d.View, ...]
     titles: tuple[str, ...]
     alternative: str
     columns: int = 2
@@ -69,10 +59,7 @@ class Picture:
 
 
 def figure_of(picture: Picture) -> Drawing:
-    """Render the views and put them together.
-
-    Raises RenderError if the views cannot be rendered.
-    """
+    """Render the views and put them together; RenderError if they cannot be rendered."""
     return assembled(picture, rendered(picture.views))
 
 
@@ -80,11 +67,8 @@ def assembled(picture: Picture, images: Sequence[Image]) -> Drawing:
     """Put the images (H, W, 3) of a picture's views together."""
     rows = -(-len(images) // picture.columns)
     width, height = picture.views[0].pixels
-    size = (
-        INCHES * picture.columns + 1.0 * (picture.quality or picture.farthest > 0.0),
-        rows * (INCHES * height / width + 0.35),
-    )
-    figure = Drawing(figsize=size, layout="constrained")
+    across = INCHES * picture.columns + 1.0 * (picture.quality or picture.farthest > 0.0)
+    figure = Drawing(figsize=(across, rows * (INCHES * height / width + 0.35)), layout="constrained")
     axes = figure.subplots(rows, picture.columns, squeeze=False).ravel()
     for one, shown, view, title in zip(axes, images, picture.views, picture.titles, strict=True):
         one.imshow(shown)
@@ -92,10 +76,10 @@ def assembled(picture: Picture, images: Sequence[Image]) -> Drawing:
         one.set_axis_off()
         _scale(one, view, picture.length)
     if picture.quality:
-        shades = ScalarMappable(QUALITY_RANGE, QUALITY_MAP)
+        shades = ScalarMappable(scene3d.QUALITY_RANGE, scene3d.QUALITY_MAP)
         figure.colorbar(shades, ax=axes.tolist(), label="mean ratio of a cell", extend="min", shrink=0.85)
     if picture.farthest:
-        shades = ScalarMappable(Normalize(0.0, picture.length.factor * picture.farthest), MOVED_MAP)
+        shades = ScalarMappable(Normalize(0.0, picture.length.factor * picture.farthest), scene3d.MOVED_MAP)
         figure.colorbar(shades, ax=axes.tolist(), label=f"displacement, {picture.length.shown}", shrink=0.85)
     if picture.legend:
         handles = [Patch(facecolor=colour, edgecolor="0.3", label=name) for name, colour in picture.legend.items()]
@@ -103,7 +87,7 @@ def assembled(picture: Picture, images: Sequence[Image]) -> Drawing:
     return figure
 
 
-def _scale(axes: Axes, view: View, unit: Length) -> None:
+def _scale(axes: Axes, view: scene3d.View, unit: Length) -> None:
     """Draw a bar of a round length across the line of sight: parallel projection has one scale."""
     width, height = view.pixels
     pixel = view.height / height
@@ -114,6 +98,7 @@ def _scale(axes: Axes, view: View, unit: Length) -> None:
 
 
 PIXELS = (900, 640)
+LINES: dict[str, Any] = {"edge": (70, 70, 70), "width": 0.7}
 BEHIND, BESIDE, ABOVE = 1.0, 0.6, 0.45
 """Direction from a surface to the eye: along its chord, along its span away from the middle, upwards."""
 
@@ -135,7 +120,7 @@ def before_after(data: ReportData, own: Box, surface: Moved) -> Picture:
 def moved(data: ReportData, own: Box) -> Picture:
     """Draw each surface in a box before, and after, coloured by how far the nodes moved."""
     lengths = np.linalg.norm(data.points - data.mesh.points, axis=1)
-    layers = moved_faces(data.mesh.with_points(data.points), data.drawn, lengths, edge=(70, 70, 70), width=0.7)
+    layers = scene3d.moved_faces(data.mesh.with_points(data.points), data.drawn, lengths, **LINES)
     rows = [(surface, close(data, data.mesh.points, own, surface)) for surface in own.surfaces]
     titles = [(f"{surface.name}, undeflected", f"{surface.name}, {surface.turned}") for surface, _ in rows]
     return Picture(
@@ -147,14 +132,13 @@ def moved(data: ReportData, own: Box) -> Picture:
     )
 
 
-def close(data: ReportData, points: FloatArray, own: Box, surface: Moved) -> View:
+def close(data: ReportData, points: FloatArray, own: Box, surface: Moved) -> scene3d.View:
     """Look at a moving surface; the picture holds it before and after."""
     held = np.vstack([data.mesh.points[surface.nodes], data.points[surface.nodes]])
     moving = [name for one in data.surfaces for name in one.patches]
-    layers = patches(
-        data.mesh.with_points(points), data.drawn, moving=moving, edge=(70, 70, 70), width=0.7, ambient=0.5
-    )
-    return framed((*layers, box(own.hexahedron.corners, 2.5)), held, towards(data, own, surface), PIXELS)
+    layers = scene3d.patches(data.mesh.with_points(points), data.drawn, moving=moving, ambient=0.5, **LINES)
+    box = scene3d.box(own.hexahedron.corners, 2.5)
+    return scene3d.framed((*layers, box), held, towards(data, own, surface), PIXELS)
 
 
 def towards(data: ReportData, own: Box, surface: Moved) -> tuple[float, float, float]:
@@ -178,34 +162,29 @@ SHARP, SHADES = 140, 256
 
 
 def write_png(figure: Figure, path: Path) -> None:
-    """Write a figure, no coarser than its size demands."""
+    """Write a figure, no coarser than its size demands; white stays white."""
     for dpi, step in LADDER:
-        data = compressed(figure, dpi, step)
-        if len(data) <= LARGEST:
+        pixels = np.asarray(pixels_of(figure, dpi), dtype=np.intp)
+        rounded = np.minimum(255, (pixels + step // 2) // step * step).astype(np.uint8)
+        data = BytesIO()
+        ImageFile.fromarray(rounded).save(data, "png", optimize=True)
+        if data.tell() <= LARGEST:
             break
-    path.write_bytes(data)
+    path.write_bytes(data.getvalue())
 
 
 def write_sharp_png(figure: Figure, path: Path) -> None:
     """Write a figure with fine lines in the colours that represent it best."""
-    figure.set_dpi(SHARP)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()  # type: ignore[no-untyped-call]
-    pixels = np.asarray(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
-    few = ImageFile.fromarray(pixels).quantize(SHADES, ImageFile.Quantize.MAXCOVERAGE, dither=ImageFile.Dither.NONE)
-    few.save(path, "png")
+    pixels = pixels_of(figure, SHARP)
+    pixels.quantize(SHADES, ImageFile.Quantize.MAXCOVERAGE, dither=ImageFile.Dither.NONE).save(path, "png")
 
 
-def compressed(figure: Figure, dpi: int, step: int) -> bytes:
-    """Return the PNG of a figure, its colours rounded to multiples of `step`; white stays white."""
+def pixels_of(figure: Figure, dpi: int) -> ImageFile.Image:
+    """Return a figure as coloured pixels."""
     drawn = BytesIO()
     figure.savefig(drawn, dpi=dpi, format="png")
     with ImageFile.open(drawn) as full:
-        pixels = np.asarray(full.convert("RGB"), dtype=np.intp)
-    rounded = np.minimum(255, (pixels + step // 2) // step * step).astype(np.uint8)
-    buffer = BytesIO()
-    ImageFile.fromarray(rounded).save(buffer, "png", optimize=True)
-    return buffer.getvalue()
+        return full.convert("RGB")
 
 
 Drawn = tuple[str, str, Figure, str]
@@ -267,11 +246,7 @@ def plots(data: ReportData) -> Iterator[Drawn]:
 
 def saved(folder: Path, part: str, name: str, figure: Figure, alternative: str) -> Exhibit:
     """Write a figure of one part of the page, such as of one surface, into a folder."""
-    path = folder / f"{file_name(f'{part}_{name}' if name else part)}.png"
+    harmless = re.sub(r"[^\w.+-]", "_", f"{part}_{name}" if name else part)
+    path = folder / f"{harmless}.png"
     write_sharp_png(figure, path)
     return Exhibit(part, path, alternative)
-
-
-def file_name(name: str) -> str:
-    """Return a name without characters that mean something in a path."""
-    return re.sub(r"[^\w.+-]", "_", name)

@@ -1,22 +1,19 @@
 """What a picture shows, as plain arrays with colours: no graphics library is needed to compose or to test one."""
 
-import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 from zlib import crc32
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import Normalize, to_rgb
-from numpy.typing import NDArray
 
+from sdm_deflect.deform.hexahedron import EDGES
 from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh
 
-Array = NDArray[np.generic]
 Colour = tuple[int, int, int]
-ARRAYS = ("points", "cells", "rgb")
-LOOKS = ("opacity", "edge", "width", "ambient")
+Direction = tuple[float, float, float]
 MARGIN = 1.08
 """Size of a picture over what it frames."""
 FINEST = 4.0
@@ -68,15 +65,13 @@ class View:
 
     layers: tuple[Layer, ...]
     focus: FloatArray
-    towards: tuple[float, float, float]
+    towards: Direction
     height: float
     pixels: tuple[int, int] = (800, 600)
-    up: tuple[float, float, float] = field(default=(0.0, 0.0, 1.0))
+    up: Direction = (0.0, 0.0, 1.0)
 
 
-def framed(
-    layers: tuple[Layer, ...], points: FloatArray, towards: tuple[float, float, float], pixels: tuple[int, int]
-) -> View:
+def framed(layers: tuple[Layer, ...], points: FloatArray, towards: Direction, pixels: tuple[int, int]) -> View:
     """Return the view from a direction, with z up, that just holds all of points (N, 3)."""
     eye = np.array(towards) / np.linalg.norm(towards)
     right = np.cross([0.0, 0.0, 1.0], eye)
@@ -90,8 +85,8 @@ def framed(
 
 def legible(view: View) -> View:
     """Return the view without the edges of faces so small in it that they would blacken it."""
-    pixel = view.height / view.pixels[1]
-    layers = (replace(one, edge=None) if one.edge and median_edge(one) < FINEST * pixel else one for one in view.layers)
+    least = FINEST * view.height / view.pixels[1]
+    layers = (replace(one, edge=None) if one.edge and median_edge(one) < least else one for one in view.layers)
     return replace(view, layers=tuple(layers))
 
 
@@ -110,37 +105,6 @@ def plain(points: FloatArray, cells: IntArray, colour: Colour, **looks: Any) -> 
 def dots(points: FloatArray, colour: Colour, size: float) -> Layer:
     """Return points (N, 3) as dots."""
     return plain(points, np.arange(len(points))[:, None], colour, width=size)
-
-
-def encoded(views: tuple[View, ...]) -> dict[str, Array]:
-    """Return views as named arrays, for another process."""
-    arrays: dict[str, Array] = {}
-    description = []
-    for i, view in enumerate(views):
-        for j, layer in enumerate(view.layers):
-            arrays |= {f"{i}.{j}.{name}": getattr(layer, name) for name in ARRAYS}
-        description.append({
-            "layers": [{name: getattr(one, name) for name in LOOKS} for one in view.layers],
-            "focus": view.focus.tolist(), "towards": view.towards, "height": view.height, "pixels": view.pixels,
-            "up": view.up,
-        })  # fmt: skip
-    return arrays | {"views": np.array(json.dumps(description))}
-
-
-def decoded(arrays: Mapping[str, Array]) -> tuple[View, ...]:
-    """Return the views that `encoded` wrote."""
-    views = []
-    for i, view in enumerate(json.loads(str(arrays["views"]))):
-        layers = tuple(
-            Layer(*(np.asarray(arrays[f"{i}.{j}.{name}"]) for name in ARRAYS), **_tuples(looks))  # type: ignore[arg-type]
-            for j, looks in enumerate(view.pop("layers"))
-        )
-        views.append(View(layers, np.array(view.pop("focus")), **_tuples(view)))
-    return tuple(views)
-
-
-def _tuples(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
 
 
 QUALITY_MAP = "cividis"
@@ -191,8 +155,7 @@ def patch_colour(patch: str, moving: bool = False) -> Colour:
 
 def hexadecimal(colour: Colour) -> str:
     """Return a colour as a web page wants it."""
-    r, g, b = colour
-    return f"#{r:02x}{g:02x}{b:02x}"
+    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def components_of(patches: Iterable[str]) -> list[str]:
@@ -203,8 +166,11 @@ def components_of(patches: Iterable[str]) -> list[str]:
 
 def quality_rgb(quality: FloatArray) -> IntArray:
     """Return the colours (F, 3) of qualities (F,)."""
-    shades = mpl.colormaps[QUALITY_MAP](QUALITY_RANGE(quality))[:, :3]
-    return np.asarray(np.rint(255.0 * shades), dtype=np.intp)
+    return _rgb(QUALITY_MAP, QUALITY_RANGE(quality))
+
+
+def _rgb(scale: str, shares: Any) -> IntArray:
+    return np.asarray(np.rint(255.0 * mpl.colormaps[scale](shares)[:, :3]), dtype=np.intp)
 
 
 MOVED_MAP = "YlOrRd"
@@ -213,17 +179,12 @@ MOVED_MAP = "YlOrRd"
 
 def moved_faces(mesh: Mesh, names: Iterable[str], lengths: FloatArray, **looks: Any) -> tuple[Layer, ...]:
     """Return the faces of patches, coloured by how far their nodes moved: `lengths` (N,), of all nodes."""
-    scale = mpl.colormaps[MOVED_MAP]
     most = float(lengths.max(initial=0.0)) or 1.0
-    layers = []
-    for cells in by_size(faces for name in names for faces in mesh.patch(name).faces):
-        shades = scale(lengths[cells].mean(axis=1) / most)[:, :3]
-        layers.append(Layer(mesh.points, cells, np.rint(255.0 * shades).astype(np.intp), **looks))
-    return tuple(layers)
+    faces = by_size(faces for name in names for faces in mesh.patch(name).faces)
+    return tuple(Layer(mesh.points, c, _rgb(MOVED_MAP, lengths[c].mean(axis=1) / most), **looks) for c in faces)
 
 
-BOX_EDGES = np.array([[i, i | bit] for bit in (1, 2, 4) for i in range(8) if not i & bit])
-"""Edges of a hexahedron whose corner i has the binary code zyx."""
+BOX_EDGES = np.array(EDGES)
 
 
 def patches(

@@ -14,6 +14,7 @@ from sdm_deflect.cases.report.data import Box, Moved, ReportData, drawn_measure,
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
 from sdm_deflect.deform.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Volume
+from sdm_deflect.meshing.formats.shapes import FACES
 
 AXES = "xyz"
 AROUND = 0.06
@@ -27,12 +28,10 @@ CLOSE = 0.128
 BAR = (0.89, 0.2, 0.025, 0.6)
 """Where the bar of colours stands in the figure: left, bottom, width, height."""
 EDGES = {
-    "tetra": ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)),
-    "pyramid": ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
-    "wedge": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-    "hexahedron": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+    shape: sorted({(min(ends), max(ends)) for face in faces for ends in zip(face, face[1:] + face[:1], strict=True)})
+    for shape, faces in FACES.items()
 }
-"""Edges of each shape in VTK's order of nodes."""
+"""Edges of each shape."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,10 +47,6 @@ class Plane:
     def across(self) -> tuple[int, int]:
         """The axes to the right and upwards in a picture of the plane."""
         return ((1, 2), (0, 2), (0, 1))[self.axis]
-
-    def point(self) -> FloatArray:
-        """A point (3,) of the plane."""
-        return np.asarray(np.eye(3)[self.axis] * self.station)
 
 
 def directions(points: FloatArray, surface: Moved) -> tuple[int, int]:
@@ -108,24 +103,19 @@ def slices(data: ReportData, box: Box, surface: Moved) -> tuple[Figure, str]:
 def _slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane: Plane, state: str) -> float:
     """Draw one slice; return the smallest quality of a cell in it."""
     factor, unit, (right, up) = data.length.factor, data.length.shown, plane.across
-    found = [cut_cells(points, block, plane, sign) for block, sign in
-             zip(data.mesh.cells, box.touched.orientation, strict=True)]  # fmt: skip
+    signed = zip(data.mesh.cells, box.touched.orientation, strict=True)
+    found = [cut_cells(points, block, plane, sign) for block, sign in signed]
     polygons = [factor * polygon for some, _ in found for polygon in some]
     shades = np.concatenate([np.empty(0), *(own for _, own in found)])
-    axes.add_collection(
-        PolyCollection(polygons, array=shades, cmap=QUALITY_MAP, norm=QUALITY_RANGE, edgecolors="0.15", linewidths=0.25)
-    )
+    shown = PolyCollection(polygons, array=shades, cmap=QUALITY_MAP, norm=QUALITY_RANGE, edgecolors="0.15", lw=0.25)
+    axes.add_collection(shown)
     walls = factor * cut_walls(data.mesh, points, plane)
     axes.add_collection(LineCollection(list(walls), colors="black", linewidths=1.6))
-    section = factor * box.hexahedron.section(plane.point(), np.eye(3)[plane.axis])[:, plane.across]
+    normal = np.eye(3)[plane.axis]
+    section = factor * box.hexahedron.section(plane.station * normal, normal)[:, plane.across]
     axes.plot(*np.vstack([section, section[:1]]).T, color="#cc00cc", lw=1.3, ls="--")
-    axes.set(
-        xlim=factor * plane.window[:, right],
-        ylim=factor * plane.window[:, up],
-        xlabel=f"{AXES[right]}, {unit}",
-        ylabel=f"{AXES[up]}, {unit}",
-        aspect="equal",
-    )
+    axes.set(xlim=factor * plane.window[:, right], ylim=factor * plane.window[:, up], aspect="equal")
+    axes.set(xlabel=f"{AXES[right]}, {unit}", ylabel=f"{AXES[up]}, {unit}")
     axes.set_title(f"{plane.what}, {state}", fontsize="small")
     return float(shades.min(initial=1.0))
 
@@ -150,8 +140,7 @@ def cut_walls(mesh: Mesh, points: FloatArray, plane: Plane) -> FloatArray:
     heights = points[:, plane.axis] - plane.station
     crossing = (heights[edges[:, 0]] < 0.0) != (heights[edges[:, 1]] < 0.0)
     parts = _cut(points, face[crossing], edges[crossing], len(faces), plane)
-    segments = [part for part in parts if len(part) == 2]
-    return np.array(segments).reshape(-1, 2, 2)
+    return np.array([part for part in parts if len(part) == 2]).reshape(-1, 2, 2)
 
 
 def _crossed(points: FloatArray, block: Volume, plane: Plane) -> IntArray:

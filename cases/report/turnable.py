@@ -8,21 +8,12 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from sdm_deflect.cases.metrics import Json
+from sdm_deflect.cases.report import scene3d
 from sdm_deflect.cases.report.data import ReportData, drawn_measure, drawn_quality
-from sdm_deflect.cases.report.scene3d import (
-    BLUE,
-    BOX_EDGES,
-    ORANGE,
-    QUALITY_MAP,
-    QUALITY_RANGE,
-    Colour,
-    hexadecimal,
-    patch_colour,
-    triangles_of,
-)
 from sdm_deflect.deform.edges import area_vectors, edges_of, polygons_of, sharp_edges
 from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Patch, Polyhedra
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
+from sdm_deflect.meshing.formats.shapes import FACES
 
 MOST_CELLS = 40_000
 """So many of the worst cells of all hexahedra are in the page: a browser has to draw them."""
@@ -36,25 +27,22 @@ SHADES = 9
 CREASE = 20.0
 """Edges at which faces turn by more degrees stay as they are in thinned patches."""
 TABLES = {
-    "tetra": [0, 2, 1, 0, 1, 3, 1, 2, 3, 0, 3, 2],
-    "pyramid": [0, 3, 2, 0, 2, 1, 0, 1, 4, 1, 2, 4, 2, 3, 4, 3, 0, 4],
-    "wedge": [0, 1, 2, 3, 5, 4, 0, 3, 4, 0, 4, 1, 1, 4, 5, 1, 5, 2, 2, 5, 3, 2, 3, 0],
-    "hexahedron": [
-        0, 3, 2, 0, 2, 1, 4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4, 1, 2, 6, 1, 6, 5, 2, 3, 7, 2, 7, 6, 3, 0, 4, 3, 4, 7,
-    ],
-}  # fmt: skip
+    shape: [k for face in faces for i in range(1, len(face) - 1) for k in (face[0], face[i], face[i + 1])]
+    for shape, faces in FACES.items()
+}
 """Corners of the triangles on the outside of each shape."""
 
 
 def turnable(data: ReportData) -> Json:
     """Return patches, hexahedra, sites, centres and cells of a run, before and after."""
+    edges = scene3d.BOX_EDGES
     return {
         "patches": list(patches(data)),
-        "boxes": [{"name": one.name, "segments": single(one.hexahedron.corners[BOX_EDGES])} for one in data.boxes],
+        "boxes": [{"name": one.name, "segments": single(one.hexahedron.corners[edges])} for one in data.boxes],
         "dots": list(dots(data)),
         "cells": cells(data),
         "views": list(views(data)),
-        "colours": {"range": [QUALITY_RANGE.vmin, QUALITY_RANGE.vmax], "shades": shades()},
+        "colours": {"range": [scene3d.QUALITY_RANGE.vmin, scene3d.QUALITY_RANGE.vmax], "shades": shades()},
         "measure": drawn_measure(data.mesh),
         "unit": data.length.name,
         "middle": float(data.middle[1]),
@@ -62,21 +50,18 @@ def turnable(data: ReportData) -> Json:
 
 
 def patches(data: ReportData) -> Iterator[Json]:
-    """Yield the surface meshes.
-
-    Faces point out of the body, as lighting wants them. The name of a thinned patch says that it is.
-    """
+    """Yield the surface meshes; faces point out of the body, as lighting wants them."""
     inside = np.concatenate([one.nodes for one in data.boxes])
     moving = [name for one in data.surfaces for name in one.patches]
     for patch in data.mesh.patches:
         if patch.name not in (*data.drawn, *data.hidden) or not patch.faces:
             continue
-        whole = triangles_of(patch.faces)
+        whole = scene3d.triangles_of(patch.faces)
         shown = thinned(data.mesh, patch, inside) if len(whole) > MOST_TRIANGLES else whole
         thin = len(shown) < len(whole)
         yield {
             "name": f"{patch.name} (thinned)" if thin else patch.name,
-            "colour": hexadecimal(patch_colour(patch.name, patch.name in moving)),
+            "colour": scene3d.hexadecimal(scene3d.patch_colour(patch.name, patch.name in moving)),
             "hidden": patch.name in data.hidden,
             **_both(data, shown[:, ::-1], None if thin else _edges(patch)),
         }
@@ -94,7 +79,7 @@ def thinned(mesh: Mesh, patch: Patch, keep: IntArray) -> IntArray:
 
     The nodes `keep` (K,) stay, and all on creases and on what the patch shares with others.
     """
-    triangles, faces = triangles_of(patch.faces), polygons_of(patch.faces)
+    triangles, faces = scene3d.triangles_of(patch.faces), polygons_of(patch.faces)
     a, b, c = mesh.points[triangles].transpose(1, 0, 2)
     size = np.sqrt(1.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / MOST_TRIANGLES)
     nodes = np.unique(triangles)
@@ -127,10 +112,10 @@ def _side(mesh: Mesh, patch: Patch) -> IntArray:
 def dots(data: ReportData) -> Iterator[Json]:
     """Yield data sites of all surfaces, and the centres of each direction."""
     sites = [data.mesh.points[one.sites] for one in data.boxes]
-    yield _dots("sites", "sites on the surface", sites, ORANGE)
-    yield _dots("sites", "sites of zero displacement", [one.zero for one in data.boxes], BLUE)
-    for direction, colour in zip("xyz", (BLUE, ORANGE, (30, 30, 30)), strict=True):
-        own = [one.centres[direction] for one in data.boxes]
+    yield _dots("sites", "sites on the surface", sites, scene3d.ORANGE)
+    yield _dots("sites", "sites of zero displacement", [one.zero for one in data.boxes], scene3d.BLUE)
+    for direction, colour in zip("xyz", (scene3d.BLUE, scene3d.ORANGE, (30, 30, 30)), strict=True):
+        own = [one.fits.centres[direction] for one in data.boxes]
         yield _dots("centres", f"centres for {direction}", own, colour)
 
 
@@ -179,7 +164,7 @@ def views(data: ReportData) -> Iterator[Json]:
 
 def shades() -> list[list[object]]:
     """Return the colour map of the quality as plotly takes it."""
-    return [[float(s), to_hex(colormaps[QUALITY_MAP](s))] for s in np.linspace(0.0, 1.0, SHADES)]
+    return [[float(s), to_hex(colormaps[scene3d.QUALITY_MAP](s))] for s in np.linspace(0.0, 1.0, SHADES)]
 
 
 def single(values: FloatArray) -> str:
@@ -205,12 +190,12 @@ def _both(data: ReportData, faces: IntArray, edges: IntArray | None = None) -> J
     }
 
 
-def _dots(group: str, name: str, points: list[FloatArray], colour: Colour) -> Json:
+def _dots(group: str, name: str, points: list[FloatArray], colour: scene3d.Colour) -> Json:
     every = np.vstack(points)
     step = -(-len(every) // MOST_DOTS)
     label = name if step <= 1 else f"{name}, 1 in {step} drawn"
     return {"group": group, "name": label, "points": single(every[:: max(step, 1)]), "count": len(every),
-            "colour": hexadecimal(colour)}  # fmt: skip
+            "colour": scene3d.hexadecimal(colour)}  # fmt: skip
 
 
 def _view(name: str, points: FloatArray, margin: float) -> Json:

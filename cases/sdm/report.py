@@ -1,8 +1,7 @@
 """What the report and the view of an SDM case add: its settings in words, and the distance from the CAD as a map."""
 
-import json
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import Field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -16,20 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from sdm_deflect.cases.output import output_folder
-from sdm_deflect.cases.report.data import (
-    METRES,
-    Box,
-    Convergence,
-    Moved,
-    ReportData,
-    Rows,
-    box_of,
-    centres_of,
-    check_of,
-    convergence_of,
-    read_centres,
-    read_convergence,
-)
+from sdm_deflect.cases.report.data import METRES, Box, Fits, Moved, ReportData, Rows, read_figures, shown
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import Exhibit, drawn, saved
 from sdm_deflect.cases.report.scene3d import triangles_of
@@ -62,31 +48,23 @@ BLENDED, RIGID = "the deflected CAD, blended by the same rule as the surface", "
 
 def report_data_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflection]) -> ReportData:
     """Return what the report of a case shows, before it is judged."""
-    boxes = [_box(one.plan, convergence_of(one), centres_of(one)) for one in deflections]
-    return _data(case, mesh, deflected, boxes)
+    return _data(case, mesh, deflected, [_box(one.plan, Fits.of(one)) for one in deflections])
 
 
 def report_data_of_folder(folder: Path) -> ReportData:
-    """Return what the report of a finished case shows, from its folder; the validation is made again.
-
-    Raises InputError if a file is missing or damaged.
-    """
+    """Return what a finished case's report shows, validated again; InputError if a file is missing or damaged."""
     case, mesh, deflected = read_run(folder)
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
     plans = plans_of(case, mesh.as_mesh(case.name))
     try:
-        figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
-        courses = read_convergence(folder / "convergence.csv")
-        centres = read_centres(folder / "interpolant.npz", [plan.surface for plan in plans])
-        rows = [row for row in figures["validation"]["checks"] if row["name"].startswith("site_error")]
+        figures, stored, fits = read_figures(folder)
+        boxes = [_box(plan, own) for plan, own in zip(plans, fits, strict=True)]
     except (OSError, KeyError, ValueError, BadZipFile) as error:
         raise InputError(f"{folder} is not the whole output folder of a run: {error}") from None
     with reference(case) as deflected_cad:
         checks = validate(case, mesh, deflected, plans, deflected_cad(), background)
-    checks += tuple(check_of(row) for row in rows)  # the interpolants themselves are not fitted again
-    boxes = [
-        _box(plan, tuple(one for one in courses if one.box == plan.surface), centres[plan.surface]) for plan in plans
-    ]
+    # the interpolants are not fitted again
+    checks += tuple(check for check in stored if check.name.startswith("site_error"))
     return _data(case, mesh, deflected, boxes).judged(checks, figures)
 
 
@@ -127,12 +105,10 @@ def _data(case: Case, mesh: TetMesh, deflected: TetMesh, boxes: Sequence[Box]) -
     )
 
 
-def _box(plan: Plan, convergence: tuple[Convergence, ...], centres: dict[str, FloatArray]) -> Box:
+def _box(plan: Plan, fits: Fits) -> Box:
     """Return the box of a control surface, which is the first patch that moves; a tail's panel only follows it."""
-    box = box_of(plan, plan.angle, plan.surface, convergence, centres)
-    own = replace(
-        box.surfaces[0], name=plan.surface, patches=(plan.surface,), nodes=plan.mesh.patch(plan.surface).nodes
-    )
+    box, nodes = Box.of(plan, plan.angle, plan.surface, fits), plan.mesh.patch(plan.surface).nodes
+    own = replace(box.surfaces[0], name=plan.surface, patches=(plan.surface,), nodes=nodes)
     return replace(box, surfaces=(own,))
 
 
@@ -186,14 +162,11 @@ def cad_map(data: ReportData, surface: Moved, part: str) -> Iterator[tuple[Figur
     if words:
         figure.suptitle(f"{surface.name}: rounding only, all distances are below {ROUNDING:g} m", fontsize="medium")
     blended = np.isnan(distance[triangles]).any()
-    yield (
-        figure,
-        (
-            f"Distance of {len(known)} moved nodes of {surface.name} from {what}, on both sides: at most "
-            f"{largest:.1e} m, median {median:.1e} m; the limit is {limit:.3g} m{words}. "
-            + ("Hatched triangles belong to a strip that is blended and not compared." if blended else "")
-        ),
+    text = (
+        f"Distance of {len(known)} moved nodes of {surface.name} from {what}, on both sides: at most "
+        f"{largest:.1e} m, median {median:.1e} m; the limit is {limit:.3g} m{words}. "
     )
+    yield figure, text + ("Hatched triangles belong to a strip that is blended and not compared." if blended else "")
 
 
 def _scale(largest: float, limit: float) -> tuple[Normalize, str]:
@@ -204,10 +177,7 @@ def _scale(largest: float, limit: float) -> tuple[Normalize, str]:
 
 
 def views(points: FloatArray, triangles: IntArray) -> tuple[list[int], BoolArray, tuple[str, str]]:
-    """Which two axes to draw, the longer first; which triangles (F,) face the first of two viewers; the sides' names.
-
-    Triangles point into the body.
-    """
+    """Return the axes to draw, the longer first, which of the inward triangles (F,) face viewer 1, and sides' names."""
     corners = points[triangles]
     normal = -np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     axis = int(np.abs(normal).sum(axis=0).argmax())
@@ -235,35 +205,21 @@ def _side(axes: Axes, flat: FloatArray, triangles: IntArray, distance: FloatArra
 def parameter_tables(case: Case) -> dict[str, Rows]:
     """Return every parameter of a case, by table as in case.toml."""
     tables: dict[str, Rows] = {"case": []}
-    for name, value in _values(case):
-        if name == "fighter":
-            tables |= {part: _rows(component) for part, component in _values(value) if is_dataclass(component)}
+    for one in fields(case):
+        value = getattr(case, one.name)
+        if one.name == "fighter":
+            parts = {part.name: getattr(value, part.name) for part in fields(value)}
+            tables |= {name: _rows(part, fields(part)) for name, part in parts.items() if is_dataclass(part)}
         elif is_dataclass(value):
-            tables[name] = _rows(value)
+            tables[one.name] = _rows(value, fields(value))
         else:
-            tables["case"].append((name, _shown(value), *_declared(case, name)))
+            tables["case"] += _rows(case, [one])
     return tables
 
 
-def _rows(table: Any) -> Rows:
-    return [(name, _shown(value), *_declared(table, name)) for name, value in _values(table)]
-
-
-def _values(table: Any) -> list[tuple[str, Any]]:
-    return [(one.name, getattr(table, one.name)) for one in fields(table)]
-
-
-def _declared(table: Any, name: str) -> tuple[str, str]:
-    """Return unit and meaning of a field that is a quantity."""
-    metadata = next(one.metadata for one in fields(table) if one.name == name)
-    return str(metadata.get("unit", "")).removeprefix("-"), str(metadata.get("doc", ""))
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:g}"
-    if isinstance(value, tuple):
-        return ", ".join(_shown(one) for one in value) or "none"
-    if is_dataclass(value):
-        return " ".join(_shown(one) for _, one in _values(value))
-    return str(value)
+def _rows(table: Any, settings: Sequence[Field[Any]]) -> Rows:
+    """Return settings of a table with unit and meaning, which those have that are quantities."""
+    return [
+        (one.name, shown(getattr(table, one.name)), one.metadata.get("unit", "").removeprefix("-"),
+         one.metadata.get("doc", "")) for one in settings
+    ]  # fmt: skip

@@ -16,8 +16,6 @@ from sdm_deflect.cases.report.scene3d import (
     QUALITY_RANGE,
     Layer,
     View,
-    decoded,
-    encoded,
     framed,
     legible,
     patch_colour,
@@ -55,15 +53,6 @@ def test_shell_of_one_tetrahedron_points_outwards():
     triangles, _ = shell(tets[:1])
     volume = sum(np.linalg.det(points[triangle]) for triangle in triangles) / 6.0
     assert volume == pytest.approx(signed_volumes(points, tets[:1])[0])
-
-
-def test_views_survive_the_way_to_another_process():
-    layer = Layer(TRIANGLE, np.array([[0, 1]]), np.array([[1, 2, 3]]), 0.5, None, 2.5, 0.75)
-    (view,) = decoded(encoded((View((layer, *FACING.layers), np.ones(3), (1.0, 2.0, 3.0), 0.4),)))
-    np.testing.assert_array_equal(view.layers[0].points, TRIANGLE)
-    assert (view.layers[0].opacity, view.layers[0].edge, view.layers[0].width) == (0.5, None, 2.5)
-    assert view.layers[0].ambient == 0.75
-    assert (view.towards, view.height, view.pixels) == ((1.0, 2.0, 3.0), 0.4, (800, 600))
 
 
 def test_wrong_layers_are_named():

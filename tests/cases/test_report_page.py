@@ -119,10 +119,10 @@ def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
     fresh, stored = data_of(run), report_data_of_folder(folder)
     assert stored.checks == fresh.checks
     (own,), (other,) = stored.boxes, fresh.boxes
-    assert [(c.box, c.directions, c.centres) for c in own.convergence] == [
-        (c.box, c.directions, c.centres) for c in other.convergence
+    assert [(c.box, c.directions, c.centres) for c in own.fits.convergence] == [
+        (c.box, c.directions, c.centres) for c in other.fits.convergence
     ]
-    np.testing.assert_array_equal(own.centres["z"], other.centres["z"])
+    np.testing.assert_array_equal(own.fits.centres["z"], other.fits.centres["z"])
     assert turnable(stored) == turnable(fresh)
 
 
