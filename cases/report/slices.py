@@ -194,10 +194,8 @@ def section(
 
     Parameters
     ----------
-    points
-        (N, 3) node coordinates.
-    cell
-        (E,) the cell of each edge.
+    points : (N, 3) node coordinates.
+    cell : (E,) the cell of each edge.
 
     Returns
     -------

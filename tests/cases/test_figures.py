@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.report.offscreen import RenderError, rendered
+from sdm_deflect.cases.report.offscreen import RenderError, rendered, rendering
 from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
 from sdm_deflect.cases.report.scene3d import (
     BLUE,
@@ -103,8 +103,11 @@ def test_a_triangle_is_drawn_where_it_is():
 
 
 def test_missing_graphics_is_a_message():
-    with pytest.raises(RenderError, match=r"ended with code 1.*apt-get install .*libegl1"):
-        rendered((FACING,), module="sdm_deflect.cases.report.no_such_module")
+    with (
+        rendering((FACING,), module="sdm_deflect.cases.report.no_such_module") as images,
+        pytest.raises(RenderError, match=r"ended with code 1.*apt-get install .*libegl1"),
+    ):
+        images()
 
 
 def test_png_is_written_small(tmp_path):
