@@ -39,10 +39,7 @@ def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
     -------
     The mesh, in the file's unit of length and order of nodes.
 
-    Raises
-    ------
-    InputError
-        If the format is unknown, or the file is missing or damaged.
+    Raises InputError if the format is unknown, or the file is missing or damaged.
     """
     from sdm_deflect.meshing.formats.registry import read as read_file
 
@@ -124,10 +121,7 @@ class Result:
         -------
         Sentences on what that format cannot hold; none if it holds everything.
 
-        Raises
-        ------
-        InputError
-            If the format is unknown, the file is the one that was read, or it cannot be written.
+        Raises InputError if the format is unknown, the file is the one that was read, or it cannot be written.
         """
         from sdm_deflect.cases.mesh_files import Targets, write_mesh
 
@@ -150,10 +144,7 @@ class Result:
         -------
         The page, ``report.html``.
 
-        Raises
-        ------
-        InputError
-            If the folder cannot be written, or holds other files than those of a report.
+        Raises InputError if the folder cannot be written, or holds other files than those of a report.
         """
         from sdm_deflect.cases.report.folder import write_run_folder
 
@@ -175,10 +166,7 @@ class Result:
         -------
         A matplotlib Figure, which a notebook shows; `savefig` writes it to a file.
 
-        Raises
-        ------
-        RenderError
-            If this machine lacks the libraries to draw; the message names them.
+        Raises RenderError if this machine lacks the libraries to draw; the message names them.
         """
         from sdm_deflect.cases.report.folder import data_of
         from sdm_deflect.cases.report.pictures import figure_of, moved
@@ -198,10 +186,8 @@ class Result:
     def to_meshio(self) -> Any:
         """Return a meshio Mesh: cells and faces, ``displacement`` (N, 3) on the nodes, one cell set for each patch.
 
-        Raises
-        ------
-        InputError
-            For polyhedra that are no tetrahedra, pyramids, wedges or hexahedra: meshio has no form for them.
+        Raises InputError for polyhedra that are no tetrahedra, pyramids, wedges or hexahedra: meshio has no form for
+        them.
         """
         return adapters.to_meshio(self.plan.mesh.with_points(self.points), self.displacement)
 
@@ -302,11 +288,8 @@ def deflect(
     -------
     The deflected mesh with its checks. A check that fails is no error; `passed` of the result tells.
 
-    Raises
-    ------
-    InputError
-        If an argument is unknown, without effect or of a wrong type, or names, hinge, angle or box do not suit the
-        mesh: one sentence.
+    Raises InputError if an argument is unknown, without effect or of a wrong type, or names, hinge, angle or box do not
+    suit the mesh: one sentence.
 
     Examples
     --------
@@ -346,10 +329,7 @@ def sweep(
     -------
     One result for each angle, in the order of `angles`.
 
-    Raises
-    ------
-    InputError
-        As for `deflect`, or if there is no angle.
+    Raises InputError as for `deflect`, or if there is no angle.
     """
     wanted = angles_of(angles)
     largest = None if tables_of(surfaces) else max(wanted, key=abs)

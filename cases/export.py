@@ -82,10 +82,7 @@ def write_case(mesh: Mesh, out: Path, progress: Progress) -> tuple[str, ...]:
     The free stream enters and leaves through the patches of type ``patch``, walls slip, the flow is laminar: a start
     for settings of one's own. ``potentialFoam`` and ``simpleFoam`` run as it is.
 
-    Raises
-    ------
-    MeshFileError
-        If `out` is there and not empty, or cannot be written.
+    Raises MeshFileError if `out` is there and not empty, or cannot be written.
     """
     with fresh_folder(out) as beside:
         lost = OpenFoam().write(mesh, beside, progress)

@@ -49,10 +49,8 @@ def inspected(path: Path) -> Json:
         number of faces; ``quality``, the fields of `Quality` for each type of cell; ``left_handed``, whether the file
         counts the nodes of cells the other way round.
 
-    Raises
-    ------
-    InputError, MeshFileError
-        If the file is missing, damaged, of an unknown format, or holds no cells with a volume.
+    Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, or holds no cells with a
+    volume.
     """
     if not path.exists():
         raise InputError(f"{path} is not a file")

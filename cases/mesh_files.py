@@ -77,10 +77,7 @@ class Targets:
     def check(self, inputs: Sequence[Path] = ()) -> None:
         """Refuse targets that would overwrite an input, one another, or a file that is not of an earlier job.
 
-        Raises
-        ------
-        InputError
-            Naming the first such target.
+        Raises InputError naming the first such target.
         """
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()

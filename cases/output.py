@@ -22,11 +22,8 @@ class OutputError(ValueError):
 def output_folder(target: Path) -> Iterator[Path]:
     """Yield a scratch folder in `target`; on success its files move into `target`, else nothing changes.
 
-    Raises
-    ------
-    OutputError
-        At once if the folder cannot be made or written, later if a file in it cannot, on a full disk for example;
-        the message names the file that was to be.
+    Raises OutputError at once if the folder cannot be made or written, later if a file in it cannot, on a full disk for
+    example; the message names the file that was to be.
     """
     new = not target.exists()
     try:

@@ -29,10 +29,7 @@ class TetMesh:
     face : (F,) index of the CAD face each triangle lies on, -1 where there is none (far field).
     names : Patch names; position 0 is ``"volume"``, the tetrahedra themselves.
 
-    Raises
-    ------
-    ValueError
-        For arrays of the wrong shape, non-finite coordinates and indices out of range.
+    Raises ValueError for arrays of the wrong shape, non-finite coordinates and indices out of range.
     """
 
     points: FloatArray = field(repr=False)

@@ -36,10 +36,7 @@ ON_LINE = 1e-6
 def plans_of(case: Case, mesh: Mesh, angles: Sequence[float] = (), progress: Progress = silent) -> tuple[Plan, ...]:
     """Plan the deflection of every control surface; angles are those of the case.
 
-    Raises
-    ------
-    InputError
-        If a surface leaves its box, something is in a box that must not move, or two boxes overlap.
+    Raises InputError if a surface leaves its box, something is in a box that must not move, or two boxes overlap.
     """
     wanted = tuple(angles) or (case.angle,)
     plans = tuple(

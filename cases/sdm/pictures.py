@@ -32,10 +32,7 @@ CUT = 0.35
 def blocks(aircraft: Run, chimera: Run) -> Picture:
     """Draw the aircraft as meshed, and the aileron's block in the aircraft's.
 
-    Raises
-    ------
-    ValueError
-        If the second run has no Chimera block.
+    Raises ValueError if the second run has no Chimera block.
     """
     if chimera.background is None:
         raise ValueError(f"case {chimera.case.name} has no Chimera block")

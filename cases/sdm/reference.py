@@ -56,10 +56,7 @@ class Reference:
 def reference(case: Case) -> Iterator[Callable[[], Reference]]:
     """Begin to build the deflected CAD of a case; the callable waits for it.
 
-    Raises
-    ------
-    CadError
-        From the callable, if the CAD kernel fails.
+    Raises CadError from the callable, if the CAD kernel fails.
     """
     with started("sdm_deflect.cases.sdm.reference", question(case)) as pending:
 

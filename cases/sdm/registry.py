@@ -11,10 +11,7 @@ from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.generate.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
 
 AILERON = Case(
-    name="aileron",
-    title="left aileron, no gap (section 5.1)",
-    deflections=(SurfaceTurn("aileron_left"),),
-    angle=-12.0,
+    name="aileron", title="left aileron, no gap (section 5.1)", deflections=(SurfaceTurn("aileron_left"),), angle=-12.0
 )
 """Case 5.1: blended chordwise and, beside the wing, spanwise."""
 
@@ -40,10 +37,7 @@ TAIL = Case(
 """Case 5.3: turns on the cylindrical rear fuselage (appendix A)."""
 
 RUDDER = Case(
-    name="rudder",
-    title="rudder, no gap, trailing edge to port",
-    deflections=(SurfaceTurn("rudder"),),
-    angle=15.0,
+    name="rudder", title="rudder, no gap, trailing edge to port", deflections=(SurfaceTurn("rudder"),), angle=15.0
 )
 """The fin's trailing-edge wedge, treated as an aileron."""
 
@@ -90,10 +84,7 @@ def resolve(
 ) -> Case:
     """Return the case: registered defaults, then the configuration file, then options, then assignments.
 
-    Raises
-    ------
-    InputError
-        One sentence: what is wrong, which value, what would be right.
+    Raises InputError: one sentence: what is wrong, which value, what would be right.
     """
     tables, changes = read_toml(config) if config else {}, assigned(assignments)
     options: Nested = {"angle": angle} if angle is not None else {}

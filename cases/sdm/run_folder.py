@@ -58,10 +58,7 @@ def write_metrics(run: Run, folder: Path) -> None:
 def validate_folder(folder: Path) -> tuple[Check, ...]:
     """Validate the meshes of a run against the CAD of its case.toml, both built afresh.
 
-    Raises
-    ------
-    InputError
-        If a file is missing or the two meshes do not belong together.
+    Raises InputError if a file is missing or the two meshes do not belong together.
     """
     case, mesh, deflected = read_run(folder)
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None

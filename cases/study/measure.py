@@ -225,10 +225,7 @@ def carry_out(name: str, case: Case, mesh: TetMesh, progress: Progress) -> Resul
 def run_study(name: str, scale: str, watch: Stopwatch, cache: bool = True) -> Result:
     """Mesh the case of a study (or take the mesh from the cache) and measure every row.
 
-    Raises
-    ------
-    ValueError
-        If there is no such scale.
+    Raises ValueError if there is no such scale.
     """
     table = paper().tables[name]
     case = replace(case_named(table.case, scale), angle=table.rows[0].setting.angle)

@@ -45,10 +45,7 @@ class Format(Protocol):
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """Return the mesh in a file.
 
-        Raises
-        ------
-        MeshFileError
-            If the file is missing, truncated, damaged, or not of this format.
+        Raises MeshFileError if the file is missing, truncated, damaged, or not of this format.
         """
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
@@ -65,11 +62,8 @@ class Format(Protocol):
 def about(path: Path) -> Iterator[None]:
     """Name the file in every error that its content causes in the block.
 
-    Raises
-    ------
-    MeshFileError
-        In place of a MeshFileError, a ValueError or an OSError, as ``"file: what is wrong"``; an OSError of a full
-        disk passes, because it is of another file.
+    Raises MeshFileError: in place of a MeshFileError, a ValueError or an OSError, as ``"file: what is wrong"``; an
+    OSError of a full disk passes, because it is of another file.
     """
     try:
         yield

@@ -34,10 +34,7 @@ FORMATS: dict[str, Format] = {"su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "vtu
 def read(path: str | Path, progress: Progress = silent) -> Mesh:
     """Read a mesh file, or an OpenFOAM case; the mesh bears its name.
 
-    Raises
-    ------
-    MeshFileError
-        If the format is unknown, or the file is missing, truncated or damaged.
+    Raises MeshFileError if the format is unknown, or the file is missing, truncated or damaged.
     """
     given = Path(path)
     mesh = format_of(given).read(given, progress)
@@ -49,10 +46,7 @@ def format_of(path: str | Path) -> Format:
 
     What follows a point and begins with a digit is no suffix: ``alpha-12.5`` is a case.
 
-    Raises
-    ------
-    MeshFileError
-        If no format has that suffix.
+    Raises MeshFileError if no format has that suffix.
     """
     path = Path(path)
     if path.is_dir() or not (path.is_file() or path.suffix[1:2].isalpha()):

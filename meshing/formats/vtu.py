@@ -82,10 +82,7 @@ class Vtu:
 def read_vtu(path: Path) -> TetMesh:
     """Read a mesh of tetrahedra that `write_vtu` wrote.
 
-    Raises
-    ------
-    MeshFileError
-        If the file does not exist, is damaged, or lacks our arrays.
+    Raises MeshFileError if the file does not exist, is damaged, or lacks our arrays.
     """
     with about(path):
         file = VtuFile(path.read_bytes())

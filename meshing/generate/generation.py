@@ -65,10 +65,7 @@ def generate(
     progress : called with a stage and the fraction done, nan where that is unknown
     finer : points (S, 3) where the cells are to be small for another reason than the CAD, and edge lengths (S,)
 
-    Raises
-    ------
-    MeshingError
-        If no attempt passes; the message holds each attempt's failures.
+    Raises MeshingError if no attempt passes; the message holds each attempt's failures.
     """
     start = time.perf_counter()
     progress("surface mesh", 0.0)
