@@ -79,10 +79,7 @@ class Runs:
 def _small(rounds: int) -> Iterator[Result]:
     """Section 5.1: 1,040 sites, n_add = 1, to the paper's 348 centres."""
     runs, options, best = Runs(aileron()), _options(1, 348), best_solve(240)
-    actions = {
-        "worst": runs.grown("worst", options, Worst()),
-        "resolve": runs.resolved("resolve", options, best.solve),
-    }
+    actions = {"worst": runs.grown("worst", options, Worst()), "resolve": runs.resolved("resolve", options, best.solve)}
     times = side_by_side(actions, rounds)
     seconds = times.median("worst")
     yield Result("small_adaptation_seconds", seconds, "s", rounds, "1,040 sites, n_add 1, 348 centres")

@@ -1,7 +1,5 @@
 """Points, cells, patches and quality of any mesh file."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any

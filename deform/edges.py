@@ -1,7 +1,5 @@
 """Faces of any shapes: their edges, area vectors and edge lengths, and where two of them meet at an angle."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

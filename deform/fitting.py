@@ -12,16 +12,9 @@ RuleName = Literal["separated", "worst"]
 RULES: tuple[RuleName, ...] = ("separated", "worst")
 LARGEST_ANGLE = 90.0
 """Degrees: beyond, a surface has passed its parent."""
-LEAST: dict[str, float] = {
-    "tolerance": 0.0,
-    "initial_surface": 4,
-    "initial_hexahedron": 1,
-    "n_add": 1,
-    "max_centers": 8,
-    "spacing": 0.0,
-    "spacing_edges": 0.1,
-    "max_steps": 1,
-}
+LEAST: dict[str, float] = dict.fromkeys(("tolerance", "spacing"), 0.0)
+LEAST |= {"initial_surface": 4, "initial_hexahedron": 1, "n_add": 1, "max_centers": 8}
+LEAST |= {"spacing_edges": 0.1, "max_steps": 1}
 """Smallest value of each number of `Fitting`."""
 
 

@@ -3,8 +3,6 @@
 The formulas are those of OpenFOAM's primitiveMesh, so that a cell is inverted here if checkMesh says so.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

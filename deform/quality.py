@@ -5,8 +5,6 @@ smallest face pyramid over their volume. A tetrahedron is inverted if its signed
 of fixed shape if the determinant of its edges at some corner is not, a polyhedron if OpenFOAM's checkMesh says so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 

@@ -25,7 +25,7 @@ def kernel_sum(
     threads: int | None = None,
     progress: Progress = silent,
 ) -> FloatArray:
-    """Evaluate alpha . [1, p] + sum_j beta_j phi(|p - c_j|) for all columns at once.
+    """Return alpha . [1, p] + sum_j beta_j phi(|p - c_j|), (N, k), for all columns at once.
 
     Parameters
     ----------
@@ -33,10 +33,6 @@ def kernel_sum(
     points : (N, 3) where to evaluate.
     centers, beta, alpha : (C, 3), (C, k) and (4, k): centres, kernel and polynomial coefficients.
     threads : Number of threads; by default all that Numba may use. The result does not depend on it.
-
-    Returns
-    -------
-    (N, k) values.
     """
     check_points(points=points, centers=centers)
     x = np.ascontiguousarray(points, dtype=np.float64)

@@ -21,7 +21,7 @@ STRIP_SITES = 1500  # enough for the edge of a strip; a direct solve takes a fra
 def blend(
     nodes: FloatArray, fixed: FloatArray, moved: FloatArray, moved_by: FloatArray, kernel: Kernel = LINEAR
 ) -> FloatArray:
-    """Blend between points that stay and points that move: an aileron between hinge and trailing edge.
+    """Return displacements (N, 3) blended between points that stay and points that move: hinge and trailing edge.
 
     With the hinge edges fixed and the whole trailing edge of a wedge rotated, the displacement is an affine
     field and planar faces stay planar to rounding. Not so with spanwise blending: see `blend_strip`.
@@ -31,10 +31,6 @@ def blend(
     nodes : (N, 3) where the displacement is wanted.
     fixed, moved : (F, 3) and (M, 3) data sites; points of `moved` that coincide with fixed ones must not move.
     moved_by : (M, 3) displacements of `moved`.
-
-    Returns
-    -------
-    (N, 3) displacements.
     """
     sites = joined([pinned(fixed), DataSites(moved, moved_by)])
     return fit(kernel, sites.points, sites.values)(nodes)
@@ -74,7 +70,7 @@ def elongate(
     still: FloatArray,
     kernel: Kernel = LINEAR,
 ) -> FloatArray:
-    """Stretch the root region of a rotated tail until its root line lies on the fuselage.
+    """Return the ways (N, k) that stretch the root of a rotated tail until its root line lies on the fuselage.
 
     Parameters
     ----------
@@ -83,10 +79,6 @@ def elongate(
     root, root_by : (M, 3) rotated nodes of the root line, and (M, k) their ways to the fuselage: displacements (k = 3),
         or lengths along given directions (k = 1), which keep planes that contain these directions planar.
     still : (F, 3) points that do not move: sites on the region's face towards the tip.
-
-    Returns
-    -------
-    (N, k) ways of the nodes.
     """
     columns = root_by.shape[1]
     stretch = fit(kernel, np.vstack([root, still]), np.vstack([root_by, np.zeros((len(still), columns))]))
@@ -103,7 +95,7 @@ def slide_panel(
     border: FloatArray,
     kernel: Kernel = DEFAULT_PANEL,
 ) -> FloatArray:
-    """Move the nodes of a cylindrical panel with the root line that crosses it, and keep them on it.
+    """Return displacements (N, 3) of a cylindrical panel's nodes, which follow the root line and stay on it.
 
     Parameters
     ----------
@@ -111,10 +103,6 @@ def slide_panel(
     cylinder : The fuselage: interpolated nodes bulge and are projected radially back onto it.
     root, root_by : (M, 3) nodes of the undeflected root line and their displacements on the fuselage.
     border : (B, 3) nodes of the panel's border: they stay.
-
-    Returns
-    -------
-    (N, 3) displacements.
     """
     sites = joined([DataSites(root, root_by), pinned(border)])
     moved = nodes + fit(kernel, sites.points, sites.values)(nodes)

@@ -1,7 +1,5 @@
 """Boundary conditions of a CGNS zone as named patches."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Element sections of a CGNS zone: one shape each, mixed, or polyhedra by their faces."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Nodes of a CGNS file in HDF5: groups with a label, and data in a dataset named ``" data"``."""
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable, Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """CGNS files written anew: one base, a zone for each zone of the mesh, a family for each patch."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from typing import Any

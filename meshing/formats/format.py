@@ -1,7 +1,5 @@
 """What every mesh format can do, and errors that name the file."""
 
-from __future__ import annotations
-
 import errno
 import re
 from collections.abc import Container, Iterator, Sequence

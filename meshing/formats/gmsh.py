@@ -1,7 +1,5 @@
 """Gmsh meshes (.msh), versions 2.2 and 4.1, text and binary."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Elements of Gmsh's files, versions 2.2 and 4.1."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 

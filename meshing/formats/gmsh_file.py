@@ -1,7 +1,5 @@
 """Gmsh's own files: their version, their sections, and the numbers and nodes in them."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Numbers in text and bytes: found, read, and others put in their place."""
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 from dataclasses import dataclass, field

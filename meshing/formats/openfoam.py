@@ -1,7 +1,5 @@
 """OpenFOAM cases: the mesh in the folder ``constant/polyMesh``."""
 
-from __future__ import annotations
-
 import gzip
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """OpenFOAM's own files: the header; lists of labels, vectors and faces, in text or binary; the patches."""
 
-from __future__ import annotations
-
 import gzip
 import re
 import zlib

@@ -1,7 +1,5 @@
 """OpenFOAM meshes written anew, with settings with which checkMesh, potentialFoam and simpleFoam run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Cells by their faces: standard cells as polyhedra, as OpenFOAM orders them, and polyhedra that are standard cells."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from itertools import chain
 

@@ -1,7 +1,5 @@
 """The formats we know, by name and by suffix, and what to do with files of others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

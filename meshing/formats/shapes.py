@@ -1,7 +1,5 @@
 """Cells and faces by shape: the order of their nodes, their faces, faces of any number of corners."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TypeVar

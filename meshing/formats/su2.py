@@ -1,7 +1,5 @@
 """SU2 meshes (.su2) in three dimensions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial

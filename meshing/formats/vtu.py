@@ -1,7 +1,5 @@
 """VTK unstructured grids (.vtu) as meshes with patches."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -4,8 +4,6 @@ Only the arrays that are asked for are read. All sizes are checked before memory
 error and nothing worse.
 """
 
-from __future__ import annotations
-
 import binascii
 import lzma
 import re

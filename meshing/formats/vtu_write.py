@@ -1,7 +1,5 @@
 """VTK unstructured grids (.vtu) written: a header of XML, then every array compressed and appended."""
 
-from __future__ import annotations
-
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Zones apart, each with points counted from 0, and together in one mesh."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
