@@ -1,7 +1,9 @@
 """What other programs read: names in metrics.json and of the checks, exit codes, files."""
 
 import json
+import re
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +12,7 @@ from sdm_deflect.cases.sdm.registry import case_named
 
 pytestmark = pytest.mark.mesher
 
+GUIDE = Path(__file__).parents[3] / "docs"
 TOP = {
     "case", "scale", "angle_deg", "strategy", "version", "mesh", "confinement", "sites", "adaptation", "evaluation",
     "quality", "validation", "timings", "total_seconds", "peak_rss_bytes",
@@ -30,6 +33,13 @@ EVERY = {"outside_moved", "inverted_cells", "fixed_surfaces_moved", "quality_min
 SURFACE = {"planarity", "surface_to_cad", "surface_to_rigid_cad", "site_error"}
 HINGED = SURFACE | {"trailing_edge_angle", "hinge_offset"}
 TAIL = SURFACE | {"cylindricity", "root_on_cylinder"}
+
+
+def keys_of(value):
+    """All keys of nested dictionaries."""
+    if isinstance(value, dict):
+        return value.keys() | {key for item in value.values() for key in keys_of(item)}
+    return {key for item in value for key in keys_of(item)} if isinstance(value, list) else set()
 
 
 def read(folder):
@@ -72,6 +82,16 @@ def test_the_checks_have_their_names(kept):
     assert {check["name"] for check in checks} == names
     assert all(check.keys() >= CHECKED for check in checks)
     assert figures["validation"]["passed"] is True
+
+
+def test_the_guide_tells_every_name(kept):
+    figures, names = kept
+    page = (GUIDE / "commands.md").read_text(encoding="utf-8")
+    rows = page.split("`metrics.json` is in SI units")[1].split("\n## ")[0]
+    told = set(re.findall(r"`(\w+)`", rows))
+    own = {"tetra", *figures["mesh"]["patches"], *figures["deflections"], *figures["timings"]}
+    assert keys_of(figures) - told - own == set()
+    assert names - set(re.findall(r"`(\w+)`", (GUIDE / "cases.md").read_text(encoding="utf-8"))) == set()
 
 
 def test_common_centres_are_told_three_times(aileron_mv_run):
