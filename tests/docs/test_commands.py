@@ -20,7 +20,7 @@ ELSEWHERE = (
     (r"\. \.venv/bin/activate", CI, "python3 -m venv"),
     (r"\.venv/bin/pre-commit install", ".pre-commit-config.yaml", "repos:"),
     (r"\.venv/bin/python -m pytest -n 2 --dist loadfile", CI, ".venv/bin/python -m pytest"),
-    (r"\.venv/bin/(ruff check|mypy|lint-imports)", CI, ".venv/bin/lint-imports"),
+    (r"\.venv/bin/(ruff (check|format --check)|mypy|lint-imports)", CI, ".venv/bin/lint-imports"),
     (r"(\.venv/bin/)?sphinx-build", CI, "sphinx-build"),
     (r"sdm run aileron-chimera", "tests/cases/conftest.py", 'case_named("aileron-chimera"), angle=-30.0'),
     (r"sdm run tail$", "tests/cases/conftest.py", 'case_named("tail")'),
@@ -29,6 +29,7 @@ ELSEWHERE = (
     (r"sdm validate", "tests/cases/test_finished.py", "validate_folder(folder)"),
     (r"sdm limit aileron", "tests/cases/sdm/test_limit.py", "limit"),
     (r"sdm study", "tests/cases/test_studies.py", "study"),
+    (r"sdm report wing-deflected-report", "tests/cases/test_mesh_report.py", "again = report_of_folder(folder)"),
     (r"sdm view", "tests/cases/view", ""),
 )
 """Commands that take long, need a network or wait for a user: a pattern, where they are run, and a text found there."""
