@@ -5,7 +5,7 @@ from collections.abc import Mapping, Set
 from sdm_deflect.geometry.assemble import assemble, preflight
 from sdm_deflect.geometry.confinement import BlockParameters, block_corners
 from sdm_deflect.geometry.datum import SURFACES, ends, hinge_line, hinged
-from sdm_deflect.geometry.deflected import Deflection, deflected_wedge, turned, wedge
+from sdm_deflect.geometry.deflected import CadTurn, deflected_wedge, turned, wedge
 from sdm_deflect.geometry.fuse import Part, both_sides, general_fuse, one_side, partitions, skin, solid, walls
 from sdm_deflect.geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
 from sdm_deflect.geometry.model import CadModel
@@ -28,7 +28,7 @@ SMALLEST_GAP_EDGE = 0.25
 
 
 def build(
-    fighter: Fighter, deflections: Mapping[str, Deflection] | None = None, without: Set[str] = frozenset()
+    fighter: Fighter, deflections: Mapping[str, CadTurn] | None = None, without: Set[str] = frozenset()
 ) -> CadModel:
     """Fuse all components into one solid.
 
@@ -59,7 +59,7 @@ def build(
     return model
 
 
-def aircraft_parts(fighter: Fighter, deflections: Mapping[str, Deflection], without: Set[str]) -> list[Part]:
+def aircraft_parts(fighter: Fighter, deflections: Mapping[str, CadTurn], without: Set[str]) -> list[Part]:
     """All components as overlapping parts; where two overlap, the volume is the earlier one's."""
     f, kept = fighter, [name for name in SURFACES if name not in without]
     return [
@@ -75,7 +75,7 @@ def aircraft_parts(fighter: Fighter, deflections: Mapping[str, Deflection], with
     ]
 
 
-def _surface(fighter: Fighter, name: str, deflection: Deflection | None) -> Loops:
+def _surface(fighter: Fighter, name: str, deflection: CadTurn | None) -> Loops:
     inner, outer = ends(fighter, name)
     if deflection is None:
         return wedge(inner, outer) if hinged(name) else prism(inner, outer)

@@ -17,7 +17,7 @@ NOSE = 0.35
 
 
 @dataclass(frozen=True, slots=True)
-class Deflection:
+class CadTurn:
     """An angle in degrees and the way the surface follows it.
 
     Positive angles move the trailing edge down, the rudder's to port. "rigid" turns the whole surface about
@@ -46,14 +46,14 @@ def wedge(inner: FloatArray, outer: FloatArray) -> Loops:
     return prism(inner[WEDGE], outer[WEDGE])
 
 
-def deflected_wedge(inner: FloatArray, outer: FloatArray, axis: FloatArray, deflection: Deflection) -> Loops:
+def deflected_wedge(inner: FloatArray, outer: FloatArray, axis: FloatArray, deflection: CadTurn) -> Loops:
     """The wedge between two sections (6, 3) turned about `axis` (2, 3)."""
     if deflection.mode == "blended":
         return _blended(inner, outer, axis, deflection.angle)
     return tuple(rotated(loop, axis, deflection.angle) for loop in _with_nose(inner, outer))
 
 
-def turned(loops: Loops, axis: FloatArray, deflection: Deflection) -> Loops:
+def turned(loops: Loops, axis: FloatArray, deflection: CadTurn) -> Loops:
     """A whole surface turned rigidly about `axis` (2, 3); ValueError for a blended tail."""
     if deflection.mode != "rigid":
         raise ValueError("a tail has no hinge edges to blend towards; its deflection.mode must be 'rigid'")

@@ -73,14 +73,14 @@ class Convergence:
     errors: tuple[float, ...]
 
 
-class Fits(NamedTuple):
+class FitRows(NamedTuple):
     """The adaptations of a deflection, and the centres (C, 3) of its first step by direction."""
 
     convergence: tuple[Convergence, ...]
     centres: dict[str, FloatArray]
 
     @classmethod
-    def of(cls, one: Deflection) -> "Fits":
+    def of(cls, one: Deflection) -> "FitRows":
         """Return the adaptations of a deflection."""
         convergence = []
         for k, step in enumerate(one.steps, 1):
@@ -94,7 +94,7 @@ class Fits(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moved:
+class MovedSurface:
     """A moving surface.
 
     Attributes
@@ -135,20 +135,20 @@ class Box:
     """
 
     name: str
-    surfaces: tuple[Moved, ...]
+    surfaces: tuple[MovedSurface, ...]
     hexahedron: Hexahedron
     nodes: IntArray = field(repr=False)
     sites: IntArray = field(repr=False)
     touched: TouchedCells = field(repr=False)
     zero: FloatArray = field(repr=False)
     tolerance: float
-    fits: Fits = field(repr=False)
+    fits: FitRows = field(repr=False)
 
     @classmethod
-    def of(cls, plan: Plan, angle: float, name: str, fits: Fits) -> "Box":
+    def of(cls, plan: Plan, angle: float, name: str, fits: FitRows) -> "Box":
         """Return the box of a plan with its surfaces, the first of them at `angle`."""
         surfaces = [
-            Moved(name_of(own.patches), one.amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
+            MovedSurface(name_of(own.patches), one.amount, one.motion.unit, own.patches, own.nodes, one.motion.axis)
             for one, own in zip(plan.job.at(angle).surfaces, plan.boundary.surfaces, strict=True)
         ]
         return cls(
@@ -208,7 +208,7 @@ class ReportData:
     figures: Json = field(default_factory=dict, repr=False)
 
     @property
-    def surfaces(self) -> tuple[Moved, ...]:
+    def surfaces(self) -> tuple[MovedSurface, ...]:
         """The moving surfaces of all boxes."""
         return tuple(surface for box in self.boxes for surface in box.surfaces)
 
@@ -278,7 +278,7 @@ def name_of(patches: Sequence[str]) -> str:
     return patches[0] if len(patches) == 1 else start if len(start) > 2 else f"{patches[0]} and {len(patches) - 1} more"
 
 
-def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[Fits]]:
+def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
     """Read metrics.json, the checks in it, and of each deflection what convergence.csv and interpolant.npz hold."""
     figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     courses: dict[str, list[Convergence]] = {}
@@ -289,7 +289,7 @@ def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[Fits]]:
     with np.load(folder / "interpolant.npz", allow_pickle=False) as stored:
         tags = [f"_{name}" if i else "" for i, name in enumerate(courses)]
         first = [{d: stored[f"centers_{d}{tag}"] for d in "xyz"} for tag in tags]
-    fits = [Fits(tuple(own), by_direction) for own, by_direction in zip(courses.values(), first, strict=True)]
+    fits = [FitRows(tuple(own), by_direction) for own, by_direction in zip(courses.values(), first, strict=True)]
     return figures, tuple(_check(row) for row in figures["validation"]["checks"]), fits
 
 

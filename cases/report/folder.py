@@ -17,7 +17,7 @@ from sdm_deflect.cases.job_settings import job_settings, read_job
 from sdm_deflect.cases.mesh_files import SETTINGS
 from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, peak_rss_bytes, verdict_figures
 from sdm_deflect.cases.output import output_folder, write_convergence, write_interpolants
-from sdm_deflect.cases.report.data import MESH_UNITS, Box, Fits, ReportData, in_view, name_of, read_figures, rows_of
+from sdm_deflect.cases.report.data import MESH_UNITS, Box, FitRows, ReportData, in_view, name_of, read_figures, rows_of
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import drawn
 from sdm_deflect.deform.checks import MIN_QUALITY, Check
@@ -110,10 +110,10 @@ def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
 
 def data_of(one: Deflection, settings: str = "") -> ReportData:
     """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
-    return _data(one.plan, one.angle, one.points, settings, Fits.of(one))
+    return _data(one.plan, one.angle, one.points, settings, FitRows.of(one))
 
 
-def _data(plan: Plan, angle: float, points: FloatArray, settings: str, fits: Fits) -> ReportData:
+def _data(plan: Plan, angle: float, points: FloatArray, settings: str, fits: FitRows) -> ReportData:
     mesh, box = plan.mesh, Box.of(plan, angle, name_of(plan.patches), fits)
     moves = "; ".join(f"{surface.name} by {surface.turned}" for surface in box.surfaces)
     shown = in_view(mesh, (*plan.patches, *plan.boundary.fixed))

@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from PIL import Image as ImageFile
 
 from sdm_deflect.cases.report import figures, scene3d, slices
-from sdm_deflect.cases.report.data import METRES, Box, Length, Moved, ReportData, round_length
+from sdm_deflect.cases.report.data import METRES, Box, Length, MovedSurface, ReportData, round_length
 from sdm_deflect.cases.report.offscreen import Image, RenderError, rendered, rendering
 from sdm_deflect.deform.mesh import FloatArray
 
@@ -103,7 +103,7 @@ BEHIND, BESIDE, ABOVE = 1.0, 0.6, 0.45
 """Direction from a surface to the eye: along its chord, along its span away from the middle, upwards."""
 
 
-def before_after(data: ReportData, own: Box, surface: Moved) -> Picture:
+def before_after(data: ReportData, own: Box, surface: MovedSurface) -> Picture:
     """Draw a moving surface with its hexahedron, before and after side by side."""
     moved = np.linalg.norm((data.points - data.mesh.points)[surface.nodes], axis=1)
     count = sum(len(data.mesh.patch(name)) for name in surface.patches)
@@ -132,7 +132,7 @@ def moved(data: ReportData, own: Box) -> Picture:
     )
 
 
-def close(data: ReportData, points: FloatArray, own: Box, surface: Moved) -> scene3d.View:
+def close(data: ReportData, points: FloatArray, own: Box, surface: MovedSurface) -> scene3d.View:
     """Look at a moving surface; the picture holds it before and after."""
     held = np.vstack([data.mesh.points[surface.nodes], data.points[surface.nodes]])
     moving = [name for one in data.surfaces for name in one.patches]
@@ -141,7 +141,7 @@ def close(data: ReportData, points: FloatArray, own: Box, surface: Moved) -> sce
     return scene3d.framed((*layers, box), held, towards(data, own, surface), PIXELS)
 
 
-def towards(data: ReportData, own: Box, surface: Moved) -> tuple[float, float, float]:
+def towards(data: ReportData, own: Box, surface: MovedSurface) -> tuple[float, float, float]:
     """Return the direction to the eye: from behind the surface, from above (z), from its outer end."""
     chord = slices.directions(data.mesh.points, surface)[1] % 2 if surface.axis is not None else 0
     eye = np.array([0.0, 0.0, ABOVE])

@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sdm_deflect.cases.report.data import Box, Moved, ReportData, drawn_measure, drawn_quality
+from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, drawn_quality
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
 from sdm_deflect.deform.edges import edges_of, polygons_of
 from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Volume
@@ -49,7 +49,7 @@ class Plane:
         return ((1, 2), (0, 2), (0, 1))[self.axis]
 
 
-def directions(points: FloatArray, surface: Moved) -> tuple[int, int]:
+def directions(points: FloatArray, surface: MovedSurface) -> tuple[int, int]:
     """Return the coordinate axes along a surface's span and chord, from its hinge and its nodes at points (N, 3)."""
     own = points[surface.nodes]
     extent = np.ptp(own, axis=0)
@@ -62,7 +62,7 @@ def directions(points: FloatArray, surface: Moved) -> tuple[int, int]:
     return span, int(np.argmax(reach))
 
 
-def planes(data: ReportData, box: Box, surface: Moved) -> tuple[Plane, Plane]:
+def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Plane, Plane]:
     """The two planes of a surface: a chord at half span; across the chord, close to the inner end."""
     points, corners = data.mesh.points[surface.nodes], box.hexahedron.corners
     span, chord = directions(data.mesh.points, surface)
@@ -81,7 +81,7 @@ def planes(data: ReportData, box: Box, surface: Moved) -> tuple[Plane, Plane]:
     )
 
 
-def slices(data: ReportData, box: Box, surface: Moved) -> tuple[Figure, str]:
+def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, str]:
     """Draw both planes of a surface before and after the deflection, and say what is seen."""
     figure = Figure(figsize=(9.6, 9.0))
     figure.subplots_adjust(left=0.08, right=0.85, bottom=0.06, top=0.91, wspace=0.22, hspace=0.25)

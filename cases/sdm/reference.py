@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sdm_deflect.geometry.datum import hinged
-from sdm_deflect.geometry.deflected import Deflection
+from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.meshing.child import Arrays, serve, started
 from sdm_deflect.meshing.errors import MeshingError
@@ -69,16 +69,16 @@ def reference(case: Case) -> Iterator[Callable[[], Reference]]:
         yield wait
 
 
-def variants(case: Case) -> tuple[dict[str, Deflection], ...]:
+def variants(case: Case) -> tuple[dict[str, CadTurn], ...]:
     """Return how the surfaces turn in the rigid CAD and, if that is another, in the blended one."""
     rigid, blended = turned(case, "rigid"), turned(case, "blended")
     return (rigid,) if rigid == blended else (rigid, blended)
 
 
-def turned(case: Case, mode: Literal["rigid", "blended"]) -> dict[str, Deflection]:
+def turned(case: Case, mode: Literal["rigid", "blended"]) -> dict[str, CadTurn]:
     """Return by how much the CAD's surfaces turn, and how; tails can only turn rigidly."""
     return {
-        one.surface: Deflection(one.factor * case.angle, mode if hinged(one.surface) else "rigid")
+        one.surface: CadTurn(one.factor * case.angle, mode if hinged(one.surface) else "rigid")
         for one in case.deflections
     }
 

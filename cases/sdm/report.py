@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from sdm_deflect.cases.output import output_folder
-from sdm_deflect.cases.report.data import METRES, Box, Fits, Moved, ReportData, Rows, read_figures, shown
+from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, read_figures, shown
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import Exhibit, drawn, saved
 from sdm_deflect.cases.report.scene3d import triangles_of
@@ -48,7 +48,7 @@ BLENDED, RIGID = "the deflected CAD, blended by the same rule as the surface", "
 
 def report_data_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflection]) -> ReportData:
     """Return what the report of a case shows, before it is judged."""
-    return _data(case, mesh, deflected, [_box(one.plan, Fits.of(one)) for one in deflections])
+    return _data(case, mesh, deflected, [_box(one.plan, FitRows.of(one)) for one in deflections])
 
 
 def report_data_of_folder(folder: Path) -> ReportData:
@@ -105,7 +105,7 @@ def _data(case: Case, mesh: TetMesh, deflected: TetMesh, boxes: Sequence[Box]) -
     )
 
 
-def _box(plan: Plan, fits: Fits) -> Box:
+def _box(plan: Plan, fits: FitRows) -> Box:
     """Return the box of a control surface, which is the first patch that moves; a tail's panel only follows it."""
     box, nodes = Box.of(plan, plan.angle, plan.surface, fits), plan.mesh.patch(plan.surface).nodes
     own = replace(box.surfaces[0], name=plan.surface, patches=(plan.surface,), nodes=nodes)
@@ -134,7 +134,7 @@ def cad_distances(data: ReportData, surface: str, checks: Sequence[str]) -> tupl
     return distance, limit
 
 
-def cad_map(data: ReportData, surface: Moved, part: str) -> Iterator[tuple[Figure, str]]:
+def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tuple[Figure, str]]:
     """Draw the map of a surface where distances were measured, and say what is seen."""
     checks = COMPARED[part]
     what = BLENDED if part == "cad_map" and hinged(surface.name) else RIGID

@@ -78,7 +78,7 @@ class Manner:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moving:
+class Mover:
     """A moving surface.
 
     Attributes
@@ -98,7 +98,7 @@ class Moving:
     place: str
 
     @classmethod
-    def of(cls, plan: Plan, row: int, angle: float, leading: int | None) -> "Moving":
+    def of(cls, plan: Plan, row: int, angle: float, leading: int | None) -> "Mover":
         """Return a surface of a plan."""
         surface, moving = plan.boundary.surfaces[row], plan.job.surfaces[row]
         patches, following = surface.patches[:leading], surface.patches[leading or len(surface.patches) :]
@@ -130,7 +130,7 @@ class InteractiveRun:
     boxes: tuple[PreparedDeflection, ...] = field(repr=False)
     factors: tuple[float, ...]
     changed: tuple[IntArray, ...] = field(repr=False)
-    surfaces: tuple[Moving, ...] = field(repr=False)
+    surfaces: tuple[Mover, ...] = field(repr=False)
     touched: TouchedCells = field(repr=False)
     weights: FloatArray = field(repr=False)
 
@@ -178,7 +178,7 @@ class InteractiveRun:
             factors=tuple(plan.angle / angle if angle else 1.0 for plan in plans),
             changed=tuple(plan.changed for plan in plans),
             surfaces=tuple(
-                Moving.of(plan, row, angle, manner.leading) for plan in plans for row in range(len(plan.job.surfaces))
+                Mover.of(plan, row, angle, manner.leading) for plan in plans for row in range(len(plan.job.surfaces))
             ),
             touched=replace(plans[0].touched, rows=tuple(rows)),
             weights=np.repeat(flat, [len(own) for own in rows]),

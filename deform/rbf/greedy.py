@@ -75,7 +75,7 @@ class History:
         return None if len(block) else Stop.EXHAUSTED
 
 
-__all__ = ["Adaptation", "Basis", "Checked", "Iteration", "Stop", "Trial", "adapt"]
+__all__ = ["Adaptation", "Basis", "CheckedBasis", "Iteration", "Stop", "TrialBasis", "adapt"]
 
 WORTH_GUESSING = 400_000  # pairs of a sweep; a smaller one costs no more than a guess
 BAD = 0.5  # sites above this share of the residuals just mended are looked at when blocks are guessed
@@ -170,7 +170,7 @@ def adapt(
     history = History(options, progress, perf_counter())
     with single_threaded_blas():
         problem = Problem.of(sites, kernel)
-        trail = [Trial.of(basis(problem, initial))]
+        trail = [TrialBasis.of(basis(problem, initial))]
         while (found := _checked(problem, trail, rule, history)).stop is None:
             trail = _tried(problem, found, rule, options)
         chosen = found.basis.chosen
@@ -180,7 +180,7 @@ def adapt(
     return Adaptation(interpolant, sites.components, chosen, tuple(history.steps), stop, error)
 
 
-class Trial(NamedTuple):
+class TrialBasis(NamedTuple):
     """A basis that has not been checked on all sites yet."""
 
     basis: Basis
@@ -192,7 +192,7 @@ class Trial(NamedTuple):
         return cls(basis, basis.coefficients())
 
 
-class Checked(NamedTuple):
+class CheckedBasis(NamedTuple):
     """A basis with its residual at all sites, and what follows from it."""
 
     basis: Basis
@@ -201,7 +201,7 @@ class Checked(NamedTuple):
     stop: Stop | None
 
 
-def _checked(problem: Problem, trail: Sequence[Trial], rule: Rule, history: History) -> Checked:
+def _checked(problem: Problem, trail: Sequence[TrialBasis], rule: Rule, history: History) -> CheckedBasis:
     """Evaluate a trail of ever larger bases at all sites, and follow it as far as `rule` would have gone.
 
     The first basis of the trail is certain; each of the others rests on a guess of the block that follows.
@@ -212,18 +212,18 @@ def _checked(problem: Problem, trail: Sequence[Trial], rule: Rule, history: Hist
         basis, residual = trial.basis, _combined(errors)
         block = rule.choose(problem.points, residual, basis.chosen, history.options)
         history.record(len(basis.chosen), errors)
-        found = Checked(basis, residual, block, history.stop(block))
+        found = CheckedBasis(basis, residual, block, history.stop(block))
         if found.stop is not None or guess is None or not np.array_equal(block, guess[len(basis.chosen) :]):
             break
     return found
 
 
-def _tried(problem: Problem, found: Checked, rule: Rule, options: GreedyOptions) -> list[Trial]:
+def _tried(problem: Problem, found: CheckedBasis, rule: Rule, options: GreedyOptions) -> list[TrialBasis]:
     """Extend a checked basis by its block, and by further blocks guessed from a part of the sites.
 
     A residual that comes to be among the worst was large before, or is near a new centre, where it may grow.
     """
-    trail, block = [Trial.of(found.basis.extended(found.block))], found.block
+    trail, block = [TrialBasis.of(found.basis.extended(found.block))], found.block
     residual = np.where(found.residual > BAD * found.residual[block].min(), found.residual, -1.0)
     while len(trail) < rule.look_ahead and len(residual) * len(found.basis.chosen) > WORTH_GUESSING:
         basis, coefficients = trail[-1]
@@ -233,7 +233,7 @@ def _tried(problem: Problem, found: Checked, rule: Rule, options: GreedyOptions)
         block = rule.choose(problem.points, residual, basis.chosen, options)
         if not len(block):
             break
-        trail.append(Trial.of(basis.extended(block)))
+        trail.append(TrialBasis.of(basis.extended(block)))
     return trail
 
 

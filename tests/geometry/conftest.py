@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.geometry.aircraft import background, build, chimera_block
 from sdm_deflect.geometry.confinement import BlockParameters
-from sdm_deflect.geometry.deflected import Deflection
+from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 
 PAPER_GAP = 0.014 * 0.3048
@@ -34,12 +34,12 @@ def gapped_model(gapped):
 
 @pytest.fixture(scope="session")
 def rigid_model(fighter):
-    return build(fighter, {name: Deflection(angle) for name, angle in ALL.items()})
+    return build(fighter, {name: CadTurn(angle) for name, angle in ALL.items()})
 
 
 @pytest.fixture(scope="session")
 def blended_model(gapped):
-    moved = {name: Deflection(angle, "blended") for name, angle in ALL.items() if "tail" not in name}
+    moved = {name: CadTurn(angle, "blended") for name, angle in ALL.items() if "tail" not in name}
     return build(gapped, moved)
 
 

@@ -10,7 +10,7 @@ from sdm_deflect.geometry.aircraft import build, chimera_block
 from sdm_deflect.geometry.assemble import preflight
 from sdm_deflect.geometry.confinement import BlockParameters, block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends
-from sdm_deflect.geometry.deflected import Deflection
+from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.fuselage import fuselage_parts
 from sdm_deflect.geometry.parameters import Aileron, Fighter, Fin, Fuselage, Rudder, Strake, Tail, VentralFin, Wing
@@ -173,7 +173,7 @@ def test_a_geometry_that_cannot_be_meshed_is_refused():
 
 def test_unknown_surfaces_are_named(fighter):
     with pytest.raises(ValueError, match="no control surface 'flap'; there are aileron_left"):
-        build(fighter, {"flap": Deflection(5.0)})
+        build(fighter, {"flap": CadTurn(5.0)})
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.geometry.datum import ends, hinge_edges, hinge_line, trailing_edge
-from sdm_deflect.geometry.deflected import Deflection, rotated
+from sdm_deflect.geometry.deflected import CadTurn, rotated
 from sdm_deflect.geometry.sections import TE
 
 ANGLES = {"aileron_left": -12.0, "aileron_right": 12.0, "tail_left": 12.0, "tail_right": -12.0, "rudder": 15.0}
@@ -72,7 +72,7 @@ def test_nothing_but_the_deflected_surfaces_and_their_seats_changes(plain_model,
 
 @pytest.mark.parametrize("angle", [-30.0, 20.0])
 def test_large_deflections_build_without_a_gap(fighter, angle):
-    model = build(fighter, {"aileron_left": Deflection(angle)})
+    model = build(fighter, {"aileron_left": CadTurn(angle)})
     turned = rotated(trailing_edge(fighter, "aileron_left"), hinge_line(fighter, "aileron_left"), angle)
     assert nearest(model, turned).max() < 1e-9
 
@@ -87,8 +87,8 @@ def test_an_opposite_deflection_is_the_mirror_image(fighter):
 
 def test_unusable_deflections_are_refused(fighter):
     with pytest.raises(ValueError, match=r"deflection.angle = 95 deg is outside -60 ... 60 deg"):
-        Deflection(95.0)
+        CadTurn(95.0)
     with pytest.raises(ValueError, match=r"deflection.mode = 'bent'"):
-        Deflection(5.0, "bent")
+        CadTurn(5.0, "bent")
     with pytest.raises(ValueError, match=r"a tail has no hinge edges"):
-        build(fighter, {"tail_left": Deflection(5.0, "blended")})
+        build(fighter, {"tail_left": CadTurn(5.0, "blended")})
