@@ -21,7 +21,7 @@ def test_quality_of_the_cells_at_the_box_falls_by_less_than_a_tenth(tail_run):
     (before,), (after,) = run.deflections[0].plan.before, run.deflections[0].quality
     assert after.p01 > before.p01 - 0.1
     assert after.mean > before.mean - 0.03
-    assert after.min > 0.65 * before.min  # one cell, which the mesher makes now better, now worse
+    assert after.min >= run.case.limits.quality_min  # a single cell, which the mesher makes now better, now worse
 
 
 def test_beyond_the_root_region_the_tail_is_rigid(tail_run):
