@@ -39,7 +39,9 @@ def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
     -------
     The mesh, in the file's unit of length and order of nodes.
 
-    Raises InputError if the format is unknown, or the file is missing or damaged.
+    Raises
+    ------
+    InputError : if the format is unknown, or the file is missing or damaged.
     """
     from sdm_deflect.meshing.formats.registry import read as read_file
 
@@ -288,16 +290,11 @@ def deflect(
     -------
     The deflected mesh with its checks. A check that fails is no error; `passed` of the result tells.
 
-    Raises InputError if an argument is unknown, without effect or of a wrong type, or names, hinge, angle or box do not
-    suit the mesh: one sentence.
-
-    Examples
-    --------
-    ::
-
-        result = deflect("naca.su2", "flap", hinge=[[0.7, 0.6, 0], [0.7, 1.4, 0]], angle=15,
-                         motion="blended", fixed="wing", slide="symmetry:plane")
-        result.save("naca-15.su2")
+    Raises
+    ------
+    InputError : if an argument is unknown, without effect or of a wrong type, or names, hinge, angle or box do not suit
+        the mesh: one sentence. Examples -------- :: result = deflect("naca.su2", "flap", hinge=[[0.7, 0.6, 0], [0.7,
+        1.4, 0]], angle=15, motion="blended", fixed="wing", slide="symmetry:plane") result.save("naca-15.su2")
     """
     settings = settings_of(surfaces, hinge, angle, options)
     job = settings.job()
@@ -329,7 +326,9 @@ def sweep(
     -------
     One result for each angle, in the order of `angles`.
 
-    Raises InputError as for `deflect`, or if there is no angle.
+    Raises
+    ------
+    InputError : as for `deflect`, or if there is no angle.
     """
     wanted = angles_of(angles)
     largest = None if tables_of(surfaces) else max(wanted, key=abs)

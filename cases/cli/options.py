@@ -87,7 +87,7 @@ def print_tables(*tables: Any) -> None:
 
     out = console()
     for table in tables:
-        out.print(Text(table) if isinstance(table, str) else table)
+        out.print(Text(table) if isinstance(table, str) else table, soft_wrap=isinstance(table, str))
 
 
 def print_either(as_json: bool, figures: Any, *tables: Any) -> None:

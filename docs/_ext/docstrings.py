@@ -12,7 +12,7 @@ from sphinx.domains.python import PyObject
 
 import sdm_deflect
 
-SECTIONS = ("Attributes", "Parameters", "Returns")
+SECTIONS = ("Attributes", "Parameters", "Raises", "Returns")
 ENTRY = re.compile(r"(\s*)([\w*][\w*, ]*) : (.+)")
 MARKUP = re.compile(r"([|*]|(?<=\w)_(?!\w))")
 CODE = re.compile(r"(``.+?``|`[^`]*`)")
