@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from scipy.spatial import cKDTree
-from vtkmodules.vtkCommonDataModel import vtkGenericCell, vtkStaticCellLocator
 
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import BLOCK, block_stations
@@ -91,6 +90,7 @@ def overset_checks(case: Case, mesh: TetMesh, deflected: TetMesh, background: Te
 def has_donor(points: FloatArray, mesh: TetMesh) -> BoolArray:
     """True for each of points (N, 3) that lies in a cell of the mesh."""
     import pyvista as pv  # a second, for Chimera blocks only
+    from vtkmodules.vtkCommonDataModel import vtkGenericCell, vtkStaticCellLocator
 
     tets = cells_near(points, mesh)
     if not len(tets):

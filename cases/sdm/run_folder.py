@@ -13,7 +13,6 @@ from sdm_deflect.cases.sdm.job import plans_of
 from sdm_deflect.cases.sdm.metrics import Run, metrics
 from sdm_deflect.cases.sdm.reference import reference
 from sdm_deflect.cases.sdm.registry import resolve
-from sdm_deflect.cases.sdm.validation import site_checks, validate
 from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.deform.checks import Check, worst
 from sdm_deflect.deform.errors import InputError
@@ -60,6 +59,8 @@ def validate_folder(folder: Path) -> tuple[Check, ...]:
 
     Raises InputError if a file is missing or the two meshes do not belong together.
     """
+    from sdm_deflect.cases.sdm.validation import site_checks, validate  # trimesh: a run loads it while its CAD is built
+
     case, mesh, deflected = read_run(folder)
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
     plans = plans_of(case, mesh.as_mesh(case.name))
