@@ -19,14 +19,14 @@ from tests.cases.sdm.deflected_cad import built
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 SWITCHES = [
     "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
-    "--disable-background-networking",
+    "--disable-background-networking", "--disable-dev-shm-usage",
 ]  # fmt: skip
 DRAWN = "#turnable[data-state=deflected]"
 
 
 @pytest.fixture(scope="session")
 def browser():
-    """Chromium without a window, drawing by software."""
+    """Chromium without a window, drawing by software; one for all files, since Playwright allows one at a time."""
     api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
     if CHROMIUM is None:
         pytest.skip("there is no Chromium: apt-get install chromium")

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,22 +13,10 @@ from io import BytesIO
 import numpy as np
 import pytest
 from PIL import Image
-from playwright import sync_api
 
 from sdm_deflect.cases.sdm.registry import case_named
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = [
-    pytest.mark.mesher,
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium to show the page: apt-get install chromium"),
-]
-FLAGS = [
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-dev-shm-usage",
-]
+pytestmark = pytest.mark.mesher
 GENEROUS = 60_000.0  # ms; a loaded machine without a graphics card
 MARKUP = "<b id='injected'>left</b> {{ 6 * 7 }} aileron"
 
@@ -68,21 +55,19 @@ def server(folder, without_opengl):
 
 
 @pytest.fixture(scope="module")
-def page(server):
+def page(browser, server):
     """The page in a browser; it has the addresses it asked for and the errors it met."""
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        shown = browser.new_page(viewport={"width": 1280, "height": 800})
-        shown.set_default_timeout(GENEROUS)
-        shown.asked, shown.errors = [], []
-        shown.on("request", lambda request: shown.asked.append(request.url))
-        shown.on("websocket", lambda socket: shown.asked.append(socket.url))
-        shown.on("pageerror", lambda error: shown.errors.append(str(error)))
-        shown.goto(server[1])
-        shown.wait_for_selector("#status")
-        wait_until(lambda: colours(picture(shown)) > 50, "the picture stays blank")
-        yield shown
-        browser.close()
+    shown = browser.new_page(viewport={"width": 1280, "height": 800})
+    shown.set_default_timeout(GENEROUS)
+    shown.asked, shown.errors = [], []
+    shown.on("request", lambda request: shown.asked.append(request.url))
+    shown.on("websocket", lambda socket: shown.asked.append(socket.url))
+    shown.on("pageerror", lambda error: shown.errors.append(str(error)))
+    shown.goto(server[1])
+    shown.wait_for_selector("#status")
+    wait_until(lambda: colours(picture(shown)) > 50, "the picture stays blank")
+    yield shown
+    shown.close()
 
 
 def wait_until(condition, complaint):
