@@ -83,7 +83,7 @@ def about(path: Path) -> Iterator[None]:
 def unpack_limit(stored: int) -> int:
     """Return how many bytes of memory the data of a file of `stored` bytes may take; MeshFileError as `check_unpacked`.
 
-    Packed and repeated data of meshes are seldom below a tenth of their size in memory; damaged ones may claim anything.
+    Packed data of meshes seldom take less than a tenth of what they take in memory; damage may claim anything.
     """
     given = os.environ.get(RATIO_VARIABLE) or RATIO
     try:
