@@ -1,0 +1,232 @@
+"""Small meshes in every format and encoding that is read."""
+
+import gzip
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.meshing.formats import openfoam_files as foam
+from sdm_deflect.meshing.formats.registry import FORMATS
+from tests.deform.blocks import block_with_body
+from tests.fuzz.inputs import Input, of_path
+from tests.meshing.formats.examples import grid, hybrid, polyhedral, with_gmsh
+
+ARCH = "LSB;label=32;scalar=64"
+
+
+def block() -> Mesh:
+    """26 hexahedra around a cube, the patch that moves first."""
+    mesh = block_with_body(3)
+    sides = Patch("far", tuple(faces for patch in mesh.patches[1:] for faces in patch.faces))
+    return Mesh(mesh.points, mesh.cells, (mesh.patches[0], sides))
+
+
+def tetrahedra() -> Mesh:
+    """One patch, two cells."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], dtype=np.float64)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 4], [2, 3, 4], [3, 1, 4]])
+    cells = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
+    return Mesh(points, (Cells("tetra", cells),), (Patch("wall", (Cells("triangle", faces),)),))
+
+
+def mixture(zones: int = 1) -> Mesh:
+    """A cell of each shape and two patches."""
+    mesh = hybrid(zones)
+    walls = Patch("walls", tuple(faces for patch in mesh.patches[1:] for faces in patch.faces))
+    return Mesh(mesh.points, mesh.cells, (mesh.patches[0], walls) if zones == 1 else (), mesh.zones)
+
+
+def of_format(name: str, folder: Path) -> Iterator[Input]:
+    """Yield meshes as we write them."""
+    for title, mesh in (("body", block()), ("mixture", mixture()), ("tet", tetrahedra())):
+        path = folder / (title + (FORMATS[name].suffixes[0] if name != "openfoam" else ""))
+        FORMATS[name].write(mesh, path)
+        yield of_path(path)
+
+
+def su2(folder: Path) -> Iterator[Input]:
+    """SU2, with comments and several zones."""
+    for one in of_format("su2", folder):
+        yield one
+    text = one.files["tet.su2"].decode()
+    yield Input({"tet.su2": b"% a comment\n" + text.replace("\n", "  \r\n").encode()})
+    yield Input({"tet.su2": ("NZONE= 2\nIZONE= 1\n" + text + "IZONE= 2\n" + text).encode()})
+
+
+def cgns(folder: Path) -> Iterator[Input]:
+    """CGNS: sections of a shape, mixed ones, polyhedra, zones; as the examples of other programs are made."""
+    yield from of_format("cgns", folder)
+    for title, mesh in (
+        ("polyhedra", polyhedral(mixture())),
+        ("zones", mixture(2)),
+        ("cells", polyhedral(tetrahedra())),
+    ):
+        FORMATS["cgns"].write(mesh, folder / f"{title}.cgns")
+        yield of_path(folder / f"{title}.cgns")
+    yield from mixed(folder)
+
+
+def mixed(folder: Path) -> Iterator[Input]:
+    """A section of mixed elements, with and without offsets."""
+    import h5py
+
+    for offsets in (True, False):
+        path = folder / f"mixed{offsets:d}.cgns"
+        FORMATS["cgns"].write(tetrahedra(), path)
+        with h5py.File(path, "r+") as file:
+            section = next(node for name, node in file["Base"]["Zone"].items() if name.startswith("cells"))
+            section[" data"][...] = [20, 0]
+            nodes = section["ElementConnectivity"][" data"][()].reshape(-1, 4)
+            rows = np.column_stack([np.full(len(nodes), 10), nodes]).astype(nodes.dtype)
+            del section["ElementConnectivity"][" data"]
+            section["ElementConnectivity"].create_dataset(" data", data=rows.ravel())
+            if offsets:
+                file.copy(section["ElementConnectivity"], section, "ElementStartOffset")
+                section["ElementStartOffset"].attrs["name"] = np.bytes_("ElementStartOffset")
+                del section["ElementStartOffset"][" data"]
+                section["ElementStartOffset"].create_dataset(" data", data=np.array([0, 5, 10], nodes.dtype))
+        yield of_path(path)
+
+
+def gmsh(folder: Path) -> Iterator[Input]:
+    """Versions 2.2 and 4.1, text and binary, ours and Gmsh's."""
+    import gmsh as library
+
+    yield from of_format("gmsh", folder)
+    with_gmsh(folder / "box.msh")
+    library.initialize(interruptible=False)
+    try:
+        library.option.setNumber("General.Terminal", 0)
+        library.merge(str(folder / "box.msh"))
+        for version, binary in ((2.2, 0), (2.2, 1), (4.1, 0), (4.1, 1)):
+            library.option.setNumber("Mesh.MshFileVersion", version)
+            library.option.setNumber("Mesh.Binary", binary)
+            path = folder / f"gmsh{10 * version:.0f}{binary}.msh"
+            library.write(str(path))
+            yield of_path(path)
+    finally:
+        library.finalize()
+
+
+def openfoam(folder: Path) -> Iterator[Input]:
+    """A case in text, packed, and in binary."""
+    for one in of_format("openfoam", folder):
+        slim = Input({name: data for name, data in one.files.items() if "polyMesh" in name})
+        yield slim
+        yield Input({name: foam_text(name, data) for name, data in slim.files.items()})
+        yield Input({f"{name}.gz": gzip.compress(data, 1, mtime=0) for name, data in slim.files.items()})
+
+
+def foam_text(name: str, data: bytes) -> bytes:
+    """Return a file of OpenFOAM with its list in text."""
+    kind = name.rpartition("/")[2]
+    if kind == "boundary":
+        return data
+    header = foam.HEADER.search(data)
+    assert header
+    file = foam.FoamFile(data, header.end(), {"format": "binary", "class": "faceCompactList", "arch": ARCH})
+    head = data[: header.end()].replace(b"binary", b"ascii").replace(b"faceCompactList", b"faceList")
+    if kind == "points":
+        rows = [f"({' '.join(map(repr, row))})" for row in foam.vectors(file).values.tolist()]
+    elif kind == "faces":
+        faces = foam.faces(file)
+        parts = np.split(faces.nodes, faces.offsets[1:-1])
+        rows = [f"{len(part)}({' '.join(map(str, part.tolist()))})" for part in parts]
+    else:
+        rows = list(map(str, foam.labels(file).tolist()))
+    return head + "\n{}\n(\n{}\n)\n".format(len(rows), "\n".join(rows)).encode()
+
+
+def vtu(folder: Path) -> Iterator[Input]:
+    """VTK's XML: text, base64, appended as it is and in base64; packed in three ways or not; polyhedra."""
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    yield from of_format("vtu", folder)
+    FORMATS["vtu"].write(polyhedral(tetrahedra()), folder / "polyhedra.vtu")
+    yield of_path(folder / "polyhedra.vtu")
+    import pyvista as pv
+
+    for title in ("tet", "polyhedra"):
+        shape = pv.read(folder / f"{title}.vtu")
+        for mode in ("Ascii", "Binary", "Appended"):
+            for packing in range(4) if mode != "Ascii" else (0,):
+                for base64 in (0, 1) if mode == "Appended" else (0,):
+                    writer = vtkXMLUnstructuredGridWriter()
+                    getattr(writer, f"SetDataModeTo{mode}")()
+                    writer.SetCompressorType(packing)
+                    writer.SetEncodeAppendedData(base64)
+                    writer.SetHeaderType(32 if packing % 2 else 64)
+                    path = folder / f"{title}{mode}{packing}{base64}.vtu"
+                    writer.SetFileName(str(path))
+                    writer.SetInputData(shape)
+                    writer.Write()
+                    yield of_path(path)
+
+
+def others(folder: Path) -> Iterator[Input]:
+    """Files that only VTK and meshio know."""
+    import meshio
+    import pyvista as pv
+
+    shape = grid(hybrid())
+    makers: dict[str, Callable[[Path], object]] = {
+        "text.vtk": lambda path: shape.save(path, binary=False),
+        "binary.vtk": lambda path: shape.save(path, binary=True),
+        "image.vtk": lambda path: pv.ImageData(dimensions=(3, 3, 3)).save(path),
+        "lattice.vtk": lambda path: pv.ImageData(dimensions=(3, 3, 3)).cast_to_structured_grid().save(path),
+        "faces.vtk": lambda path: pv.Cube().save(path),
+        "image.vti": lambda path: pv.ImageData(dimensions=(3, 3, 3)).save(path),
+        "lattice.vts": lambda path: pv.ImageData(dimensions=(3, 3, 3)).cast_to_structured_grid().save(path),
+        "faces.vtp": lambda path: pv.Cube().save(path),
+        "faces.stl": lambda path: pv.Cube().save(path),
+        "faces.ply": lambda path: pv.Cube().triangulate().save(path),
+        "mesh.vtm": lambda path: pv.MultiBlock([shape]).save(path),
+    }
+    for name, make in makers.items():
+        make(folder / name)
+        yield from _with_parts(folder / name)
+    plain = meshio.Mesh(tetrahedra().points, [("tetra", tetrahedra().cells[0].nodes)])
+    for name in ("mesh.inp", "mesh.mesh", "mesh.bdf", "mesh.med", "mesh.ugrid"):
+        meshio.write(folder / name, plain)
+        yield of_path(folder / name)
+
+
+def _with_parts(path: Path) -> Iterator[Input]:
+    own, parts = of_path(path), path.with_suffix("")
+    yield Input({**own.files, **(of_path(parts).files if parts.is_dir() else {})})
+
+
+WORDS: dict[str, tuple[bytes, ...]] = {
+    "su2": (b"NDIME= 3\n", b"NDIME= 2\n", b"NPOIN= 5\n", b"NPOIN=\n", b"NELEM= 2\n", b"NELEM= 0\n", b"NMARK= 1\n",
+            b"MARKER_TAG= wall\n", b"MARKER_ELEMS= 6\n", b"NZONE= 2\n", b"IZONE= 2\n", b"NCHUNK= 1\n",
+            b"SEND_RECV= 1\n",
+            b"12 0 1 2 3 4 5 6 7\n", b"10 ", b"13 ", b"14 ", b"5 ", b"9 ", b"3 0 1\n", b"NPERIODIC= 1\n",
+            b"NMARK= 0\n"),
+    "gmsh": (b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", b"4.1 1 8\n", b"$Nodes\n", b"$EndNodes\n", b"$Elements\n",
+             b"$EndElements\n", b"$PhysicalNames\n", b"$Entities\n", b"$Periodic\n", b"$NodeData\n", b"$Comments\n",
+             b"$PartitionedEntities\n", b"$ParametricNodes\n", b"0 0 0 0\n", b"1 0 0 0\n", b'2 7 "wing"\n',
+             b"4 2 1 1 "),
+    "openfoam": (b"FoamFile{", b"FoamFile{" * 500, b"format binary;", b"arch \"LSB;label=64;scalar=32\";", b"label=128",
+                 b"scalar=8", b"900000000{0}", b"5{0}", b"{{{{", b"}", b"(", b")", b"((((", b"/*", b"*/", b"//", b'"',
+                 b"#include \"/etc/passwd\"", b"4(0 1 2 3)", b"type patch;", b"nFaces", b"startFace",
+                 b"class faceList;",
+                 b"class faceCompactList;", b"MSB", b"$internal;", b"inGroups 1(wall);"),
+    "vtu": (b'NumberOfPoints="99999999999"', b'NumberOfCells="-5"', b'NumberOfComponents="4000000000"', b"<Piece>",
+            b"</Piece>", b"<DataArray/>", b"<AppendedData encoding=\"raw\">_", b"</VTKFile>",
+            b"<!DOCTYPE a [<!ENTITY b \"c\">]>",
+            b'format="appended" offset="-1"', b'offset="99999999999"', b'type="Float32"', b'type="String"',
+            b'format="ascii"',
+            b'byte_order="BigEndian"', b'header_type="UInt64"', b'header_type="Int8"',
+            b'compressor="vtkLZ4DataCompressor"',
+            b'compressor="vtkLZMADataCompressor"', b'compressor=""', b"&#x0;", b"&amp;", b"<![CDATA[", b"42 42 42",
+            b'Name="connectivity"', b'Name="offsets"', b'Name="types"', b'Name="faces"', b'Name="patch"',
+            b"<Piece" * 200),
+    "cgns": (b"\x89HDF\r\n\x1a\n", b"LK", b"MT", b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"FRHP", b"BTHD"),
+    "others": (b"DATASET UNSTRUCTURED_GRID\n", b"CELLS 999999999 9999999999\n", b"POINTS -5 float\n", b"CELL_TYPES 7\n",
+               b"POINTS 99999999999 double\n", b"METADATA\n", b"BINARY\n", b"ASCII\n", b"SCALARS a float\n",
+               b"FIELD f 1\n",
+               b"LOOKUP_TABLE default\n", b"DIMENSIONS 100000 100000 100000\n",
+               b'WholeExtent="0 99999 0 99999 0 99999"'),
+}  # fmt: skip
