@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import shutil
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions,
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, read_polyhedra, sections
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, integers, text
 from sdm_deflect.meshing.formats.cgns_write import write_base
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.format import FULL, MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
 from sdm_deflect.meshing.formats.zones import joined
 from sdm_deflect.meshing.mesh import FloatArray
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
 ADF = b"ADF Database"
+DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, zlib.error)
+"""What h5py raises for a damaged file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,7 @@ class Cgns:
         with fresh(out, source) as beside, about(source):
             progress(f"writing {out.name}", 0.0)
             shutil.copyfile(source, beside)
-            with _written(beside, "r+") as file:
+            with _damage(), _written(beside, "r+") as file:
                 start = 0
                 for _, zone in zones(file)[1]:
                     start += _overwrite(coordinate_data(zone), points[start:])
@@ -119,11 +122,22 @@ def _opened(path: Path) -> Iterator[Any]:
         if ADF in head:
             raise MeshFileError("this is a CGNS file in ADF; convert it to HDF5 with `cgnsconvert -h IN.cgns OUT.cgns`")
         raise MeshFileError("this is no CGNS file in HDF5")
+    with _damage(), h5py.File(path) as opened:
+        yield opened
+
+
+@contextmanager
+def _damage() -> Iterator[None]:
+    """Say in one sentence what h5py finds wrong: MeshFileError; errors of a full disk pass."""
     try:
-        with h5py.File(path) as opened:
-            yield opened
-    except (OSError, KeyError) as error:
-        raise MeshFileError(f"the file is truncated or damaged ({error})") from error
+        yield
+    except MeshFileError:
+        raise
+    except DAMAGE as error:
+        if isinstance(error, OSError) and error.errno in FULL:
+            raise
+        reason = " ".join(str(error).split())
+        raise MeshFileError(f"the file is truncated or damaged ({reason})") from error
 
 
 def _overwrite(stored: list[Any], points: FloatArray) -> int:
@@ -162,7 +176,7 @@ def zones(file: Any) -> tuple[Any, list[tuple[str, Any]]]:
     bases = [base for _, base in children(file, "CGNSBase_t")]
     if not bases:
         raise MeshFileError("this HDF5 file has no CGNSBase_t; it is no CGNS file, or it is damaged")
-    solid = [base for base in bases if data(base)[()].tolist() == [3, 3]]
+    solid = [base for base in bases if integers(base).tolist() == [3, 3]]
     if len(solid) != 1:
         raise MeshFileError(
             f"{len(solid)} of {len(bases)} bases have cells and points in three dimensions; one is needed"
@@ -182,7 +196,10 @@ def coordinate_data(zone: Any) -> list[Any]:
     """Return the datasets (N,) of x, y and z of a zone; MeshFileError if one is missing, or of another length."""
     grid = child(zone, "GridCoordinates")
     found = [data(child(grid, axis)) for axis in AXES]
-    points = int(integers(zone)[0])
+    sizes = integers(zone)
+    if len(sizes) != 3:
+        raise MeshFileError(f"its size has {len(sizes)} numbers, expected 3; the file is damaged")
+    points = int(sizes[0])
     for axis, stored in zip(AXES, found, strict=True):
         if stored.shape != (points,) or stored.dtype.kind != "f":
             raise MeshFileError(f"{axis} holds {stored.shape} {stored.dtype}, expected ({points},) real numbers")
@@ -196,7 +213,7 @@ def _zone(base: Any, zone: Any) -> Mesh:
         raise MeshFileError("it has no elements")
     polyhedral = any(section.kind in (NGON, NFACE) for section in found)
     cells, faces = (_polyhedral if polyhedral else _shaped)(found, points)
-    named = patches(conditions(base, zone), faces, found[-1].last)
+    named = patches(conditions(base, zone, found[-1].last, len(points)), faces, found[-1].last)
     mesh = Mesh(points, cells, tuple(named))
     check_faces(mesh)
     return mesh

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Patch, Polygons
-from sdm_deflect.meshing.formats.cgns_nodes import children, integers, text
+from sdm_deflect.meshing.formats.cgns_nodes import child, children, integers, text
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import chosen
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
@@ -36,11 +36,12 @@ class NumberedFaces:
     outer: bool = True
 
 
-def conditions(base: Any, zone: Any) -> list[Condition]:
+def conditions(base: Any, zone: Any, last: int, points: int) -> list[Condition]:
     """Return the boundary conditions of a zone that are on faces or points.
 
     A condition that is specified by its family (FamilySpecified) belongs to the patch of the family's name (of the
-    physical group's name in files of Gmsh); any other is a patch of its own name.
+    physical group's name in files of Gmsh); any other is a patch of its own name. MeshFileError if one names elements
+    or points that are not among the zone's, which are numbered up to `last` and `points`.
     """
     found = []
     for _, group in children(zone, "ZoneBC_t"):
@@ -48,13 +49,23 @@ def conditions(base: Any, zone: Any) -> list[Condition]:
             place = next((place for place in PLACES if place in node), None)
             if place is None:
                 raise MeshFileError(f"boundary condition {name} says not where it is; the file is damaged")
-            where = text(node["GridLocation"]) if "GridLocation" in node else "Vertex"
-            numbers = integers(node[place])
+            where = text(child(node, "GridLocation")) if "GridLocation" in node else "Vertex"
+            numbers = integers(child(node, place))
             if where == "EdgeCenter" or not len(numbers):
                 continue
-            if place.endswith("Range"):
-                numbers = np.arange(numbers[0], numbers[-1] + 1)
             by_points = where not in ON_FACES and place.startswith("Point")
+            if numbers.min() < 1 or numbers.max() > (points if by_points else last):
+                held, most = ("points", points) if by_points else ("elements", last)
+                raise MeshFileError(
+                    f"boundary condition {name} is on {held} {numbers.min()} to {numbers.max()}, but they are numbered "
+                    f"from 1 to {most}; the file is damaged"
+                )
+            if place.endswith("Range"):
+                if len(numbers) != 2 or numbers[1] < numbers[0]:
+                    raise MeshFileError(
+                        f"boundary condition {name} has the range {numbers.tolist()}; the file is damaged"
+                    )
+                numbers = np.arange(numbers[0], numbers[1] + 1)
             found.append(Condition(_patch_name(base, name, node), by_points, np.unique(numbers)))
     return found
 
@@ -83,8 +94,8 @@ def patches(found: Sequence[Condition], faces: Sequence[NumberedFaces], last: in
 def _patch_name(base: Any, name: str, node: Any) -> str:
     if "FamilyName" not in node or text(node) != "FamilySpecified":
         return name
-    family = text(node["FamilyName"])
-    nested = [own for _, own in children(base[family], "FamilyName_t")] if family in base else []
+    family = text(child(node, "FamilyName"))
+    nested = [own for _, own in children(child(base, family), "FamilyName_t")] if family in base else []
     return text(nested[0]) if nested else family
 
 

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells, Polygons, Polyhedra
-from sdm_deflect.meshing.formats.cgns_nodes import child, children, data, integers
+from sdm_deflect.meshing.formats.cgns_nodes import child, children, integers
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, taken, turned
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
@@ -39,16 +40,21 @@ def sections(zone: Any) -> list[Section]:
     """Return the sections of a zone by their elements' numbers; MeshFileError for damaged ones and other elements."""
     found = []
     for name, node in children(zone, "Elements_t"):
-        kind, bounds = int(data(node)[0]), integers(child(node, "ElementRange"))
+        head, bounds = integers(node).tolist(), integers(child(node, "ElementRange")).tolist()
+        kind = head[0] if head else None
         if kind not in (*SIZES, MIXED, NGON, NFACE):
             raise MeshFileError(
                 f"section {name} holds elements of SIDS type {kind}; only linear elements, MIXED, NGON_n and NFACE_n "
                 "can be read"
             )
-        if len(bounds) != 2 or bounds[1] < bounds[0]:
-            raise MeshFileError(f"section {name} has the range {bounds.tolist()}; the file is damaged")
-        found.append(Section(name, kind, int(bounds[0]), int(bounds[1]), node))
-    return sorted(found, key=lambda section: section.first)
+        if len(bounds) != 2 or not 1 <= bounds[0] <= bounds[1]:
+            raise MeshFileError(f"section {name} has the range {bounds}; the file is damaged")
+        found.append(Section(name, kind, bounds[0], bounds[1], node))
+    found.sort(key=lambda section: section.first)
+    for one, other in pairwise(found):
+        if other.first <= one.last:
+            raise MeshFileError(f"elements of the sections {one.name} and {other.name} have the same numbers")
+    return found
 
 
 def blocks(section: Section, points: int) -> Iterator[tuple[Cells, IntArray]]:
@@ -84,7 +90,8 @@ def starts(section: Section, stored: IntArray, sizes: dict[int, int] | None) -> 
         offsets = integers(child(section.node, "ElementStartOffset"))
     else:
         offsets = np.fromiter(_walk(stored, sizes), dtype=np.intp)
-    if len(offsets) != len(section) + 1 or offsets[-1] != len(stored) or np.any(np.diff(offsets) < 1):
+    whole = len(offsets) == len(section) + 1 and offsets[0] == 0 and offsets[-1] == len(stored)
+    if not whole or np.any(np.diff(offsets) < 1):
         raise MeshFileError(f"section {section.name}: its elements do not fit its connectivity; the file is damaged")
     return offsets
 
@@ -93,21 +100,24 @@ def _walk(connectivity: IntArray, sizes: dict[int, int] | None) -> Iterator[int]
     at, stored = 0, connectivity.data  # numbers of a memoryview are read faster than those of an array
     while at < len(stored):
         yield at
-        at += 1 + (stored[at] if sizes is None else sizes.get(stored[at], len(stored)))
+        at += 1 + max(stored[at] if sizes is None else sizes.get(stored[at], len(stored)), 0)
     yield at
 
 
 def _mixed(section: Section, points: int) -> Iterator[tuple[Cells, IntArray]]:
     stored = connectivity(section)
-    begin = starts(section, stored, SIZES)[:-1]
+    offsets = starts(section, stored, SIZES)
+    begin = offsets[:-1]
     kinds = stored[begin]
     distinct, first = np.unique(kinds, return_index=True)
     for kind in distinct[np.argsort(first)].tolist():
         if kind not in SIZES:
             held = f"section {section.name} holds elements of SIDS type {kind}"
             raise MeshFileError(f"{held}; only linear ones can be read")
+        rows = np.flatnonzero(kinds == kind)
+        if np.any(offsets[rows + 1] - begin[rows] != 1 + SIZES[kind]):
+            raise MeshFileError(f"section {section.name}: its offsets do not fit its elements; the file is damaged")
         if kind in SHAPES:
-            rows = np.flatnonzero(kinds == kind)
             nodes = stored[begin[rows, None] + np.arange(1, SIZES[kind] + 1)]
             yield _block(section, kind, nodes, rows, points)
 
@@ -137,6 +147,8 @@ def read_polyhedra(found: Sequence[Section], points: int) -> tuple[Polyhedra, In
     numbers = np.concatenate([np.arange(section.first, section.last + 1) for section in surfaces])
     cells = [section for section in found if section.kind == NFACE]
     owner, neighbour, inward = _sides_by_cell(cells, numbers) if cells else _sides_by_face(surfaces)
+    if len(owner) and max(owner.max(), neighbour.max()) >= 2 * len(owner):
+        raise MeshFileError("there are more cells than sides of faces; the file is damaged")
     if unused := np.count_nonzero(owner < 0):
         raise MeshFileError(f"{unused} of {len(owner)} faces are of no cell; the file is damaged")
     inner, outer = np.flatnonzero(neighbour >= 0), np.flatnonzero(neighbour < 0)
@@ -198,9 +210,10 @@ def _paired(row: IntArray, cell: IntArray, inward: BoolArray, faces: int) -> Sid
 
 def _sides_by_face(surfaces: Sequence[Section]) -> Sides:
     """Read the two cells of each face, from the first of which its normal points to the second."""
-    stored = [integers(child(section.node, "ParentElements")).reshape(2, -1) for section in surfaces]
-    parents = np.concatenate(stored, axis=1)
-    if parents.shape[1] != sum(len(section) for section in surfaces) or not parents.any():
+    stored = [integers(child(section.node, "ParentElements")) for section in surfaces]
+    fit = all(len(own) == 2 * len(section) for section, own in zip(surfaces, stored, strict=True))
+    parents = np.concatenate([own.reshape(2, -1) for own in stored], axis=1) if fit else np.empty((2, 0), dtype=np.intp)
+    if not np.any(parents > 0):
         raise MeshFileError("ParentElements do not fit the faces (NGON_n), and there is no NFACE_n")
     cells = np.where(parents > 0, parents - parents[parents > 0].min(), -1)
     backward = cells[0] < 0

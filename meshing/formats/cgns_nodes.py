@@ -1,13 +1,15 @@
 """Nodes of a CGNS file in HDF5: groups with a label, and data in a dataset named ``" data"``."""
 
+import zlib
 from collections.abc import Container, Iterable, Iterator
+from math import prod
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.format import MeshFileError, check_unpacked
 from sdm_deflect.meshing.mesh import IntArray
 
 DATA = " data"
@@ -17,6 +19,8 @@ NAME_LENGTH = 32
 Array = NDArray[Any]
 Integer = type[np.int32] | type[np.int64]
 AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
+FILTERS = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
+"""What may be done to data as they are stored; each only once, and in this order."""
 
 
 def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:
@@ -38,21 +42,48 @@ def child(node: Any, name: str) -> Any:
 def data(node: Any) -> Any:
     """Return the dataset of a node.
 
-    MeshFileError if the node has none, or they are elsewhere: by a link, in an external file, in other datasets.
+    MeshFileError if the node has none, or they are elsewhere: by a link, in an external file, in other datasets; or if
+    they would take more memory than data of this file should.
     """
-    found = _own(node, DATA)
-    if not isinstance(found, h5py.Dataset):
-        raise MeshFileError(f"{node.name.strip('/')} holds no data; the file is damaged")
+    found, name = _own(node, DATA), node.name.strip("/")
+    if not isinstance(found, h5py.Dataset) or found.shape is None:
+        raise MeshFileError(f"{name} holds no data; the file is damaged")
     if found.external or found.is_virtual:
-        raise _linked(f"the data of {node.name.strip('/')}")
+        raise _linked(f"the data of {name}")
+    length = found.file.id.get_filesize()
+    largest = max(found.size * max(found.dtype.itemsize, 8), prod(found.chunks or ()) * found.dtype.itemsize)
+    check_unpacked(largest, length, f"the data of {name}")
+    if found.chunks:
+        _check_chunks(found, name, length)
+    elif found.id.get_storage_size() != found.nbytes:
+        raise MeshFileError(f"{name} holds no data, or not all; the file is damaged")
     return found
 
 
+def _check_chunks(stored: Any, name: str, length: int) -> None:
+    """Refuse (MeshFileError) missing chunks, and such as are packed otherwise than known, or unpack to more."""
+    chunks: list[Any] = []
+    properties = stored.id.get_create_plist()
+    filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
+    if filters != [known for known in FILTERS if known in filters]:
+        raise MeshFileError(f"{name} is packed in a way that is not known; run `h5repack -f NONE IN.cgns OUT.cgns`")
+    stored.id.chunk_iter(chunks.append)
+    expected = prod(-(-size // chunk) for size, chunk in zip(stored.shape, stored.chunks, strict=True))
+    if len(chunks) < expected or any(chunk.size > length for chunk in chunks):
+        raise MeshFileError(f"{name} holds {len(chunks)} of {expected} parts of its data; the file is damaged")
+    if h5py.h5z.FILTER_DEFLATE not in filters:
+        return
+    skipped, room = 1 << filters.index(h5py.h5z.FILTER_DEFLATE), prod(stored.chunks) * stored.dtype.itemsize
+    for chunk in chunks:
+        if not chunk.filter_mask & skipped:
+            _, packed = stored.id.read_direct_chunk(chunk.chunk_offset)
+            if len(zlib.decompressobj().decompress(packed, room + 1)) > room:  # HDF5 unpacks without a limit
+                raise MeshFileError(f"a part of {name} unpacks to more than its {room} bytes; the file is damaged")
+
+
 def integers(node: Any) -> IntArray:
-    """Return the data (K,) of a node of integers, flat, in the order of the file."""
-    stored = data(node)
-    if stored.dtype.kind not in "iu":
-        raise MeshFileError(f"{node.name.strip('/')} holds {stored.dtype}, expected integers; the file is damaged")
+    """Return the data (K,) of a node of integers, flat, in the order of the file; MeshFileError for other data."""
+    stored = _of_kind(node, "iu", "integers")
     values = np.empty(stored.shape, dtype=np.intp)
     if values.size:
         stored.read_direct(values)
@@ -60,9 +91,16 @@ def integers(node: Any) -> IntArray:
 
 
 def text(node: Any) -> str:
-    """Return the data of a node of characters, without blanks at its end."""
-    letters: bytes = data(node)[()].astype(np.uint8).tobytes()
+    """Return the data of a node of characters, without blanks at its end; MeshFileError for other data."""
+    letters: bytes = _of_kind(node, "iu", "characters")[()].astype(np.uint8).tobytes()
     return letters.decode("utf-8", "replace").rstrip(" \0")
+
+
+def _of_kind(node: Any, kinds: str, what: str) -> Any:
+    stored = data(node)
+    if stored.dtype.kind not in kinds:
+        raise MeshFileError(f"{node.name.strip('/')} holds {stored.dtype}, expected {what}; the file is damaged")
+    return stored
 
 
 def create(parent: Any, name: str, label: str, values: Array | str | None = None) -> Any:

@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+import zlib
 
 import h5py
 import numpy as np
@@ -77,7 +78,25 @@ DAMAGE = {
     ),
     "condition": (
         lambda zone: zone["ZoneBC/outlet/PointRange/ data"].write_direct(np.array([[12], [99]], dtype=np.int32)),
-        "patch outlet: 74 of its 88 elements are no faces",
+        "condition outlet is on elements 12 to 99, but they are numbered from 1 to 25",
+    ),
+    "condition reversed": (
+        lambda zone: zone["ZoneBC/outlet/PointRange/ data"].write_direct(np.array([[13], [12]], dtype=np.int32)),
+        "outlet has the range [13, 12]",
+    ),
+    "condition on cells": (
+        lambda zone: zone["ZoneBC/outlet/PointRange/ data"].write_direct(np.array([[1], [12]], dtype=np.int32)),
+        "patch outlet: 7 of its 12 elements are no faces",
+    ),
+    "size": (lambda zone: replace_data(zone, np.empty((0, 1), dtype=np.int32)), "its size has 0 numbers, expected 3"),
+    "null space": (
+        lambda zone: replace_data(zone["GridCoordinates/CoordinateX"], h5py.Empty("f8")),
+        "CoordinateX holds no data",
+    ),
+    "letters": (lambda zone: replace_data(zone["ZoneType"], np.array(b"Unstructured")), "expected characters"),
+    "same numbers": (
+        lambda zone: zone["cells tetra/ElementRange/ data"].write_direct(np.array([2, 5], dtype=np.int32)),
+        "have the same numbers",
     ),
     "condition nowhere": (lambda zone: zone["ZoneBC/outlet"].__delitem__("PointRange"), "outlet says not where it is"),
     "condition on points": (
@@ -85,6 +104,35 @@ DAMAGE = {
         "outlet is given by points",
     ),
 }  # fmt: skip
+
+
+def bomb(zone):
+    """A packed chunk that unpacks to more than the chunk's size."""
+    chunked(zone, compression="gzip").id.write_direct_chunk((0,), zlib.compress(bytes(1 << 26)))
+
+
+def chunked(zone, **how):
+    """New coordinates on x in chunks, none of which is there yet."""
+    node = zone["GridCoordinates/CoordinateX"]
+    del node[" data"]
+    return node.create_dataset(" data", (14,), "f8", chunks=(14,), **how)
+
+
+def claimed(zone):
+    """A zone of 10^9 points without coordinates."""
+    set_first(zone, 10**9)
+    for axis in "XYZ":
+        node = zone[f"GridCoordinates/Coordinate{axis}"]
+        del node[" data"]
+        node.create_dataset(" data", (10**9,), "f8", chunks=(1 << 20,))
+
+
+DAMAGE |= {
+    "bomb": (bomb, "unpacks to more than its 112 bytes"),
+    "no chunk": (chunked, "CoordinateX holds 0 of 1 parts of its data"),
+    "large": (claimed, "CoordinateX would take 8e+03 MB of memory from a file"),
+    "filter": (lambda zone: chunked(zone, compression="lzf"), "run `h5repack -f NONE IN.cgns OUT.cgns`"),
+}
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
@@ -104,6 +152,10 @@ POLYHEDRAL = {
     "twice": (
         lambda zone: zone["cells/ElementConnectivity/ data"].__setitem__(slice(0, 4), 1),
         "1 faces are of more than two cells",
+    ),
+    "first offset": (
+        lambda zone: set_first(zone["faces/ElementStartOffset"], -4),
+        "section faces: its elements do not fit its connectivity",
     ),
     "offsets": (
         lambda zone: replace_data(zone["faces/ElementStartOffset"], np.arange(5)),
