@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sdm_deflect.cases.mesh_files import Targets, write_mesh, write_sensitivity
 from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, verdict_figures
-from sdm_deflect.cases.output import output_folder
+from sdm_deflect.cases.output import output_files
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
 from sdm_deflect.deform.quality import Quality
@@ -65,7 +65,7 @@ def deflect_file(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float
     lost: tuple[str, ...] = ()
     if wanted.reported:
         from sdm_deflect.cases.report.folder import write_run_folder  # loads graphics libraries
-    with output_folder(wanted.out.parent) as scratch:
+    with output_files(wanted.out.parent) as scratch:
         results = sweep(plan, wanted.angles)
         for _ in wanted.angles:
             with watch.stage("deflect") as progress:

@@ -6,7 +6,7 @@ from pathlib import Path
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh_folder
+from sdm_deflect.meshing.files import fresh_folder, settle
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, parse
 from sdm_deflect.meshing.formats.openfoam_write import header
@@ -58,6 +58,7 @@ def export_run(
     MeshFileError
         If `out` cannot be written.
     """
+    settle(run)
     source = run / f"{which}.vtu"
     if not source.is_file():
         raise InputError(f"{run} is not the output folder of a run: it has no {which}.vtu")

@@ -1,16 +1,15 @@
-"""The files of a run: written into a folder beside the target, then renamed into it, so each is whole."""
+"""The files of a run: written into a folder that replaces the old one as a whole."""
 
 import csv
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
-from sdm_deflect.meshing.files import renamed
+from sdm_deflect.meshing.files import replacing_files, replacing_folder
 from sdm_deflect.meshing.formats.format import FULL
 
 
@@ -18,32 +17,54 @@ class OutputError(ValueError):
     """The output folder cannot be written."""
 
 
+PARTS = ("convergence", "quality", "slices", "before_after", "cad_map", "rigid_cad_map")
+"""Parts of the page, with which the names of its pictures begin."""
+PAGE = ("report.html", *(f"figures/{part}*.png" for part in PARTS))
+"""A page and its pictures, as patterns."""
+RUN = (
+    "case.toml", "settings.toml", "metrics.json", "convergence.csv", "interpolant.npz", "table_[0-9]*.npz",
+    "undeflected.vtu", "deflected.vtu", "background.vtu", *PAGE,
+)  # fmt: skip
+"""Everything that a run folder may hold of ours."""
+
+
 @contextmanager
-def output_folder(target: Path) -> Iterator[Path]:
-    """Yield a scratch folder in `target`; on success its files move into `target`, else nothing changes.
+def output_folder(target: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
+    """Yield an empty folder that replaces `target` as one on success; else nothing changes.
+
+    Of an old folder those files go whose names match a pattern in `stale`; all others stay.
 
     Raises OutputError at once if the folder cannot be made or written, later if a file in it cannot, on a full disk for
-    example; the message names the file that was to be.
+    example; the message names the folder or the file that was to be.
     """
-    new = not target.exists()
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-        scratch = TemporaryDirectory(prefix=".partial-", dir=target)
-    except OSError as error:
-        raise OutputError(f"--out {target}: {error.strerror}; choose a folder that can be written") from None
-    try:
-        with scratch as name, renamed(Path(name), target):
-            yield Path(name)
-            for path in sorted(p for p in Path(name).rglob("*") if p.is_file()):
-                final = target / path.relative_to(name)
-                final.parent.mkdir(parents=True, exist_ok=True)
-                path.replace(final)
-    except BaseException as error:
-        if new and not any(target.iterdir()):
-            target.rmdir()
-        if isinstance(error, OSError) and error.errno in FULL:
-            raise OutputError(f"{target}: cannot be written: {error.strerror}") from error
-        raise
+    with _named(target, replacing_folder(target, stale)) as scratch:
+        yield scratch
+
+
+@contextmanager
+def output_files(folder: Path) -> Iterator[Path]:
+    """Yield an empty folder whose files and run folders replace those in `folder` together on success.
+
+    Raises OutputError as `output_folder`.
+    """
+    with _named(folder, replacing_files(folder, RUN)) as scratch:
+        yield scratch
+
+
+@contextmanager
+def _named(target: Path, scratch: AbstractContextManager[Path]) -> Iterator[Path]:
+    """Say which folder cannot be written, at the beginning and later."""
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(scratch)
+        except OSError as error:
+            raise OutputError(f"--out {target}: {error.strerror}; choose a folder that can be written") from None
+        try:
+            yield folder
+        except OSError as error:
+            if error.errno in FULL:
+                raise OutputError(f"{target}: cannot be written: {error.strerror}") from error
+            raise
 
 
 def write_interpolants(path: Path, deflections: Sequence[Deflection]) -> None:

@@ -1,7 +1,7 @@
-"""CAD shapes as triangles, and in files that appear whole or not at all."""
+"""CAD shapes as triangles and in files."""
 
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +18,9 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Shape
 from OCP.TopTools import TopTools_FormatVersion
 
+from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.projection import coordinates
 from sdm_deflect.geometry.sections import FloatArray
-
-Writer = Callable[[Sequence[Shape], Path], None]
 
 # Largest angle in radians between neighbouring chords on a curved face.
 ANGLE = 0.3
@@ -79,27 +78,22 @@ def _triangulation(face: Face) -> tuple[FloatArray, NDArray[np.intp]]:
     return points, triangles[:, ::-1] if reversed_face else triangles
 
 
-def write_atomically(path: Path, writer: Writer, shapes: Sequence[Shape]) -> None:
-    """Let `writer` fill a file beside `path`, then rename it; OSError where the folder cannot be written."""
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
-        unfinished = Path(folder) / path.name
-        writer(shapes, unfinished)
-        unfinished.replace(path)
-
-
 def write_brep(shapes: Sequence[Shape], path: Path) -> None:
     """Write shapes in the CAD kernel's own format, without triangles; several go into one compound, in order."""
     version = TopTools_FormatVersion.TopTools_FormatVersion_VERSION_1
-    if not BRepTools.Write_s(_together(shapes).wrapped, str(path), False, False, version):
-        raise OSError(f"cannot write {path}")
+    content = BytesIO()  # of a file, the kernel does not tell why it could not be written
+    BRepTools.Write_s(_together(shapes).wrapped, content, False, False, version)
+    path.write_bytes(content.getvalue())
 
 
 def write_step(shapes: Sequence[Shape], path: Path) -> None:
     """Write shapes as STEP, in millimetres as the kernel assumes: 1 m in memory is 1000 mm in the file."""
     writer = STEPControl_Writer()
     writer.Transfer(_together(shapes).scale(1000.0).wrapped, STEPControl_AsIs)
-    if writer.Write(str(path)) != IFSelect_RetDone:
-        raise OSError(f"cannot write {path}")
+    content = BytesIO()
+    if writer.WriteStream(content) != IFSelect_RetDone:
+        raise CadError(f"{path.name}: the CAD kernel cannot write this shape as STEP")
+    path.write_bytes(content.getvalue())
 
 
 def write_stl(shapes: Sequence[Shape], path: Path) -> None:

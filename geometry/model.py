@@ -7,7 +7,7 @@ import numpy as np
 from cadquery import Edge, Face, Solid
 from numpy.typing import NDArray
 
-from sdm_deflect.geometry.export import tessellate, write_atomically, write_brep, write_step, write_stl
+from sdm_deflect.geometry.export import tessellate, write_brep, write_step, write_stl
 from sdm_deflect.geometry.projection import FreeFormSurface, PlaneSurface, curve_of, surface_of
 from sdm_deflect.geometry.sections import FloatArray
 
@@ -128,15 +128,15 @@ class CadModel:
         return found
 
     def write(self, path: Path) -> None:
-        """Write the solid as .step, .brep or .stl, whole or not at all; ValueError for any other suffix."""
+        """Write the solid as .step, .brep or .stl; ValueError for any other suffix, OSError if it cannot be written."""
         writers = {".step": write_step, ".brep": write_brep, ".stl": write_stl}
         if path.suffix.lower() not in writers:
             raise ValueError(f"{path} ends in {path.suffix!r}; it must end in {', '.join(writers)}")
-        write_atomically(path, writers[path.suffix.lower()], (self.solid,))
+        writers[path.suffix.lower()]((self.solid,), path)
 
     def write_faces(self, path: Path) -> None:
         """Write faces then sheets, in order, as one .brep whose faces share their edges."""
-        write_atomically(path, write_brep, tuple(face.shape for face in self.faces + self.sheets))
+        write_brep(tuple(face.shape for face in self.faces + self.sheets), path)
 
 
 def _rows(points: FloatArray) -> FloatArray:

@@ -83,13 +83,12 @@ def geometry(
     resolved = resolve(case, angle=angle or 0.0, assignments=assignments)
 
     from sdm_deflect.cases.sdm.cad import deflected_cad, undeflected_cad
+    from sdm_deflect.meshing.files import fresh
 
     with options.watched(quiet, verbose) as watch, watch.stage("geometry"):
         model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)
-        try:
-            model.write(out)
-        except OSError as error:
-            raise InputError(f"--out {out}: {error.strerror or error}") from None
+        with fresh(out) as beside:
+            model.write(beside)
     click.echo(f"{out}: {len(model.faces)} faces, {len(model.edges)} edges")
 
 
@@ -193,7 +192,7 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
     from sdm_deflect.cases.sdm.pipeline import meshed
 
     folder = out or Path("runs") / f"{resolved.name}-limit"
-    with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
+    with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
         mesh, _ = meshed(resolved, watch)
         with watch.stage("bisection") as progress:
             limits = find_limits(resolved, mesh.as_mesh(resolved.name), threshold, resolution, progress)
@@ -217,7 +216,7 @@ def study(name: str, scale: str, out: Path | None, cache: bool, as_json: bool, q
     from sdm_deflect.cases.study.page import write_page
 
     folder = out or Path("runs") / name
-    with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
+    with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
         if name == PAGE:
             write_page(scale, scratch, watch.display, cache)
         else:

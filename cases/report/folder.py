@@ -16,7 +16,7 @@ import tomli_w
 from sdm_deflect.cases.job_settings import job_settings, read_job
 from sdm_deflect.cases.mesh_files import SETTINGS
 from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, peak_rss_bytes, verdict_figures
-from sdm_deflect.cases.output import output_folder, write_convergence, write_interpolants
+from sdm_deflect.cases.output import PAGE, output_folder, write_convergence, write_interpolants
 from sdm_deflect.cases.report.data import MESH_UNITS, Box, FitRows, ReportData, in_view, name_of, read_figures, rows_of
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import drawn
@@ -30,6 +30,7 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.meshing.files import settle
 from sdm_deflect.meshing.formats.registry import format_of
 from sdm_deflect.meshing.formats.shapes import taken, turned
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
@@ -80,19 +81,21 @@ def write_run_folder(
 def report_of_folder(folder: Path) -> ReportData:
     """Make report.html and the figures anew; InputError if a file is missing or damaged, or the mesh is another."""
     try:
+        settle(folder)
         settings = (folder / SETTINGS).read_text(encoding="utf-8")
         figures, checks, (fits,) = read_figures(folder)
     except (OSError, KeyError, TypeError, ValueError, BadZipFile) as error:
         raise InputError(f"{folder} is not the whole folder of a deflection: {error}") from None
     plan, points = read_folder(folder)
     data = _data(plan, plan.angle, points, settings, fits).judged(checks, figures)
-    with output_folder(folder) as scratch:
+    with output_folder(folder, PAGE) as scratch:
         write_report(data, drawn(data, scratch / "figures"), scratch)
     return data
 
 
 def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
     """Return the plan made anew and the points (N, 3); InputError if a file is missing, damaged or of another mesh."""
+    settle(folder)
     try:
         path = loads((folder / SETTINGS).read_text(encoding="utf-8")).get("mesh", "")
         count = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))["mesh"]["points"]

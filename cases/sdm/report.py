@@ -14,7 +14,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from sdm_deflect.cases.output import output_folder
+from sdm_deflect.cases.output import PAGE, output_folder
 from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, read_figures, shown
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import Exhibit, drawn, saved
@@ -71,7 +71,7 @@ def report_data_of_folder(folder: Path) -> ReportData:
 def report_of_folder(folder: Path) -> ReportData:
     """Make report.html and the figures of a finished case anew; InputError as `report_data_of_folder`."""
     data = report_data_of_folder(folder)
-    with output_folder(folder) as scratch:
+    with output_folder(folder, PAGE) as scratch:
         figures = scratch / "figures"
         write_report(data, drawn(data, figures).with_more(compared(data, figures)), scratch)
     return data

@@ -18,6 +18,7 @@ from sdm_deflect.deform.checks import Check, worst
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection, combined
+from sdm_deflect.meshing.files import settle
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
@@ -74,6 +75,7 @@ def validate_folder(folder: Path) -> tuple[Check, ...]:
 
 def read_run(folder: Path) -> tuple[Case, TetMesh, TetMesh]:
     """Return the case of a finished run and its mesh before and after."""
+    settle(folder)
     if not (folder / "case.toml").is_file():
         raise InputError(f"{folder} is not the output folder of a run: it has no case.toml")
     case = resolve("", config=folder / "case.toml")

@@ -23,6 +23,7 @@ from sdm_deflect.cases.study.paper import QualityStatement, paper
 from sdm_deflect.cases.study.trends import Finding
 from sdm_deflect.deform.fitting import Strategy
 from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.meshing.files import scratch_folder
 from sdm_deflect.meshing.mesh import TetMesh
 
 INTRODUCTION = """# The paper's section 5, measured here
@@ -208,8 +209,8 @@ def write_page(scale: str, folder: Path, display: Display, cache: bool = True) -
     (folder / "figures").mkdir()
     (folder / "tables").mkdir()
     parts = [INTRODUCTION.format(scale=scale, threads=get_num_threads(), machine=paper().machine)]
-    with TemporaryDirectory(prefix="sdm-study-") as scratch:
-        runs = Sources(scale, Path(scratch), display, cache)
+    with scratch_folder() as scratch:
+        runs = Sources(scale, scratch, display, cache)
         for title, write in SECTIONS.items():
             parts.append(f"## {title}\n\n{_written(write, runs, folder / 'figures')}")
     (folder / "paper.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")

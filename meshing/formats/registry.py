@@ -5,6 +5,7 @@ from pathlib import Path
 
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.meshing.files import settle_in
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import Format, MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
@@ -35,6 +36,7 @@ def read(path: str | Path, progress: Progress = silent) -> Mesh:
     Raises MeshFileError if the format is unknown, or the file is missing, truncated or damaged.
     """
     given = Path(path)
+    settle_in(given.absolute().parent)
     mesh = format_of(given).read(given, progress)
     return replace(mesh, name=given.resolve().name, source=str(given.resolve()))
 

@@ -1,14 +1,13 @@
 """A conforming surface mesh of the CAD faces: the input of the volume mesher and the reference for names."""
 
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files import scratch_folder
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 SECONDS = 600.0
@@ -49,8 +48,8 @@ def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatA
     MeshingError where gmsh fails on a face or the result does not match the CAD.
     """
     points, tets, lengths = background
-    with tempfile.TemporaryDirectory(prefix="sdm-deflect-") as folder:
-        brep = Path(folder) / "faces.brep"
+    with scratch_folder() as folder:
+        brep = folder / "faces.brep"
         model.write_faces(brep)
         question = {"brep": np.array(str(brep)), "points": points, "tets": tets, "lengths": lengths}
         answer = child.call("sdm_deflect.meshing.generate.gmsh_worker", question, SECONDS)

@@ -4,8 +4,6 @@ import cadquery as cq
 import pytest
 import trimesh
 
-from sdm_deflect.geometry.export import write_atomically
-
 
 def test_step_declares_its_unit_so_that_lengths_survive(tmp_path, plain_model):
     path = tmp_path / "x.step"
@@ -42,17 +40,3 @@ def test_stl_is_watertight_and_oriented_outwards(request, tmp_path, name):
 def test_other_suffixes_are_refused(tmp_path, block):
     with pytest.raises(ValueError, match=r"it must end in .step, .brep, .stl"):
         block.write(tmp_path / "x.iges")
-
-
-def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path, block):
-    path = tmp_path / "x.stl"
-    path.write_text("old")
-
-    def interrupted(_shapes, unfinished):
-        unfinished.write_text("half")
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_atomically(path, interrupted, (block.solid,))
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
