@@ -18,6 +18,7 @@ from sdm_deflect.deform.mesh import BoolArray, FloatArray, real
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.points import farthest, first_coincident
+from sdm_deflect.deform.reading import damaged, read_arrays
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.surface import Surface
 
@@ -150,18 +151,15 @@ class Table:
         Raises InputError if the file cannot be read as one of these.
         """
         path = Path(path)
-        try:
+        with damaged(path, "table of points and displacements"):
             if path.suffix == ".npz":
-                with np.load(path, allow_pickle=False) as arrays:
-                    return cls(arrays["points"].astype(float), arrays["vectors"].astype(float), hinge)
-            rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+                points, vectors = (array.astype(np.float64) for array in read_arrays(path, ("points", "vectors")))
+                return cls(points, vectors, hinge)
+            with path.open(encoding="utf-8") as text:
+                rows = np.loadtxt(text, delimiter=",", skiprows=1, ndmin=2)
             if rows.shape[1] != 6:
                 raise ValueError(f"rows of {rows.shape[1]} numbers instead of x, y, z, dx, dy, dz")
             return cls(rows[:, :3], rows[:, 3:], hinge)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
-        except (OSError, KeyError, ValueError, IndexError) as error:
-            raise InputError(f"{path}: no table of points and displacements: {error}") from None
 
     @property
     def unit(self) -> str:
@@ -174,8 +172,15 @@ class Table:
         return self.hinge
 
     def law(self, surface: Surface) -> "TableLaw":
-        """Interpolate the table at a surface's nodes."""
-        rows = np.flatnonzero(first_coincident(self.points) == np.arange(len(self.points)))
+        """Interpolate the table at a surface's nodes; InputError if it has two displacements for one point."""
+        first = first_coincident(self.points)
+        torn = np.flatnonzero((self.vectors != self.vectors[first]).any(axis=1))
+        if len(torn):
+            at, one, other = (
+                row.tolist() for row in (self.points[torn[0]], self.vectors[first[torn[0]]], self.vectors[torn[0]])
+            )
+            raise InputError(f"table: the point {at} is given twice, with the displacements {one} and {other}")
+        rows = np.flatnonzero(first == np.arange(len(first)))
         rows = rows[farthest(self.points[rows], MOST)] if len(rows) > MOST else rows
         return TableLaw(fit(ThinPlateSpline(), self.points[rows], self.vectors[rows])(surface.points))
 

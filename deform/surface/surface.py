@@ -11,6 +11,7 @@ import numpy as np
 from sdm_deflect.deform.edges import polygons_of, sharp_edges
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, whole
+from sdm_deflect.deform.reading import damaged
 from sdm_deflect.deform.surface.axis import Axis
 
 FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are the trailing edge
@@ -143,10 +144,8 @@ class Listed:
     @classmethod
     def read(cls, path: Path) -> "Listed":
         """Read node indices, counted from 0, from a text file; InputError if it holds anything else."""
-        try:
-            return cls(np.loadtxt(path, dtype=np.intp, ndmin=1))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: no list of node indices: {error}") from None
+        with damaged(path, "list of node indices"), path.open(encoding="utf-8") as text:
+            return cls(np.loadtxt(text, dtype=np.intp, ndmin=1))
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
         """Return a mask (K,) over the surface's nodes."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sdm_deflect.deform.reading import check_size
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh_file import ByteCursor, Cursor, GmshFile, TextCursor
 from sdm_deflect.meshing.formats.numbers import Lines
@@ -32,7 +33,7 @@ def elements(file: GmshFile) -> Iterator[Elements]:
     cursor = file.cursor("Elements")
     if file.version == 41:
         groups = _groups(file.cursor("Entities")) if "Entities" in file.sections else {}
-        yield from _elements41(cursor, groups)
+        yield from _elements41(file, cursor, groups)
     elif isinstance(cursor, TextCursor):
         yield from _lines22(cursor.words)
     else:
@@ -47,13 +48,14 @@ def _corners(kind: int, count: int) -> int:
     return CORNERS[kind]
 
 
-def _elements41(cursor: Cursor, groups: dict[tuple[int, int], list[int]]) -> Iterator[Elements]:
+def _elements41(file: GmshFile, cursor: Cursor, groups: dict[tuple[int, int], list[int]]) -> Iterator[Elements]:
     for _ in range(int(cursor.sizes(4)[0])):
         dimension, entity, kind = cursor.ints(3).tolist()
         count = int(cursor.sizes(1)[0])
         width = 1 + _corners(kind, count)
         own = cursor.sizes(count * width).reshape(count, width)[:, 1:]
         several = groups.get((dimension, entity)) or [0]
+        check_size(own.nbytes * len(several), len(file.data), f"{count} elements in {len(several)} groups")
         for group in several if dimension == 2 else several[:1]:
             yield Elements(kind, own, np.full(count, abs(group)), np.full(count, entity))
 
@@ -80,7 +82,9 @@ def _lines22(words: Lines) -> Iterator[Elements]:
     sizes, first = np.diff(first), first[:-1]
     if np.any(sizes < 4):
         raise MeshFileError(f"{np.count_nonzero(sizes < 4)} lines of $Elements are too short")
-    kinds, tags = (values[first + column].astype(np.intp) for column in (1, 2))
+    with np.errstate(invalid="ignore"):
+        values = values.astype(np.intp)
+    kinds, tags = (values[first + column] for column in (1, 2))
     order = np.unique(kinds, return_index=True)
     for kind in order[0][np.argsort(order[1])].tolist():
         rows = np.flatnonzero(kinds == kind)
@@ -88,8 +92,8 @@ def _lines22(words: Lines) -> Iterator[Elements]:
         if wrong := np.count_nonzero(sizes[rows] != 3 + tags[rows] + corners):
             raise MeshFileError(f"{wrong} elements of type {kind} have other than {corners} nodes")
         at = first[rows]
-        own = values[(at + 3 + tags[rows])[:, None] + np.arange(corners)].astype(np.intp)
-        group, entity = (np.where(tags[rows] > i, values[at + 3 + i], 0.0).astype(np.intp) for i in (0, 1))
+        own = values[(at + 3 + tags[rows])[:, None] + np.arange(corners)]
+        group, entity = (np.where(tags[rows] > i, values[at + 3 + i], 0) for i in (0, 1))
         yield Elements(kind, own, np.abs(group), entity)
 
 
@@ -98,6 +102,8 @@ def _records22(cursor: ByteCursor) -> Iterator[Elements]:
     left = cursor.line()
     while left > 0:
         kind, count, tags = cursor.ints(3).tolist()
+        if tags < 0:
+            raise MeshFileError(f"$Elements has records of {tags} tags; the file is damaged")
         width = 1 + tags + _corners(kind, count)
         table = _alike(cursor, width) if count == 1 else cursor.ints(count * width).reshape(count, width)
         group, entity = (table[:, 1 + i] if tags > i else np.zeros(len(table), dtype=np.intp) for i in (0, 1))

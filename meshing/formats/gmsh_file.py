@@ -19,13 +19,15 @@ class TextCursor:
 
     def __init__(self, content: bytes, offset: int, name: str) -> None:
         self.words: Lines = numbers(content, np.float64)
+        if not np.isfinite(self.words.values).all():
+            raise MeshFileError(f"section ${name} holds numbers that are not finite")
         self.offset, self.name, self.at = offset, name, 0
 
     def reals(self, count: int) -> Placed:
         """The next `count` numbers."""
         own = slice(self.at, self.at + count)
         self.at += count
-        if self.at > len(self.words.values):
+        if count < 0 or self.at > len(self.words.values):
             raise _ended(self.name)
         values = np.asarray(self.words.values[own], dtype=np.float64)
         return Placed(values, self.offset + self.words.begin[own], self.offset + self.words.end[own])
@@ -62,8 +64,9 @@ class ByteCursor:
 
     def reals(self, count: int) -> Placed:
         """The next `count` numbers."""
-        begin = self.offset + self.at + REAL.itemsize * np.arange(count)
-        return Placed(self.raw(count, "f8").astype(np.float64), begin, begin + REAL.itemsize)
+        at, values = self.at, self.raw(count, "f8")
+        begin = self.offset + at + REAL.itemsize * np.arange(count)
+        return Placed(values.astype(np.float64), begin, begin + REAL.itemsize)
 
     def ints(self, count: int) -> IntArray:
         """The next `count` integers of 4 bytes."""
@@ -183,6 +186,8 @@ def _nodes41(cursor: Cursor) -> tuple[IntArray, Placed]:
         dimension, _, parametric = cursor.ints(3).tolist()
         count = int(cursor.sizes(1)[0])
         tags.append(cursor.sizes(count))
+        if not 0 <= dimension <= 3:
+            raise MeshFileError(f"$Nodes has an entity of dimension {dimension}; the file is damaged")
         width = 3 + (dimension if parametric else 0)
         found.append(_columns(cursor.reals(width * count), width, slice(3)))
     none = np.empty((0, 3), dtype=np.intp)

@@ -52,6 +52,11 @@ class OpenFoam:
                 first, end = patch.start, patch.start + patch.count
                 if not 0 <= first <= end <= count:
                     raise MeshFileError(f"patch {patch.name} has the faces {first} to {end - 1}, but there are {count}")
+                if first < end and first < len(cells.neighbour):
+                    raise MeshFileError(
+                        f"patch {patch.name} begins at face {first}, but the faces before {len(cells.neighbour)} are "
+                        "inside the mesh"
+                    )
                 named.append(Patch(patch.name, (polygons.rows(first, end),)))
             return Mesh(points, (cells,), tuple(named))
 

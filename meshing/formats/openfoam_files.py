@@ -5,23 +5,27 @@ import re
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from sdm_deflect.deform.mesh import Polygons
+from sdm_deflect.deform.reading import allowed, check_size
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import Placed, numbers
 from sdm_deflect.meshing.formats.shapes import polygons
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
-HEADER = re.compile(rb"FoamFile\s*\{([^}]*)\}")
+HEADER = re.compile(rb"FoamFile\s*\{([^{}]{0,10000})\}")
 ENTRY = re.compile(rb"(\w+)\s+(\"[^\"]*\"|[^;]*);")
-COMMENT = re.compile(rb"//[^\n]*|/\*.*?\*/", re.DOTALL)
+COMMENT = re.compile(rb"//[^\n]*|/\*.*?(?:\*/|\Z)", re.DOTALL)
 COUNT = re.compile(rb"\s*(\d+)\s*([({])")
-BINARY_COUNT = re.compile(rb"(?:\s|//[^\n]*(?:\n|$)|/\*.*?\*/)*(\d+)\s*", re.DOTALL)
+BINARY_COUNT = re.compile(rb"(?>(?:\s|//[^\n]*|/\*.*?(?:\*/|\Z))*)(\d+)\s*", re.DOTALL)
 FLAT = bytes.maketrans(b"(){}", b"    ")
 WORD = re.compile(rb"\"[^\"]*\"|[{}();]|[^\s{}();\"]+")
+Rows = TypeVar("Rows", FloatArray, IntArray)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +53,8 @@ class FoamFile:
         arch = self.entries.get("arch", "")
         found = re.search(rf"{what}=(\d+)", arch)
         bits = int(found[1]) if found else {"label": 32, "scalar": 64}[what]
+        if bits not in (32, 64):
+            raise MeshFileError(f"arch has {what}={bits}; only 32 and 64 are read")
         order = ">" if "MSB" in arch else "<"
         return np.dtype(f"{order}{'i' if what == 'label' else 'f'}{bits // 8}")
 
@@ -62,7 +68,7 @@ def open_foam(folder: Path, name: str) -> FoamFile:
     packed = folder / f"{name}.gz"
     try:
         plain = (folder / name).is_file() or not packed.is_file()
-        data = (folder / name).read_bytes() if plain else gzip.decompress(packed.read_bytes())
+        data = (folder / name).read_bytes() if plain else _unpacked(packed.read_bytes())
     except (OSError, EOFError, zlib.error) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "is truncated or damaged"
         raise MeshFileError(f"{name}: {reason}") from error
@@ -73,6 +79,13 @@ def open_foam(folder: Path, name: str) -> FoamFile:
     return FoamFile(data, header.end(), entries)
 
 
+def _unpacked(packed: bytes) -> bytes:
+    with gzip.GzipFile(fileobj=BytesIO(packed)) as file:
+        data = file.read(allowed(len(packed)) + 1)
+    check_size(len(data), len(packed), "what is packed in it")
+    return data
+
+
 def labels(file: FoamFile) -> IntArray:
     """Return a list (K,) of labels, such as `owner`; ``5{0}`` is five zeros."""
     if file.binary:
@@ -81,7 +94,7 @@ def labels(file: FoamFile) -> IntArray:
     count, uniform, begin = _count(text)
     values = numbers(text[begin:].translate(FLAT), np.int64).values.astype(np.intp)
     _check(len(values), 1 if uniform else count)
-    return np.repeat(values, count) if uniform else values
+    return _repeated(file, values, count) if uniform else values
 
 
 def vectors(file: FoamFile) -> Placed:
@@ -147,7 +160,13 @@ def _binary(file: FoamFile, at: int, what: str, columns: int) -> tuple[FloatArra
     if end >= len(file.data) or file.data[end : end + 1] not in b")}":
         raise MeshFileError(f"{count} values should follow, but the file ends before or goes on; it is damaged")
     rows = np.frombuffer(file.data[begin:end], kind).reshape(-1, columns)
-    return (np.repeat(rows, count, axis=0) if bracket == b"{" else rows), begin
+    return (_repeated(file, rows, count) if bracket == b"{" else rows), begin
+
+
+def _repeated(file: FoamFile, rows: Rows, count: int) -> Rows:
+    """Return one row, of a list such as ``5{0}``, `count` times."""
+    check_size(count * rows[0].nbytes, len(file.data), f"a list of {count} equal values")
+    return np.repeat(rows, count, axis=0)
 
 
 def _check(found: int, expected: int) -> None:
@@ -194,13 +213,15 @@ def _entries(words: Iterator[bytes]) -> dict[str, str]:
     """Entries of one level up to its closing brace; dictionaries inside it are passed over."""
     found: dict[str, str] = {}
     key: list[bytes] = []
-    while (word := next(words)) != b"}":
-        if word == b"{":
-            _entries(words)
+    depth = 1
+    while depth:
+        word = next(words)
+        depth += (word == b"{") - (word == b"}")
+        if word in (b"{", b"}"):
             key = []
         elif word == b";":
-            if key:
-                found[key[0].decode()] = b" ".join(key[1:]).decode("utf-8", "replace")
+            if key and depth == 1:
+                found[key[0].decode("utf-8", "replace")] = b" ".join(key[1:]).decode("utf-8", "replace")
             key = []
         else:
             key.append(word)

@@ -82,8 +82,9 @@ def oriented(points: FloatArray, cells: Cells) -> Cells:
     step = max(1, len(cells) // SAMPLE)
     sample = cells.nodes[::step]
     origin = points[sample[:, 0]]
-    a, b, c = (points[sample[:, axis]] - origin for axis in AXES[cells.shape])
-    hands = np.einsum("ij,ij->i", np.cross(a, b), c)
+    with np.errstate(all="ignore"):  # `Mesh` refuses coordinates that are not finite
+        a, b, c = (points[sample[:, axis]] - origin for axis in AXES[cells.shape])
+        hands = np.einsum("ij,ij->i", np.cross(a, b), c)
     if 2 * int(np.count_nonzero(hands < 0.0)) <= len(sample):
         return cells
     return replace(cells, nodes=mirrored(cells.shape, cells.nodes))

@@ -48,7 +48,7 @@ def sections(file: BinaryIO) -> list[Section]:
     for start, text in chunks(file, 0, size):
         found += [(keyword, value, start + line, start + after) for keyword, value, line, after in _keywords(text)]
     ends = [*(line for _, _, line, _ in found[1:]), size]
-    return [Section(keyword, value, begin, end) for (keyword, value, _, begin), end in zip(found, ends, strict=True)]
+    return [Section(keyword, value, begin, end) for (keyword, value, _, begin), end in zip(found, ends, strict=False)]
 
 
 def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:

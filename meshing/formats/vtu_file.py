@@ -17,6 +17,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.reading import check_size
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import numbers, with_numbers
 from sdm_deflect.meshing.mesh import FloatArray
@@ -25,7 +26,7 @@ Array = NDArray[Any]
 Edit = tuple[int, int, bytes]
 """Bytes begin to end - 1 of a file, and what is to stand there."""
 
-APPENDED = re.compile(rb"<AppendedData\b([^>]*)>\s*_")
+APPENDED = re.compile(rb"<AppendedData\b([^<>]*)>\s*_")
 TAG = re.compile(rb"<\w+(?:\s+[\w:]+\s*=\s*(?:\"[^\"]*\"|'[^']*'))*\s*/?>")
 LZ4_RATIO = 256
 """LZ4 packs no bytes better than this."""
@@ -77,6 +78,7 @@ class VtuFile:
         self._order: Literal["<", ">"] = ">" if self._head.get("byte_order") == "BigEndian" else "<"
         self._size = np.dtype(f"{self._order}u{8 if self._head.get('header_type') == 'UInt64' else 4}")
         self._packing = _packing(self._head.get("compressor", ""))
+        self._taken = 0
 
     def _parse(self, text: bytes, whole: bool) -> None:
         parser = expat.ParserCreate()
@@ -135,6 +137,8 @@ class VtuFile:
         if len(found) % columns or (rows is not None and len(found) != rows * columns):
             expected = f"{rows} rows of {columns}" if rows is not None else f"rows of {columns}"
             raise MeshFileError(f"is damaged: array {given.get('Name')} has {len(found)} values, expected {expected}")
+        self._taken += found.nbytes
+        check_size(self._taken, len(self.data), "its arrays")
         own = found.astype(kind.newbyteorder("="), copy=False)
         return own.reshape(-1, columns) if columns > 1 else own
 
@@ -216,6 +220,7 @@ class VtuFile:
         ends = np.cumsum(head[3:].astype(np.intp))
         parts = [packed[a:b] for a, b in zip([0, *ends.tolist()], ends.tolist(), strict=False)]
         sizes = [size] * (blocks - 1) + [last or size] * bool(blocks)
+        check_size(self._taken + sum(sizes), len(self.data), "what is packed in it")
         return _unpacked(parts, sizes, self._packing[0]), (cursor.begin, cursor.at)
 
     def _wrapped(self, body: bytes, begin: int, end: int) -> bytes:
