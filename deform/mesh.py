@@ -25,6 +25,8 @@ A wedge's first triangle has its normal pointing outwards, opposite to Gmsh and 
 from one to the other.
 """
 VOLUMES = ("tetra", "pyramid", "wedge", "hexahedron")
+LARGEST = 1e40
+"""Coordinates beyond this would overflow where the sixth power of a length is taken."""
 
 
 def whole(values: ArrayLike, what: str) -> IntArray:
@@ -43,9 +45,12 @@ def whole(values: ArrayLike, what: str) -> IntArray:
 def real(values: ArrayLike, what: str) -> FloatArray:
     """Return an array of floating-point numbers; InputError, which begins with `what`, if they are none."""
     try:
-        return np.asarray(values, dtype=np.float64)
+        found = np.asarray(values)
+        if found.dtype.kind == "c":
+            raise TypeError
+        return np.asarray(found, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{what} must be numbers, in rows of one length") from None
+        raise InputError(f"{what} must be real numbers, in rows of one length") from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +182,7 @@ class Mesh:
     name : The file or kind of mesh, for messages.
     source : The file it was read from, if it was.
 
-    Raises InputError for coordinates that are not finite, indices out of range, names given twice.
+    Raises InputError for coordinates that are not finite or beyond `LARGEST`, indices out of range, names given twice.
     """
 
     points: FloatArray = field(repr=False)
@@ -191,9 +196,10 @@ class Mesh:
         object.__setattr__(self, "points", real(self.points, "points"))
         if self.points.ndim != 2 or self.points.shape[1] != 3:
             raise InputError(f"points {self.points.shape} must be (N, 3)")
-        bad = ~np.isfinite(self.points).all(axis=1)
-        if bad.any():
-            raise InputError(f"{int(bad.sum())} points are not finite, the first is point {int(np.argmax(bad))}")
+        if not (self.points.min(initial=0.0) > -LARGEST and self.points.max(initial=0.0) < LARGEST):
+            bad = ~(np.abs(self.points) < LARGEST).all(axis=1)
+            what = f"beyond {LARGEST:g}" if np.isfinite(self.points).all() else "not finite"
+            raise InputError(f"{int(bad.sum())} points are {what}, the first is point {int(np.argmax(bad))}")
         names = [patch.name for patch in self.patches]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

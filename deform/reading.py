@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from io import BytesIO
 from math import prod
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy
@@ -19,10 +20,11 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.errors import InputError
 
-VARIABLE = "SDM_DEFLECT_READ_RATIO"
-RATIO = 64.0
-SMALLEST = 1 << 18
-"""Bytes: shorter files are allowed as much as one of this length."""
+RATIO_VARIABLE = "SDM_DEFLECT_UNPACK_RATIO"
+"""The environment variable for a larger ratio of what a file's data take in memory to the file's size."""
+RATIO, ALWAYS = 100.0, 1 << 26
+"""That ratio where the variable is not set, and bytes that any file may take."""
+Array = NDArray[Any]
 HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 DAMAGED = (
     OSError, EOFError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError, MemoryError, RuntimeError,
@@ -31,29 +33,27 @@ DAMAGED = (
 """All that NumPy, zipfile and what they rest on raise for damaged files."""
 
 
-def ratio() -> float:
-    """Return how many times its own length a file may take in memory; InputError if the variable is no such number."""
-    text = os.environ.get(VARIABLE, str(RATIO))
+def unpack_limit(stored: int) -> int:
+    """Return how many bytes of memory the data of a file of `stored` bytes may take; InputError as `check_unpacked`.
+
+    Packed data of meshes seldom take less than a tenth of what they take in memory; damage may claim anything.
+    """
+    given = os.environ.get(RATIO_VARIABLE) or RATIO
     try:
-        found = float(text)
-    except ValueError:
-        found = 0.0
-    if not 1.0 <= found < 1e9:
-        raise InputError(f"{VARIABLE} = {text}: must be a number from 1 on, such as {RATIO:g}")
-    return found
+        return max(ALWAYS, int(float(given) * stored))
+    except (ValueError, OverflowError):
+        raise InputError(f"{RATIO_VARIABLE} is {given!r}, expected a number such as {RATIO:g}") from None
 
 
-def allowed(length: int) -> int:
-    """Return how many bytes of memory the content of a file of `length` bytes may take."""
-    return int(ratio() * max(length, SMALLEST))
+def check_unpacked(size: int, stored: int, what: str) -> None:
+    """Refuse `what` if it would take `size` bytes of memory, too many for a file of `stored` bytes.
 
-
-def check_size(size: int, length: int, what: str) -> None:
-    """Refuse `what`, which takes `size` bytes in memory, in a file of `length` bytes, with an InputError."""
-    if size > allowed(length):
+    Raises InputError: also if the ratio that the environment gives is no number.
+    """
+    if size > unpack_limit(stored):
         raise InputError(
-            f"{what} would take more than {ratio():g} times the {length} bytes of the file; if it is sound, set "
-            f"{VARIABLE} to a larger number"
+            f"{what} would take {size / 1e6:.3g} MB of memory from a file of {stored / 1e6:.3g} MB; the file is "
+            f"damaged, or set {RATIO_VARIABLE} to more than {size / max(stored, 1):.3g}"
         )
 
 
@@ -71,22 +71,20 @@ def damaged(path: Path, what: str) -> Iterator[None]:
         raise InputError(f"{path}: no {what}: {reason or 'it is damaged'}") from None
 
 
-def read_arrays(path: Path, names: tuple[str, ...]) -> list[NDArray[np.generic]]:
-    """Return arrays of real numbers of an .npz file; to be called within `damaged`."""
-    length, found = path.stat().st_size, []
-    with zipfile.ZipFile(path) as packed:
-        for name in names:
-            entry = packed.getinfo(f"{name}.npy")
-            check_size(entry.file_size, length, name)
-            found.append(_array(packed.read(entry), name))
-    return found
+def read_arrays(path: Path) -> dict[str, Array]:
+    """Return the arrays of an .npz file by name.
+
+    Raises InputError if it cannot be read, is damaged or larger than its length makes likely, or holds objects.
+    """
+    with damaged(path, "archive of arrays"), zipfile.ZipFile(path) as packed:
+        entries = packed.infolist()
+        check_unpacked(sum(entry.file_size for entry in entries), path.stat().st_size, "what is packed in it")
+        return {entry.filename.removesuffix(".npy"): _array(packed.read(entry), entry.filename) for entry in entries}
 
 
-def _array(data: bytes, name: str) -> NDArray[np.generic]:
+def _array(data: bytes, name: str) -> Array:
     file = BytesIO(data)
     shape, by_columns, kind = HEADERS[npy.read_magic(file)](file)
-    if kind.kind not in "biuf":
-        raise InputError(f"{name} must be real numbers, not {kind}")
-    if min(shape, default=0) < 0 or prod(shape) * kind.itemsize != len(data) - file.tell():
-        raise InputError(f"{name} {shape} does not fill its place; the file is damaged")
+    if kind.hasobject or min(shape, default=0) < 0 or prod(shape) * kind.itemsize != len(data) - file.tell():
+        raise InputError(f"{name} is no array of {shape} numbers; the file is damaged")
     return np.frombuffer(data, kind, offset=file.tell()).reshape(shape, order="F" if by_columns else "C")

@@ -153,8 +153,8 @@ class Table:
         path = Path(path)
         with damaged(path, "table of points and displacements"):
             if path.suffix == ".npz":
-                points, vectors = (array.astype(np.float64) for array in read_arrays(path, ("points", "vectors")))
-                return cls(points, vectors, hinge)
+                stored = read_arrays(path)
+                return cls(stored["points"], stored["vectors"], hinge)
             with path.open(encoding="utf-8") as text:
                 rows = np.loadtxt(text, delimiter=",", skiprows=1, ndmin=2)
             if rows.shape[1] != 6:

@@ -1,7 +1,6 @@
 """What every mesh format can do, and errors that name the file."""
 
 import errno
-import os
 import re
 from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,14 +11,11 @@ import numpy as np
 
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.reading import check_unpacked as check_unpacked
 from sdm_deflect.meshing.mesh import FloatArray
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of writing alone: no space, a quota, a limit of the size."""
-RATIO_VARIABLE = "SDM_DEFLECT_UNPACK_RATIO"
-"""The environment variable for a larger ratio of what a file's data take in memory to the file's size."""
-RATIO, ALWAYS = 100.0, 1 << 26
-"""That ratio where the variable is not set, and bytes that any file may take."""
 
 
 class MeshFileError(RuntimeError):
@@ -78,30 +74,6 @@ def about(path: Path) -> Iterator[None]:
         raise MeshFileError(f"{path}: its data need more memory than there is") from error
     except (MeshFileError, ValueError) as error:
         raise MeshFileError(f"{path}: {error}") from error
-
-
-def unpack_limit(stored: int) -> int:
-    """Return how many bytes of memory the data of a file of `stored` bytes may take; MeshFileError as `check_unpacked`.
-
-    Packed data of meshes seldom take less than a tenth of what they take in memory; damage may claim anything.
-    """
-    given = os.environ.get(RATIO_VARIABLE) or RATIO
-    try:
-        return max(ALWAYS, int(float(given) * stored))
-    except (ValueError, OverflowError):
-        raise MeshFileError(f"{RATIO_VARIABLE} is {given!r}, expected a number such as {RATIO:g}") from None
-
-
-def check_unpacked(size: int, stored: int, what: str) -> None:
-    """Refuse `what` if it would take `size` bytes of memory, too many for a file of `stored` bytes.
-
-    Raises MeshFileError: also if the ratio that the environment gives is no number.
-    """
-    if size > unpack_limit(stored):
-        raise MeshFileError(
-            f"{what} would take {size / 1e6:.3g} MB of memory from a file of {stored / 1e6:.3g} MB; the file is "
-            f"damaged, or set {RATIO_VARIABLE} to more than {size / max(stored, 1):.3g}"
-        )
 
 
 def fitting_names(names: Sequence[str], unfit: str, reserved: Container[str] = ()) -> dict[str, str]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.reading import check_size
+from sdm_deflect.deform.reading import check_unpacked
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh_file import ByteCursor, Cursor, GmshFile, TextCursor
 from sdm_deflect.meshing.formats.numbers import Lines
@@ -55,7 +55,7 @@ def _elements41(file: GmshFile, cursor: Cursor, groups: dict[tuple[int, int], li
         width = 1 + _corners(kind, count)
         own = cursor.sizes(count * width).reshape(count, width)[:, 1:]
         several = groups.get((dimension, entity)) or [0]
-        check_size(own.nbytes * len(several), len(file.data), f"{count} elements in {len(several)} groups")
+        check_unpacked(own.nbytes * len(several), len(file.data), f"{count} elements in {len(several)} groups")
         for group in several if dimension == 2 else several[:1]:
             yield Elements(kind, own, np.full(count, abs(group)), np.full(count, entity))
 

@@ -67,7 +67,7 @@ def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines:
     begin, end = edges[0::2], edges[1::2]
     line = np.searchsorted(np.flatnonzero(letters == ord("\n")), begin)
     first = np.append(np.flatnonzero(np.diff(line, prepend=-1)), len(begin))
-    values: Any = ()
+    values: Any = np.empty(0, kind)
     with suppress(ValueError):
         values = np.fromstring(text, dtype=kind, sep=" ")[: len(begin)]  # blank text reads as one 0
     if len(values) != len(begin):
@@ -80,7 +80,7 @@ def _not_number(text: bytes, kind: type[np.float64 | np.int64]) -> str:
         try:
             (int if kind is np.int64 else float)(word)
         except ValueError:
-            return word.decode("utf-8", "replace")
+            return word[:40].decode("utf-8", "replace")
     return text[:20].decode("utf-8", "replace")
 
 

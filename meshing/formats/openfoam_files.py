@@ -7,12 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from sdm_deflect.deform.mesh import Polygons
-from sdm_deflect.deform.reading import allowed, check_size
+from sdm_deflect.deform.reading import check_unpacked, unpack_limit
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import Placed, numbers
 from sdm_deflect.meshing.formats.shapes import polygons
@@ -25,7 +24,8 @@ COUNT = re.compile(rb"\s*(\d+)\s*([({])")
 BINARY_COUNT = re.compile(rb"(?>(?:\s|//[^\n]*|/\*.*?(?:\*/|\Z))*)(\d+)\s*", re.DOTALL)
 FLAT = bytes.maketrans(b"(){}", b"    ")
 WORD = re.compile(rb"\"[^\"]*\"|[{}();]|[^\s{}();\"]+")
-Rows = TypeVar("Rows", FloatArray, IntArray)
+READING, CORNERS, WIDEST = 4, 16, 64
+"""Bytes of memory for one of packed text, numbers of a face and bytes of a number in text: seldom more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,11 +37,13 @@ class FoamFile:
     data : All bytes, header included.
     start : Where the content begins, after the header.
     entries : The header's entries, such as ``{"format": "binary", "class": "labelList"}``.
+    stored : Length of the file, packed or not.
     """
 
     data: bytes = field(repr=False)
     start: int
     entries: dict[str, str]
+    stored: int
 
     @property
     def binary(self) -> bool:
@@ -68,7 +70,8 @@ def open_foam(folder: Path, name: str) -> FoamFile:
     packed = folder / f"{name}.gz"
     try:
         plain = (folder / name).is_file() or not packed.is_file()
-        data = (folder / name).read_bytes() if plain else _unpacked(packed.read_bytes())
+        stored = (folder / name if plain else packed).read_bytes()
+        data = stored if plain else _unpacked(stored)
     except (OSError, EOFError, zlib.error) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "is truncated or damaged"
         raise MeshFileError(f"{name}: {reason}") from error
@@ -76,13 +79,14 @@ def open_foam(folder: Path, name: str) -> FoamFile:
     if not header:
         raise MeshFileError(f"{name}: has no FoamFile header; it is truncated, or not a file of OpenFOAM")
     entries = {key.decode(): value.decode("utf-8", "replace").strip('"') for key, value in ENTRY.findall(header[1])}
-    return FoamFile(data, header.end(), entries)
+    return FoamFile(data, header.end(), entries, len(stored))
 
 
 def _unpacked(packed: bytes) -> bytes:
+    """Unpack text, of which each byte takes several of memory once it is read."""
     with gzip.GzipFile(fileobj=BytesIO(packed)) as file:
-        data = file.read(allowed(len(packed)) + 1)
-    check_size(len(data), len(packed), "what is packed in it")
+        data = file.read(unpack_limit(len(packed)) // READING + 1)
+    check_unpacked(READING * len(data), len(packed), "what is packed in it")
     return data
 
 
@@ -91,10 +95,10 @@ def labels(file: FoamFile) -> IntArray:
     if file.binary:
         return _binary(file, file.start, "label", 1)[0][:, 0].astype(np.intp)
     text = file.text()
-    count, uniform, begin = _count(text)
+    count, uniform, begin = _count(file, text, 1)
     values = numbers(text[begin:].translate(FLAT), np.int64).values.astype(np.intp)
     _check(len(values), 1 if uniform else count)
-    return _repeated(file, values, count) if uniform else values
+    return np.repeat(values, count) if uniform else values
 
 
 def vectors(file: FoamFile) -> Placed:
@@ -105,7 +109,7 @@ def vectors(file: FoamFile) -> Placed:
         begin = first + size * np.arange(values.size).reshape(-1, 3)
         return Placed(values.astype(np.float64), begin, begin + size)
     text = file.text()
-    count, _, start = _count(text)
+    count, _, start = _count(file, text, 3)
     words = numbers(text[start:].translate(FLAT), np.float64)
     _check(len(words.values), 3 * count)
     offset = file.start + start
@@ -122,7 +126,7 @@ def faces(file: FoamFile) -> Polygons:
         nodes, _ = _binary(file, first + offsets.nbytes + 1, "label", 1)
         return Polygons(nodes[:, 0].astype(np.intp), offsets[:, 0].astype(np.intp))
     text = file.text()
-    count, _, start = _count(text)
+    count, _, start = _count(file, text, CORNERS)
     body = text[start:]
     words = numbers(body.translate(FLAT), np.int64)
     opening = np.flatnonzero(np.frombuffer(body, dtype=np.uint8) == ord("("))
@@ -136,12 +140,19 @@ def faces(file: FoamFile) -> Polygons:
     return polygons(nodes, sizes)
 
 
-def _count(text: bytes) -> tuple[int, bool, int]:
-    """Length of the list at the beginning of a text, whether it is uniform, and where its content begins."""
+def _count(file: FoamFile, text: bytes, columns: int) -> tuple[int, bool, int]:
+    """Length of the list at the beginning of a text, whether it is uniform, and where its content begins.
+
+    A list of rows of `columns` numbers must have room in the file, and not more text than its numbers may take.
+    """
     found = COUNT.match(text)
     if not found:
         raise MeshFileError("no list follows the header; the file is truncated or damaged")
-    return int(found[1]), found[2] == b"{", found.end()
+    count = int(found[1])
+    check_unpacked(count * columns * 8, file.stored, f"a list of {count}")
+    if len(text) > WIDEST * (count * columns + 1000):
+        raise MeshFileError(f"holds {len(text)} bytes where {count} numbers or faces should be; the file is damaged")
+    return count, found[2] == b"{", found.end()
 
 
 def _binary(file: FoamFile, at: int, what: str, columns: int) -> tuple[FloatArray | IntArray, int]:
@@ -160,13 +171,10 @@ def _binary(file: FoamFile, at: int, what: str, columns: int) -> tuple[FloatArra
     if end >= len(file.data) or file.data[end : end + 1] not in b")}":
         raise MeshFileError(f"{count} values should follow, but the file ends before or goes on; it is damaged")
     rows = np.frombuffer(file.data[begin:end], kind).reshape(-1, columns)
-    return (_repeated(file, rows, count) if bracket == b"{" else rows), begin
-
-
-def _repeated(file: FoamFile, rows: Rows, count: int) -> Rows:
-    """Return one row, of a list such as ``5{0}``, `count` times."""
-    check_size(count * rows[0].nbytes, len(file.data), f"a list of {count} equal values")
-    return np.repeat(rows, count, axis=0)
+    if bracket == b"{":
+        check_unpacked(count * rows.nbytes, file.stored, f"a list of {count}")
+        rows = np.repeat(rows, count, axis=0)
+    return rows, begin
 
 
 def _check(found: int, expected: int) -> None:

@@ -17,7 +17,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.reading import check_size
+from sdm_deflect.deform.reading import check_unpacked
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import numbers, with_numbers
 from sdm_deflect.meshing.mesh import FloatArray
@@ -138,7 +138,7 @@ class VtuFile:
             expected = f"{rows} rows of {columns}" if rows is not None else f"rows of {columns}"
             raise MeshFileError(f"is damaged: array {given.get('Name')} has {len(found)} values, expected {expected}")
         self._taken += found.nbytes
-        check_size(self._taken, len(self.data), "its arrays")
+        check_unpacked(self._taken, len(self.data), "its arrays")
         own = found.astype(kind.newbyteorder("="), copy=False)
         return own.reshape(-1, columns) if columns > 1 else own
 
@@ -220,7 +220,7 @@ class VtuFile:
         ends = np.cumsum(head[3:].astype(np.intp))
         parts = [packed[a:b] for a, b in zip([0, *ends.tolist()], ends.tolist(), strict=False)]
         sizes = [size] * (blocks - 1) + [last or size] * bool(blocks)
-        check_size(self._taken + sum(sizes), len(self.data), "what is packed in it")
+        check_unpacked(self._taken + sum(sizes), len(self.data), "what is packed in it")
         return _unpacked(parts, sizes, self._packing[0]), (cursor.begin, cursor.at)
 
     def _wrapped(self, body: bytes, begin: int, end: int) -> bytes:

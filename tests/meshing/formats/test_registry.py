@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.meshing.formats.format import ALWAYS, RATIO_VARIABLE, MeshFileError, check_unpacked, unpack_limit
+from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from tests.meshing.formats.examples import hybrid
 
@@ -68,17 +68,3 @@ def test_a_name_that_commands_a_terminal_is_shown_as_escapes(tmp_path):
     path.write_text(path.read_text().replace("5 1 2 8", "5 1 2 9"))
     with pytest.raises(MeshFileError, match=r"1 of 3 faces of patch \\x1b\[2J\\x07floor are of no cell"):
         read(path)
-
-
-def test_data_of_a_file_may_take_so_much_memory_and_more_if_the_user_says_so(monkeypatch):
-    monkeypatch.delenv(RATIO_VARIABLE, raising=False)
-    assert unpack_limit(1000) == ALWAYS
-    assert unpack_limit(10**7) == 10**9
-    check_unpacked(10**9, 10**7, "points")
-    with pytest.raises(MeshFileError, match=rf"points would take 4e\+03 MB .* file of 10 MB.*set {RATIO_VARIABLE} to"):
-        check_unpacked(4 * 10**9, 10**7, "points")
-    monkeypatch.setenv(RATIO_VARIABLE, "1e3")
-    check_unpacked(4 * 10**9, 10**7, "points")
-    monkeypatch.setenv(RATIO_VARIABLE, "much")
-    with pytest.raises(MeshFileError, match=f"{RATIO_VARIABLE} is 'much', expected a number"):
-        unpack_limit(1000)
