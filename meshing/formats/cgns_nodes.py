@@ -9,7 +9,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.meshing.formats.format import MeshFileError, check_unpacked
+from sdm_deflect.deform.reading import check_unpacked
+from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import IntArray
 
 DATA = " data"

@@ -11,7 +11,6 @@ import numpy as np
 
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.reading import check_unpacked as check_unpacked
 from sdm_deflect.meshing.mesh import FloatArray
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
