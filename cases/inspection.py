@@ -7,13 +7,19 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh import VOLUMES, Cells, Mesh
 from sdm_deflect.deform.quality import POLYHEDRON, by_shape, oriented
+from sdm_deflect.deform.reading import RATIO_VARIABLE, unpack_limit
+from sdm_deflect.meshing.child import call
+from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.formats.format import printable
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 
 Json = dict[str, Any]
 
+WORKER = "sdm_deflect.cases.vtk_worker"
+MEMORY, SECONDS, SPEED = 1 << 29, 20.0, 1e8
+"""Bytes and seconds for PyVista itself, and bytes of data that it reads in a second at least."""
 NAMES = {
     "tetra": "tetrahedra",
     "hexahedron": "hexahedra",
@@ -75,17 +81,19 @@ def _read(path: Path) -> Mesh:
 
 def _read_other(path: Path) -> Mesh:
     """Points and cells of a file that PyVista can read, without patches."""
-    import pyvista as pv
-
+    length = path.stat().st_size
+    memory, seconds = MEMORY + unpack_limit(length), SECONDS + unpack_limit(length) / SPEED
+    question = {"path": np.array(str(path)), "bytes": np.array(memory)}
     try:
-        found: Any = pv.read(path)
-    except Exception as error:  # every reader of VTK and meshio has its own exceptions
-        raise InputError(f"{path} cannot be read as a mesh: {error}") from error
-    grid = (found.combine() if isinstance(found, pv.MultiBlock) else found).cast_to_unstructured_grid()
-    nodes = grid.cells_dict
-    kinds = {shape: pv.CellType[shape.upper()] for shape in NAMES if shape != POLYHEDRON}
-    cells = tuple(Cells(shape, nodes[kind].astype(np.intp)) for shape, kind in kinds.items() if kind in nodes)
-    return Mesh(np.asarray(grid.points, dtype=np.float64), cells, ())
+        found = call(WORKER, question, seconds)
+    except MeshingError as error:
+        reason = " ".join(str(error).removeprefix(WORKER).split())[:300]
+        raise InputError(
+            f"{path} cannot be read as a mesh: the process that reads it {reason} (it may take {memory / 1e6:.0f} MB; "
+            f"{RATIO_VARIABLE} allows more)"
+        ) from error
+    cells = tuple(Cells(shape, found[shape].astype(np.intp)) for shape in VOLUMES if shape in found)
+    return Mesh(found["points"], cells, ())
 
 
 def _quality_line(found: Json) -> str:

@@ -1,0 +1,43 @@
+"""Read a mesh file with PyVista or meshio, in a process of its own: on damaged files, VTK crashes or takes all memory.
+
+Run as ``python -m sdm_deflect.cases.vtk_worker``, by `sdm_deflect.meshing.child.call`.
+"""
+
+import resource
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import meshio  # noqa: F401  # before the limit, as all that is loaded
+import numpy as np
+import pyvista as pv
+
+from sdm_deflect.deform.mesh import VOLUMES
+from sdm_deflect.meshing.child import Arrays, serve
+
+
+def work(question: Arrays) -> Arrays:
+    """Return `points` (N, 3) and, by shape, the nodes of cells of the file `path`, with `bytes` of memory for it."""
+    _limit(int(question["bytes"]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("error", pv.VTKExecutionWarning)
+        found: Any = pv.read(Path(str(question["path"])))
+    grid = (found.combine() if isinstance(found, pv.MultiBlock) else found).cast_to_unstructured_grid()
+    nodes = grid.cells_dict
+    kinds = {shape: pv.CellType[shape.upper()] for shape in VOLUMES}
+    return {"points": np.asarray(grid.points), **{shape: nodes[kind] for shape, kind in kinds.items() if kind in nodes}}
+
+
+def _limit(more: int) -> None:
+    """Let this process take `more` bytes, beside what it has; only Linux knows how."""
+    if sys.platform != "linux":
+        return
+    lines = Path("/proc/self/status").read_text().splitlines()
+    now = 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmData:")))
+    resource.setrlimit(resource.RLIMIT_DATA, (now + more, now + more))
+
+
+if __name__ == "__main__":
+    serve(work)
