@@ -126,7 +126,7 @@ def foam_text(name: str, data: bytes) -> bytes:
         return data
     header = foam.HEADER.search(data)
     assert header
-    file = foam.FoamFile(data, header.end(), {"format": "binary", "class": "faceCompactList", "arch": ARCH})
+    file = foam.FoamFile(data, header.end(), {"format": "binary", "class": "faceCompactList", "arch": ARCH}, len(data))
     head = data[: header.end()].replace(b"binary", b"ascii").replace(b"faceCompactList", b"faceList")
     if kind == "points":
         rows = [f"({' '.join(map(repr, row))})" for row in foam.vectors(file).values.tolist()]
