@@ -1,9 +1,7 @@
 """Work in a child process that ends at once when this process is interrupted or dies."""
 
-import ctypes
 import os
 import resource
-import signal
 import subprocess
 import sys
 import tempfile
@@ -16,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.meshing import orphan
 from sdm_deflect.meshing.errors import MeshingError
 
 Array = NDArray[np.generic]
 Arrays = Mapping[str, Array]
 
 QUESTION, ANSWER = "question.npz", "answer.npz"
-_PR_SET_PDEATHSIG = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +53,10 @@ def started(module: str, arrays: Arrays) -> Iterator[Pending]:
     with tempfile.TemporaryDirectory(prefix="sdm-deflect-") as name:
         folder = Path(name)
         np.savez(folder / QUESTION, **arrays)  # type: ignore[arg-type]
+        files = (str(folder / QUESTION), str(folder / ANSWER))
         # Its own session: the terminal's Ctrl-C reaches this process only, which then kills the child.
         with subprocess.Popen(
-            [sys.executable, "-m", module, str(folder / QUESTION), str(folder / ANSWER)],
+            [sys.executable, "-m", orphan.__name__, str(os.getpid()), module, *files],
             env=os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -79,8 +78,6 @@ def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
 
 def serve(work: Callable[[Arrays], Arrays]) -> None:
     """Be the child: read the question, work, write the answer, own peak memory (bytes) and processor seconds."""
-    if sys.platform == "linux":  # ends this process when its parent dies of anything, a kill that no one catches too
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     with np.load(sys.argv[1], allow_pickle=False) as stored:
         question = dict(stored)
     answer = work(question)

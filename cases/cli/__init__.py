@@ -2,7 +2,6 @@
 
 import sys
 from dataclasses import asdict
-from signal import SIGTERM, default_int_handler, signal
 from typing import NoReturn
 
 import click
@@ -55,8 +54,7 @@ def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
 
 
 def main() -> NoReturn:
-    """Entry point: one line on stderr and a code that tells what went wrong; never a traceback for a mistake."""
-    signal(SIGTERM, default_int_handler)  # batch systems and service managers ask to end like this
+    """Carry out a command: a mistake is one line on stderr and a code that tells what went wrong; no traceback."""
     try:
         code = cli(prog_name="sdm", standalone_mode=False) or 0
     except click.exceptions.NoArgsIsHelpError as error:
@@ -64,9 +62,8 @@ def main() -> NoReturn:
         code = options.UNUSABLE
     except click.ClickException as error:
         code = _complain(error.format_message())
-    except (KeyboardInterrupt, click.Abort):
-        click.echo("interrupted; earlier results are as they were", err=True)
-        code = options.INTERRUPTED
+    except click.Abort:  # click's word for KeyboardInterrupt
+        raise KeyboardInterrupt from None
     except (ValueError, RuntimeError) as error:
         from sdm_deflect.cases.errors import is_reported
 

@@ -13,7 +13,7 @@ from click.shell_completion import CompletionItem
 if TYPE_CHECKING:
     from sdm_deflect.cases.progress import Stopwatch
 
-FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
+FAILED, UNUSABLE = 1, 2
 FILE = click.Path(path_type=Path)
 SCALES = click.Choice(("small", "medium", "paper"))
 STRATEGIES = click.Choice(("squv", "mv"))

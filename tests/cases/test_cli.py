@@ -218,7 +218,7 @@ def test_run_prints_verdict_and_json(sdm, aileron_mesh, tmp_path):
 
 
 @pytest.mark.mesher
-@pytest.mark.parametrize("request_to_end", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("request_to_end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_interrupt_leaves_previous_results(tmp_path, request_to_end):
     folder = tmp_path / "results"
     folder.mkdir()
@@ -231,31 +231,33 @@ def test_interrupt_leaves_previous_results(tmp_path, request_to_end):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:  # fmt: skip
         wait_until_meshing(process.pid)
+        descendants = children(process.pid)
         process.send_signal(request_to_end)
-        process.wait(timeout=30)
-    assert process.returncode == 130
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 128 + request_to_end
+    assert said.decode().endswith("interrupted; earlier results are as they were\n")
     assert (folder / "metrics.json").read_text() == "previous"
     assert [path.name for path in folder.iterdir()] == ["metrics.json"]
-    assert not children(process.pid)
+    assert not any(Path(f"/proc/{child}").exists() for child in descendants)
 
 
 def wait_until_meshing(pid: int) -> None:
     """Wait until the mesher's subprocess runs."""
     deadline = time.monotonic() + 60.0
-    while not any(b"meshing." in Path(f"/proc/{child}/cmdline").read_bytes() for child in children(pid)):
+    while not any(b"meshing.generate" in Path(f"/proc/{child}/cmdline").read_bytes() for child in children(pid)):
         assert time.monotonic() < deadline, "the mesher did not start within a minute"
         time.sleep(0.2)
     time.sleep(2.0)
 
 
 def children(pid: int) -> list[int]:
-    """Process ids of the living children of a process."""
-    found = []
+    """Process ids of the living children of a process, and of theirs."""
+    found: list[int] = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = path.read_text().rpartition(")")[2].split()
         except OSError:
             continue
         if int(fields[1]) == pid and fields[0] != "Z":
-            found.append(int(path.parent.name))
+            found += (child := int(path.parent.name), *children(child))
     return found
