@@ -4,7 +4,6 @@ import os
 import resource
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.meshing import orphan
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files import scratch_folder
 
 Array = NDArray[np.generic]
 Arrays = Mapping[str, Array]
@@ -50,8 +50,7 @@ def started(module: str, arrays: Arrays) -> Iterator[Pending]:
 
     Mesh generators run for minutes inside compiled code that no signal can stop; a process can be killed.
     """
-    with tempfile.TemporaryDirectory(prefix="sdm-deflect-") as name:
-        folder = Path(name)
+    with scratch_folder() as folder:
         np.savez(folder / QUESTION, **arrays)  # type: ignore[arg-type]
         files = (str(folder / QUESTION), str(folder / ANSWER))
         # Its own session: the terminal's Ctrl-C reaches this process only, which then kills the child.

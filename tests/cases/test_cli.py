@@ -218,7 +218,7 @@ def test_run_prints_verdict_and_json(sdm, aileron_mesh, tmp_path):
 
 
 @pytest.mark.mesher
-@pytest.mark.parametrize("request_to_end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("request_to_end", [signal.SIGINT, signal.SIGHUP])
 def test_interrupt_leaves_previous_results(tmp_path, request_to_end):
     folder = tmp_path / "results"
     folder.mkdir()
