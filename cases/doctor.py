@@ -16,6 +16,7 @@ from sdm_deflect.cases.report.scene3d import View, plain
 from sdm_deflect.cases.surroundings import blas, usable_cores, versions
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.cache import MeshCache, default_folder
+from sdm_deflect.meshing.formats.format import MeshFileError
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
 INSTALL = f"on Debian or Ubuntu: apt-get install -y --no-install-recommends {PACKAGES}"
@@ -104,12 +105,19 @@ def cache() -> Finding:
         remedy = "set the environment variable SDM_DEFLECT_CACHE to a folder that can be written"
         return Finding("cache", False, f"{store.folder}: {error.strerror}", remedy)
     sizes = store.entries()
-    damaged = [key for key in sizes if store.load(key) is None]
+    damaged = [key for key in sizes if not _loads(store, key)]
     text = f"{store.folder}: {len(sizes)} meshes, {sum(sizes.values()) / 1e6:.1f} MB"
     if not damaged:
         return Finding("cache", True, text)
     names = " ".join(str(store.folder / f"{key}.npz") for key in damaged)
     return Finding("cache", False, f"{text}, {len(damaged)} damaged", f"rm {names} (or sdm cache --clear)")
+
+
+def _loads(store: MeshCache, key: str) -> bool:
+    try:
+        return store.load(key) is not None
+    except MeshFileError:
+        return False
 
 
 def disk() -> Finding:

@@ -1,9 +1,9 @@
 """Meshes kept by the content of the parameters they were made from."""
 
 import hashlib
+import io
 import json
 import os
-import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from importlib.metadata import version
@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import platformdirs
 
-from sdm_deflect.meshing.files import replacing
+from sdm_deflect.meshing.files import fresh, written
+from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.mesh import TetMesh
 
 # Raised whenever the same parameters give another mesh than before: kept meshes then no longer match.
@@ -21,6 +22,7 @@ FOLDER_VARIABLE = "SDM_DEFLECT_CACHE"
 
 _MAKERS = ("cadquery-ocp", "gmsh", "pytetwild")
 _ARRAYS = ("points", "tets", "triangles", "patch", "face")
+_CHECKSUM = 32
 
 
 def cache_key(parameters: Mapping[str, object]) -> str:
@@ -43,46 +45,66 @@ def default_folder() -> Path:
 
 @dataclass(frozen=True, slots=True)
 class MeshCache:
-    """A folder of meshes, each with a note of plain JSON values on how it was made."""
+    """A folder of meshes, each with a note of plain JSON values on how it was made.
+
+    A file is what `numpy.savez` writes, and after it the SHA-256 of the key and of all bytes before.
+    """
 
     folder: Path
 
     def load(self, key: str) -> tuple[TetMesh, dict[str, object]] | None:
-        """The mesh and note stored under a key; None if there is none or the file is damaged."""
-        try:
-            # Every member's checksum is verified by the zip reader, shapes and indices by TetMesh.
-            with self._path(key).open("rb") as file, np.load(file, allow_pickle=False) as stored:
+        """The mesh and note stored under a key; None if there is none.
+
+        Raises MeshFileError if the file is not what was stored under this key, or cannot be read.
+        """
+        path = self._path(key)
+        with about(path):
+            if not path.exists():
+                return None
+            data = memoryview(path.read_bytes())
+            content, checksum = data[:-_CHECKSUM], data[-_CHECKSUM:]
+            if checksum != _checksum(key, content):
+                raise MeshFileError("is damaged, or of an earlier version")
+            with np.load(io.BytesIO(content), allow_pickle=False) as stored:
                 arrays = {name: stored[name] for name in _ARRAYS}
                 text = json.loads(str(stored["text"]))
-            mesh = TetMesh(
-                points=arrays["points"].astype(np.float64, copy=False),
-                names=tuple(text["names"]),
-                **{name: arrays[name].astype(np.intp) for name in _ARRAYS[1:]},
-            )
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
-            return None
+        mesh = TetMesh(
+            points=arrays["points"].astype(np.float64, copy=False),
+            names=tuple(text["names"]),
+            **{name: arrays[name].astype(np.intp) for name in _ARRAYS[1:]},
+        )
         return mesh, dict(text["note"])
 
     def store(self, key: str, mesh: TetMesh, note: Mapping[str, object]) -> None:
-        """Keep a mesh and its note, whole or not at all; OSError where the folder cannot be written."""
+        """Keep a mesh and its note, whole or not at all; MeshFileError where the folder cannot be written."""
         text = json.dumps({"names": mesh.names, "note": dict(note)}, sort_keys=True)
         indices = {name: getattr(mesh, name).astype(np.int32) for name in _ARRAYS[1:]}
-        with replacing(self._path(key)) as beside:
-            np.savez(beside, points=mesh.points, text=np.array(text), **indices)
+        content = io.BytesIO()
+        np.savez(content, points=mesh.points, text=np.array(text), **indices)
+        content.write(_checksum(key, content.getbuffer()))
+        with fresh(self._path(key)) as beside:
+            beside.write_bytes(content.getbuffer())
 
     def entries(self) -> dict[str, int]:
         """Size in bytes of each kept mesh by its key."""
         return {path.stem: path.stat().st_size for path in sorted(self.folder.glob("*.npz"))}
 
     def clear(self) -> int:
-        """Remove all kept meshes; returns how many bytes that freed."""
+        """Remove all kept meshes; returns how many bytes that freed. MeshFileError where that cannot be done."""
         freed = sum(self.entries().values())
-        for path in self.folder.glob("*.npz"):
-            path.unlink()
+        with written(self.folder):
+            for path in self.folder.glob("*.npz"):
+                path.unlink(missing_ok=True)
         return freed
 
     def _path(self, key: str) -> Path:
         return self.folder / f"{key}.npz"
+
+
+def _checksum(key: str, content: memoryview) -> bytes:
+    found = hashlib.sha256(key.encode())
+    found.update(content)
+    return found.digest()
 
 
 def _plain(value: object) -> object:

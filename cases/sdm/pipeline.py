@@ -19,6 +19,7 @@ from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.volume.deflection import Deflection, combined
 from sdm_deflect.meshing.cache import MeshCache, cache_key, default_folder
+from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import TetMesh
 
 if TYPE_CHECKING:
@@ -115,14 +116,22 @@ def _cached(
     """Return the mesh of these parameters from the cache, or generate it and keep it."""
     store, key = MeshCache(default_folder()), cache_key(parts)
     with watch.stage("cache") as tell:
-        found = store.load(key) if cache else None
-        tell(f"{len(found[0].tets)} cells" if found else "no mesh of these parameters", 1.0)
+        try:
+            found = store.load(key) if cache else None
+            tell(f"{len(found[0].tets)} cells" if found else "no mesh of these parameters", 1.0)
+        except MeshFileError as error:
+            found = None
+            tell(f"meshing anew, the cached mesh cannot be used: {error}", 1.0)
     if found is not None:
         return found[0], MeshOrigin(**found[1])  # type: ignore[arg-type]
     made = generate()
     origin = MeshOrigin(made.report.verification.boundary_to_cad_max, made.report.attempts, made.report.seconds)
     if cache:
-        store.store(key, made.mesh, asdict(origin))
+        try:
+            store.store(key, made.mesh, asdict(origin))
+        except MeshFileError as error:
+            with watch.stage("cache") as tell:
+                tell(f"the mesh is not kept for other runs: {error}", 1.0)
     return made.mesh, origin
 
 

@@ -190,6 +190,15 @@ def test_cache_tells_and_clears(sdm, tmp_path, monkeypatch):
     assert json.loads(sdm("cache", "--json")[1])["bytes"] == 0
 
 
+def test_a_cache_that_cannot_be_cleared_is_one_sentence(sdm, tmp_path, monkeypatch):
+    monkeypatch.setenv("SDM_DEFLECT_CACHE", str(tmp_path))
+    (tmp_path / "0123.npz").mkdir()
+    code, out, err = sdm("cache", "--clear")
+    assert (code, out) == (2, "")
+    assert err.startswith(f"sdm: {tmp_path}: cannot be written: ")
+    assert err.count("\n") == 1
+
+
 @pytest.mark.mesher
 def test_run_prints_verdict_and_json(sdm, aileron_mesh, tmp_path):
     code, out, _ = sdm("run", "aileron", "-q", "--angle", "5")

@@ -1,3 +1,4 @@
+import resource
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -5,6 +6,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.meshing.cache import FOLDER_VARIABLE, MeshCache, cache_key, default_folder
+from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import TetMesh
 
 
@@ -39,17 +41,52 @@ def test_a_kept_mesh_comes_back_bit_for_bit(cube: TetMesh, tmp_path: Path) -> No
         assert np.array_equal(getattr(mesh, name), getattr(cube, name))
 
 
-@pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
-def test_damage_is_noticed(cube: TetMesh, tmp_path: Path, place: float) -> None:
-    cache = MeshCache(tmp_path)
+def test_no_damage_gives_another_mesh(cube: TetMesh, tmp_path: Path) -> None:
+    cache, random = MeshCache(tmp_path), np.random.default_rng(0)
     cache.store("k", cube, {})
     path = tmp_path / "k.npz"
-    content = bytearray(path.read_bytes())
-    content[int(place * len(content))] ^= 0xFF
-    path.write_bytes(content)
-    assert cache.load("k") is None
-    path.write_bytes(content[: int(place * len(content))])
-    assert cache.load("k") is None
+    whole = path.read_bytes()
+    damaged = []
+    for place in random.integers(0, len(whole), 60).tolist():
+        damaged.append(whole[:place] + bytes([whole[place] ^ 1 << place % 8]) + whole[place + 1 :])
+    damaged += [whole[:size] for size in range(0, len(whole), 400)]
+    damaged += [whole + b"\0", b"\0" + whole, whole[:100] + whole[101:], whole[:300] + whole[200:], bytes(len(whole))]
+    for content in damaged:
+        path.write_bytes(content)
+        with pytest.raises(MeshFileError, match=r"k\.npz: is damaged, or of an earlier version"):
+            cache.load("k")
+    path.write_bytes(whole)
+    assert cache.load("k") is not None
+
+
+def test_neither_a_file_of_another_key_nor_one_without_checksum_is_taken(cube: TetMesh, tmp_path: Path) -> None:
+    cache = MeshCache(tmp_path)
+    cache.store("a", cube, {})
+    (tmp_path / "a.npz").rename(tmp_path / "b.npz")
+    np.savez(tmp_path / "c.npz", points=cube.points)
+    for key in "bc":
+        with pytest.raises(MeshFileError, match="is damaged, or of an earlier version"):
+            cache.load(key)
+
+
+def test_a_folder_that_is_full_or_cannot_be_used_is_named(cube: TetMesh, tmp_path: Path) -> None:
+    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(MeshFileError, match=r"k\.npz: cannot be written: File too large"):
+            MeshCache(tmp_path / "full").store("k", cube, {})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+    assert list((tmp_path / "full").iterdir()) == []
+    (tmp_path / "file").touch()
+    assert MeshCache(tmp_path / "file").load("k") is None
+    with pytest.raises(MeshFileError, match=r"k\.npz: cannot be written"):
+        MeshCache(tmp_path / "file").store("k", cube, {})
+    (tmp_path / "other" / "k.npz").mkdir(parents=True)
+    with pytest.raises(MeshFileError, match=r"k\.npz: Is a directory"):
+        MeshCache(tmp_path / "other").load("k")
+    with pytest.raises(MeshFileError, match=r"other: cannot be written"):
+        MeshCache(tmp_path / "other").clear()
 
 
 def test_sizes_and_clearing(cube: TetMesh, tmp_path: Path) -> None:

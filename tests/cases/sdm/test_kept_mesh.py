@@ -1,0 +1,61 @@
+"""A cache that is damaged, or cannot be written, is told, and the run goes on."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases.progress import Stopwatch
+from sdm_deflect.cases.sdm import cad, pipeline
+from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.meshing.mesh import TetMesh
+
+
+class Told:
+    """A display that keeps what it is told."""
+
+    def __init__(self):
+        self.texts = []
+
+    def begin(self, stage):
+        return lambda text, fraction: self.texts.append(text)
+
+    def end(self, stage, seconds):
+        pass
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """What is told while a mesh of one cell is taken from the cache or generated."""
+    mesh = TetMesh(
+        np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]), np.array([[0, 2, 1]]), np.array([1]),
+        np.array([0]), ("volume", "wing"),
+    )  # fmt: skip
+    report = SimpleNamespace(verification=SimpleNamespace(boundary_to_cad_max=0.0), attempts=1, seconds=1.0)
+    monkeypatch.setattr(cad, "undeflected", lambda case, watch: SimpleNamespace(mesh=mesh, report=report))
+
+    def run():
+        display = Told()
+        found, _ = pipeline.meshed(case_named("aileron", "small"), Stopwatch(display))
+        np.testing.assert_array_equal(found.tets, mesh.tets)
+        return display.texts
+
+    return run
+
+
+def test_a_damaged_mesh_is_told_and_replaced(told, tmp_path, monkeypatch):
+    monkeypatch.setenv("SDM_DEFLECT_CACHE", str(tmp_path))
+    assert told() == ["no mesh of these parameters"]
+    assert told() == ["1 cells"]
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(path.read_bytes()[:-1])
+    assert told() == [f"meshing anew, the cached mesh cannot be used: {path}: is damaged, or of an earlier version"]
+    assert told() == ["1 cells"]
+
+
+def test_a_cache_that_cannot_be_written_is_told(told, tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("SDM_DEFLECT_CACHE", str(tmp_path / "file"))
+    first, second = told()
+    assert first == "no mesh of these parameters"
+    assert second.startswith(f"the mesh is not kept for other runs: {tmp_path / 'file'}/")
