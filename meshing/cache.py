@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import platformdirs
 
-from sdm_deflect.meshing.files import fresh, written
+from sdm_deflect.meshing.files import replacing, written
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.mesh import TetMesh
 
@@ -82,7 +82,7 @@ class MeshCache:
         content = io.BytesIO()
         np.savez(content, points=mesh.points, text=np.array(text), **indices)
         content.write(_checksum(key, content.getbuffer()))
-        with fresh(self._path(key)) as beside:
+        with written(self._path(key)), replacing(self._path(key)) as beside:
             beside.write_bytes(content.getbuffer())
 
     def entries(self) -> dict[str, int]:
