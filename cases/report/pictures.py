@@ -176,7 +176,9 @@ def write_png(figure: Figure, path: Path) -> None:
 def write_sharp_png(figure: Figure, path: Path) -> None:
     """Write a figure with fine lines in the colours that represent it best."""
     pixels = pixels_of(figure, SHARP)
-    pixels.quantize(SHADES, ImageFile.Quantize.MAXCOVERAGE, dither=ImageFile.Dither.NONE).save(path, "png")
+    data = BytesIO()
+    pixels.quantize(SHADES, ImageFile.Quantize.MAXCOVERAGE, dither=ImageFile.Dither.NONE).save(data, "png")
+    path.write_bytes(data.getvalue())
 
 
 def pixels_of(figure: Figure, dpi: int) -> ImageFile.Image:
