@@ -18,10 +18,10 @@ from sdm_deflect.deform.checks import Check, worst
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection, combined
-from sdm_deflect.meshing.files import settle
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.temporary import settle
 
 SAME = 1e-9
 """Nodes of a finished run are no further (m) from where fitting again puts them."""

@@ -23,8 +23,8 @@ from sdm_deflect.cases.study.paper import QualityStatement, paper
 from sdm_deflect.cases.study.trends import Finding
 from sdm_deflect.deform.fitting import Strategy
 from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.meshing.files import scratch_folder
 from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.temporary import scratch_folder
 
 INTRODUCTION = """# The paper's section 5, measured here
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import settle_in
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import Format, MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.su2 import Su2
 from sdm_deflect.meshing.formats.vtu import Vtu
+from sdm_deflect.meshing.temporary import settle_in
 
 FLUENT = "convert it to an OpenFOAM case: fluentMeshToFoam (fluent3DMeshToFoam for hanging nodes)"
 GMSH = "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh"

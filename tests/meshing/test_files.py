@@ -4,9 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.meshing import files
-from sdm_deflect.meshing.files import Move, commit, fresh, replacing, replacing_files, replacing_folder, settle, staging
+from sdm_deflect.meshing import replacement, temporary
+from sdm_deflect.meshing.files import fresh, replacing, replacing_files, replacing_folder
 from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.replacement import Move, commit
+from sdm_deflect.meshing.temporary import settle, staging
 
 STALE = ("page.html", "figures/old*.png")
 OLD = {"page.html": "old", "figures/old1.png": "old", "figures/mine.png": "mine", "notes.txt": "mine", "data": "old"}
@@ -82,7 +84,7 @@ def test_a_folder_is_replaced_but_for_what_the_user_keeps_in_it(way, tmp_path, m
     kept = KEPT | NEW
     before = old.stat().st_ino
     if way == "file by file":
-        monkeypatch.setattr(files, "_exchange", lambda *_: False)
+        monkeypatch.setattr(replacement, "_exchange", lambda *_: False)
     elif way == "working folder":
         monkeypatch.chdir(old / "figures")
     elif way == "link":
@@ -123,7 +125,7 @@ def mortal(monkeypatch, after: int) -> None:
 
         return counted
 
-    for owner, name in ((Path, "rename"), (Path, "replace"), (Path, "unlink"), (files, "_exchange")):
+    for owner, name in ((Path, "rename"), (Path, "replace"), (Path, "unlink"), (replacement, "_exchange")):
         monkeypatch.setattr(owner, name, step(getattr(owner, name)))
 
 
@@ -133,7 +135,7 @@ def test_what_a_kill_leaves_half_renamed_is_finished_at_the_next_start(exchange,
     new = {f"run/{name}": text for name, text in NEW.items()} | {"mesh": "new", "wing/case": "new"}
     old = {f"run/{name}": text for name, text in OLD.items()} | {"mesh": "old"}
     if not exchange:
-        monkeypatch.setattr(files, "_exchange", lambda *_: False)
+        monkeypatch.setattr(replacement, "_exchange", lambda *_: False)
 
     def replace(home: Path, after: int) -> None:
         mortal(monkeypatch, after)
@@ -161,7 +163,7 @@ def test_leftovers_of_processes_that_are_gone_are_cleared_and_no_others(tmp_path
 
     in_child(leave)
     (left,) = tmp_path.iterdir()
-    machine = left.name.removeprefix(files.BESIDE).partition("-")[0]
+    machine = left.name.removeprefix(temporary.BESIDE).partition("-")[0]
     others = [left.name.replace(machine, "00000000"), ".sdm-notes", f".sdm-{machine}-1-x"]
     for name in others:
         (tmp_path / name).mkdir()
@@ -173,13 +175,13 @@ def test_leftovers_of_processes_that_are_gone_are_cleared_and_no_others(tmp_path
 
 def test_a_signal_waits_until_a_target_is_replaced(tmp_path: Path, monkeypatch) -> None:
     told = []
-    monkeypatch.setattr(files, "watchers", [lambda path, whole: told.append((path.name, whole))])
+    monkeypatch.setattr(replacement, "watchers", [lambda path, whole: told.append((path.name, whole))])
 
     def exchange(*_):
         signal.raise_signal(signal.SIGINT)
         return False
 
-    monkeypatch.setattr(files, "_exchange", exchange)
+    monkeypatch.setattr(replacement, "_exchange", exchange)
     put(tmp_path / "run", OLD)
     with staging(tmp_path) as folder:
         put(folder / "run", NEW)
