@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich import box
-from rich.console import Console, Group
+from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
 from sdm_deflect.cases.metrics import notes_of
 from sdm_deflect.deform.checks import Check, Verdict
+from sdm_deflect.deform.errors import printable
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.volume.deflection import Plan
 
@@ -23,13 +25,22 @@ WIDTH = 160
 """Columns of a table that goes to a file or a pipe, unless the environment variable COLUMNS says otherwise."""
 
 
+class _Console(Console):
+    """A console that shows as escapes what would command the terminal: names in files may hold any characters."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Yield the pieces of what is printed."""
+        for text, style, control in super().render(renderable, options):
+            yield Segment(text if control else "\n".join(map(printable, text.split("\n"))), style, control)
+
+
 def console() -> Console:
     """Return the standard output, wide enough for a table where it is no terminal.
 
     Colours and bold letters are for terminals only, and for none if the environment variable NO_COLOR is set.
     """
-    out = Console()
-    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else Console(width=WIDTH)
+    out = _Console()
+    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else _Console(width=WIDTH)
 
 
 def verdict(checks: Sequence[Check], title: str) -> Table:

@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, printable
 from sdm_deflect.deform.mesh import VOLUMES, Cells, Mesh
 from sdm_deflect.deform.quality import POLYHEDRON, by_shape, oriented
 from sdm_deflect.deform.reading import RATIO_VARIABLE, unpack_limit
 from sdm_deflect.meshing.child import call
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.formats.format import printable
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 
 Json = dict[str, Any]
@@ -93,7 +92,7 @@ def _read_other(path: Path) -> Mesh:
             f"{RATIO_VARIABLE} allows more)"
         ) from error
     cells = tuple(Cells(shape, found[shape].astype(np.intp)) for shape in VOLUMES if shape in found)
-    return Mesh(found["points"], cells, ())
+    return Mesh(found["points"].astype(np.float64), cells, ())
 
 
 def _quality_line(found: Json) -> str:

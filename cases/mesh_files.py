@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, printable
 from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import quality_of
-from sdm_deflect.meshing.formats.format import printable
 from sdm_deflect.meshing.formats.openfoam import case_folder
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from sdm_deflect.meshing.formats.vtu import Vtu

@@ -7,6 +7,7 @@ from math import isnan
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Protocol
 
+from sdm_deflect.deform.errors import printable
 from sdm_deflect.deform.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -130,7 +131,7 @@ class Stopwatch:
     def stage(self, name: str) -> Iterator[Progress]:
         """Time one stage; stages of the same name add up."""
         report, start = self.display.begin(name), perf_counter()
-        yield report
+        yield lambda text, fraction: report(printable(text), fraction)
         spent = perf_counter() - start
         self.seconds[name] = self.seconds.get(name, 0.0) + spent
         self.display.end(name, spent)

@@ -3,6 +3,7 @@
 Run as ``python -m sdm_deflect.cases.vtk_worker``, by `sdm_deflect.meshing.child.call`.
 """
 
+import logging
 import resource
 import sys
 import warnings
@@ -12,6 +13,7 @@ from typing import Any
 import meshio  # noqa: F401  # before the limit, as all that is loaded
 import numpy as np
 import pyvista as pv
+from vtkmodules.vtkCommonCore import vtkLogger
 
 from sdm_deflect.deform.mesh import VOLUMES
 from sdm_deflect.meshing.child import Arrays, serve
@@ -20,6 +22,8 @@ from sdm_deflect.meshing.child import Arrays, serve
 def work(question: Arrays) -> Arrays:
     """Return `points` (N, 3) and, by shape, the nodes of cells of the file `path`, with `bytes` of memory for it."""
     _limit(int(question["bytes"]))
+    logging.disable()
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         warnings.simplefilter("error", pv.VTKExecutionWarning)

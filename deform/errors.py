@@ -4,8 +4,16 @@ from collections.abc import Collection
 from difflib import get_close_matches
 
 
+def printable(text: str) -> str:
+    """Return text in which characters that command a terminal are shown as escapes: names in files may hold any."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
 class InputError(ValueError):
     """A mesh, a name or a value that was given cannot be used; the message says which and what would be right."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 def nearest(name: str, known: Collection[str], noun: str = "known are") -> str:

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from sdm_deflect.deform.errors import printable
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.mesh import FloatArray
@@ -22,11 +23,6 @@ class MeshFileError(RuntimeError):
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
-
-
-def printable(text: str) -> str:
-    """Return text in which characters that command a terminal are shown as escapes: names in files may hold any."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 class Format(Protocol):
