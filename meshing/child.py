@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.meshing import orphan
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.files import scratch_folder
+from sdm_deflect.meshing.temporary import scratch_folder
 
 Array = NDArray[np.generic]
 Arrays = Mapping[str, Array]
