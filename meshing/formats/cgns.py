@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,8 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, read_polyhedra, sections
-from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, integers, text
+from sdm_deflect.meshing.formats.cgns_nodes import AXES, Array, child, children, data, integers, text
+from sdm_deflect.meshing.formats.cgns_packed import overwrite
 from sdm_deflect.meshing.formats.cgns_write import write_base
 from sdm_deflect.meshing.formats.format import FULL, MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
@@ -56,21 +58,24 @@ class Cgns:
         with about(source), _opened(source) as file:
             stored = [coordinate_data(zone) for _, zone in zones(file)[1]]
             check_points(points, sum(len(own[0]) for own in stored))
-            places = {h5py.h5o.get_info(axis.id).addr for own in stored for axis in own}
-            if len(places) < 3 * len(stored):
-                raise MeshFileError("coordinates of several axes or zones are one and the same data")
+            _check_apart([axis for own in stored for axis in own])
+            moved = list(_moved(stored, points))
+            plain = {axis.id.get_offset(): new for axis, new in moved if axis.id.get_offset()}
+            packed = {axis.name: new for axis, new in moved if not axis.id.get_offset()}
         with fresh(out, source) as beside, about(source):
             progress(f"writing {out.name}", 0.0)
             shutil.copyfile(source, beside)
-            with _damage(), _written(beside, "r+") as file:
-                start = 0
-                for _, zone in zones(file)[1]:
-                    start += _overwrite(coordinate_data(zone), points[start:])
+            with beside.open("r+b") as copy:
+                for place, new in plain.items():
+                    copy.seek(place)
+                    copy.write(new.tobytes())
+            if packed:
+                overwrite(beside, packed)
             progress(f"writing {out.name}", 1.0)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; each patch is a family and a boundary condition that its family specifies."""
-        with fresh(out) as beside, about(out), _written(beside, "w") as file:
+        with fresh(out) as beside, about(out), _written(beside) as file:
             return write_base(file, mesh, partial(progress, f"writing {out.name}"))
 
 
@@ -103,11 +108,11 @@ class _Kept(io.FileIO):
 
 
 @contextmanager
-def _written(path: Path, mode: str) -> Iterator[Any]:
-    """Open a file for HDF5 to write (`mode` is h5py's); OSError at the end if any part of it was not written."""
+def _written(path: Path) -> Iterator[Any]:
+    """Open an empty file for HDF5 to write; OSError at the end if any part of it was not written."""
     with _Kept(path, "r+") as kept:
         try:
-            with h5py.File(kept, mode, track_order=True) as file:
+            with h5py.File(kept, "w", track_order=True) as file:
                 yield file
         finally:
             if kept.error:
@@ -140,15 +145,25 @@ def _damage() -> Iterator[None]:
         raise MeshFileError(f"the file is truncated or damaged ({reason})") from error
 
 
-def _overwrite(stored: list[Any], points: FloatArray) -> int:
-    """Replace the coordinates of one zone that changed, and return its number of points."""
-    for axis, values in enumerate(stored):
-        old = values[()]
-        new = points[: len(old), axis]
-        changed = old.astype(np.float64) != new
-        if changed.any():
-            values[...] = np.where(changed, new, old)
-    return len(stored[0])
+def _check_apart(axes: Sequence[Any]) -> None:
+    """Refuse (MeshFileError) coordinates that share bytes: one cannot be replaced without the other."""
+    places = sorted((axis.id.get_offset(), axis.nbytes) for axis in axes if axis.id.get_offset())
+    shared = any(begin + size > after for (begin, size), (after, _) in pairwise(places))
+    if shared or len({h5py.h5o.get_info(axis.id).addr for axis in axes}) < len(axes):
+        raise MeshFileError("coordinates of several axes or zones are one and the same data")
+
+
+def _moved(stored: Sequence[Sequence[Any]], points: FloatArray) -> Iterator[tuple[Any, Array]]:
+    """Yield the datasets that change, and their new values; values that do not change keep their bits."""
+    start = 0
+    for own in stored:
+        for column, axis in enumerate(own):
+            old = axis[()]
+            new = points[start : start + len(old), column]
+            changed = old.astype(np.float64) != new
+            if changed.any():
+                yield axis, np.where(changed, new, old).astype(old.dtype)
+        start += len(own[0])
 
 
 def read_base(file: Any, report: Callable[[float], None]) -> Mesh:
@@ -203,6 +218,8 @@ def coordinate_data(zone: Any) -> list[Any]:
     for axis, stored in zip(AXES, found, strict=True):
         if stored.shape != (points,) or stored.dtype.kind != "f":
             raise MeshFileError(f"{axis} holds {stored.shape} {stored.dtype}, expected ({points},) real numbers")
+        if h5py.h5t.py_create(stored.dtype) != stored.id.get_type():
+            raise MeshFileError(f"{axis} holds real numbers of an unknown kind; the file is damaged")
     return found
 
 

@@ -275,3 +275,29 @@ def test_attributes_have_the_lengths_that_the_library_expects(path):
         for key, size in (("name", 33), ("label", 33), ("type", 3)):
             kind = file["Base"].attrs.get_id(key).get_type()
             assert (kind.get_size(), kind.get_strpad()) == (size, h5py.h5t.STR_NULLTERM)
+
+
+@pytest.mark.parametrize(
+    "how", [{"chunks": (5,)}, {"chunks": (14,), "compression": "gzip", "shuffle": True}, "compact"]
+)
+def test_packed_coordinates_stay_packed(how, path, tmp_path):
+    with h5py.File(path, "r+") as file:
+        for axis in COORDINATES:
+            node = zone_of(file)["GridCoordinates"][axis]
+            values = node[" data"][()]
+            del node[" data"]
+            if how == "compact":
+                layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+                layout.set_layout(h5py.h5d.COMPACT)
+                space = h5py.h5s.create_simple(values.shape)
+                h5py.h5d.create(node.id, b" data", h5py.h5t.IEEE_F64LE, space, layout).write(space, space, values)
+            else:
+                node.create_dataset(" data", data=values, **how)
+    points = Cgns().read(path).points * np.pi
+    Cgns().rewrite(path, points, tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, points)
+    with h5py.File(tmp_path / "moved.cgns") as file, h5py.File(path) as before:
+        for one, other in zip(
+            *(zone_of(of)["GridCoordinates/CoordinateX"].values() for of in (file, before)), strict=True
+        ):
+            assert (one.chunks, one.compression) == (other.chunks, other.compression)
