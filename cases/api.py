@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from sdm_deflect.cases.job_settings import angles_of, settings_of, tables_of
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, shortened
 from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
@@ -339,7 +339,7 @@ def sweep(
 def _run(mesh: Any, job: Job, angles: Sequence[float], least: float, progress: Progress) -> tuple[Result, ...]:
     """Plan a job for all angles and bring the mesh to each; results in the order of the angles."""
     if not callable(progress):
-        raise InputError(f"progress = {progress!r} must be a function of a text and a fraction")
+        raise InputError(f"progress = {shortened(progress)} must be a function of a text and a fraction")
     given = adapters.accepted(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
     plan = Plan.of(given.mesh, job, angles, progress)
     results = [
@@ -350,18 +350,20 @@ def _run(mesh: Any, job: Job, angles: Sequence[float], least: float, progress: P
 
 
 def _path(path: Any) -> Path:
-    if not isinstance(path, str | PathLike):
-        raise InputError(f"{path!r} is no path of a file or folder")
+    if not isinstance(path, str | PathLike) or "\0" in str(path):
+        raise InputError(f"{shortened(path)} is no path of a file or folder")
     return Path(path)
 
 
 @contextmanager
 def _about_files() -> Iterator[None]:
-    """Make errors of mesh files what all other mistakes are."""
+    """Make errors of mesh files, and of paths that cannot be, what all other mistakes are."""
     try:
         yield
     except MeshFileError as error:
         raise InputError(str(error)) from None
+    except OSError as error:
+        raise InputError(f"{shortened(error.filename)}: {error.strerror}") from None
 
 
 def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, shortened, structured
+from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, structured
 from sdm_deflect.deform.checks import MIN_QUALITY
-from sdm_deflect.deform.errors import InputError, nearest
+from sdm_deflect.deform.errors import InputError, nearest, shortened
 from sdm_deflect.deform.fitting import LARGEST_ANGLE, Fitting
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh import FloatArray

@@ -2,6 +2,7 @@
 
 import zipfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -117,8 +118,9 @@ def inputs_of(given: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
         for item in value if isinstance(value, list | tuple) else (value,):
             if isinstance(item, Mapping):
                 found += inputs_of(item, folder)
-            elif isinstance(item, str | Path) and (folder / item).is_file():
-                found.append(folder / item)
+            elif isinstance(item, str | Path):
+                with suppress(OSError, ValueError):  # too long, or with a null character, for any file
+                    found += [folder / item] if (folder / item).is_file() else []
     return tuple(found)
 
 

@@ -21,15 +21,18 @@ from cattrs import Converter
 from cattrs.errors import AttributeValidationNote, BaseValidationError, ForbiddenExtraKeysError, IterableValidationNote
 from cattrs.gen import make_dict_structure_fn
 
-from sdm_deflect.deform.errors import InputError, nearest
+from sdm_deflect.deform.errors import InputError, nearest, shortened
 
 T = TypeVar("T")
 Nested = dict[str, Any]
 Hook = Callable[[Any, Any], Any]
 INLINE = ("fighter", "fitting")
 """Tables whose values stand one level higher in files and assignments."""
-LONGEST = 80
 UNKNOWN = "unknown setting"
+MOST_BYTES = 10**7
+"""Of a file of settings: all nodes of a large surface by number."""
+LARGEST = 2**31
+"""Whole numbers lie below."""
 NOTES = (AttributeValidationNote, IterableValidationNote)
 
 
@@ -69,17 +72,15 @@ def names_of(kind: Any) -> list[str]:
     return [*(one.name for one in fields(kind) if one.name not in INLINE), *inner]
 
 
-def shortened(value: object) -> str:
-    """Return a value as Python writes it, at most a line of it."""
-    text = repr(value)
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
-
-
 def read_toml(path: Path) -> Nested:
     """Return the tables of a file; InputError names it if it cannot be read."""
     try:
+        if path.exists() and not path.is_file():
+            raise ValueError("is not a regular file")
+        if path.stat().st_size > MOST_BYTES:
+            raise ValueError(f"is larger than {MOST_BYTES / 1e6:g} MB")
         return loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, TOMLDecodeError, RecursionError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"configuration {path}: {error}") from None
 
 
@@ -165,7 +166,7 @@ def _table(kind: type[Any]) -> Hook:
     def hook(value: Any, _: Any) -> Any:
         if not isinstance(value, Mapping):
             raise _UnfitError(value, f"is no table; set one of its values, such as {fields(kind)[0].name}")
-        return make(dict(value), kind)
+        return make({str(name): item for name, item in value.items()}, kind)
 
     return hook
 
@@ -181,8 +182,11 @@ def _number(value: Any, _: Any) -> float:
 
 
 def _whole(value: Any, _: Any) -> int:
+    value = _plain(value)
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise _UnfitError(value, "is not a whole number")
+    if abs(int(value)) >= LARGEST:
+        raise _UnfitError(value, f"is out of range: below {LARGEST:g}")
     return int(value)
 
 
@@ -197,6 +201,8 @@ def _text(value: Any, _: Any) -> str:
         raise _UnfitError(value, "is not text")
     if not str(value).strip():
         raise _UnfitError(value, "is empty")
+    if "\0" in str(value):
+        raise _UnfitError(value, "holds a null character")
     return str(value)
 
 
@@ -205,7 +211,7 @@ NAMES = (tuple[str, ...], tuple[str | int, ...])
 
 
 def _choice(value: Any, kind: Any) -> Any:
-    possible = get_args(kind)
+    possible, value = get_args(kind), _plain(value)
     if value not in possible:
         raise _UnfitError(value, f"is not one of {', '.join(map(str, possible))}")
     return value

@@ -16,6 +16,16 @@ class InputError(ValueError):
         super().__init__(printable(message))
 
 
+LONGEST = 80
+"""Letters of a value that a message shows."""
+
+
+def shortened(value: object) -> str:
+    """Return a value as Python writes it, at most a line of it."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+
+
 def nearest(name: str, known: Collection[str], noun: str = "known are") -> str:
     """Return the end of a sentence about a name that is not known: those that come near it, else all."""
     close = get_close_matches(name, list(known), n=3)

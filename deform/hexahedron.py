@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import real
+from sdm_deflect.deform.mesh import bounded
 from sdm_deflect.deform.rbf.compiled import compiled
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.deform.rbf.points import first_coincident
@@ -131,9 +131,9 @@ class Hexahedron:
     planes: FloatArray = field(init=False, repr=False)  # (12, 4) outward normals and offsets of the triangles
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "corners", real(self.corners, "corners"))
-        if self.corners.shape != (8, 3) or not np.isfinite(self.corners).all():
-            raise InputError(f"corners {self.corners.shape} must be 8 points of 3 finite coordinates")
+        object.__setattr__(self, "corners", bounded(self.corners, "corners"))
+        if self.corners.shape != (8, 3):
+            raise InputError(f"corners {self.corners.shape} must be 8 points of 3 coordinates")
         _check_distinct(self.corners)
         object.__setattr__(self, "planes", _triangle_planes(self.corners))
         _check_faces(self.corners, self.planes)

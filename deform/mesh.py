@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdm_deflect.deform.errors import InputError, nearest
+from sdm_deflect.deform.errors import InputError, nearest, shortened
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -46,11 +47,27 @@ def real(values: ArrayLike, what: str) -> FloatArray:
     """Return an array of floating-point numbers; InputError, which begins with `what`, if they are none."""
     try:
         found = np.asarray(values)
-        if found.dtype.kind == "c":
+        if found.dtype.kind not in "iufO":
             raise TypeError
-        return np.asarray(found, dtype=np.float64)
-    except (TypeError, ValueError):
+        return found.astype(np.float64, copy=False)
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{what} must be real numbers, in rows of one length") from None
+
+
+def bounded(values: ArrayLike, what: str) -> FloatArray:
+    """Return an array of finite numbers; InputError, which begins with `what`, if one is none or beyond `LARGEST`."""
+    found = real(values, what)
+    if not (found.min(initial=0.0) > -LARGEST and found.max(initial=0.0) < LARGEST):
+        raise InputError(f"{what}: a coordinate is not finite, or beyond {LARGEST:g}")
+    return found
+
+
+def several(values: object, kinds: tuple[type, ...], what: str) -> tuple[Any, ...]:
+    """Return a list of objects as a tuple; InputError, which begins with `what`, if one is of no such kind."""
+    if not isinstance(values, list | tuple) or not all(isinstance(one, kinds) for one in values):
+        names = " or ".join(kind.__name__ for kind in kinds)
+        raise InputError(f"{what} = {shortened(values)} must be a list of {names}")
+    return tuple(values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,8 +86,8 @@ class Cells:
     nodes: IntArray = field(repr=False)
 
     def __post_init__(self) -> None:
-        if self.shape not in CORNERS:
-            raise InputError(f"shape {self.shape!r} is not one of {', '.join(CORNERS)}")
+        if not isinstance(self.shape, str) or self.shape not in CORNERS:
+            raise InputError(f"shape {shortened(self.shape)} is not one of {', '.join(CORNERS)}")
         object.__setattr__(self, "nodes", whole(self.nodes, f"{self.shape} nodes"))
         if self.nodes.ndim != 2 or self.nodes.shape[1] != CORNERS[self.shape]:
             raise InputError(f"{self.shape} nodes {self.nodes.shape} must be (M, {CORNERS[self.shape]})")
@@ -145,11 +162,19 @@ class Patch:
     name : Its name, distinct within a mesh.
     faces : Blocks of faces of one shape, or polygons.
     loose : (K,) node indices that belong to it beside those of its faces.
+
+    Raises InputError if the name is no text, or faces or nodes are something else.
     """
 
     name: str
     faces: tuple[Faces, ...]
     loose: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise InputError(f"name = {shortened(self.name)} of a patch must be text")
+        object.__setattr__(self, "faces", several(self.faces, (Cells, Polygons), f"patch {self.name}: faces"))
+        object.__setattr__(self, "loose", whole(self.loose, f"patch {self.name}: nodes").ravel())
 
     @cached_property
     def nodes(self) -> IntArray:
@@ -194,6 +219,8 @@ class Mesh:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", real(self.points, "points"))
+        for name, kinds in (("cells", (Cells, Polyhedra)), ("patches", (Patch,)), ("zones", (Zone,))):
+            object.__setattr__(self, name, several(getattr(self, name), kinds, name))
         if self.points.ndim != 2 or self.points.shape[1] != 3:
             raise InputError(f"points {self.points.shape} must be (N, 3)")
         if not (self.points.min(initial=0.0) > -LARGEST and self.points.max(initial=0.0) < LARGEST):
@@ -257,9 +284,10 @@ class Mesh:
 
     def with_points(self, points: FloatArray) -> Mesh:
         """Return the same cells and patches on moved points (N, 3)."""
-        if points.shape != self.points.shape:
-            raise InputError(f"{self.name}: points {points.shape} must be {self.points.shape}")
-        return replace(self, points=points)
+        moved = real(points, "points")
+        if moved.shape != self.points.shape:
+            raise InputError(f"{self.name}: points {moved.shape} must be {self.points.shape}")
+        return replace(self, points=moved)
 
 
 def meant(wildcard: str, patch: str) -> bool:

@@ -1,14 +1,21 @@
 """The command line `sdm`; a command imports what it needs when it is carried out."""
 
+import os
 import sys
+from contextlib import suppress
 from dataclasses import asdict
-from typing import NoReturn
+from io import TextIOWrapper
+from pathlib import Path
+from typing import NoReturn, TextIO
 
 import click
 
 from sdm_deflect.cases.cli import options
 from sdm_deflect.cases.cli.deflect import deflect, quality
 from sdm_deflect.cases.cli.run import export, geometry, limit, list_cases, report, run, study, validate, view
+
+LONGEST = 200
+"""Letters of a path that a message shows."""
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -56,7 +63,7 @@ def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
 def main() -> NoReturn:
     """Carry out a command: a mistake is one line on stderr and a code that tells what went wrong; no traceback."""
     try:
-        code = cli(prog_name="sdm", standalone_mode=False) or 0
+        code = _carried_out()
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
         code = options.UNUSABLE
@@ -71,6 +78,42 @@ def main() -> NoReturn:
             raise
         code = _complain(str(error))
     sys.exit(code)
+
+
+def _carried_out() -> int:
+    """Carry out the command and return its code, or that of an operating system that refuses."""
+    _prepare(sys.stdout)
+    try:
+        code: int = cli(prog_name="sdm", standalone_mode=False) or 0
+        if sys.stdout:
+            sys.stdout.flush()
+    except SystemExit as end:  # with 1: click's answer if whoever reads the standard output has read enough
+        return options.PIPE_CLOSED if end.code == options.FAILED else int(end.code or 0)
+    except OSError as error:
+        if not error.filename:
+            _drop(sys.stdout)
+        if isinstance(error, BrokenPipeError):
+            return options.PIPE_CLOSED
+        where = str(error.filename)[:LONGEST] if error.filename else "standard output"
+        return _complain(f"{where}: {error.strerror or error}")
+    return code
+
+
+def _prepare(out: TextIO | None) -> None:
+    """Make an output take letters that its encoding lacks; ClickException where the working folder is gone."""
+    if isinstance(out, TextIOWrapper):
+        out.reconfigure(errors="backslashreplace")
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        raise click.ClickException("the working folder does not exist any more: change to another one") from None
+
+
+def _drop(out: TextIO | None) -> None:
+    """Let what an output still holds go nowhere, so that the interpreter's end does not fail by it."""
+    with suppress(OSError, ValueError):
+        if out:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())
 
 
 def _complain(message: str) -> int:

@@ -1,10 +1,11 @@
 """A surface blended between nodes that stay and nodes that follow a motion (appendix A)."""
 
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, shortened
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.rbf.kernels import Multiquadric
 from sdm_deflect.deform.rbf.points import farthest
@@ -68,11 +69,17 @@ class Blended:
 
     def __post_init__(self) -> None:
         if not hasattr(self.base, "law"):
-            raise InputError(f"base = {self.base!r} is no motion: give one such as Rotation.about(first, second)")
-        for name in ("held", "driven"):
-            if not hasattr(getattr(self, name), "of"):
+            given = shortened(self.base)
+            raise InputError(f"base = {given} is no motion: give one such as Rotation.about(first, second)")
+        for name in ("held", "driven", "hinge_nodes"):
+            given = getattr(self, name)
+            if not hasattr(given, "of") and (name != "hinge_nodes" or given is not None):
                 kinds = "OnPatches, TrailingEdge or Listed"
-                raise InputError(f"{name} = {getattr(self, name)!r} is no set of nodes: give {kinds}")
+                raise InputError(f"{name} = {shortened(given)} is no set of nodes: give {kinds}")
+        if not isinstance(self.rib, Rib):
+            raise InputError(f"rib = {shortened(self.rib)} is no Rib")
+        if not isinstance(self.epsilon, Real) or not 0.0 <= self.epsilon < np.inf:
+            raise InputError(f"epsilon = {shortened(self.epsilon)} must be a positive number, or 0 to have it chosen")
 
     @property
     def unit(self) -> str:

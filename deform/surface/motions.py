@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, shortened
 from sdm_deflect.deform.fitting import LARGEST_ANGLE
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, real
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, bounded, real
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.points import farthest, first_coincident
@@ -73,15 +73,17 @@ class Rotation:
 
     axis: Axis
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.axis, Axis):
+            raise InputError(f"axis = {shortened(self.axis)} is no Axis; Rotation.about(first, second) makes one")
+
     @classmethod
     def about(cls, first: ArrayLike, second: ArrayLike) -> "Rotation":
         """Take the hinge through two points (3,), in the mesh's unit; InputError if they coincide or are no points."""
-        try:
-            a, b = (np.asarray(point, dtype=np.float64) for point in (first, second))
-        except (TypeError, ValueError):
-            raise InputError(f"hinge = {first!r}, {second!r}: must be two points of three numbers") from None
-        if a.shape != (3,) or b.shape != (3,) or not np.isfinite([a, b]).all():
-            raise InputError(f"hinge = {first!r}, {second!r}: must be two points of three numbers")
+        a, b = (bounded(point, "hinge") for point in (first, second))
+        if a.shape != (3,) or b.shape != (3,):
+            given = f"{shortened(first)}, {shortened(second)}"
+            raise InputError(f"hinge = {given}: must be two points of three numbers")
         if np.linalg.norm(b - a) <= 1e-12 * max(np.abs([a, b]).max(), 1e-300):
             raise InputError(f"the hinge has no length: both its points are at {', '.join(f'{x:g}' for x in a)}")
         return cls(Axis.through(a, b))

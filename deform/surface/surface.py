@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from sdm_deflect.deform.edges import polygons_of, sharp_edges
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, shortened
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, whole
 from sdm_deflect.deform.reading import damaged
 from sdm_deflect.deform.surface.axis import Axis
@@ -112,7 +112,7 @@ class TrailingEdge:
 
     def __post_init__(self) -> None:
         if not isinstance(self.dihedral, Real) or not 0.0 < self.dihedral < 180.0:
-            raise InputError(f"dihedral = {self.dihedral!r} must be degrees between 0 and 180")
+            raise InputError(f"dihedral = {shortened(self.dihedral)} must be degrees between 0 and 180")
 
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
         """Return a mask (K,) over the surface's nodes."""

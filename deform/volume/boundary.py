@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, nearest
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
 from sdm_deflect.deform.surface.motions import MotionLaw
 from sdm_deflect.deform.surface.surface import Surface
@@ -56,6 +56,10 @@ class Boundary:
             name for name in mesh.named(job.fixed, "fixed") if name in job.fixed or name not in (*moves, *slides)
         )
         _check_parts(mesh, moves, fixed, slides)
+        for section in job.sections:
+            if section.patch not in mesh.names:
+                hint = nearest(section.patch, mesh.names, "the patches are")
+                raise InputError(f"{mesh.name}: section {section.patch!r} is no patch; {hint}")
         laws = tuple(moving.motion.law(surface) for moving, surface in zip(job.surfaces, surfaces, strict=True))
         nodes = np.unique(np.concatenate([surface.nodes for surface in surfaces]))
         sliding = tuple(SlidingPatch.of(mesh, name, shape) for name, shape in slides.items())

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.hexahedron import polygon_sites
+from sdm_deflect.deform.hexahedron import FACES, polygon_sites
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.rbf.points import first_coincident
 from sdm_deflect.deform.rbf.sites import DataSites, pinned
@@ -22,6 +22,7 @@ TOLERANCE = 0.01  # of the median edge: largest error at a site, unless the job 
 APART = 0.5  # of their spacing: zero sites keep it from the boundary's nodes and from each other
 MOST_FIXED = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
 MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
+FINER = 0.1  # of that distance: sites on the box may not stand closer, even if they shall
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +80,7 @@ class Sites:
         if not job.near_wall:
             sampled = sampled[:0]
         edge = _surface_edge(boundary, distinct)
-        spacing = job.fitting.spacing or _spacing(region, job.fitting.spacing_edges * edge)
+        spacing = _spacing(region, job.fitting.spacing, job.fitting.spacing_edges * edge)
         known = [boundary.nodes, region.fixed, *sliding] if job.near_wall else [boundary.nodes]
         zero = _zero_sites(boundary, region, mesh.points[np.concatenate(known)], spacing)
         tolerance = job.fitting.tolerance or TOLERANCE * edge
@@ -164,11 +165,17 @@ def _surface_edge(boundary: Boundary, distinct: IntArray) -> float:
     return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
 
 
-def _spacing(region: Region, wanted: float) -> float:
-    """Return the distance of sites on the box: as wanted, unless that takes too many."""
+def _spacing(region: Region, given: float, wanted: float) -> float:
+    """Return the distance of sites on the box: as given, else as wanted unless that takes too many.
+
+    Raises InputError if the given one takes far too many.
+    """
     faces = [region.hexahedron.face(name) for name in ("x-", "x+", "y-", "y+", "z-", "z+")]
     area = sum(float(np.linalg.norm(np.cross(f[2] - f[0], f[3] - f[1]))) / 2.0 for f in faces)
-    return max(wanted, float(np.sqrt(area / MOST_ZERO)))
+    usual = float(np.sqrt(area / MOST_ZERO))
+    if 0.0 < given < (least := FINER * usual):
+        raise InputError(f"spacing = {given:g} puts too many sites on the box: at least {least:.2g} is possible")
+    return given or max(wanted, usual)
 
 
 def _zero_sites(boundary: Boundary, region: Region, known: FloatArray, spacing: float) -> tuple[DataSites, ...]:
@@ -179,12 +186,18 @@ def _zero_sites(boundary: Boundary, region: Region, known: FloatArray, spacing: 
     """
     faces = _in_front(boundary, region.hexahedron.face_sites(spacing, skip=region.box.open_faces))
     faces = apart_from(faces, known, APART * spacing)
+    if not len(faces) and region.box.open_faces != FACES.keys():
+        raise InputError(
+            f"spacing = {spacing:.3g} leaves no site on the box that is half of it from the surface; lower it, or "
+            f"enlarge the box ({boundary.job.box.settings})"
+        )
     found = [pinned(faces)] if len(faces) else []
     known = np.vstack([known, faces])
     for section in boundary.job.sections:
         polygon = region.hexahedron.section(section.point, np.eye(3)[section.component])
         on_block = apart_from(polygon_sites(polygon, spacing), known, APART * spacing)
-        found.append(pinned(on_block, (section.component,) if section.slides else (0, 1, 2)))
+        if len(on_block):
+            found.append(pinned(on_block, (section.component,) if section.slides else (0, 1, 2)))
     return tuple(found)
 
 

@@ -39,10 +39,10 @@ def test_a_positive_angle_is_right_handed_from_the_first_hinge_point_to_the_seco
     ("ends", "words"),
     [
         (([1, 2, 3], [1, 2, 3]), "the hinge has no length: both its points are at 1, 2, 3"),
-        (([1e300, 0, 0], [1e300, 0, 0]), "the hinge has no length"),
+        (([1e300, 0, 0], [1e300, 0, 1]), "hinge: a coordinate is not finite, or beyond"),
         (([0, 0], [1, 0, 0]), "must be two points of three numbers"),
-        (([0, 0, 0], [0, np.nan, 0]), "must be two points of three numbers"),
-        (("a", [0, 0, 1]), "must be two points of three numbers"),
+        (([0, 0, 0], [0, np.nan, 0]), "hinge: a coordinate is not finite"),
+        (("a", [0, 0, 1]), "hinge must be real numbers"),
     ],
 )
 def test_what_is_no_hinge(ends, words):
