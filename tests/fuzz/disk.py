@@ -12,7 +12,7 @@ import subprocess
 from argparse import ArgumentParser
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -34,11 +34,13 @@ STEP = 50_000
 CASES = "sdm_deflect.cases"
 TURN = ("--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended")
 HINGE = ("--hinge", "0.7,0.3,0", "0.7,0.7,0", "--angle", "8", "--quiet")
+REFERENCE = "sdm.pipeline.reference"
+"""The same, a context: of no use later, when the validation is kept."""
 SLOW = {
     "deflect": ("deflect_file.planned", "deflect_file.sweep", "report.page.page"),
     "run": (
         "sdm.pipeline.meshed", "sdm.pipeline.plans_of", "sdm.pipeline.deflected", "sdm.pipeline.whole_mesh_seconds",
-        "sdm.pipeline.reference", "sdm.validation.validate", "report.page.page",
+        REFERENCE, "sdm.validation.validate", "report.page.page",
     ),
     "report": ("sdm.report.report_data_of_folder", "report.page.page"),
     "geometry": ("sdm.cad.undeflected_cad",),
@@ -86,8 +88,9 @@ class Work:
             if name not in self.kept:
                 found = function(*arguments, **options)
                 self.kept[name] = list(found) if isinstance(found, Iterator) else found
+                return found if hasattr(found, "__enter__") else known()
             found = self.kept[name]
-            return iter(found) if isinstance(found, list) else found
+            return iter(found) if isinstance(found, list) else nullcontext(dict) if name == REFERENCE else found
 
         return known
 
