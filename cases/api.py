@@ -148,15 +148,17 @@ class Result:
 
         Raises InputError if the folder cannot be written, or holds other files than those of a report.
         """
+        from sdm_deflect.cases.output import OutputError, output_folder
         from sdm_deflect.cases.report.folder import write_run_folder
 
         place = _path(folder)
         try:
             if place.exists() and any(place.iterdir()) and not (place / "report.html").exists():
                 raise InputError(f"{place} holds other files already: name a new folder")
-            write_run_folder(place, self.deflection, self.checks, None, {}, self.min_quality)
-        except OSError as error:
-            raise InputError(f"{place} cannot be written: {error.strerror}") from None
+            with output_folder(place) as scratch:
+                write_run_folder(scratch, self.deflection, self.checks, None, {}, self.min_quality, place)
+        except (OSError, OutputError, MeshFileError) as error:
+            raise InputError(str(error)) from None
         return place / "report.html"
 
     def plot(self) -> "Figure":

@@ -17,6 +17,7 @@ from sdm_deflect.meshing.formats.openfoam import case_folder
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.temporary import settle, settle_in
 
 SENSITIVITY = "d_points_d_angle"
 SETTINGS = "settings.toml"
@@ -79,6 +80,7 @@ class Targets:
 
         Raises InputError naming the first such target.
         """
+        settle_in(self.out.absolute().parent)
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
         for target in (*meshes, *self.extra):
@@ -91,7 +93,7 @@ class Targets:
                 rule = "only the file that out names, and an earlier sensitivity, are replaced"
                 raise InputError(f"{target} exists already, and {rule}; delete it, or choose another name in out")
         for folder in self.reports:
-            if folder.exists() and not (folder / SETTINGS).is_file():
+            if folder.exists() and not is_report(folder):
                 raise InputError(f"{folder} exists already and is no earlier report; delete it, or choose another out")
         if self._is_folder and self.out.resolve().is_relative_to(case_folder(self.source).resolve()):
             raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
@@ -109,6 +111,12 @@ class Targets:
     @property
     def _is_folder(self) -> bool:
         return format_of(self.out) is FORMATS["openfoam"]
+
+
+def is_report(folder: Path) -> bool:
+    """Whether a folder is that of a deflected mesh, once what a killed process left of it is finished."""
+    settle(folder)
+    return (folder / SETTINGS).is_file()
 
 
 def inputs_of(given: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.meshing import orphan
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files import written
 from sdm_deflect.meshing.temporary import scratch_folder
 
 Array = NDArray[np.generic]
@@ -51,7 +52,8 @@ def started(module: str, arrays: Arrays) -> Iterator[Pending]:
     Mesh generators run for minutes inside compiled code that no signal can stop; a process can be killed.
     """
     with scratch_folder() as folder:
-        np.savez(folder / QUESTION, **arrays)  # type: ignore[arg-type]
+        with written(folder):
+            np.savez(folder / QUESTION, **arrays)  # type: ignore[arg-type]
         files = (str(folder / QUESTION), str(folder / ANSWER))
         # Its own session: the terminal's Ctrl-C reaches this process only, which then kills the child.
         with subprocess.Popen(

@@ -113,11 +113,11 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
 @options.progress_options
 def report(folder: Path, quiet: bool, verbose: bool) -> int:
     """Make report.html and figures/ of a finished run, or of a deflected mesh, anew from the files beside it."""
-    from sdm_deflect.cases.mesh_files import SETTINGS
+    from sdm_deflect.cases.mesh_files import is_report
     from sdm_deflect.cases.report import folder as deflected
     from sdm_deflect.cases.sdm import report as sdm
 
-    of_mesh = (folder / SETTINGS).is_file()
+    of_mesh = is_report(folder)
     with options.watched(quiet, verbose) as watch, watch.stage("report"):
         data = deflected.report_of_folder(folder) if of_mesh else sdm.report_of_folder(folder)
     click.echo(f"{folder / 'report.html'}: {(folder / 'report.html').stat().st_size / 1e6:.1f} MB")
@@ -135,7 +135,7 @@ def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> Non
     The mesh follows the slider with the centres of the run. Nothing leaves this machine: the page is served on
     the loopback interface and draws in the browser.
     """
-    from sdm_deflect.cases.mesh_files import SETTINGS
+    from sdm_deflect.cases.mesh_files import is_report
     from sdm_deflect.cases.view.serve import check_free, serve
 
     if port:
@@ -145,7 +145,7 @@ def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> Non
         from sdm_deflect.cases.view.page import Control, Page
         from sdm_deflect.cases.view.run import InteractiveRun
 
-        of_mesh = (folder / SETTINGS).is_file()
+        of_mesh = is_report(folder)
         page = Page(Control.of(InteractiveRun.of(folder) if of_mesh else interactive_run(folder)))
     serve(page, port, show)
 

@@ -52,6 +52,7 @@ def write_run_folder(
     out: Path | None,
     timings: Mapping[str, float],
     min_quality: float = MIN_QUALITY,
+    home: Path | None = None,
 ) -> ReportData:
     """Write settings.toml, metrics.json, deflected.vtu, convergence.csv, interpolant.npz, figures and report.html.
 
@@ -60,14 +61,16 @@ def write_run_folder(
     folder : Where to; it may exist.
     one : The deflection.
     checks : The verdict on it.
-    out : The file of the deflected mesh; `folder` is, or will be, that of `folder_of`. None if there is no file.
+    out : The file of the deflected mesh, beside which `folder` will be, as `folder_of` says. None if there is no file.
     timings : Seconds by stage.
     min_quality : The setting by which the quality was judged.
+    home : Where `folder` will be; it follows from `out` if that is given, else it is `folder` if None.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_convergence(folder / "convergence.csv", [one])
     write_interpolants(folder / "interpolant.npz", [one])
-    nested = {**settings_of(one, out, folder), "min_quality": min_quality}
+    place = folder_of(out) if out else home or folder
+    nested = {**settings_of(one, place, folder), "min_quality": min_quality}
     settings = tomli_w.dumps(nested)
     (folder / SETTINGS).write_text(settings, encoding="utf-8")
     write_deflected(folder / "deflected.vtu", one)
@@ -161,12 +164,12 @@ def metrics_of(one: Deflection, checks: tuple[Check, ...], out: Path | None, tim
     }
 
 
-def settings_of(one: Deflection, out: Path | None, folder: Path) -> dict[str, Any]:
-    """Return every setting as resolved, as a configuration has it; a table of displacements becomes a file here."""
+def settings_of(one: Deflection, home: Path, folder: Path) -> dict[str, Any]:
+    """Return every setting as resolved, as a configuration in `home` has it; tables become files in `folder`."""
     plan, job = one.plan, one.plan.job
     fitting = {item.name: getattr(job.fitting, item.name) for item in fields(Fitting)}
     fitting |= {"tolerance": plan.sites.tolerance, "spacing": plan.sites.spacing}
-    home, source = folder_of(out) if out else folder, plan.mesh.source
+    source = plan.mesh.source
     surfaces = zip(job.surfaces, plan.boundary.surfaces, one.amounts, strict=True)
     return {
         **({"mesh": relpath(source, home)} if source else {}),

@@ -7,6 +7,7 @@ import numpy as np
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files import written
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 from sdm_deflect.meshing.temporary import scratch_folder
 
@@ -50,7 +51,8 @@ def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatA
     points, tets, lengths = background
     with scratch_folder() as folder:
         brep = folder / "faces.brep"
-        model.write_faces(brep)
+        with written(brep):
+            model.write_faces(brep)
         question = {"brep": np.array(str(brep)), "points": points, "tets": tets, "lengths": lengths}
         answer = child.call("sdm_deflect.meshing.generate.gmsh_worker", question, SECONDS)
     nodes = answer["points"].astype(np.float64)

@@ -53,7 +53,7 @@ def bare_deflection(tmp_path_factory):
 def written(folder, one):
     """Write the settings, points and centres of a deflection; return the folder."""
     folder.mkdir()
-    (folder / SETTINGS).write_text(tomli_w.dumps(settings_of(one, None, folder)), encoding="utf-8")
+    (folder / SETTINGS).write_text(tomli_w.dumps(settings_of(one, folder, folder)), encoding="utf-8")
     figures = {"mesh": {"points": len(one.points)}}
     (folder / "metrics.json").write_text(json.dumps(figures), encoding="utf-8")
     write_deflected(folder / "deflected.vtu", one)
