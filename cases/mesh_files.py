@@ -165,7 +165,8 @@ def _beside(source: Path) -> Path:
         return source.with_name(f"{source.stem}-deflected{source.suffix}")
     folder = case_folder(source)
     named = folder if folder.name not in ("", "..") else folder.resolve()
-    return named.with_name(f"{named.name}-deflected")
+    name = f"{named.name}-deflected"
+    return named.with_name(name.replace(".", "-") if Path(name).suffix[1:2].isalpha() else name)
 
 
 def _is_ours(path: Path) -> bool:

@@ -1,0 +1,208 @@
+"""Counts, sizes and packings that a file only claims take neither memory nor time: one sentence, at once."""
+
+import gzip
+import re
+import shutil
+import tracemalloc
+from time import process_time
+
+import numpy as np
+import pytest
+import pyvista as pv
+
+from sdm_deflect.deform.reading import RATIO_VARIABLE
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.gmsh import Gmsh
+from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
+from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.formats.su2 import Su2
+from sdm_deflect.meshing.formats.vtu import Vtu
+from tests.meshing.formats.examples import hybrid
+from tests.meshing.formats.test_gmsh import VARIANTS, _by_gmsh
+from tests.meshing.formats.test_vtu import LZMA, NONE, ZLIB, encoded
+
+SECONDS, BYTES = 4.0, 300e6
+
+
+def complaint(form, path) -> str:
+    """The one sentence with which a file is refused, soon and without much memory."""
+    tracemalloc.start()
+    begin = process_time()
+    with pytest.raises(MeshFileError) as caught:
+        form.read(path)
+    spent, (_, peak) = process_time() - begin, tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    message = str(caught.value)
+    assert spent < SECONDS
+    assert peak < BYTES
+    assert "\n" not in message
+    assert len(message) < 600
+    assert str(path) in message
+    return message
+
+
+@pytest.fixture(scope="module")
+def gmsh_files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("gmsh")
+    Gmsh().write(hybrid(), folder / "ours.msh")
+    return {
+        key: _by_gmsh(folder / "ours.msh", folder / f"{key[0]}-{key[1]}.msh", *key).read_bytes() for key in VARIANTS
+    }
+
+
+def changed(data: bytes, section: bytes, word: int, size: int, value: int) -> bytes:
+    """The file with another number, the `word`-th of a section: text if `size` is 0, else so many bytes."""
+    begin = data.index(b"$" + section) + len(section) + 2
+    if size:
+        at = begin + word
+        return data[:at] + value.to_bytes(size, "little", signed=True) + data[at + size :]
+    found = list(re.finditer(rb"\S+", data[begin : begin + 2000]))[word]
+    return data[: begin + found.start()] + b"%d" % value + data[begin + found.end() :]
+
+
+@pytest.mark.parametrize("value", [-1, -5, -(2**31), 999999999999, 2**62])
+@pytest.mark.parametrize(
+    ("key", "section", "word", "size"),
+    [
+        ((4.1, 0), b"Nodes", 0, 0), ((4.1, 0), b"Nodes", 7, 0), ((4.1, 0), b"Entities", 0, 0),
+        ((4.1, 0), b"Entities", 2, 0), ((4.1, 0), b"Elements", 0, 0), ((4.1, 0), b"Elements", 7, 0),
+        ((4.1, 1), b"Nodes", 0, 8), ((4.1, 1), b"Nodes", 32, 4), ((4.1, 1), b"Nodes", 44, 8),
+        ((4.1, 1), b"Entities", 0, 8), ((4.1, 1), b"Elements", 0, 8), ((4.1, 1), b"Elements", 44, 8),
+        ((2.2, 0), b"Nodes", 0, 0), ((2.2, 0), b"Elements", 0, 0), ((2.2, 1), b"Nodes", 0, 0),
+        ((2.2, 1), b"Elements", 7, 4), ((2.2, 1), b"Elements", 11, 4),
+    ],
+)  # fmt: skip
+def test_counts_of_gmsh(gmsh_files, key, section, word, size, value, tmp_path):
+    if size == 4:
+        value = max(min(value, 2**31 - 1), -(2**31))
+    data = changed(gmsh_files[key], section, word, size, value)
+    assert data != gmsh_files[key]
+    (tmp_path / "mesh.msh").write_bytes(data)
+    try:
+        complaint(Gmsh(), tmp_path / "mesh.msh")
+    except pytest.fail.Exception:  # some numbers have no say: the mesh is then the same
+        assert len(Gmsh().read(tmp_path / "mesh.msh").points) == 14
+
+
+def test_an_entity_in_very_many_groups(gmsh_files, tmp_path):
+    """Elements are given once for each group: the product of two lengths."""
+    faces, groups = 20_000, 20_000
+    text = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Entities\n0 0 1 0\n1 0 0 0 1 1 1 "
+    text += f"{groups} {' '.join(map(str, range(1, groups + 1)))} 0\n$EndEntities\n"
+    text += "$Nodes\n1 3 1 3\n2 1 0 3\n1\n2\n3\n0 0 0\n1 0 0\n0 1 0\n$EndNodes\n"
+    rows = "".join(f"{i} 1 2 3\n" for i in range(1, faces + 1))
+    (tmp_path / "mesh.msh").write_text(text + f"$Elements\n1 {faces} 1 {faces}\n2 1 2 {faces}\n{rows}$EndElements\n")
+    assert RATIO_VARIABLE in complaint(Gmsh(), tmp_path / "mesh.msh")
+
+
+def test_names_among_blank_lines(tmp_path):
+    (tmp_path / "mesh.msh").write_bytes(
+        b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n" + b"\n" * 300_000 + b"$EndPhysicalNames\n"
+        b"$Nodes\n1\n1 0 0 0\n$EndNodes\n$Elements\n0\n$EndElements\n"
+    )
+    assert "no volume cells" in complaint(Gmsh(), tmp_path / "mesh.msh")
+
+
+@pytest.fixture
+def case(tmp_path):
+    OpenFoam().write(hybrid(), tmp_path / "case")
+    return tmp_path / "case"
+
+
+HEAD = b'FoamFile\n{ format %s; class %s; arch "%s"; }\n'
+TEXT = HEAD % (b"ascii", b"labelList", b"")
+
+
+def binary(arch: bytes, kind: bytes = b"labelList") -> bytes:
+    return HEAD % (b"binary", kind, arch)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("owner", TEXT + b"900000000{0}", f"a list of 900000000 would take .*{RATIO_VARIABLE}"),
+        ("owner", binary(b"LSB;label=32") + b"900000000{" + bytes(4) + b"}", "a list of 900000000 would take"),
+        ("points", TEXT + b"90000000000(", "a list of 90000000000 would take"),
+        ("faces", TEXT + b"90000000000(", "a list of 90000000000 would take"),
+        ("owner", binary(b"LSB;label=32") + b"90000000000(" + bytes(4) + b")", "90000000000 values should follow"),
+        ("owner", binary(b"LSB;label=128") + b"1(" + bytes(16) + b")", "arch has label=128"),
+        ("points", binary(b"LSB;scalar=8", b"vectorField") + b"1(" + bytes(3) + b")", "arch has scalar=8"),
+        ("owner", TEXT + b"1(" + b"0 " * 2_000_000 + b")", "bytes where 1 numbers or faces should be"),
+        ("owner", TEXT + b"9" * 5000 + b"(0)", "digits|Exceeds"),
+        ("owner", TEXT + b"1(" + b"word" * 5000 + b")", "is not a number"),
+        ("owner", b"FoamFile{" * 110_000, "has no FoamFile header"),
+        ("owner", b"FoamFile{" + b"a" * 1_000_000 + b"}", "has no FoamFile header"),
+        ("owner", TEXT + b"/*" * 500_000, "no list follows"),
+        ("owner", binary(b"") + b"/**/" * 200_000 + b"x", "no list follows"),
+        ("owner", binary(b"") + b"//\n" * 200_000 + b"x", "no list follows"),
+        ("boundary", TEXT + b"1(a{" + b"b{" * 5000 + b"}" * 5001 + b")", "has no nFaces, startFace, type"),
+        ("boundary", TEXT + b"1(a{" + b"b{" * 5000, "truncated or damaged"),
+        ("boundary", TEXT + b"1(a{type wall; nFaces 9; startFace 0;})", "begins at face 0, but the faces before 8"),
+        ("boundary", TEXT + b"1(a{type wall; nFaces 99999999999; startFace 9;})", "has the faces 9 to 100000000007"),
+        ("boundary", TEXT + b"1(a{type wall; nFaces -5; startFace 9;})", "has the faces 9 to 3"),
+    ],
+)  # fmt: skip
+def test_files_of_openfoam(case, name, content, said):
+    (case / MESH / name).write_bytes(content)
+    message = complaint(OpenFoam(), case) if name == "boundary" and b"startFace" in content else None
+    if message is None:
+        with pytest.raises(AssertionError if False else MeshFileError):
+            OpenFoam().read(case)
+        message = complaint(OpenFoam(), case)
+    assert re.search(said, message)
+
+
+def test_a_packed_file_that_unpacks_to_far_more(case, monkeypatch):
+    monkeypatch.delenv(RATIO_VARIABLE, raising=False)
+    (case / MESH / "owner").unlink()
+    (case / MESH / "owner.gz").write_bytes(gzip.compress(TEXT + b"2000000(" + b"0 " * 30_000_000, 6))
+    assert f"set {RATIO_VARIABLE} to more than" in complaint(OpenFoam(), case)
+
+
+def test_empty_and_hostile_su2(tmp_path):
+    Su2().write(hybrid(), tmp_path / "good.su2")
+    text, path = (tmp_path / "good.su2").read_text(), tmp_path / "mesh.su2"
+    path.write_text("")
+    assert "no NDIME= line" in complaint(Su2(), path)
+    for keyword in ("NELEM", "NPOIN", "NMARK", "MARKER_ELEMS", "NDIME"):
+        for value in ("99999999999999", "-5", "9" * 5000, "1e9", "²", "nan"):
+            path.write_text(re.sub(rf"{keyword}= \d+", f"{keyword}= {value}", text, count=1))
+            complaint(Su2(), path)
+
+
+def test_polyhedra_without_faces_and_bombs_in_vtu(tmp_path):
+    tetra = pv.UnstructuredGrid({10: np.array([[0, 1, 2, 3]])}, hybrid().points[[0, 1, 3, 4]])
+    path = encoded(tetra, tmp_path / "mesh.vtu", ("Ascii", NONE, 0, 32, 64))
+    text = path.read_text()
+    path.write_text(re.sub(r'(?s)(Name="types".*?>\s*)10', r"\g<1>42", text))
+    assert "has no array faces" in complaint(Vtu(), path)
+    long = pv.UnstructuredGrid(np.tile([2, 0, 1], 2_000_000), np.full(2_000_000, 3), np.zeros((2, 3)))
+    for packing in (ZLIB, LZMA):
+        encoded(long, path, ("Appended", packing, 0, 64, 64))
+        with pytest.raises(
+            MeshFileError, match=f"mesh.vtu: (what is packed in it|its arrays) would .*{RATIO_VARIABLE}"
+        ):
+            Vtu().read(path)
+    path.write_bytes(b'<VTKFile type="UnstructuredGrid">' + b"<AppendedData " * 70_000)
+    assert "is damaged" in complaint(Vtu(), path)
+
+
+def test_many_pieces_of_the_same_bytes_in_vtu(tmp_path):
+    grid = pv.UnstructuredGrid(np.tile([4, 0, 1, 2, 3], 1000), np.full(1000, 10), np.zeros((4000, 3)))
+    data = encoded(grid, tmp_path / "mesh.vtu", ("Appended", NONE, 0, 64, 64)).read_bytes()
+    piece = re.search(rb"(?s)<Piece.*</Piece>", data)[0]
+    (tmp_path / "mesh.vtu").write_bytes(data.replace(piece, piece * 1500))
+    assert RATIO_VARIABLE in complaint(Vtu(), tmp_path / "mesh.vtu")
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan, 1e300])
+@pytest.mark.parametrize("name", ["su2", "gmsh", "openfoam", "vtu"])
+def test_coordinates_out_of_all_range_are_refused_without_a_warning(name, value, tmp_path):
+    form = FORMATS[name]
+    path = tmp_path / ("case" if name == "openfoam" else f"mesh{form.suffixes[0]}")
+    mesh = hybrid()
+    mesh.points[3, 1] = value
+    form.write(mesh, path)
+    assert re.search("1 points are (not finite|beyond)|numbers that are not finite|not a number", complaint(form, path))
+    if path.is_dir():
+        shutil.rmtree(path)
