@@ -1,9 +1,11 @@
 """Counts, sizes and packings that a file only claims take neither memory nor time: one sentence, at once."""
 
 import gzip
+import lzma
 import re
-import shutil
 import tracemalloc
+import zlib
+from base64 import b64encode
 from time import process_time
 
 import numpy as np
@@ -19,8 +21,12 @@ from sdm_deflect.meshing.formats.su2 import Su2
 from sdm_deflect.meshing.formats.vtu import Vtu
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.test_gmsh import VARIANTS, _by_gmsh
-from tests.meshing.formats.test_vtu import LZMA, NONE, ZLIB, encoded
+from tests.meshing.formats.test_vtu import NONE, encoded
 
+BOMB = b"""<VTKFile type="UnstructuredGrid" header_type="UInt64" compressor="vtk%sDataCompressor"><UnstructuredGrid>
+<Piece NumberOfPoints="3000000" NumberOfCells="1"><Points>
+<DataArray type="Float64" Name="Points" NumberOfComponents="3" format="binary">%s</DataArray></Points>
+</Piece></UnstructuredGrid></VTKFile>"""
 SECONDS, BYTES = 4.0, 300e6
 
 
@@ -137,19 +143,14 @@ def binary(arch: bytes, kind: bytes = b"labelList") -> bytes:
         ("owner", binary(b"") + b"//\n" * 200_000 + b"x", "no list follows"),
         ("boundary", TEXT + b"1(a{" + b"b{" * 5000 + b"}" * 5001 + b")", "has no nFaces, startFace, type"),
         ("boundary", TEXT + b"1(a{" + b"b{" * 5000, "truncated or damaged"),
-        ("boundary", TEXT + b"1(a{type wall; nFaces 9; startFace 0;})", "begins at face 0, but the faces before 8"),
+        ("boundary", TEXT + b"1(a{type wall; nFaces 9; startFace 0;})", "begins at face 0, but the faces before 7"),
         ("boundary", TEXT + b"1(a{type wall; nFaces 99999999999; startFace 9;})", "has the faces 9 to 100000000007"),
         ("boundary", TEXT + b"1(a{type wall; nFaces -5; startFace 9;})", "has the faces 9 to 3"),
     ],
 )  # fmt: skip
 def test_files_of_openfoam(case, name, content, said):
     (case / MESH / name).write_bytes(content)
-    message = complaint(OpenFoam(), case) if name == "boundary" and b"startFace" in content else None
-    if message is None:
-        with pytest.raises(AssertionError if False else MeshFileError):
-            OpenFoam().read(case)
-        message = complaint(OpenFoam(), case)
-    assert re.search(said, message)
+    assert re.search(said, complaint(OpenFoam(), case))
 
 
 def test_a_packed_file_that_unpacks_to_far_more(case, monkeypatch):
@@ -171,25 +172,23 @@ def test_empty_and_hostile_su2(tmp_path):
 
 
 def test_polyhedra_without_faces_and_bombs_in_vtu(tmp_path):
-    tetra = pv.UnstructuredGrid({10: np.array([[0, 1, 2, 3]])}, hybrid().points[[0, 1, 3, 4]])
-    path = encoded(tetra, tmp_path / "mesh.vtu", ("Ascii", NONE, 0, 32, 64))
+    tetra = pv.UnstructuredGrid(np.array([4, 0, 1, 2, 3]), [10], np.eye(4, 3))
+    path = encoded(tetra, tmp_path / "mesh.vtu", ("Ascii", NONE, 0, 32, 32))
     text = path.read_text()
     path.write_text(re.sub(r'(?s)(Name="types".*?>\s*)10', r"\g<1>42", text))
     assert "has no array faces" in complaint(Vtu(), path)
-    long = pv.UnstructuredGrid(np.tile([2, 0, 1], 2_000_000), np.full(2_000_000, 3), np.zeros((2, 3)))
-    for packing in (ZLIB, LZMA):
-        encoded(long, path, ("Appended", packing, 0, 64, 64))
-        with pytest.raises(
-            MeshFileError, match=f"mesh.vtu: (what is packed in it|its arrays) would .*{RATIO_VARIABLE}"
-        ):
-            Vtu().read(path)
+    for name, pack in (("ZLib", zlib.compress), ("LZMA", lzma.compress)):
+        part = pack(bytes(72_000_000))
+        head = np.array([1, 72_000_000, 0, len(part)], "<u8").tobytes()
+        path.write_bytes(BOMB % (name.encode(), b64encode(head) + b64encode(part)))
+        assert re.search(f"what is packed in it would take 72 MB .* set {RATIO_VARIABLE}", complaint(Vtu(), path))
     path.write_bytes(b'<VTKFile type="UnstructuredGrid">' + b"<AppendedData " * 70_000)
     assert "is damaged" in complaint(Vtu(), path)
 
 
 def test_many_pieces_of_the_same_bytes_in_vtu(tmp_path):
     grid = pv.UnstructuredGrid(np.tile([4, 0, 1, 2, 3], 1000), np.full(1000, 10), np.zeros((4000, 3)))
-    data = encoded(grid, tmp_path / "mesh.vtu", ("Appended", NONE, 0, 64, 64)).read_bytes()
+    data = encoded(grid, tmp_path / "mesh.vtu", ("Appended", NONE, 0, 32, 32)).read_bytes()
     piece = re.search(rb"(?s)<Piece.*</Piece>", data)[0]
     (tmp_path / "mesh.vtu").write_bytes(data.replace(piece, piece * 1500))
     assert RATIO_VARIABLE in complaint(Vtu(), tmp_path / "mesh.vtu")
@@ -198,11 +197,13 @@ def test_many_pieces_of_the_same_bytes_in_vtu(tmp_path):
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan, 1e300])
 @pytest.mark.parametrize("name", ["su2", "gmsh", "openfoam", "vtu"])
 def test_coordinates_out_of_all_range_are_refused_without_a_warning(name, value, tmp_path):
-    form = FORMATS[name]
+    form, mesh, mark = FORMATS[name], hybrid(), 12345.6875
     path = tmp_path / ("case" if name == "openfoam" else f"mesh{form.suffixes[0]}")
-    mesh = hybrid()
-    mesh.points[3, 1] = value
+    mesh.points[3, 1] = mark
     form.write(mesh, path)
+    if name == "vtu":
+        encoded(pv.read(path), path, ("Ascii", NONE, 0, 32, 32))
+    file = path / MESH / "points" if path.is_dir() else path
+    data = file.read_bytes().replace(np.float64(mark).tobytes(), np.float64(value).tobytes())
+    file.write_bytes(re.sub(rb"12345\.68\d*|1\.234568\d*e\+04", b"%r" % value, data))
     assert re.search("1 points are (not finite|beyond)|numbers that are not finite|not a number", complaint(form, path))
-    if path.is_dir():
-        shutil.rmtree(path)
