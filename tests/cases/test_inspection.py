@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 import pyvista as pv
 
+from sdm_deflect.cases import inspection
 from sdm_deflect.cases.inspection import inspect, inspected
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.quality import MEASURES, mean_ratio
+from sdm_deflect.deform.reading import RATIO_VARIABLE
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import FORMATS
@@ -110,6 +112,32 @@ def test_other_files_of_vtk_are_read_without_patches(tmp_path):
     text = inspect(tmp_path / "mesh.vtk")
     assert "4 tetrahedra, 0 inverted" in text
     assert "patches" not in text
+
+
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_a_damaged_file_of_vtk_ends_another_process(share, tmp_path, capfd):
+    """VTK's reader of such files crashes with a segmentation fault."""
+    path = tmp_path / "mesh.vtk"
+    grid(hybrid()).save(path)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(InputError, match=r"mesh\.vtk cannot be read as a mesh: the process that reads it ended with"):
+        inspect(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_memory_and_time_of_that_process_are_limited(tmp_path, monkeypatch):
+    path = tmp_path / "mesh.vtk"
+    head = "# vtk DataFile Version 3.0\nmesh\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS"
+    path.write_text(f"{head} 900000000 double\n0 0 0\n")
+    with pytest.raises(
+        InputError, match=rf"the process that reads it ended with .*604 MB; {RATIO_VARIABLE} allows more"
+    ):
+        inspect(path)
+    monkeypatch.setattr(inspection, "SECONDS", 0.01)
+    monkeypatch.setattr(inspection, "SPEED", 1e12)
+    with pytest.raises(InputError, match=r"the process that reads it took more than 0\.0\d+ s"):
+        inspect(path)
 
 
 def test_files_without_cells_are_refused(tmp_path):

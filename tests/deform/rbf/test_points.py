@@ -1,11 +1,14 @@
 """Coincident points, and subsets that are nearly equidistant."""
 
+from time import process_time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
+from sdm_deflect.deform.rbf import points
 from sdm_deflect.deform.rbf.points import farthest, first_coincident
 
 GRID = np.stack(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -41,3 +44,29 @@ def test_coincidence_within_a_tolerance():
     assert first_coincident(x, 1e-9).tolist() == [0, 1, 1, 0, 4]
     assert first_coincident(x).tolist() == [0, 1, 2, 3, 4]
     assert first_coincident(np.empty((0, 3))).tolist() == []
+
+
+@pytest.mark.parametrize("few", [0, 100])
+def test_blocks_choose_the_same_points(few, monkeypatch):
+    """Random ones, a lattice of equal distances, a plane, a line, one place; each some times over."""
+    random = np.random.default_rng(2)
+    clouds = [random.random((1500, 3)), 0.1 * GRID + 1e3, random.random((900, 3)) * [1, 1, 0], np.zeros((200, 3)),
+              random.random((700, 3)) * [0, 1, 0]]  # fmt: skip
+    for cloud in (np.repeat(own, times, axis=0) for own in clouds for times in (1, 3)):
+        for n in (1, 7, 250):
+            expected = farthest(cloud, n)
+            with monkeypatch.context() as patch:
+                patch.setattr(points, "FEW", few)
+                np.testing.assert_array_equal(farthest(cloud, n), expected)
+
+
+def test_a_million_points_take_seconds():
+    """Also if a third of them are at one place."""
+    x = np.random.default_rng(3).random((1_000_000, 3))
+    x[::3] = x[0]
+    begin = process_time()
+    first = first_coincident(x)
+    assert first[::3].max() == 0
+    assert np.count_nonzero(first == np.arange(len(x))) == 666_667
+    assert len(farthest(x, 500)) == 500
+    assert process_time() - begin < 10.0

@@ -1,5 +1,8 @@
 """Motions of surfaces: rigid, and from a table; how far they go."""
 
+import gzip
+import re
+
 import numpy as np
 import pytest
 
@@ -9,7 +12,7 @@ from sdm_deflect.deform.surface import motions
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving, Rotation, Table
-from sdm_deflect.deform.surface.surface import Surface
+from sdm_deflect.deform.surface.surface import Listed, Surface
 from tests.deform.jobs import WING, turn
 
 rng = np.random.default_rng(11)
@@ -122,6 +125,59 @@ def test_arrays_that_are_no_table(tmp_path):
     np.savez(tmp_path / "other.npz", points=np.zeros((9, 3)))
     with pytest.raises(InputError, match=r"other\.npz: no table of points"):
         Table.read(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".csv"])
+def test_a_point_of_two_displacements_is_named(suffix, tmp_path):
+    places = rng.random((6, 3))
+    vectors = places.copy()
+    places[4], path = places[1], tmp_path / f"table{suffix}"
+    if suffix == ".npz":
+        np.savez(path, points=places, vectors=vectors)
+    else:
+        np.savetxt(path, np.hstack([places, vectors]), delimiter=",", header="titles", fmt="%.17g")
+    table = Table.read(path)
+    with pytest.raises(InputError, match=re.escape(f"the point {places[1].tolist()} is given twice, with")):
+        table.law(cloud(places))
+
+
+@pytest.mark.parametrize(
+    ("arrays", "said"),
+    [
+        ({"points": np.zeros((9, 3)), "vectors": 1j * np.zeros((9, 3))}, "vectors must be real numbers"),
+        ({"points": np.full((9, 3), "text"), "vectors": np.zeros((9, 3))}, "points must be real numbers"),
+        ({"points": np.full((9, 3), None), "vectors": np.zeros((9, 3))}, "no array of"),
+        ({"points": np.zeros((9, 2)), "vectors": np.zeros((9, 2))}, "must be (P, 3) both"),
+        ({"points": np.zeros(9), "vectors": np.zeros(9)}, "must be (P, 3) both"),
+        ({"points": np.zeros((9, 3)), "vectors": np.full((9, 3), np.inf)}, "all finite"),
+        ({"points": np.zeros((9, 3))}, "'vectors'"),
+    ],
+)
+def test_archives_that_are_no_table(arrays, said, tmp_path):
+    np.savez(tmp_path / "table.npz", **arrays)
+    with pytest.raises(InputError, match=rf"table\.npz: .*{re.escape(said)}"):
+        Table.read(tmp_path / "table.npz")
+    if "vectors" in arrays and arrays["points"].dtype.kind == "f":
+        with pytest.raises(InputError, match=re.escape(said)):
+            Table(**arrays)
+
+
+@pytest.mark.parametrize("content", [b"", b"x,y,z,dx,dy,dz\n", b"\xff\xfe\x00", b"x\n1,2,3,4,5,1e999\n" * 5, b"\n" * 9])
+@pytest.mark.parametrize("name", ["table.csv", "table.npz", "nodes.txt"])
+def test_small_files_that_hold_nothing_of_use_are_refused_in_one_line(name, content, tmp_path):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=rf"{name}: ") as caught:
+        (Listed if name == "nodes.txt" else Table).read(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_table_is_not_unpacked_and_not_fetched(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with gzip.open("table.csv.gz", "wt") as packed:
+        packed.write("x,y,z,dx,dy,dz\n" + "0,0,1,0,0,0\n" * 9)
+    for name in ("table.csv.gz", "http://localhost/table.csv"):
+        with pytest.raises(InputError, match="no table of points"):
+            Table.read(name)
 
 
 def test_axis_of_a_table_may_be_given():
