@@ -67,7 +67,9 @@ def damaged(path: Path, what: str) -> Iterator[None]:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except DAMAGED as error:
-        reason = error.strerror if isinstance(error, OSError) else " ".join(str(error).split())[:200]
+        reason = (
+            error.strerror if isinstance(error, OSError) else " ".join(str(error).partition(': "<')[0].split())[:200]
+        )
         raise InputError(f"{path}: no {what}: {reason or 'it is damaged'}") from None
 
 

@@ -153,9 +153,9 @@ class Table:
         Raises InputError if the file cannot be read as one of these.
         """
         path = Path(path)
+        stored = read_arrays(path) if path.suffix == ".npz" else {}
         with damaged(path, "table of points and displacements"):
             if path.suffix == ".npz":
-                stored = read_arrays(path)
                 return cls(stored["points"], stored["vectors"], hinge)
             with path.open(encoding="utf-8") as text:
                 rows = np.loadtxt(text, delimiter=",", skiprows=1, ndmin=2)
