@@ -21,7 +21,7 @@ from sdm_deflect.meshing.watchers import watchers
 REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that ask a command to end; its exit code is 128 and the signal's number."""
 
-PATIENCE = 1.5
+PATIENCE = 1.0
 """Seconds that the work has to tidy up after it was asked to end."""
 
 _UNCHANGED = "earlier results are as they were"

@@ -23,8 +23,8 @@ from random import Random
 
 import click
 
-from sdm_deflect.meshing.files import scratch_folder, settle
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.temporary import scratch_folder, settle
 from tests.meshing.formats.wing import wing
 
 ROOT = Path(__file__).parents[2]
@@ -72,6 +72,7 @@ COMMANDS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "run, report": ((*AILERON, "--angle", "5"), (*AILERON, "--angle", "6")),
     "deflect": ((*DEFLECT, "--no-report", "--angle", "5"), (*DEFLECT, "--no-report", "--angle", "6")),
     "deflect, report": tuple((*DEFLECT, "--report", "--sensitivity", "--angle", angle) for angle in ("5", "6")),
+    "deflect, sensitivity": tuple((*DEFLECT, "--no-report", "--sensitivity", "--angle", angle) for angle in ("5", "6")),
     "sweep, report": (
         (*DEFLECT, "--no-report", "--angle", "5"), (*DEFLECT, "--report", "--angles", "2,4"),
     ),
@@ -98,13 +99,12 @@ class Scenario:
         FORMATS["su2"].write(wing(cells=4).mesh, self.place / "mesh.su2")
         (self.place / "sitecustomize.py").write_text(HOOK)
         self.folder.mkdir()
-        run = self.begin(COMMANDS[self.name][0])
-        assert run.wait() in (0, 1)
+        self.carry_out(COMMANDS[self.name][0])
         kept = self.folder / "run" / "mine.txt" if self.name.startswith("run") else self.folder / "mine.txt"
         kept.write_text("the user's own")
         self.old = contents(self.folder)
         start = time.monotonic()
-        assert self.begin(COMMANDS[self.name][1]).wait() in (0, 1)
+        self.carry_out(COMMANDS[self.name][1])
         self.seconds, self.renames = time.monotonic() - start, len((self.place / "count").read_text())
         self.new = contents(self.folder)
 
@@ -112,6 +112,12 @@ class Scenario:
     def folder(self) -> Path:
         """The folder that is written to."""
         return self.place / "results"
+
+    def carry_out(self, words: tuple[str, ...]) -> None:
+        """Carry out a command without a signal."""
+        with self.begin(words) as process:
+            _, said = process.communicate()
+        assert process.returncode in (0, 1), said
 
     def begin(self, words: tuple[str, ...], when: int = 0, number: int = 0) -> "subprocess.Popen[str]":
         """Start a command that gets the signal at a rename, if `when` is not 0."""
@@ -200,7 +206,8 @@ def kill(scenario: Scenario, number: signal.Signals, at: float | int) -> Kill:
         children = set(descendants(process.pid))
         process.send_signal(number)
     sent = time.monotonic()
-    _, said = process.communicate()
+    with process:
+        _, said = process.communicate()
     seconds = time.monotonic() - sent
     deadline = time.monotonic() + SECONDS
     while (alive := [one for one in children if is_alive(one)]) and time.monotonic() < deadline:
