@@ -9,6 +9,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from errno import ENOTDIR
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -92,6 +93,8 @@ def replacing_folder(out: Path, stale: Sequence[str]) -> Iterator[Path]:
         If the folder cannot be written, its file system is full for example.
     """
     target = Path(os.path.realpath(out))
+    if target.exists() and not target.is_dir():
+        raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR), str(out))
     target.parent.mkdir(parents=True, exist_ok=True)
     settle(target)
     inside = target.is_dir() and (is_mounted(target) or not os.access(target.parent, os.W_OK))

@@ -4,6 +4,7 @@ import json
 import re
 from base64 import b64decode
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from itertools import chain
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import pyvista as pv
 
 from sdm_deflect.cases.cli import main
+from sdm_deflect.cases.output import RUN
 from sdm_deflect.cases.report import folder as folders
 from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view, name_of, round_length
 from sdm_deflect.cases.report.folder import part_of, report_of_folder, write_deflected, write_run_folder
@@ -127,6 +129,8 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
     folder = folders.folder_of(out)
     data = write_run_folder(folder, one, checks, out, {"deflect": one.seconds})
     assert {path.name for path in folder.iterdir() if path.is_file()} == FILES
+    files = [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
+    assert not [name for name in files if not any(fnmatchcase(name, pattern) for pattern in RUN)]
     stored = json.loads((folder / "metrics.json").read_text())
     assert stored["mesh"]["points"] == len(mesh.points)
     assert set(stored["quality_inside"]["after"]) == {"hexahedron", "wedge", "pyramid", "tetra"} & {

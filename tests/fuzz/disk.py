@@ -14,9 +14,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from shutil import rmtree
+from shutil import copytree, rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 from unittest.mock import patch
@@ -26,7 +27,9 @@ import click
 from sdm_deflect.cases.cli import cli
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.report.pictures import Exhibit, Gallery
+from sdm_deflect.meshing.cache import MeshCache
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.formats.vtu import read_vtu
 from tests.meshing.formats.wing import wing
 
 STEP = 50_000
@@ -52,12 +55,20 @@ DRAWING = ("report.pictures.drawn", "report.folder.drawn", "sdm.report.drawn", "
 
 @dataclass(frozen=True)
 class Work:
-    """A command, and what it writes in its folder; `new` if that must not be there."""
+    """A command, and what it writes in its folder.
+
+    Attributes
+    ----------
+    new : Whether what it writes must not be there.
+    kept : Results of what takes long.
+    given : What has to be in its place before.
+    """
 
     words: tuple[str, ...]
     out: str
     new: bool = False
     kept: dict[str, Any] = field(default_factory=dict)
+    given: Path | None = None
 
     @property
     def name(self) -> str:
@@ -68,7 +79,13 @@ class Work:
 
     def arguments(self, folder: Path) -> list[str]:
         """Words of the command line, results in `folder`."""
-        return [*self.words, "--out", str(folder / self.out)]
+        option = [] if self.words[0] in ("report", "store") else ["--out"]
+        return [*self.words, *option, str(folder / self.out)]
+
+    def prepare(self, folder: Path) -> None:
+        """Put what is given in its place."""
+        if self.given:
+            copytree(self.given, folder / self.out)
 
     @contextmanager
     def quickly(self) -> Iterator[None]:
@@ -119,7 +136,8 @@ def outcome(words: list[str]) -> tuple[int, str]:
     said = io.StringIO()
     with redirect_stderr(said), redirect_stdout(io.StringIO()):
         try:
-            code = cli(words, prog_name="sdm", standalone_mode=False) or 0
+            run = store if words[0] == "store" else partial(cli, prog_name="sdm", standalone_mode=False)
+            code = run(words) or 0
         except click.ClickException as error:
             code, _ = 2, said.write(error.format_message())
         except (ValueError, RuntimeError) as error:
@@ -127,6 +145,12 @@ def outcome(words: list[str]) -> tuple[int, str]:
         except OSError as error:
             code, _ = 71, said.write(repr(error))
     return code, said.getvalue()
+
+
+def store(words: list[str]) -> None:
+    """Keep the mesh of a run in a cache."""
+    _, run, place = words
+    MeshCache(Path(place).parent).store(Path(place).stem, read_vtu(Path(run) / "undeflected.vtu"), {})
 
 
 def forked(work: Work, folder: Path, limit: int | None) -> tuple[int, str]:
@@ -208,6 +232,7 @@ def crowded(work: Work, folder: Path, step: int) -> Iterator[tuple[int, str]]:
 def earlier(work: Work, folder: Path) -> dict[str, bytes]:
     """Leave the result of an earlier command in a folder, unless it has to be new."""
     if not work.new:
+        work.prepare(folder)
         code, said = forked(work, folder, None)
         assert code == 0, said
     return content(folder)
@@ -216,6 +241,7 @@ def earlier(work: Work, folder: Path) -> dict[str, bytes]:
 def produced(work: Work) -> dict[str, bytes]:
     """What a command writes."""
     with TemporaryDirectory() as name, work.quickly():
+        work.prepare(Path(name))
         code, said = outcome(work.arguments(Path(name)))
         assert code == 0, said
         return content(Path(name))
@@ -271,7 +297,11 @@ def runs(folder: Path) -> list[Work]:
     exported = ("export", str(folder / "run"), "--quiet", "--format")
     outs = {name: f"out{known.suffixes[0]}" for name, known in FORMATS.items()} | {"openfoam": "out"}
     exports = [Work((*exported, name), out, name == "openfoam") for name, out in outs.items()]
-    return [run, *exports, *(Work(("geometry", "--quiet"), f"out.{form}") for form in ("step", "brep", "stl"))]
+    others = [
+        Work(("report", "--quiet"), "report", given=folder / "run"),
+        Work(("store", str(folder / "run")), "mesh.npz"),
+    ]
+    return [run, *others, *exports, *(Work(("geometry", "--quiet"), f"out.{form}") for form in ("step", "brep", "stl"))]
 
 
 def main() -> None:

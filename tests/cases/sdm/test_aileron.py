@@ -5,11 +5,13 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from fnmatch import fnmatchcase
 
 import numpy as np
 import pytest
 import pyvista as pv
 
+from sdm_deflect.cases.output import RUN
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.formats.vtu import read_vtu
@@ -33,6 +35,8 @@ def test_files_of_the_contract(aileron_run):
         "case.toml", "undeflected.vtu", "deflected.vtu", "interpolant.npz", "convergence.csv", "report.html",
         "figures",
     }  # fmt: skip
+    files = [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
+    assert not [name for name in files if not any(fnmatchcase(name, pattern) for pattern in RUN)]
     before, after = read_vtu(folder / "undeflected.vtu"), read_vtu(folder / "deflected.vtu")
     np.testing.assert_array_equal(before.points, run.mesh.points)
     np.testing.assert_array_equal(after.tets, before.tets)
