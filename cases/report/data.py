@@ -14,9 +14,11 @@ import numpy as np
 
 from sdm_deflect.cases.metrics import Json
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra, Volume
 from sdm_deflect.deform.quality import MEASURES, POLYHEDRON, Quality, quality_of
+from sdm_deflect.deform.reading import damaged, read_arrays
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
@@ -24,6 +26,8 @@ from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Rows = list[tuple[str, str, str, str]]
 """Name, value, unit and meaning of settings."""
+RUN = "whole folder of a run"
+"""What a folder is not whose files are damaged."""
 FLAT = 6.0
 """Quality of polyhedra is coloured times this: that of a cube is then 1."""
 LARGER = 3.0
@@ -278,19 +282,48 @@ def name_of(patches: Sequence[str]) -> str:
     return patches[0] if len(patches) == 1 else start if len(start) > 2 else f"{patches[0]} and {len(patches) - 1} more"
 
 
-def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
-    """Read metrics.json, the checks in it, and of each deflection what convergence.csv and interpolant.npz hold."""
-    figures = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
-    courses: dict[str, list[Convergence]] = {}
-    with (folder / "convergence.csv").open(newline="", encoding="utf-8") as file:
-        for key, group in groupby(csv.DictReader(file), _course):
-            centres, errors = zip(*((int(row["centres"]), float(row["max_error"])) for row in group), strict=True)
+def read_json(folder: Path) -> Json:
+    """Return the content of metrics.json; InputError if it is missing or damaged."""
+    path = folder / "metrics.json"
+    with damaged(path, "table of figures"):
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(found, dict):
+            raise InputError("its figures have no names")
+        return found
+
+
+def read_courses(folder: Path) -> dict[str, list[Convergence]]:
+    """Return the adaptations that convergence.csv tells of, by surface; InputError if it is missing or damaged."""
+    path, courses = folder / "convergence.csv", {}  # type: tuple[Path, dict[str, list[Convergence]]]
+    with damaged(path, "history of a run"), path.open(newline="", encoding="utf-8") as file:
+        for key, group in groupby(csv.DictReader(file, strict=True), _course):
+            rows, name = list(group), ", ".join(map(str, key))
+            if [int(row["iteration"]) for row in rows] != list(range(len(rows))):
+                raise InputError(f"the iterations of {name} do not count up")
+            centres, errors = zip(*((int(row["centres"]), float(row["max_error"])) for row in rows), strict=True)
+            if list(centres) != sorted(centres) or not np.isfinite(errors).all():
+                raise InputError(f"the centres of {name} become fewer, or an error is no number")
             courses.setdefault(key[0], []).append(Convergence(*key, centres, errors))
-    with np.load(folder / "interpolant.npz", allow_pickle=False) as stored:
+        if not courses:
+            raise InputError("there are no iterations")
+    return courses
+
+
+def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
+    """Read metrics.json, the checks in it, and of each deflection what convergence.csv and interpolant.npz hold.
+
+    Raises InputError if a file is missing or damaged.
+    """
+    figures, courses, stored = read_json(folder), read_courses(folder), read_arrays(folder / "interpolant.npz")
+    with damaged(folder, RUN):
         tags = [f"_{name}" if i else "" for i, name in enumerate(courses)]
-        first = [{d: stored[f"centers_{d}{tag}"] for d in "xyz"} for tag in tags]
-    fits = [FitRows(tuple(own), by_direction) for own, by_direction in zip(courses.values(), first, strict=True)]
-    return figures, tuple(_check(row) for row in figures["validation"]["checks"]), fits
+        first = [{d: stored[f"centers_{d}{tag}"].astype(np.float64) for d in "xyz"} for tag in tags]
+        if any(
+            one.ndim != 2 or one.shape[1] != 3 or not np.isfinite(one).all() for own in first for one in own.values()
+        ):
+            raise ValueError("centres in interpolant.npz are no points")
+        fits = [FitRows(tuple(own), by_direction) for own, by_direction in zip(courses.values(), first, strict=True)]
+        return figures, tuple(_check(row) for row in figures["validation"]["checks"]), fits
 
 
 def _course(row: dict[str, str]) -> tuple[str, int, str]:

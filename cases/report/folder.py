@@ -8,7 +8,6 @@ from os.path import relpath
 from pathlib import Path
 from tomllib import loads
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import tomli_w
@@ -17,7 +16,17 @@ from sdm_deflect.cases.job_settings import job_settings, read_job
 from sdm_deflect.cases.mesh_files import SETTINGS
 from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, peak_rss_bytes, verdict_figures
 from sdm_deflect.cases.output import PAGE, output_folder, write_convergence, write_interpolants
-from sdm_deflect.cases.report.data import MESH_UNITS, Box, FitRows, ReportData, in_view, name_of, read_figures, rows_of
+from sdm_deflect.cases.report.data import (
+    MESH_UNITS,
+    RUN,
+    Box,
+    FitRows,
+    ReportData,
+    in_view,
+    name_of,
+    read_figures,
+    rows_of,
+)
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import drawn
 from sdm_deflect.deform.checks import MIN_QUALITY, Check
@@ -25,6 +34,7 @@ from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting
 from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polyhedra, Volume
 from sdm_deflect.deform.quality import quality_of
+from sdm_deflect.deform.reading import damaged
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
@@ -83,14 +93,12 @@ def write_run_folder(
 
 def report_of_folder(folder: Path) -> ReportData:
     """Make report.html and the figures anew; InputError if a file is missing or damaged, or the mesh is another."""
-    try:
+    with damaged(folder, RUN):
         settle(folder)
         settings = (folder / SETTINGS).read_text(encoding="utf-8")
-        figures, checks, (fits,) = read_figures(folder)
-    except (OSError, KeyError, TypeError, ValueError, BadZipFile) as error:
-        raise InputError(f"{folder} is not the whole folder of a deflection: {error}") from None
+    figures, checks, all_fits = read_figures(folder)
     plan, points = read_folder(folder)
-    data = _data(plan, plan.angle, points, settings, fits).judged(checks, figures)
+    data = _data(plan, plan.angle, points, settings, all_fits[0]).judged(checks, figures)
     with output_folder(folder, PAGE) as scratch:
         write_report(data, drawn(data, scratch / "figures"), scratch)
     return data
@@ -98,13 +106,11 @@ def report_of_folder(folder: Path) -> ReportData:
 
 def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
     """Return the plan made anew and the points (N, 3); InputError if a file is missing, damaged or of another mesh."""
-    settle(folder)
-    try:
+    with damaged(folder, RUN):
+        settle(folder)
         path = loads((folder / SETTINGS).read_text(encoding="utf-8")).get("mesh", "")
         count = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))["mesh"]["points"]
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{folder} is not the whole folder of a deflection: {error}") from None
-    if not path:
+    if not path or not isinstance(path, str):
         raise InputError(f"{folder / SETTINGS} names no mesh: that of this deflection was no file")
     source = (folder / path).resolve()
     mesh = replace(format_of(source).read(source), name=source.name, source=str(source))

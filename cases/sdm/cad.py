@@ -19,6 +19,11 @@ def undeflected_cad(case: Case) -> CadModel:
     return build(case.fighter)
 
 
+def background_cad(case: Case) -> CadModel:
+    """Build what is meshed around the Chimera block of a case: the aircraft without its control surface."""
+    return background(case.fighter, case.deflections[0].surface)
+
+
 def deflected_cad(case: Case) -> CadModel:
     """Build the aircraft with its surfaces turned rigidly by the angles of the case."""
     return build(case.fighter, turned(case, "rigid"))
@@ -31,7 +36,7 @@ def undeflected(case: Case, watch: Stopwatch) -> Generated:
 
 def around_block(case: Case, finer: Finer, watch: Stopwatch) -> Generated:
     """Build and mesh the aircraft that surrounds the Chimera block."""
-    return _meshed(partial(background, case.fighter, case.deflections[0].surface), case.background, watch, finer)
+    return _meshed(partial(background_cad, case), case.background, watch, finer)
 
 
 def _meshed(

@@ -62,6 +62,9 @@ def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
     """Return what one control surface of a case is to do on a mesh."""
     surface, hexahedron = turn.surface, hexahedron_of(case, turn.surface)
     patches = (surface,) if hinged(surface) else (surface, panel_of(surface))
+    for name in patches:
+        if name not in mesh.names:
+            raise InputError(f"{mesh.name}: the mesh has no patch {name}; {nearest(name, mesh.names, 'there are')}")
     spacing = case.adaptation.spacing or case.adaptation.spacing_edges * median_edge(
         mesh.points, mesh.faces_of([surface])
     )

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import Field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from sdm_deflect.cases.output import PAGE, output_folder
-from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, read_figures, shown
+from sdm_deflect.cases.report.data import METRES, RUN, Box, FitRows, MovedSurface, ReportData, Rows, read_figures, shown
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import Exhibit, drawn, saved
 from sdm_deflect.cases.report.scene3d import triangles_of
@@ -26,8 +25,8 @@ from sdm_deflect.cases.sdm.run_folder import read_run
 from sdm_deflect.cases.sdm.validation import validate
 from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.cases.view.run import InteractiveRun, Manner
-from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.reading import damaged
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.formats.vtu import read_vtu
@@ -56,11 +55,9 @@ def report_data_of_folder(folder: Path) -> ReportData:
     case, mesh, deflected = read_run(folder)
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
     plans = plans_of(case, mesh.as_mesh(case.name))
-    try:
-        figures, stored, fits = read_figures(folder)
+    figures, stored, fits = read_figures(folder)
+    with damaged(folder, RUN):
         boxes = [_box(plan, own) for plan, own in zip(plans, fits, strict=True)]
-    except (OSError, KeyError, ValueError, BadZipFile) as error:
-        raise InputError(f"{folder} is not the whole output folder of a run: {error}") from None
     with reference(case) as deflected_cad:
         checks = validate(case, mesh, deflected, plans, deflected_cad(), background)
     # the interpolants are not fitted again

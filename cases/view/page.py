@@ -2,6 +2,7 @@
 
 import asyncio
 from dataclasses import dataclass, field, replace
+from math import isfinite
 from time import perf_counter
 from typing import Any
 
@@ -196,7 +197,12 @@ class Page:
 
     def _round(self, state: Any) -> None:
         """Answer the latest inputs: compute, send the geometry, and say how long that took."""
-        start, wish = perf_counter(), self._wish(state)
+        start = perf_counter()
+        try:
+            wish = self._wish(state)
+        except (TypeError, ValueError) as error:
+            state.refusal = f"the page sent no usable inputs: {error}"
+            return
         if self.control.shown is not None and wish.axis != self.control.shown.axis:
             low, high = self.control.reach(wish.axis)
             wish = replace(wish, position=rounded(0.5 * (low + high), self.control.run))
@@ -214,6 +220,9 @@ class Page:
         state.elapsed = f"{1e3 * (perf_counter() - start):.0f}"
 
     def _wish(self, state: Any) -> Wish:
+        """Return what the page's inputs say; TypeError or ValueError if they are none."""
+        if state.axis not in AXES or not isfinite(float(state.position)):
+            raise ValueError(f"a section across {state.axis} at {state.position}")
         return Wish(float(state.angle), state.axis, float(state.position), state.show_sectioned, state.show_cut)
 
     def _switch(self) -> None:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra
 from sdm_deflect.deform.quality import judged
+from sdm_deflect.deform.reading import read_arrays
 from sdm_deflect.deform.surface.surface import TrailingEdge
 from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import Plan
@@ -160,7 +160,7 @@ class InteractiveRun:
 
         Raises InputError if the centres or the points do not belong to the plans.
         """
-        mesh, stored = plans[0].mesh, _arrays(folder / "interpolant.npz")
+        mesh, stored = plans[0].mesh, read_arrays(folder / "interpolant.npz")
         foreign = "does not belong to the mesh and the settings of the run; run it again"
         boxes = []
         for i, plan in enumerate(plans):
@@ -263,16 +263,6 @@ def centers_of(stored: dict[str, Any], tag: str) -> list[Centers]:
         Centers(*(found(prefix, f"_step{k}" if k > 1 else "") for prefix in ("sliding_", "")))
         for k in range(1, count + 1)
     ]
-
-
-def _arrays(path: Path) -> dict[str, Any]:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files if "centers_" in name}
-    except FileNotFoundError:
-        raise InputError(f"{path} does not exist; run it again") from None
-    except (OSError, ValueError, BadZipFile, AttributeError) as error:
-        raise InputError(f"{path} is damaged: {error}; run it again") from None
 
 
 @dataclass(frozen=True, slots=True)

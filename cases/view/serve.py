@@ -1,20 +1,33 @@
-"""The server of the page: on the loopback interface only, and for pages of its own.
+"""The server of the page: on the loopback interface only, for the user and pages of its own.
 
 A browser that shows another web site could otherwise be made to reach a server on its own machine.
 """
 
+import logging
 import socket
 import webbrowser
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from functools import partial
+from hmac import compare_digest
+from secrets import token_urlsafe
 from typing import Any
 
-from aiohttp import web
+from aiohttp import WSCloseCode, web
 
 from sdm_deflect.cases.view.page import Page
 from sdm_deflect.deform.errors import InputError
 
 HOST = "127.0.0.1"
 HOSTS = frozenset({HOST, "localhost"})
+
+PAGES = frozenset({"/", "/index.html"})
+LARGEST, PENDING = 1 << 20, 4
+"""Bytes of a message from the page, and messages of which parts are awaited; the page's own have some hundred bytes."""
+CONNECTIONS = 16
+"""Connections at a time."""
+MALFORMED = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+"""What the library raises on messages that are none."""
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -26,15 +39,18 @@ def serve(page: Page, port: int, show: bool) -> None:
     """
     port = port or free_port()
     check_free(port)
+    for library in ("aiohttp", "trame_server", "wslink"):  # they print a traceback or a line for each bad request
+        logging.getLogger(library).setLevel(logging.CRITICAL + 1)
+    guard = Guard(port, token_urlsafe(24))
 
     def ready(**_: Any) -> None:
-        address = f"http://{HOST}:{page.server.port}/"
+        address = f"http://{HOST}:{page.server.port}/?secret={guard.secret}"
         print(f"{address}  (Ctrl-C ends it)", flush=True)  # noqa: T201 - the command's answer
         if show:
             webbrowser.open(address)
 
     page.server.controller.on_server_ready.add(ready)
-    page.server.controller.on_server_bind.add(guard)
+    page.server.controller.on_server_bind.add(lambda server: guard.over(page.server, server))
     page.server.start(
         port=port,
         host=HOST,
@@ -66,17 +82,77 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-@web.middleware
-async def own_pages_only(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Answer only requests to a loopback name, and from a page of this very server."""
-    origin = request.headers.get("Origin")
-    if request.host.partition(":")[0] not in HOSTS or (origin and origin != f"http://{request.host}"):
-        raise web.HTTPForbidden(text="this page is served to its own machine only")
-    if request.path == "/ws" and "Upgrade" not in request.headers:
-        raise web.HTTPBadRequest(text="this address is for the page's own connection")
-    return await handler(request)
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """Who may speak to a server, and how much: browsers of this machine that know its secret.
+
+    A page of another web site does not; nor does another user of the machine.
+
+    Attributes
+    ----------
+    port : of the server.
+    secret : part of the printed address; a browser that has shown it once keeps it as a cookie until it is closed.
+    handlers : of the server's connections.
+    """
+
+    port: int
+    secret: str
+    handlers: list[Any] = field(default_factory=list, repr=False)
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie; a browser has one jar for all ports of a machine."""
+        return f"sdm-view-{self.port}"
+
+    def over(self, page: Any, server: Any) -> None:
+        """Put a server, before it starts, under guard."""
+        page.protocol.updateSecret(self.secret)
+        server.app.middlewares.append(self.answer)
+        self.handlers.extend(server._ws_handlers)
+        for handler in self.handlers:
+            handler.onMessage = partial(received, handler)
+
+    @web.middleware
+    async def answer(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Answer a request that is whole, of this very address, of an own page and knows the secret."""
+        origin, given = request.headers.get("Origin"), request.query.get("secret", "")
+        if request.headers.get("Host") not in {f"{host}:{self.port}" for host in HOSTS}:
+            raise web.HTTPBadRequest(text="this is not the address of this page")
+        if (origin and origin != f"http://{request.host}") or not (
+            self._is_secret(given) or self._is_secret(request.cookies.get(self.cookie, ""))
+        ):
+            raise web.HTTPForbidden(text="open the address that sdm view has printed")
+        if request.path == "/ws":
+            if not web.WebSocketResponse().can_prepare(request):
+                raise web.HTTPBadRequest(text="this address is for the page's own connection")
+            if sum(len(one.connections) for one in self.handlers) >= CONNECTIONS:
+                raise web.HTTPServiceUnavailable(text=f"the page is open {CONNECTIONS} times; close one")
+        if request.path in PAGES and not given:  # loaded again: the page has taken the secret out of its address
+            raise web.HTTPFound(f"/index.html?secret={self.secret}")
+        response = await handler(request)
+        if given and not response.prepared:
+            response.set_cookie(self.cookie, self.secret, httponly=True, samesite="Strict")
+        return response
+
+    def _is_secret(self, text: str) -> bool:
+        return compare_digest(text.encode("utf-8", "surrogateescape"), self.secret.encode())
 
 
-def guard(server: Any) -> None:
-    """Let a server, before it starts, answer such requests only."""
-    server.app.middlewares.append(own_pages_only)
+async def received(handler: Any, binary: bool, message: Any, client: str) -> None:
+    """Take a part of a message from the page; one that is too large, or no message, ends the connection.
+
+    A part begins with 12 bytes: the number of its message, the part's place in it and the size of the whole. The
+    library sets aside as much memory as is announced.
+    """
+    unchunker = handler.unchunkers[client]
+    try:
+        known = unchunker.pending_messages.keys()
+        if not binary or not len(message.data) > 12 or int.from_bytes(message.data[8:12], "little") > LARGEST:
+            raise ValueError("no part of a message")
+        if int.from_bytes(message.data[:4], "little") not in known and len(known) >= PENDING:
+            raise ValueError("too many messages at once")
+        whole = unchunker.process_chunk(message.data)
+        if whole is not None:
+            await handler.onCompleteMessage(whole, client)
+    except MALFORMED:
+        await handler.connections[client].close(code=WSCloseCode.INVALID_TEXT)

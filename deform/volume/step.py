@@ -27,6 +27,7 @@ from sdm_deflect.deform.volume.sites import REACH, Sites
 from sdm_deflect.deform.volume.sliding import SlidingSurface
 
 DIRECTIONS = ("x", "y", "z")
+NO_NODES = np.empty((0, 3))
 ROUNDS = 8  # of putting nodes on several shapes, one after another
 RULES: dict[RuleName, Rule] = {"separated": Separated(), "worst": Worst()}
 GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]] = {
@@ -195,12 +196,19 @@ class Step:
 
 def solve(state: StepState, move: FloatArray, progress: Progress, earlier: Step | None = None) -> Step:
     """Carry out one step: moving nodes (K, 3) go by `move`, on the centres of an earlier step if there is one."""
-    first, slid, sliding = None, np.empty((0, 3)), bool(len(state.sites.slid))
+    first, slid, sliding = None, NO_NODES, bool(len(state.sites.slid))
     if sliding:
         first = _fit(state, False, state.values(move), progress, earlier.first if earlier else None)
         slid = state.slid(move, first.interpolant(state.points[state.sites.slid]))
     values = state.values(move, slid if sliding else None)
     fits = _fit(state, sliding, values, progress, earlier.fits if earlier else None)
+    return carried_out(state, move, fits, first, slid)
+
+
+def carried_out(
+    state: StepState, move: FloatArray, fits: Fits, first: Fits | None = None, slid: FloatArray = NO_NODES
+) -> Step:
+    """Move all nodes by fits that are known, those of the moving surfaces by `move` (K, 3), sliding ones by `slid`."""
     known, boundary = state.sites.known, state.boundary_values(move, slid)
     interpolant = fits.interpolant
     off = np.linalg.norm(boundary - interpolant(state.points[known]), axis=1)

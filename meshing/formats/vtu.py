@@ -96,6 +96,22 @@ def read_vtu(path: Path) -> TetMesh:
         return TetMesh(grid.points, tets, triangles, patch, face, file.strings(file.fields[NAMES]))
 
 
+def vtu_arrays(path: Path) -> dict[str, Array]:
+    """Return the arrays on the nodes and on the cells of a file's first piece by name.
+
+    Raises MeshFileError if the file does not exist, or is damaged.
+    """
+    with about(path):
+        file = VtuFile(path.read_bytes())
+        piece = file.pieces[0]
+        sections = {"PointData": piece.points, "CellData": piece.cells}
+        return {
+            name: file.values(array, rows)
+            for section, rows in sections.items()
+            for name, array in piece.sections.get(section, {}).items()
+        }
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Grid:
     """Points (N, 3); types (C,) of cells; nodes of all cells, and where those of each begin; faces of polyhedra."""

@@ -64,7 +64,10 @@ def decode(codes: IntArray) -> IntArray:
 def boundary_failures(mesh: TetMesh) -> list[str]:
     """One sentence for each way in which the boundary is not a closed manifold around the tetrahedra."""
     failures = []
-    faces = cell_faces(mesh.tets)
+    try:
+        faces = cell_faces(mesh.tets)
+    except ValueError as error:
+        return [str(error)]
     if not np.array_equal(_canonical(faces.nodes[faces.second < 0]), _canonical(mesh.triangles)):
         failures.append("the boundary triangles are not the outer faces of the tetrahedra, oriented outward")
     directed = mesh.triangles[:, TRIANGLE_EDGES].reshape(-1, 2)

@@ -1,6 +1,7 @@
 """Case 5.2: nodes slide in the Chimera face, both blocks find donors, pinning is worse."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,11 @@ import pytest
 from sdm_deflect.cases.sdm.job import BLOCK, block_stations
 from sdm_deflect.cases.sdm.overset import has_donor, orphans
 from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.sdm.run_folder import read_run, undeflected_models
+from sdm_deflect.cases.sdm.stored import judged
 from sdm_deflect.geometry.parameters import Aileron, Fighter
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from tests.cases.sdm.deflected_cad import built
 
 pytestmark = pytest.mark.mesher
 
@@ -75,3 +80,23 @@ def test_an_aileron_with_two_gaps_slides_on_both_faces(turned):
         face = mesh.on(BLOCK)[np.abs(mesh.points[mesh.on(BLOCK), 1] - station) < 1e-9]
         assert np.array_equal(deflected.points[face, 1], mesh.points[face, 1])
         assert np.abs(deflected.points[face, 2] - mesh.points[face, 2]).max() > 5e-4
+
+
+def test_the_background_of_a_finished_run_is_judged_as_well(chimera_run, tmp_path):
+    run, folder = chimera_run
+    models = undeflected_models(run.case)
+
+    def judge(folder):
+        return {
+            check.name: check.passed
+            for check in judged(folder, *read_run(folder), lambda: built(run.case), lambda _: models)
+        }
+
+    assert all(judge(folder).values())
+    copy, mesh = shutil.copytree(folder, tmp_path / "run"), run.background
+    write_vtu(copy / "background.vtu", replace(mesh, tets=mesh.tets[5:]))
+    assert not judge(copy)["background_mesh"]
+    points = mesh.points.copy()
+    points[mesh.on("fin")[0]] += 1e-3
+    write_vtu(copy / "background.vtu", mesh.with_points(points))
+    assert not judge(copy)["background_mesh"]

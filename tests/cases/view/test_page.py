@@ -1,20 +1,28 @@
 """`sdm view` in a real browser: Chromium, without a graphics card, without a network."""
 
+import asyncio
 import os
 import re
 import signal
+import struct
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from http.client import HTTPConnection
 from io import BytesIO
+from pathlib import Path
 
+import aiohttp
+import msgpack
 import numpy as np
 import pytest
 from PIL import Image
 
 from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.view.serve import CONNECTIONS
 
 pytestmark = pytest.mark.mesher
 GENEROUS = 60_000.0  # ms; a loaded machine without a graphics card
@@ -48,7 +56,7 @@ def server(folder, without_opengl):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     ) as process:
         line = process.stdout.readline()
-        address = re.match(r"http://127\.0\.0\.1:\d+/", line)
+        address = re.match(r"http://127\.0\.0\.1:\d+/\?secret=\S+", line)
         assert address, line + process.stderr.read()
         yield process, address[0]
         process.kill()
@@ -222,28 +230,130 @@ def test_markup_in_a_title_is_text(page):
 
 
 def test_nothing_is_asked_of_another_machine(page, server):
-    own = server[1].removeprefix("http://")
+    own = server[1].removeprefix("http://").partition("/")[0]
     assert page.asked
     assert [url for url in page.asked if own not in url and not url.startswith(("data:", "blob:"))] == []
     assert page.errors == []
 
 
-def test_other_sites_are_kept_out(page, server):
-    port = int(server[1].rstrip("/").rpartition(":")[2])
-    origins = ("http://example.org", "http://localhost:1", f"https://127.0.0.1:{port}", "null", "[")
-    for headers in ({"Host": "example.org"}, {"Host": "["}, *({"Origin": origin} for origin in origins)):
-        assert status_of(port, "/index.html", headers) == 403
-    assert status_of(port, "/index.html", {"Origin": f"http://127.0.0.1:{port}"}) == 200
-    assert status_of(port, "/ws", {}) == 400
+def test_the_page_can_be_loaded_again(page):
+    assert "secret" not in page.url
+    page.reload()
+    page.wait_for_selector("#status")
+    wait_until(lambda: colours(picture(page)) > 50, "the picture stays blank")
 
 
-def status_of(port, path, headers):
-    connection = HTTPConnection("127.0.0.1", port, timeout=10)
-    connection.request("GET", path, headers=headers)
-    try:
-        return connection.getresponse().status
-    finally:
+REQUESTS = [  # path, headers, status; SECRET, PORT and GOOD stand for those of the server and for its address
+    ("/", {}, 403),
+    ("/index.html", {}, 403),
+    ("/index.html?secret=wslink-secret", {}, 403),
+    ("/ws", {"Connection": "Upgrade", "Upgrade": "websocket"}, 403),
+    ("/?secret=SECRET", {}, 302),
+    ("/index.html?secret=SECRET", {}, 200),
+    ("/index.html?secret=SECRET", {"Origin": "http://127.0.0.1:PORT"}, 200),
+    ("/index.html", {"Cookie": "sdm-view-PORT=SECRET"}, 302),
+    ("/index.html", {"Cookie": "sdm-view-PORT=wrong"}, 403),
+    ("/index.html?secret=SECRET", {"Origin": "http://example.org"}, 403),
+    ("/index.html?secret=SECRET", {"Origin": "http://localhost:1"}, 403),
+    ("/index.html?secret=SECRET", {"Origin": "http://localhost:PORT"}, 403),
+    ("/index.html?secret=SECRET", {"Origin": "https://127.0.0.1:PORT"}, 403),
+    ("/index.html?secret=SECRET", {"Origin": "null"}, 403),
+    ("/index.html?secret=SECRET", {"Origin": "["}, 403),
+    ("/index.html?secret=SECRET", {"Host": "localhost:PORT"}, 200),
+    ("/index.html?secret=SECRET", {"Host": "localhost:1"}, 400),
+    ("/index.html?secret=SECRET", {"Host": "example.org"}, 400),
+    ("/index.html?secret=SECRET", {"Host": "["}, 400),
+    ("/index.html?secret=%ff%00", {}, 403),
+    ("/nothing?secret=SECRET", {}, 404),
+    ("/..%2f..%2fetc%2fpasswd?secret=SECRET", {}, 404),
+    ("/ws?secret=SECRET", {}, 400),
+    ("/ws?secret=SECRET", {"Connection": "Upgrade", "Upgrade": "websocket"}, 400),
+    ("/" + 20_000 * "a", {}, 400),
+]
+
+
+def test_only_the_servers_own_page_is_answered(server):
+    port, secret = re.search(r":(\d+)/\?secret=(.+)", server[1]).groups()
+    for path, headers, status in REQUESTS:
+        filled = {name: text.replace("PORT", port).replace("SECRET", secret) for name, text in headers.items()}
+        connection = HTTPConnection("127.0.0.1", int(port), timeout=10)
+        connection.request("GET", path.replace("SECRET", secret), headers=filled)
+        assert connection.getresponse().status == status, (path[:40], headers)
         connection.close()
+
+
+def part(payload, number=1, size=None):
+    """A part of a message as the page sends it: number, place, size of the whole, content."""
+    return struct.pack("<III", number, 0, len(payload) if size is None else size) + payload
+
+
+def call(method, *arguments):
+    return part(msgpack.packb({"wslink": "1.0", "id": "rpc:c:1", "method": method, "args": arguments}))
+
+
+ENDED = {
+    "4 GB announced": [part(b"x", i, 2**32 - 1) for i in range(3)],
+    "many messages begun": [part(b"x", i, 1 << 20) for i in range(9)],
+    "another size than before": [part(b"x", 1, 100), part(b"x", 1, 50)],
+    "text": ["{"],
+    "nothing": [b""],
+    "a header alone": [bytes(12)],
+    "8 MB": [bytes(8_000_000)],
+    "no msgpack": [part(b"\xc1")],
+    "more than one message": [part(b"\x01\x01")],
+    "nested deeply": [part(600 * b"\x91" + b"\x01")],
+    "a number": [part(b"\x05")],
+    "an id that is no text": [part(msgpack.packb({"id": 5, "method": "x"}))],
+    "no method": [part(msgpack.packb({"id": "rpc:c:1"}))],
+    "a method that is no text": [part(msgpack.packb({"id": "rpc:c:1", "method": [1]}))],
+}
+"""Messages after which the connection is closed."""
+BORNE = [
+    call("nothing"),
+    call("trame.trigger", "nothing", 5, 5),
+    *(
+        call("trame.state.update", [{"key": key, "value": value}])
+        for key in ("angle", "axis", "position")
+        for value in ("steep", None, float("nan"), [1])
+    ),
+    call("trame.state.update", [{"key": "angle", "value": 2.0}, {"key": "axis", "value": "y"}]),
+    call("trame.state.update", [{"key": "position", "value": -0.2}]),
+]
+"""Calls that are answered, the last ones right."""
+
+
+def test_messages_are_bounded_and_bad_ones_end_the_connection(server, page):
+    """Three messages of 13 bytes, each of which announced 4 GB, once made the server take them."""
+
+    async def sent(session, messages):
+        async with session.ws_connect(server[1].replace("/?", "/ws?")) as socket:
+            hello = {"id": "system:c0:0", "method": "wslink.hello", "args": [{"secret": server[1].partition("=")[2]}]}
+            for message in (part(msgpack.packb(hello)), *messages):
+                with suppress(aiohttp.ClientConnectionError):
+                    await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
+            answers = 0
+            while (await socket.receive(timeout=20.0)).type is aiohttp.WSMsgType.BINARY:
+                answers += 1
+                if answers > len(messages):
+                    return False
+            return True
+
+    async def everything():
+        async with aiohttp.ClientSession() as session:
+            for name, messages in ENDED.items():
+                assert await sent(session, messages), name
+            assert not await sent(session, BORNE)
+            sockets = [await session.ws_connect(server[1].replace("/?", "/ws?")) for _ in range(CONNECTIONS - 1)]
+            with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
+                await session.ws_connect(server[1].replace("/?", "/ws?"))
+            for socket in sockets:
+                await socket.close()
+
+    with ThreadPoolExecutor(1) as thread:  # the browser has this thread's event loop
+        thread.submit(asyncio.run, everything()).result()
+    status = Path(f"/proc/{server[0].pid}/status").read_text()
+    assert int(re.search(r"VmHWM:\s+(\d+)", status)[1]) < 1_000_000  # kB
+    to(page, "3", "Verified")
 
 
 def test_a_narrow_page_shows_the_scene_above_the_panel(page):

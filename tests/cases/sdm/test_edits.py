@@ -1,0 +1,518 @@
+"""Whoever changes a file of a finished run is noticed: a check of a name fails, or a sentence says what is wrong."""
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases.errors import is_reported
+from sdm_deflect.cases.sdm import stored
+from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.sdm.run_folder import read_run, undeflected_models
+from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.reading import read_arrays
+from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from tests.cases.sdm.deflected_cad import built
+
+pytestmark = pytest.mark.mesher
+WING, FLAP = "wing_left", "aileron_left"
+
+
+@pytest.fixture(scope="module")
+def finished(finish):
+    """A run and its folder."""
+    return finish(case_named("aileron"), report=False)
+
+
+@pytest.fixture(scope="module")
+def judge(finished):
+    """Validate a folder against CAD built once; return the checks by name."""
+    case = finished[0].case
+    models, verified = undeflected_models(case), {}
+
+    def remembered(mesh, *rest):
+        key = tuple(array.tobytes() for array in (mesh.points, mesh.tets, mesh.triangles, mesh.face))
+        if key not in verified:
+            verified[key] = verify(mesh, *rest)
+        return verified[key]
+
+    def call(folder):
+        checks = stored.judged(folder, *read_run(folder), lambda: built(case), lambda _: models)
+        return {check.name: check for check in checks}
+
+    verify = stored.verify
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stored, "verify", remembered)
+        yield call
+
+
+def meshes(folder):
+    return read_vtu(folder / "undeflected.vtu"), read_vtu(folder / "deflected.vtu")
+
+
+def store(folder, before, after, **arrays):
+    """Write both meshes, the second with the arrays that belong to it, but for those given."""
+    own = {"quality": mean_ratio(after.points, after.tets)}
+    if len(after.points) == len(before.points):
+        own["displacement"] = after.points - before.points
+    own = {name: values for name, values in (own | arrays).items() if values is not None}
+    on_points, on_cells = ({name: own[name]} if name in own else {} for name in ("displacement", "quality"))
+    write_vtu(folder / "undeflected.vtu", before)
+    write_vtu(folder / "deflected.vtu", after, on_points, on_cells)
+
+
+def inside(before, after):
+    """Nodes that moved, those on the boundary left out."""
+    moved = np.flatnonzero((before.points != after.points).any(axis=1))
+    return np.setdiff1d(moved, before.on(*before.names[1:]))
+
+
+def moved(change):
+    """Change the points of deflected.vtu: `change(points, before, after)` writes into them."""
+
+    def edit(folder):
+        before, after = meshes(folder)
+        points = after.points.copy()
+        change(points, before, after)
+        store(folder, before, after.with_points(points))
+
+    return edit
+
+
+def share(factor):
+    def change(points, before, after):
+        own = inside(before, after)
+        points[own] = before.points[own] + factor * (after.points - before.points)[own]
+
+    return moved(change)
+
+
+def noise(size, count=None):
+    def change(points, before, after):
+        own = inside(before, after)[:count]
+        points[own] += size * np.random.default_rng(1).uniform(-1.0, 1.0, (len(own), 3))
+
+    return moved(change)
+
+
+def wall(shift, patch=FLAP):
+    """Move a node within a patch by so much along a unit vector in its face and along its normal."""
+
+    def change(points, before, after):
+        node, across, normal = frame(after, patch)
+        points[node] += shift[0] * across + shift[1] * normal
+
+    return moved(change)
+
+
+def frame(mesh, patch):
+    """A node inside a planar face of a patch, a unit vector in the face and its normal."""
+    own = mesh.triangles_of(patch)
+    corners = mesh.points[own]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    others = mesh.on(*(name for name in mesh.names[1:] if name != patch))
+    for node in np.setdiff1d(own, others):
+        around = normals[(own == node).any(axis=1)]
+        if np.abs(around - around[0]).max() < 1e-9:
+            triangle = corners[(own == node).any(axis=1)][0]
+            along = triangle[1] - triangle[0]
+            return node, along / np.linalg.norm(along), around[0]
+    raise AssertionError(patch)
+
+
+def bit(points, before, after):
+    outer = np.setdiff1d(np.flatnonzero((before.points == after.points).all(axis=1)), before.on(*before.names[1:]))
+    points[outer[0], 2] = np.nextafter(points[outer[0], 2], 1.0)
+
+
+def fixed_bit(points, before, after):
+    node = before.on("fin")[0]
+    points[node, 0] = np.nextafter(points[node, 0], 9.0)
+
+
+def swapped_nodes(points, before, after):
+    own = inside(before, after)[:2]
+    points[own] = points[own[::-1]]
+
+
+def inverted(points, before, after):
+    points[inside(before, after)[0]] += [0.0, 0.0, 0.05]
+
+
+def mirrored(points, before, after):
+    points[:] = 2.0 * before.points - after.points
+
+
+def shifted(points, before, after):
+    points += 1e-9
+
+
+def undone(points, before, after):
+    points[:] = before.points
+
+
+def in_both(change):
+    """Change the cells and labels of both meshes: `change(mesh)` returns another one."""
+
+    def edit(folder):
+        before, after = map(change, meshes(folder))
+        store(folder, before, after)
+
+    return edit
+
+
+def in_one(change):
+    """Change those of deflected.vtu alone."""
+
+    def edit(folder):
+        before, after = meshes(folder)
+        store(folder, before, change(after))
+
+    return edit
+
+
+def without_cells(rows, mesh):
+    return replace(mesh, tets=np.delete(mesh.tets, rows, axis=0))
+
+
+def doubled(rows, mesh):
+    return replace(mesh, tets=np.vstack([mesh.tets, mesh.tets[rows]]))
+
+
+def inside_out(mesh):
+    tets = mesh.tets.copy()
+    tets[7] = tets[7][[1, 0, 2, 3]]
+    return replace(mesh, tets=tets)
+
+
+def with_triangles(keep, mesh):
+    return replace(mesh, triangles=mesh.triangles[keep], patch=mesh.patch[keep], face=mesh.face[keep])
+
+
+def without_third(mesh):
+    own = np.flatnonzero(mesh.patch == mesh.names.index(FLAP))
+    return with_triangles(np.delete(np.arange(len(mesh.patch)), own[::3]), mesh)
+
+
+def twice(mesh):
+    own = np.flatnonzero(mesh.patch == mesh.names.index(FLAP))
+    return with_triangles(np.append(np.arange(len(mesh.patch)), own), mesh)
+
+
+def flipped(mesh):
+    own, triangles = mesh.patch == mesh.names.index(WING), mesh.triangles.copy()
+    triangles[own] = triangles[own][:, ::-1]
+    return replace(mesh, triangles=triangles)
+
+
+def turned(mesh):
+    """The same triangles, each begun at another node."""
+    return replace(mesh, triangles=np.roll(mesh.triangles, 1, axis=1))
+
+
+def relabelled(mesh):
+    patch = mesh.patch.copy()
+    patch[np.flatnonzero(patch == mesh.names.index(WING))[0]] = mesh.names.index("fuselage")
+    return replace(mesh, patch=patch)
+
+
+def other_face(mesh):
+    face = mesh.face.copy()
+    own = np.flatnonzero(mesh.patch == mesh.names.index("fin"))
+    face[own] = np.roll(face[own], len(own) // 2)
+    return replace(mesh, face=face)
+
+
+def foreign_face(mesh):
+    return replace(mesh, face=np.where(mesh.face == mesh.face.max(), 9999, mesh.face))
+
+
+def renamed(mesh):
+    return replace(mesh, names=tuple("flap" if name == FLAP else name for name in mesh.names))
+
+
+def names_swapped(mesh):
+    other = {FLAP: "aileron_right", "aileron_right": FLAP}
+    return replace(mesh, names=tuple(other.get(name, name) for name in mesh.names))
+
+
+def reordered(mesh):
+    return replace(mesh, tets=mesh.tets[::-1])
+
+
+def renumbered(mesh):
+    count = len(mesh.points) - 1
+    return replace(mesh, points=mesh.points[::-1], tets=count - mesh.tets, triangles=count - mesh.triangles)
+
+
+def with_node(mesh):
+    return replace(mesh, points=np.vstack([mesh.points, mesh.points[:1] + 0.1]))
+
+
+def both_moved(patch, shift):
+    """Move a node of a patch in both meshes, in its face and along its normal."""
+
+    def edit(folder):
+        before, after = meshes(folder)
+        node, across, normal = frame(before, patch)
+        step = np.zeros_like(before.points)
+        step[node] = shift[0] * across + shift[1] * normal
+        store(folder, before.with_points(before.points + step), after.with_points(after.points + step))
+
+    return edit
+
+
+def cylinder_moved(folder):
+    before, after = meshes(folder)
+    step = np.zeros_like(before.points)
+    step[before.on("fuselage")[100]] = [0.0, 0.0, 1e-3]
+    store(folder, before.with_points(before.points + step), after.with_points(after.points + step))
+
+
+def array(name, change):
+    """Change an array of deflected.vtu; None: leave it out."""
+
+    def edit(folder):
+        before, after = meshes(folder)
+        values = vtu_arrays(folder / "deflected.vtu")[name]
+        store(folder, before, after, **{name: change(values.copy()) if change else None})
+
+    return edit
+
+
+def first_is_one(values):
+    values[0] = 1.0
+    return values
+
+
+def npz(change):
+    """Change the arrays of interpolant.npz: `change(arrays)` writes into them."""
+
+    def edit(folder):
+        arrays = {name: values.copy() for name, values in read_arrays(folder / "interpolant.npz").items()}
+        change(arrays)
+        np.savez(folder / "interpolant.npz", **arrays)
+
+    return edit
+
+
+def other_angle(arrays):
+    for name in arrays:
+        if name.startswith(("beta", "alpha")):
+            arrays[name] *= 11.0 / 12.0
+
+
+def fewer(arrays):
+    for part in ("centers_z", "beta_z"):
+        arrays[part] = arrays[part][:-1]
+
+
+def exchanged(arrays):
+    for part in ("centers", "beta", "alpha"):
+        arrays[f"{part}_x"], arrays[f"{part}_z"] = arrays[f"{part}_z"], arrays[f"{part}_x"]
+
+
+def add(name, value):
+    def change(arrays):
+        arrays[name][0] += value
+
+    return npz(change)
+
+
+def put(name, value):
+    return npz(lambda arrays: arrays.__setitem__(name, value))
+
+
+def gone(name):
+    return lambda folder: (folder / name).unlink()
+
+
+def content(name, data):
+    return lambda folder: (folder / name).write_bytes(data)
+
+
+def half(name):
+    return lambda folder: content(name, (folder / name).read_bytes()[: (folder / name).stat().st_size // 2])(folder)
+
+
+def text(name, old, new):
+    def edit(folder):
+        path = folder / name
+        whole = path.read_text()
+        assert old in whole
+        path.write_text(whole.replace(old, new, 1))
+
+    return edit
+
+
+def figure(*place, value=None, change=None):
+    """Change a figure of metrics.json; without a value it is removed."""
+
+    def edit(folder):
+        path = folder / "metrics.json"
+        figures = json.loads(path.read_text())
+        home = figures
+        for key in place[:-1]:
+            home = home[key]
+        if change:
+            home[place[-1]] = change(home[place[-1]])
+        elif value is None:
+            del home[place[-1]]
+        else:
+            home[place[-1]] = value
+        path.write_text(json.dumps(figures))
+
+    return edit
+
+
+def rows(change):
+    """Change the rows of convergence.csv."""
+
+    def edit(folder):
+        path = folder / "convergence.csv"
+        table = list(csv.reader(path.read_text().splitlines()))
+        change(table)
+        with path.open("w", newline="") as file:
+            csv.writer(file).writerows(table)
+
+    return edit
+
+
+def cell(row, column, value):
+    return rows(lambda table: table[row].__setitem__(table[0].index(column), value))
+
+
+EDITS = {
+    "volume nodes undeflected": (share(0.0), "same_deflection"),
+    "volume nodes x 0.9": (share(0.9), "same_deflection"),
+    "volume nodes x 0.999": (share(0.999), "same_deflection"),
+    "volume nodes with 0.2 mm of noise": (noise(2e-4), "same_deflection"),
+    "volume nodes with 1e-8 m of noise": (noise(1e-8), "same_deflection"),
+    "one volume node by 1e-8 m": (noise(1e-8, 1), "same_deflection"),
+    "two volume nodes exchanged": (moved(swapped_nodes), "same_deflection"),
+    "a cell turned inside out by a node": (moved(inverted), "inverted_cells"),
+    "a wall node slid by 1.6 mm in its plane": (wall((1.6e-3, 0.0)), "same_deflection"),
+    "a wall node slid by 1e-8 m in its plane": (wall((1e-8, 0.0)), "same_deflection"),
+    "a wall node off its face by 1e-8 m": (wall((0.0, 1.01e-8)), "surface_to_cad"),
+    "a fixed wall node slid by 1e-8 m": (wall((1e-8, 0.0), WING), "fixed_surfaces_moved"),
+    "an outside node by one bit": (moved(bit), "outside_moved"),
+    "a fixed wall node by one bit": (moved(fixed_bit), "fixed_surfaces_moved"),
+    "all nodes by 1e-9 m": (moved(shifted), "outside_moved"),
+    "deflected.vtu is not deflected": (moved(undone), "surface_to_cad"),
+    "deflected the other way": (moved(mirrored), "surface_to_cad"),
+    "5 tetrahedra deleted in both": (in_both(partial(without_cells, [7, 70, 700, 7000, 70000])), "undeflected_mesh"),
+    "1 tetrahedron deleted in both": (in_both(partial(without_cells, [7])), "undeflected_mesh"),
+    "5 tetrahedra doubled in both": (in_both(partial(doubled, [7, 70, 700, 7000, 70000])), "undeflected_mesh"),
+    "1 tetrahedron doubled in both": (in_both(partial(doubled, [7])), "undeflected_mesh"),
+    "1 tetrahedron turned inside out in both": (in_both(inside_out), "inverted in the file"),
+    "1 tetrahedron deleted in deflected.vtu": (in_one(partial(without_cells, [7])), "differ in tets"),
+    "tetrahedra in another order in deflected.vtu": (in_one(reordered), "differ in tets"),
+    "nodes in another order in deflected.vtu": (in_one(renumbered), "differ in tets"),
+    "a node of no cell in both": (in_both(with_node), "undeflected_mesh"),
+    "a node of no cell in deflected.vtu": (in_one(with_node), "differ in their number of points"),
+    "a third of the aileron's triangles deleted in both": (in_both(without_third), "undeflected_mesh"),
+    "a third of the aileron's triangles deleted in deflected.vtu": (in_one(without_third), "differ in triangles"),
+    "the aileron's triangles doubled in both": (in_both(twice), "undeflected_mesh"),
+    "triangles flipped in both": (in_both(flipped), "undeflected_mesh"),
+    "triangles flipped in deflected.vtu": (in_one(flipped), "differ in triangles"),
+    "triangles begun at another node in deflected.vtu": (in_one(turned), "differ in triangles"),
+    "a triangle relabelled in both": (in_both(relabelled), "undeflected_mesh"),
+    "a triangle relabelled in deflected.vtu": (in_one(relabelled), "differ in patch"),
+    "CAD faces exchanged in both": (in_both(other_face), "undeflected_mesh"),
+    "CAD faces exchanged in deflected.vtu": (in_one(other_face), "differ in face"),
+    "a CAD face that does not exist in both": (in_both(foreign_face), "undeflected_mesh"),
+    "a patch renamed in both": (in_both(renamed), "no patch aileron_left"),
+    "a patch renamed in deflected.vtu": (in_one(renamed), "differ in names"),
+    "names exchanged in both": (in_both(names_swapped), "aileron_left"),
+    "names exchanged in deflected.vtu": (in_one(names_swapped), "differ in names"),
+    "a fuselage node moved by 1 mm in both": (cylinder_moved, "undeflected_mesh"),
+    "a wing node off its face by 1e-6 m in both": (both_moved(WING, (0.0, 1e-6)), "undeflected_mesh"),
+    "a wing node slid by 1 mm in its plane in both": (both_moved(WING, (1e-3, 0.0)), "stored_figures"),
+    "an aileron node slid by 1 mm in its plane in both": (both_moved(FLAP, (1e-3, 0.0)), "same_deflection"),
+    "undeflected.vtu missing": (gone("undeflected.vtu"), "undeflected.vtu"),
+    "deflected.vtu missing": (gone("deflected.vtu"), "deflected.vtu"),
+    "undeflected.vtu truncated": (half("undeflected.vtu"), "undeflected.vtu"),
+    "displacement x 0.9": (array("displacement", lambda values: 0.9 * values), "stored_arrays"),
+    "no displacement": (array("displacement", None), "no array displacement"),
+    "quality of a cell is 1": (array("quality", first_is_one), "stored_arrays"),
+    "no quality": (array("quality", None), "no array quality"),
+    "interpolant.npz missing": (gone("interpolant.npz"), "interpolant.npz"),
+    "interpolant.npz is junk": (content("interpolant.npz", b"junk" * 99), "interpolant.npz: no archive of arrays"),
+    "interpolant.npz is empty": (content("interpolant.npz", b""), "interpolant.npz: no archive of arrays"),
+    "interpolant.npz truncated": (half("interpolant.npz"), "interpolant.npz: no archive of arrays"),
+    "interpolant.npz of another angle": (npz(other_angle), "same_deflection"),
+    "interpolant.npz: x and z exchanged": (npz(exchanged), "same_deflection"),
+    "interpolant.npz: a centre dropped": (npz(fewer), "same_deflection"),
+    "interpolant.npz: a centre moved by 1 mm": (add("centers_z", 1e-3), "same_deflection"),
+    "interpolant.npz: a coefficient changed": (add("beta_z", 1e-3), "same_deflection"),
+    "interpolant.npz: a constant by 1e-8 m": (add("alpha_z", 1e-8), "same_deflection"),
+    "interpolant.npz: nan": (add("alpha_z", np.nan), "not finite"),
+    "interpolant.npz: another box": (add("hexahedron", 1e-6), "hexahedron is not that of the case"),
+    "interpolant.npz: another kernel": (put("kernel", np.array("gaussian")), "the kernel of interpolant.npz"),
+    "interpolant.npz: an array too many": (put("centers_x_step2", np.zeros((1, 3))), "centers_x_step2"),
+    "interpolant.npz: an array too few": (npz(lambda arrays: arrays.pop("beta_y")), "beta_y"),
+    "case.toml missing": (gone("case.toml"), "case.toml"),
+    "case.toml: angle by 1e-7 deg": (text("case.toml", "angle = -12.0", "angle = -12.0000001"), "trailing_edge_angle"),
+    "case.toml: angle of the other sign": (text("case.toml", "angle = -12.0", "angle = 12.0"), "trailing_edge_angle"),
+    "case.toml: name of another case": (text("case.toml", 'name = "aileron"', 'name = "rudder"'), "stored_figures"),
+    "case.toml: half span": (text("case.toml", "half_span = 0.3048", "half_span = 0.3058"), "aileron_left"),
+    "case.toml: tolerance": (text("case.toml", "tolerance = 8e-05", "tolerance = 7e-05"), "site_error"),
+    "case.toml: a larger tolerance": (text("case.toml", "tolerance = 8e-05", "tolerance = 9e-05"), "stored_figures"),
+    "case.toml: another box": (text("case.toml", "outboard = 0.045", "outboard = 0.046"), "hexahedron is not that"),
+    "case.toml: another strategy": (text("case.toml", 'strategy = "squv"', 'strategy = "mv"'), "convergence.csv"),
+    "case.toml: another limit": (text("case.toml", "quality_min = 0.25", "quality_min = 0.2"), "stored_figures"),
+    "metrics.json missing": (gone("metrics.json"), "metrics.json"),
+    "metrics.json: not passed": (figure("validation", "passed", value=False), "stored_figures"),
+    "metrics.json: a check not passed": (figure("validation", "checks", 0, "passed", value=False), "stored_figures"),
+    "metrics.json: a check's value": (figure("validation", "checks", 3, "value", value=0.5), "stored_figures"),
+    "metrics.json: a check removed": (figure("validation", "checks", 5), "stored_figures"),
+    "metrics.json: smallest quality": (figure("quality", "after", "min", change=lambda q: q + 1e-3), "stored_figures"),
+    "metrics.json: number of points": (figure("mesh", "points", value=5), "stored_figures"),
+    "metrics.json: a patch's triangles": (figure("mesh", "patches", "fin", "triangles", value=5), "stored_figures"),
+    "metrics.json: angle": (figure("angle_deg", value=-12.5), "stored_figures"),
+    "metrics.json: number of centres": (figure("adaptation", "z", "centers", value=5), "stored_figures"),
+    "metrics.json: residual": (figure("adaptation", "z", "max_error", change=lambda e: 0.99 * e), "stored_figures"),
+    "metrics.json: a figure removed": (figure("cells_touched"), "stored_figures"),
+    "metrics.json: a figure that is no number": (figure("mesh", "cells", value="many"), "stored_figures"),
+    "convergence.csv missing": (gone("convergence.csv"), "convergence.csv"),
+    "convergence.csv: centres": (cell(-1, "centres", "999"), "stored_figures"),
+    "convergence.csv: residual": (cell(-1, "max_error", "1e-05"), "stored_figures"),
+    "convergence.csv: the last row removed": (rows(lambda table: table.pop()), "stored_figures"),
+    "convergence.csv: a row removed": (rows(lambda table: table.pop(-3)), "do not count up"),
+    "convergence.csv: another direction": (cell(-1, "direction", "y"), "do not count up"),
+    "convergence.csv: another surface": (cell(-1, "surface", "fin"), "do not count up"),
+}  # fmt: skip
+"""What is changed, how, and the check that fails or a part of the sentence."""
+
+
+def test_an_unchanged_run_passes(finished, judge):
+    run, folder = finished
+    checks = judge(folder)
+    own = {"same_deflection", "undeflected_mesh", "stored_arrays", "stored_figures"}
+    assert {name: check.verdict for name, check in checks.items()} == dict.fromkeys(
+        {check.name for check in run.checks} | own, "passed"
+    )
+
+
+@pytest.mark.parametrize("name", EDITS)
+def test_an_edit_is_noticed(finished, judge, tmp_path, name):
+    folder = shutil.copytree(finished[1], tmp_path / "run")
+    edit, by = EDITS[name]
+    edit(folder)
+    assert by in noticed(judge, folder)
+
+
+def noticed(judge, folder):
+    """Names of the checks that fail, or the sentence that refuses the folder."""
+    try:
+        return [check.name for check in judge(folder).values() if not check.passed]
+    except (RuntimeError, ValueError) as error:
+        if is_reported(error):
+            return str(error)
+        raise
