@@ -99,6 +99,7 @@ def _linked(others: Sequence[Path], target: Path, staged: Path, patterns: Sequen
             (staged / path).parent.mkdir(exist_ok=True)
             os.link(target / path, staged / path, follow_symlinks=False)
         shutil.copystat(target, staged)
+        os.utime(staged)
     except OSError:
         return False
     return True

@@ -65,6 +65,8 @@ def _settled(left: Path) -> None:
     except OSError as error:
         why = f"{error.filename}: {error.strerror}"
         raise MeshFileError(f"{left.parent}: an earlier replacement cannot be finished: {why}") from error
+    except (ValueError, TypeError, KeyError) as error:
+        raise MeshFileError(f"{left / JOURNAL}: is damaged; delete the folder {left.name}") from error
     shutil.rmtree(left, ignore_errors=True)
 
 

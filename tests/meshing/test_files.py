@@ -173,6 +173,21 @@ def test_leftovers_of_processes_that_are_gone_are_cleared_and_no_others(tmp_path
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(others)
 
 
+@pytest.mark.parametrize("journal", ["[", "5", "[{}]", '[{"staged": "mesh", "inode": 5}]', "\x00"])
+def test_a_journal_that_is_damaged_is_named(journal: str, tmp_path: Path) -> None:
+    def leave() -> None:
+        with staging(tmp_path) as folder:
+            put(folder, {"journal.json": journal, "mesh": "new"})
+
+    in_child(leave)
+    (left,) = tmp_path.iterdir()
+    if "inode" in journal:
+        (left / "journal.json").write_text(journal.replace("5", str((left / "mesh").stat().st_ino)))
+    with pytest.raises(MeshFileError, match=f"journal.json: is damaged; delete the folder {left.name}"):
+        settle(tmp_path)
+    assert list(tmp_path.iterdir()) == [left]
+
+
 def test_a_signal_waits_until_a_target_is_replaced(tmp_path: Path, monkeypatch) -> None:
     told = []
     monkeypatch.setattr(replacement, "watchers", [lambda path, whole: told.append((path.name, whole))])
