@@ -8,6 +8,7 @@ from sdm_deflect.geometry.datum import SURFACES, ends, hinge_line, hinged
 from sdm_deflect.geometry.deflected import CadTurn, deflected_wedge, turned, wedge
 from sdm_deflect.geometry.fuse import Part, both_sides, general_fuse, one_side, partitions, skin, solid, walls
 from sdm_deflect.geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
+from sdm_deflect.geometry.kernel import told
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.geometry.polyhedra import (
@@ -52,10 +53,11 @@ def build(
     for name in [*moved, *without]:
         if name not in SURFACES:
             raise ValueError(f"no control surface {name!r}; there are {', '.join(SURFACES)}")
-    found = walls(general_fuse(aircraft_parts(fighter, moved, without)))
-    model = assemble(skin(found), partitions(found), fluid_inside=False)
-    if not moved:
-        preflight(model, min(MIN_FEATURE, fighter.aileron.gap or MIN_FEATURE))
+    with told(fighter):
+        found = walls(general_fuse(aircraft_parts(fighter, moved, without)))
+        model = assemble(skin(found), partitions(found), fluid_inside=False)
+        if not moved:
+            preflight(model, min(MIN_FEATURE, fighter.aileron.gap or MIN_FEATURE))
     return model
 
 
@@ -100,14 +102,15 @@ def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = 
     """
     side = surface.removeprefix("aileron")
     corners = block_corners(fighter, parameters, surface)
-    parts = [
-        *one_side(f"wing{side}", wing_polyhedra(fighter)),
-        Part(surface, solid(wedge(*ends(fighter, surface)))),
-        Part(CHIMERA, solid(_faces(corners))),
-    ]
-    found = walls(general_fuse(parts))
-    model = assemble(skin(found, CHIMERA), partitions(found, CHIMERA), fluid_inside=True)
-    preflight(model, min_edge=SMALLEST_GAP_EDGE * fighter.aileron.gap)
+    with told(fighter):
+        parts = [
+            *one_side(f"wing{side}", wing_polyhedra(fighter)),
+            Part(surface, solid(wedge(*ends(fighter, surface)))),
+            Part(CHIMERA, solid(_faces(corners))),
+        ]
+        found = walls(general_fuse(parts))
+        model = assemble(skin(found, CHIMERA), partitions(found, CHIMERA), fluid_inside=True)
+        preflight(model, min_edge=SMALLEST_GAP_EDGE * fighter.aileron.gap)
     return model
 
 

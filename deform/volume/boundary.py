@@ -13,6 +13,7 @@ from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.sliding import SlidingPatch
 
 SAME = 1e-9  # of the moving surfaces' size: lengths below are zero
+LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordinate or of 1
 ON_SHAPE = 1e-6  # of it: a moving node this near to a sliding shape is put on it
 KEPT = 32  # displacements of different amounts, each of which may take a fit
 Amounts = tuple[float, ...]
@@ -64,7 +65,12 @@ class Boundary:
         nodes = np.unique(np.concatenate([surface.nodes for surface in surfaces]))
         sliding = tuple(SlidingPatch.of(mesh, name, shape) for name, shape in slides.items())
         fixed_nodes = np.setdiff1d(mesh.on(*fixed), nodes, assume_unique=True)
-        size = float(np.ptp(mesh.points[nodes], axis=0).max())
+        size, far = float(np.ptp(mesh.points[nodes], axis=0).max()), float(np.abs(mesh.points[nodes]).max())
+        if size < LEAST * max(1.0, far):
+            raise InputError(
+                f"{mesh.name}: the moving surface is {size:.2g} long at {far:.2g} from the origin: its nodes cannot be "
+                "told apart; take another unit of length, or another origin"
+            )
         return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, size)
 
     @property

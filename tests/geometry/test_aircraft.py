@@ -13,7 +13,19 @@ from sdm_deflect.geometry.datum import ends
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.fuselage import fuselage_parts
-from sdm_deflect.geometry.parameters import Aileron, Fighter, Fin, Fuselage, Rudder, Strake, Tail, VentralFin, Wing
+from sdm_deflect.geometry.parameters import (
+    Aileron,
+    Fighter,
+    Fin,
+    Fuselage,
+    Inlet,
+    Pedestal,
+    Rudder,
+    Strake,
+    Tail,
+    VentralFin,
+    Wing,
+)
 from sdm_deflect.geometry.sections import HINGE_LOWER, HINGE_UPPER, TE
 
 SIDED = ("fuselage_panel", "strake", "wing", "aileron", "tail", "ventral")
@@ -261,3 +273,20 @@ def test_no_gap_no_block(fighter, gapped):
         chimera_block(fighter, BlockParameters())
     with pytest.raises(ValueError, match=r"surrounds an aileron, not 'rudder'"):
         chimera_block(gapped, BlockParameters(), "rudder")
+
+
+@pytest.mark.parametrize(
+    ("fighter", "words"),
+    [
+        (Fighter(pedestal=Pedestal(x_apex=0.0)), r"with pedestal\.x_apex = 0 \("),
+        (
+            Fighter(inlet=Inlet(z_side_2=0.0), wing=Wing(half_span=0.31)),
+            r"inlet\.z_side_2 = 0, wing\.half_span = 0\.31 \(",
+        ),
+        (Fighter(fuselage=Fuselage(radius=0.02985)), r"with fuselage\.radius = 0\.02985 \("),
+    ],
+)
+def test_what_the_kernel_cannot_build_is_named_by_its_parameters(fighter, words):
+    with pytest.raises(CadError, match=words) as caught:
+        build(fighter)
+    assert "\n" not in str(caught.value)
