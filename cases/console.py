@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich import box
-from rich.console import Console, ConsoleOptions, Group, RenderableType
-from rich.segment import Segment
+from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
@@ -25,22 +24,13 @@ WIDTH = 160
 """Columns of a table that goes to a file or a pipe, unless the environment variable COLUMNS says otherwise."""
 
 
-class _Console(Console):
-    """A console that shows as escapes what would command the terminal: names in files may hold any characters."""
-
-    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """Yield the pieces of what is printed."""
-        for text, style, control in super().render(renderable, options):
-            yield Segment(text if control else "\n".join(map(printable, text.split("\n"))), style, control)
-
-
 def console() -> Console:
     """Return the standard output, wide enough for a table where it is no terminal.
 
     Colours and bold letters are for terminals only, and for none if the environment variable NO_COLOR is set.
     """
-    out = _Console()
-    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else _Console(width=WIDTH)
+    out = Console()
+    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else Console(width=WIDTH)
 
 
 def verdict(checks: Sequence[Check], title: str) -> Table:
@@ -49,7 +39,7 @@ def verdict(checks: Sequence[Check], title: str) -> Table:
     for check in checks:
         sign, unit = "<=" if check.judgement == "at most" else ">=", check.unit.removeprefix("-")
         value, limit = f"{check.value:.4g}", f"{sign} {check.limit:.4g} {unit}".rstrip()
-        table.add_row(Text(check.name), value, limit, _word(check.verdict), Text(check.where))
+        table.add_row(plain(check.name), value, limit, _word(check.verdict), plain(check.where))
     return table
 
 
@@ -58,7 +48,7 @@ def findings(found: Sequence["Finding"]) -> Group:
     table = _table("", ("",), (), ("found", " "))
     for one in found:
         mark = Text("well") if one.well else Text("NOT WELL", style="bold")
-        table.add_row(Text(one.name), Text(one.text), mark)
+        table.add_row(plain(one.name), plain(one.text), mark)
     ill = [f"{one.name}: {one.remedy}" for one in found if not one.well]
     return Group(table, *_texts(ill or ["all is well"]))
 
@@ -69,7 +59,7 @@ def plan_table(plan: Plan) -> Group:
     inside = plan.region.inside
     for patch in plan.mesh.patches:
         count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
-        table.add_row(Text(patch.name), Text(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
+        table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
     return Group(table, *_texts(_lines(plan)))
 
 
@@ -116,14 +106,18 @@ def sweep_table(angles: Sequence["Judged"], title: str) -> Table:
     return table
 
 
+def plain(text: str) -> Text:
+    """Return text in which brackets are brackets, and what would command the terminal is shown as escapes."""
+    return Text("\n".join(map(printable, text.split("\n"))))
+
+
 def _texts(lines: Iterable[str]) -> list[Text]:
-    """Return lines in which brackets are brackets."""
-    return [Text(line) for line in lines]
+    return [plain(line) for line in lines]
 
 
 def _table(title: str, left: Sequence[str], right: Sequence[str], rest: Sequence[str] = ()) -> Table:
     """Return an empty table; the columns of `rest` break their lines where there is no room."""
-    table = Table(title=Text(title) if title else None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(title=plain(title) if title else None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in (*left, *right, *rest):
         table.add_column(heading, justify="right" if heading in right else "left", no_wrap=heading not in rest)
     return table

@@ -81,13 +81,11 @@ def print_json(value: Any) -> None:
 
 def print_tables(*tables: Any) -> None:
     """Print tables for a reader, and texts as they are, one below the other."""
-    from rich.text import Text
-
-    from sdm_deflect.cases.console import console
+    from sdm_deflect.cases.console import console, plain
 
     out = console()
     for table in tables:
-        out.print(Text(table) if isinstance(table, str) else table, soft_wrap=isinstance(table, str))
+        out.print(plain(table) if isinstance(table, str) else table, soft_wrap=isinstance(table, str))
 
 
 def print_either(as_json: bool, figures: Any, *tables: Any) -> None:

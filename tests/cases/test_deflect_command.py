@@ -266,3 +266,26 @@ def test_a_full_disk_is_one_line_and_leaves_earlier_files(share, files, sdm, tmp
     assert ".partial" not in complaint
     assert len(complaint.strip().splitlines()) == 1
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("name", ["wing", "wing.v2"])
+def test_a_case_named_by_its_file_is_written_beside_its_folder(name, files, sdm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(files["openfoam"], name)
+    code, table, complaint = sdm("deflect", f"{name}/case.foam", *TURN, "--quiet")
+    assert code == 0, complaint
+    assert f"wrote {name.replace('.', '-')}-deflected" in table
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([name, f"{name.replace('.', '-')}-deflected"])
+
+
+@pytest.mark.parametrize("name", ["empty.npz", "array.npz", "empty.csv", "cut.npz"])
+def test_a_damaged_table_is_one_line_and_code_two(name, files, sdm, tmp_path):
+    np.savez(tmp_path / "table.npz", points=np.eye(9, 3), vectors=np.eye(9, 3))
+    np.save(tmp_path / "array.npy", np.eye(9, 3))
+    whole, path = (tmp_path / "table.npz").read_bytes(), tmp_path / name
+    contents = {"empty": b"", "array": (tmp_path / "array.npy").read_bytes(), "cut": whole[: len(whole) // 2]}
+    path.write_bytes(contents[path.stem])
+    words = ["--surface", "flap_*", "--slide", "symmetry:plane", "--table", path, "--dry-run", "--quiet"]
+    code, out, complaint = sdm("deflect", files["su2"], *words)
+    assert (code, out, complaint.count("\n")) == (2, "", 1)
+    assert complaint.startswith(f"sdm: {path}: no ")

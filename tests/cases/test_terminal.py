@@ -33,6 +33,19 @@ def test_table_is_plain_where_there_is_no_terminal():
     assert all(word in text for word in ("[bold]planarity", "[red]12 nodes", "[link]case", "FAILED", ">= 0.25 "))
 
 
+def test_names_do_not_command_the_terminal(capsys):
+    checks = verdict((Check("planarity\x1b[31m", 2.0, 1.0, "m", "\x07nodes"),), "wing\x1b[2J")
+    print_tables(checks, "wrote a\x1b]0;b.su2")
+    out = capsys.readouterr().out
+    assert all(character.isprintable() or character == "\n" for character in out)
+    assert all(text in out for text in (r"planarity\x1b[31m", r"wing\x1b[2J", r"wrote a\x1b]0;b.su2"))
+    assert str(InputError("the patch fl\x1b[31m is none")) == r"the patch fl\x1b[31m is none"
+    told = StringIO()
+    with Stopwatch(Lines(Console(file=told, width=WIDTH))).stage("read") as tell:
+        tell("reading wing\x1b[2J.su2", 0.5)
+    assert r"reading wing\x1b[2J.su2" in told.getvalue()
+
+
 def test_no_color_is_honoured(monkeypatch):
     monkeypatch.setenv("NO_COLOR", "1")
     text = printed(verdict(CHECKS, "case"), force_terminal=True)
