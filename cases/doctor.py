@@ -1,5 +1,6 @@
 """Whether this machine is fit for the program, and if not, what would help."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -64,7 +65,8 @@ def compiled() -> Finding:
 
 def import_complaint(module: str) -> str:
     """Return why a module cannot be imported in a process of its own, empty if it can."""
-    command = [sys.executable, "-c", f"import {module}"]
+    bound = f"from sdm_deflect.meshing.orphan import end_with; end_with({os.getpid()})"
+    command = [sys.executable, "-c", f"{bound}; import {module}"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
     except subprocess.TimeoutExpired:
