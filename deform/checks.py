@@ -117,6 +117,7 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
         limit = plan.touched.inverted_at(mesh.points)
         where = f"of {plan.touched.count} cells with a node in the box" + (f", {limit} of them before" if limit else "")
         yield Check("inverted_cells", deflection.inverted, limit, "cells", where, over=plan.touched.count)
+        yield from _boundary_checks(deflection)
     if mesh.cells and min_quality:
         yield from _quality_checks(deflection, min_quality)
     for patch, nodes in zip(plan.boundary.sliding, sites.sliding, strict=True):
@@ -127,6 +128,17 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
     if layers:
         where = f"{layers.edges} edges off the walls, from {layers.lowest:.3g}; 99 % within {layers.p99:.2e}"
         yield Check("first_layer", layers.largest, LAYER_CHANGE, "", where)
+
+
+def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
+    """Check patches that miss a part of the boundary where nodes may move, or hold what is no part of it."""
+    found = deflection.plan.unheld
+    if found.faces:
+        where = f"on no patch, of {found.faces} faces of the boundary in the box that are on none"
+        yield Check("boundary_on_no_patch", len(found.nodes), 0, "nodes", where)
+    if found.loose or found.inner:
+        where = f"{found.loose} faces of patches in the box are of no cell, {found.inner} of moving ones between two"
+        yield Check("faces_off_boundary", found.loose + found.inner, 0, "faces", where)
 
 
 def _quality_checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:

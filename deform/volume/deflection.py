@@ -8,6 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
+from sdm_deflect.deform.faces import Unheld
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
@@ -19,7 +20,7 @@ from sdm_deflect.deform.volume.sites import Sites
 from sdm_deflect.deform.volume.step import Step, StepState, rate, solve
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Plan:
     """The nodes that move, the box, the sites and the cells touched, for all angles of a job.
 
@@ -80,6 +81,11 @@ class Plan:
     def angle(self) -> float:
         """Amount of the job's first surface."""
         return self.job.angle
+
+    @cached_property
+    def unheld(self) -> Unheld:
+        """What patches miss of the boundary where nodes may move, and what they hold beside it."""
+        return Unheld.of(self.touched, self.changed, self.patches)
 
     @property
     def walls(self) -> IntArray:

@@ -7,6 +7,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.faces import FACES as FACES
+from sdm_deflect.deform.faces import ROWS
+from sdm_deflect.deform.faces import Keys as Keys
+from sdm_deflect.deform.faces import face_keys as face_keys
+from sdm_deflect.deform.faces import node_keys as node_keys
+from sdm_deflect.deform.faces import patch_keys as patch_keys
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
@@ -19,16 +25,6 @@ MIRRORED = {
 AXES = {"tetra": (1, 2, 3), "pyramid": (1, 3, 4), "wedge": (2, 1, 3), "hexahedron": (1, 3, 4)}
 """Corners whose edges from corner 0 are a right-handed system in a cell that is not inverted."""
 SAMPLE = 1 << 16
-FACES: dict[str, tuple[tuple[int, ...], ...]] = {
-    "tetra": ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),
-    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
-    "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
-    "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
-}
-"""Corners of the faces of each shape in VTK's order; normals (right-hand rule) point out of the cell."""
-ROWS = 1 << 18
-"""Cells handled at a time, so that temporaries stay small."""
-Keys = NDArray[np.uint64]
 Faces = TypeVar("Faces", bound=Cells | Polygons)
 Whole = TypeVar("Whole", np.intp, np.uint64)
 
@@ -93,28 +89,6 @@ def oriented(points: FloatArray, cells: Cells) -> Cells:
 def mirrored(shape: str, nodes: IntArray) -> IntArray:
     """Return nodes (M, k) of volume cells in the order of their mirror images."""
     return np.take(nodes, MIRRORED[shape], axis=1)
-
-
-def node_keys(points: int) -> Keys:
-    """Random numbers (N,), always the same: a face's key is the sum of its nodes', whatever node comes first.
-
-    Two different faces share a key with probability 2^-64.
-    """
-    return np.random.default_rng(20).integers(0, 1 << 64, points, dtype=np.uint64)
-
-
-def face_keys(faces: Cells | Polygons, keys: Keys) -> Keys:
-    """Key (F,) of each face, from the keys (N,) of the nodes; equal for faces of equal nodes."""
-    if isinstance(faces, Cells):
-        total: Keys = keys[faces.nodes].sum(axis=1, dtype=np.uint64)
-        return total
-    blocks = (faces.rows(i, i + ROWS) for i in range(0, len(faces), ROWS))
-    return np.concatenate([np.empty(0, np.uint64), *(np.add.reduceat(keys[b.nodes], b.offsets[:-1]) for b in blocks)])
-
-
-def patch_keys(patch: Patch, keys: Keys) -> Keys:
-    """Keys (F,) of all faces of a patch."""
-    return np.concatenate([np.empty(0, np.uint64), *(face_keys(faces, keys) for faces in patch.faces)])
 
 
 def places(wanted: NDArray[Whole], known: NDArray[Whole]) -> tuple[IntArray, BoolArray]:

@@ -8,9 +8,10 @@ import pytest
 from sdm_deflect.deform.checks import Check, checks_of, layers_of, site_error, worst
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting
-from sdm_deflect.deform.mesh import Cells
+from sdm_deflect.deform.mesh import Cells, Patch
 from sdm_deflect.deform.volume.deflection import Plan
 from tests.deform.jobs import WING, job, turn
+from tests.deform.test_quality import as_polyhedra
 
 TIGHT = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
 
@@ -169,3 +170,39 @@ def test_the_worst_of_many_is_described():
     points = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]])
     assert worst(np.zeros(2), points) == "2 nodes"
     assert worst(np.array([3.0, 4.0]), points) == "2 nodes, rms 3.5e+00, worst at (1.0000, 2.0000, 3.0000)"
+
+
+def without(mesh, patch, kept):
+    """The mesh with some rows of a patch's faces alone."""
+    parts = [
+        replace(one, faces=tuple(replace(f, nodes=f.nodes[kept]) for f in one.faces)) if one.name == patch else one
+        for one in mesh.patches
+    ]
+    return replace(mesh, patches=tuple(parts))
+
+
+@pytest.mark.parametrize("polyhedra", [False, True])
+def test_boundary_on_no_patch_is_told_and_fails_where_its_nodes_are_free(block, polyhedra):
+    whole = replace(block, cells=(as_polyhedra(block),)) if polyhedra else block
+    faces = len(block.patch("body").faces[0])
+    assert "boundary_on_no_patch" not in named(turn(whole, box=TIGHT))
+    one_missing = named(turn(without(whole, "body", slice(1, None)), box=TIGHT))["boundary_on_no_patch"]
+    assert (one_missing.value, one_missing.passed) == (0, True)
+    assert "of 1 faces of the boundary" in one_missing.where
+    side = np.abs(block.points[block.patch("body").faces[0].nodes].mean(axis=1)[:, 0] - 0.5) > 1e-9
+    without_side = named(turn(without(whole, "body", side), box=TIGHT))["boundary_on_no_patch"]
+    assert not without_side.passed
+    assert without_side.value == 1
+    assert f"of {faces // 6} faces of the boundary" in without_side.where
+
+
+def test_faces_of_no_cell_and_moving_faces_between_two_cells_fail(block):
+    (body,) = block.patch("body").faces
+    (cells,) = block.cells
+    beside = cells.nodes[np.isin(cells.nodes, body.nodes).any(axis=1)]
+    inner = next(row for row in beside[:, [0, 1, 2, 3]] if not np.isin(row, body.nodes).all())
+    for more, said in ((body.nodes[0, [0, 1, 2, 0]], "1 faces"), (inner, "0 faces")):
+        patch = Patch("body", (body, Cells("quad", more[None])))
+        found = named(turn(replace(block, patches=(patch, *block.patches[1:])), box=TIGHT))["faces_off_boundary"]
+        assert (found.value, found.passed) == (1, False)
+        assert found.where.startswith(said)
