@@ -13,10 +13,10 @@ from random import Random
 import click
 
 LOADED = (
-    "h5py", "pyvista", "meshio", "sdm_deflect.cases.cli", "sdm_deflect.cases.inspection",
-    "sdm_deflect.cases.job_settings",
-    "sdm_deflect.cases.deflect_file", "sdm_deflect.cases.sdm.pipeline", "sdm_deflect.cases.output",
-    "sdm_deflect.deform.rbf.interpolant", "sdm_deflect.geometry.errors", "sdm_deflect.meshing.errors",
+    "h5py", "pyvista", "meshio", "sdm_deflect.cases.cli", "sdm_deflect.cases.deflect_file", "sdm_deflect.cases.doctor",
+    "sdm_deflect.cases.inspection", "sdm_deflect.cases.job_settings", "sdm_deflect.cases.report.folder",
+    "sdm_deflect.cases.sdm.pipeline", "sdm_deflect.cases.sdm.report", "sdm_deflect.cases.study.page",
+    "sdm_deflect.cases.view.page", "sdm_deflect.geometry.errors", "sdm_deflect.meshing.errors", "tests.fuzz.targets",
 )  # fmt: skip
 """What workers need, loaded once before they are forked."""
 

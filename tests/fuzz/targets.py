@@ -5,16 +5,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
-from tests.fuzz import meshes
+from tests.fuzz import commands, meshes
 from tests.fuzz.containers import damaged_hdf5, damaged_npz
 from tests.fuzz.inputs import Input
 from tests.fuzz.mutation import Damage
+from tests.fuzz.oracle import WrongError
 
 Run = Callable[[Path, Input, Random], None]
-
-
-class WrongError(Exception):
-    """What was done is wrong, though no error was reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,4 +139,12 @@ READERS = tuple(
     for name in ("su2", "cgns", "gmsh", "openfoam", "vtu")
 )
 OTHERS = Target("others", meshes.others, inspect_other, meshes.WORDS["others"], 0.5)
-TARGETS = {target.name: target for target in (*READERS, OTHERS)}
+COMMANDS = (
+    Target("tables", commands.tables, commands.run_command, (b"corners", b"nan", b"PK\x03\x04", b"x,y,z,dx,dy,dz\n")),
+    Target("options", commands.options, commands.run_command, made=commands.made_options),
+    Target("settings", commands.settings, commands.run_command, made=commands.made_settings),
+    Target("folders", commands.folders, commands.run_command, (b"null", b"NaN", b"[[surface]]", b"{}", b"1e999")),
+    Target("geometry", commands.geometry, commands.build, weight=0.5, made=commands.made_geometry),
+    Target("cache", commands.cache, commands.load_cached, (b"PK\x03\x04", b"\x93NUMPY"), 0.5),
+)
+TARGETS = {target.name: target for target in (*READERS, OTHERS, *COMMANDS)}

@@ -22,16 +22,17 @@ from typing import Any
 
 from sdm_deflect.cases.errors import is_reported
 from tests.fuzz.inputs import Input
+from tests.fuzz.oracle import WrongError, is_single
 from tests.fuzz.targets import Target
 
 ROOT = Path(__file__).resolve().parents[2]
 OURS = tuple(f"/{name}/" for name in ("deform", "geometry", "meshing", "cases"))
 GUIDED = ("/meshing/", "/cases/", "/deform/surface/motions", "/deform/mesh")
 MOST = 1 << 30
-"""Bytes of memory that a process may take; addresses may be as many above those at the start."""
+"""Bytes of memory that a process may take, `LOADED` of them for what is loaded; of addresses it may take twice more."""
+LOADED = 1 << 28
 LARGEST_FILE = 1 << 28
 COLLECT = 100
-LONGEST = 1000
 WORD = re.compile(r"[A-Za-z]{3,}")
 CURRENT, STACK = "current.pickle", "stack.txt"
 
@@ -147,7 +148,7 @@ def _tried(
     place.mkdir()
     given.put(place)
     Path("/proc/self/clear_refs").write_text("5")  # the peak of memory is that of this input
-    start = _seconds()
+    start, size = _seconds(), _resident()
     if guide:
         guide.new = set()
         sys.settrace(guide)
@@ -155,7 +156,7 @@ def _tried(
         kind, where, text = outcome(target, place, given, random_of(seed, target, -number))
     finally:
         sys.settrace(None)
-    seconds, peak = _seconds() - start, _peak()
+    seconds, peak = _seconds() - start, _peak() - size + LOADED
     printed = output()
     if kind in ("ok", "clean"):
         if changed := [name for name, data in given.files.items() if _content(place / name) != data]:
@@ -184,6 +185,8 @@ def outcome(target: Target, place: Path, given: Input, random: Random) -> tuple[
         try:
             target.run(place, given, random)
             found = "ok", "", ""
+        except WrongError as error:
+            found = "WRONG", str(error)[:200], _stack(error)
         except MemoryError as error:
             found = "MEMORY", _place(error), _stack(error)
         except Exception as error:  # whatever it is, it is the finding
@@ -194,11 +197,6 @@ def outcome(target: Target, place: Path, given: Input, random: Random) -> tuple[
     if told and found[0] in ("ok", "clean"):
         return "WARNING", *told[0]
     return found
-
-
-def is_single(message: str) -> bool:
-    """Whether a message is one line without commands for a terminal, and says something."""
-    return message.strip() != "" and message.isprintable() and len(message) < LONGEST
 
 
 def _stack(error: BaseException) -> str:
@@ -242,10 +240,13 @@ def _seconds() -> float:
     return spent.user + spent.system + spent.children_user + spent.children_system
 
 
-def _peak() -> int:
+def _resident(what: str = "VmRSS:") -> int:
     lines = Path("/proc/self/status").read_text().splitlines()
-    own = 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM:")))
-    return max(own, 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+    return 1024 * int(next(line.split()[1] for line in lines if line.startswith(what)))
+
+
+def _peak() -> int:
+    return max(_resident("VmHWM:"), 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 
 
 @contextmanager
