@@ -3,6 +3,7 @@
 import io
 import os
 import sys
+import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
@@ -100,6 +101,13 @@ def tables(folder: Path) -> Iterator[Input]:
         yield Input({name: files[name], MESH: files[MESH]}, words)
 
 
+def mesh() -> bytes:
+    """Return the mesh that commands read."""
+    with tempfile.TemporaryDirectory() as name:
+        FORMATS["su2"].write(meshes.block(), Path(name, MESH))
+        return Path(name, MESH).read_bytes()
+
+
 def support(folder: Path) -> dict[str, bytes]:
     """Return a mesh and all files that options may name."""
     mesh = meshes.block()
@@ -186,7 +194,10 @@ def made_settings(random: Random, known: Sequence[Input]) -> Input:
         chosen = [f"{random.choice(keys)}={_text(random)}" for _ in range(random.choice((1, 1, 2)))]
         return Input(one.files, (*one.words, *(word for text in chosen for word in ("--set", text))))
     name = one.words[one.words.index("--config") + 1]
-    nested = tomllib.loads(one.files[name].decode())
+    try:
+        nested = tomllib.loads(one.files[name].decode())
+    except (ValueError, RecursionError):
+        return one.with_file(name, Damage(random).of(one.files[name]))
     for _ in range(random.choice((1, 1, 1, 2, 4))):
         _set(random, nested, random.choice(keys).split("."))
     data = tomli_w.dumps(nested).encode()

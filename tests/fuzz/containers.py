@@ -236,7 +236,7 @@ def _change_member(random: Random, members: dict[str, bytes], damage: Damage) ->
         head = members[name][:128]
         members[name] = damage.of(head) + members[name][128:]
     else:
-        members[name] = _npy(_other(random, members[name]))
+        members[name] = npy(_other(random, members[name]))
 
 
 def _other(random: Random, data: bytes) -> Any:
@@ -263,7 +263,8 @@ def _other(random: Random, data: bytes) -> Any:
     return random.choice(choices)
 
 
-def _npy(values: Any) -> bytes:
+def npy(values: Any) -> bytes:
+    """Return an array as a file of NumPy."""
     out = io.BytesIO()
     np.save(out, values, allow_pickle=True)
     return out.getvalue()

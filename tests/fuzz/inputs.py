@@ -25,6 +25,11 @@ class Input:
         """The file or folder that is read."""
         return next(iter(self.files), "").partition("/")[0]
 
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(map(len, self.files.values()))
+
     def put(self, folder: Path) -> None:
         """Write the files into a folder."""
         for name, content in self.files.items():

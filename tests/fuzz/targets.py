@@ -11,6 +11,9 @@ from tests.fuzz.inputs import Input
 from tests.fuzz.mutation import Damage
 from tests.fuzz.oracle import WrongError
 
+LARGEST = 200_000
+"""Bytes of an input of which others are made."""
+
 Run = Callable[[Path, Input, Random], None]
 
 
@@ -37,7 +40,8 @@ class Target:
 
     def input(self, random: Random, known: Sequence[Input]) -> Input:
         """Return a random input."""
-        return self.made(random, known) if self.made else damaged(random, known, self.words)
+        small = [one for one in known if one.size < LARGEST]
+        return self.made(random, small) if self.made else damaged(random, small, self.words)
 
 
 def damaged(random: Random, known: Sequence[Input], words: Sequence[bytes]) -> Input:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import click
 
+from tests.fuzz import known
 from tests.fuzz.inputs import Input
 from tests.fuzz.targets import Target
 from tests.fuzz.worker import CURRENT, STACK, Lines, Result, Slice, work
@@ -98,7 +99,8 @@ def seeds_of(target: Target) -> list[Input]:
 
 
 def _send_seeds(channel: connection.Connection, target: Target, folder: Path) -> None:
-    channel.send(list(target.seeds(folder)))
+    sound = list(target.seeds(folder))
+    channel.send([*sound, *known.of(target.name, sound)])
 
 
 class Watch:
@@ -214,7 +216,7 @@ def save(found: Sequence[Findings], folder: Path) -> None:
             place = folder / one.target.name / f"{i:03d}"
             shutil.rmtree(place, ignore_errors=True)
             shown = [result for result in results if result.kept]
-            least = min(shown or results, key=lambda r: sum(map(len, r.kept.files.values())) if r.kept else 0)
+            least = min(shown or results, key=lambda r: r.kept.size if r.kept else 0)
             place.mkdir(parents=True)
             if least.kept:
                 least.kept.keep(place)

@@ -1,0 +1,314 @@
+"""Inputs that once did harm: each is tried as it is, and damaged further."""
+
+import gzip
+import io
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import h5py
+import numpy as np
+
+from tests.fuzz import commands
+from tests.fuzz.containers import npy
+from tests.fuzz.inputs import Input
+
+Sound = Mapping[str, Input]
+"""Sound inputs by their main file; the first of each name."""
+
+
+def of(target: str, sound: Sequence[Input]) -> list[Input]:
+    """Return what once did harm to a target, made of sound inputs."""
+    by_name: dict[str, Input] = {}
+    for one in sound:
+        by_name.setdefault(one.main, one)
+    return list(MAKERS[target](by_name)) if target in MAKERS else []
+
+
+def _with(one: Input, name: str, old: bytes, new: bytes) -> Input:
+    """Return an input with the first match of a pattern replaced in a file."""
+    data, count = re.subn(old, lambda _: new, one.files[name], count=1, flags=re.DOTALL)
+    assert count, (name, old)
+    return one.with_file(name, data)
+
+
+def su2(sound: Sound) -> Iterator[Input]:
+    """No content, huge counts, coordinates that are not finite, faces on no patch."""
+    tet = sound["tet.su2"]
+    for text in (b"", b"\n", b"NDIME= 3\n", b"% only a comment\n"):
+        yield tet.with_file("tet.su2", text)
+    for key in (b"NPOIN", b"NELEM", b"NMARK", b"MARKER_ELEMS"):
+        for number in (b"99999999999", b"-1", b"nan", b"", b"1e3", b"9" * 5000):
+            yield _with(tet, "tet.su2", key + rb"= *\d+", key + b"= " + number)
+    for number in (b"inf", b"nan", b"1e300", b"1e999"):
+        yield _with(tet, "tet.su2", rb"\n0\.0 ", b"\n" + number + b" ")
+    lines = tet.files["tet.su2"].split(b"\n")
+    short = [line for i, line in enumerate(lines) if i != len(lines) - 2]
+    yield tet.with_file("tet.su2", b"\n".join(short).replace(b"MARKER_ELEMS= 6", b"MARKER_ELEMS= 5"))
+    yield _with(tet, "tet.su2", rb"MARKER_TAG= wall", b"MARKER_TAG= \x1b[31mwall\x07")
+
+
+def gmsh(sound: Sound) -> Iterator[Input]:
+    """Announced numbers that are huge or negative."""
+    for version in ("410", "411", "220", "221"):
+        name = f"gmsh{version}.msh"
+        for section in (b"Nodes", b"Elements"):
+            for number in (b"1 999999999999 1 999999999999", b"-5", b"999999999999", b"nan 1 1 1"):
+                yield _with(
+                    sound[name], name, rb"\$" + section + rb"\n[^\n]*\n", b"$" + section + b"\n" + number + b"\n"
+                )
+    for numbers in (b"-5 0 0 0", b"0 -5 0 0", b"999999999999 0 0 0", b"1e300 0 0 0"):
+        yield _with(sound["gmsh410.msh"], "gmsh410.msh", rb"\$Entities\n[^\n]*\n", b"$Entities\n" + numbers + b"\n")
+
+
+def openfoam(sound: Sound) -> Iterator[Input]:
+    """A list of one value told often, what unpacks to very much, braces without end, types of no length."""
+    case = sound["tet"]
+    place = "tet/constant/polyMesh/"
+    head = re.compile(rb".*?\}", re.DOTALL).match(case.files[place + "owner"])
+    assert head
+    text = head[0].replace(b"binary", b"ascii")
+    for content in (b"900000000{0}", b"99999999999999999999{0}", b"-1(0)", b"5{}", b"3(0 1", b"{" * 5000):
+        yield case.with_file(place + "owner", text + b"\n" + content + b"\n")
+    rest = {name: data for name, data in case.files.items() if name != place + "points"}
+    yield Input({**rest, place + "points.gz": gzip.compress(bytes(200_000_000), 9, mtime=0)})
+    yield case.with_file(place + "points", b"FoamFile{" * 100_000)
+    yield case.with_file(place + "boundary", text + b"1(" + b"wall{" * 5000)
+    for arch in (b"label=128;scalar=64", b"label=32;scalar=8", b"label=0;scalar=0", b"label=7;scalar=1000000"):
+        yield _with(case, place + "owner", rb'arch +"[^"]*"', b'arch "LSB;' + arch + b'"')
+        yield _with(case, place + "points", rb'arch +"[^"]*"', b'arch "LSB;' + arch + b'"')
+    for key, number in ((b"startFace", b"0"), (b"startFace", b"99999999999"), (b"nFaces", b"-1"), (b"nFaces", b"2")):
+        yield _with(case, place + "boundary", key + rb"\s+\d+", key + b" " + number)
+
+
+def vtu(sound: Sound) -> Iterator[Input]:
+    """Sizes that a file cannot hold, in its text and in its binary part; cells without faces; polygons and lines."""
+    for name in ("tetAscii00.vtu", "tetAppended00.vtu", "tetAppended11.vtu", "polyhedraAscii00.vtu"):
+        for key, number in (
+            (b"NumberOfPoints", b"99999999999"), (b"NumberOfPoints", b"-5"), (b"NumberOfCells", b"-5"),
+            (b"NumberOfCells", b"99999999999"), (b"NumberOfComponents", b"4000000000"), (b"NumberOfComponents", b"-3"),
+        ):  # fmt: skip
+            if key in sound[name].files[name]:
+                yield _with(sound[name], name, key + rb'="[^"]*"', key + b'="' + number + b'"')
+    plain = sound["tetAppended00.vtu"]
+    for offset in (b"-1", b"99999999999", b"9223372036854775808", b""):
+        yield _with(plain, "tetAppended00.vtu", rb'offset="\d+"', b'offset="' + offset + b'"')
+    for name, at, sizes in (
+        ("tetAppended00.vtu", 0, (2**62, 2**64 - 1, 2**31)), ("tetAppended10.vtu", 0, (2**32 - 1, 2**31, 0)),
+        ("tetAppended10.vtu", 1, (2**32 - 1, 2**31)), ("tetAppended20.vtu", 0, (2**62, 2**32 - 1)),
+        ("tetAppended20.vtu", 1, (2**62, 2**40)), ("tetAppended30.vtu", 0, (2**32 - 1, 2**31)),
+    ):  # fmt: skip
+        one, wide = sound[name], 8 if b"UInt64" in sound[name].files[name] else 4
+        start = one.files[name].index(b"_", one.files[name].index(b"<AppendedData")) + 1 + at * wide
+        for size in sizes:
+            data = one.files[name]
+            number = (size % 2 ** (8 * wide)).to_bytes(wide, "little")
+            yield one.with_file(name, data[:start] + number + data[start + wide :])
+    text = sound["tetAscii00.vtu"]
+    types = rb'(?<=Name="types")([^>]*>\s*)10 10'
+    for kinds in (b"42 42", b"7 3", b"10 3", b"255 -1", b"0 0"):
+        yield _with(text, text.main, types, b' format="ascii" RangeMin="1" RangeMax="42">\n' + kinds)
+    yield _with(text, text.main, rb"<VTKFile", b'<!DOCTYPE a [<!ENTITY b "' + b"x" * 999 + b'">]><VTKFile')
+
+
+ZONE = "Base/Zone"
+GRID = f"{ZONE}/GridCoordinates"
+AXIS = f"{GRID}/CoordinateX"
+
+
+def cgns(sound: Sound) -> Iterator[Input]:
+    """Links out of the file, data outside it or not in it, sizes and ranges that cannot be."""
+    plain = sound["tet.cgns"]
+    with h5py.File(io.BytesIO(plain.files["tet.cgns"])) as file:
+        names: list[str] = []
+        file.visit(names.append)
+    ranges = [name for name in names if name.rpartition("/")[2] in ("PointRange", "PointList", "ElementRange")]
+    rows = ([[9], [3]], [[1], [2**31 - 1]], [[-4], [3]], [[0], [0]], [[3]], [])
+    for change in (_external_link, _external_data, _soft_link, _cycle):
+        yield _changed(plain, change)
+    for name, given in (
+        (AXIS, {"shape": (10**9,), "dtype": "f8", "chunks": (1000,)}), (AXIS, {"data": h5py.Empty("f8")}),
+        (AXIS, {"data": np.array([np.inf, 0, 0, 0, 1])}), (AXIS, {"data": np.zeros(5, "c16")}), (AXIS, {"data": 1.0}),
+        (ZONE, {"data": np.zeros((0, 3), "i4")}), (ZONE, {"data": np.zeros((3, 0), "i4")}),
+        (ZONE, {"data": np.array([[2**31 - 1], [2], [0]], "i4")}), (ZONE, {"data": np.array([[-5], [2], [0]], "i4")}),
+        *((name, {"data": np.array(values, dtype="i4")}) for name in ranges for values in rows),
+        *((name, {"data": h5py.Empty("i4")}) for name in ranges),
+    ):  # fmt: skip
+        yield _changed(plain, partial(_replace, name=name, given=given))
+    yield Input({"tet.cgns": b"ADF Database Version A02011>" + bytes(4096)})
+
+
+def _changed(one: Input, change: Callable[[Any], None]) -> Input:
+    buffer = io.BytesIO(one.files["tet.cgns"])
+    with h5py.File(buffer, "r+") as file:
+        change(file)
+    return one.with_file("tet.cgns", buffer.getvalue())
+
+
+def _replace(file: Any, name: str, given: dict[str, Any]) -> None:
+    del file[name][" data"]
+    file[name].create_dataset(" data", **given)
+
+
+def _external_link(file: Any) -> None:
+    del file[GRID]
+    file[GRID] = h5py.ExternalLink("master.cgns", f"/{GRID}")
+
+
+def _external_data(file: Any) -> None:
+    del file[AXIS][" data"]
+    file[AXIS].create_dataset(" data", (5,), "f8", external=[("values.raw", 0, 40)])
+
+
+def _soft_link(file: Any) -> None:
+    del file[GRID]
+    file[GRID] = h5py.SoftLink("/")
+
+
+def _cycle(file: Any) -> None:
+    file[f"{ZONE}/Zone"] = file[ZONE]
+    file[f"{GRID}/again"] = file["Base"]
+
+
+def others(sound: Sound) -> Iterator[Input]:
+    """VTK's own files, cut and with counts that cannot be."""
+    for name in ("text.vtk", "binary.vtk"):
+        data = sound[name].files[name]
+        for i in range(1, 5):
+            yield sound[name].with_file(name, data[: len(data) * i // 5])
+        for key in (b"POINTS", b"CELLS", b"CELL_TYPES"):
+            for number in (b"99999999999", b"-5"):
+                yield _with(sound[name], name, key + rb" \d+", key + b" " + number)
+
+
+def tables(sound: Sound) -> Iterator[Input]:
+    """Archives that are none, empty files, numbers that are not finite, points told twice."""
+    csv, npz, nodes, box = (sound[name] for name in ("table.csv", "table.npz", "nodes.txt", "box.toml"))
+    data = npz.files["table.npz"]
+    for content in (b"", data[:30], data[: len(data) // 2], npy(np.zeros((4, 3))), b"PK\x03\x04", b"PK\x05\x06"):
+        yield npz.with_file("table.npz", content)
+    for kind in ("c16", "S3", "?", "i4", "O"):
+        arrays = io.BytesIO()
+        np.savez(arrays, points=np.zeros((5, 3), kind), vectors=np.zeros((5, 3)))
+        yield npz.with_file("table.npz", arrays.getvalue())
+    for content in (
+        b"",
+        b"x,y,z,dx,dy,dz\n",
+        b"a\n1,2,3\n",
+        b"t\n" + b"nan,0,0,0,0,0\n" * 5,
+        b"\xff\xfe\x00",
+        b"," * 9999,
+    ):
+        yield csv.with_file("table.csv", content)
+    rows = csv.files["table.csv"].split(b"\n")
+    yield csv.with_file("table.csv", b"\n".join([*rows[:-1], rows[1].rpartition(b",")[0] + b",9.0", b""]))
+    yield csv.with_file("table.csv", rows[0] + b"\n" + b"0.5,0.5,0.5,0,0,0.1\n" * 10)
+    for content in (b"", b"1.5\n", b"-1\n", b"99999999999999999999\n", b"a\n", b"1 2\n3\n"):
+        yield nodes.with_file("nodes.txt", content)
+    for content in (
+        b"",
+        b"corners = 5",
+        b"corners = []",
+        b"corners = " + b"[" * 5000,
+        b"corners = [[nan,0,0],[1,1,1]]",
+    ):
+        yield box.with_file("box.toml", content)
+
+
+def options(sound: Sound) -> Iterator[Input]:
+    """Values of options that are out of range, no numbers, empty, or name what is read."""
+    files = next(iter(sound.values())).files
+    for extra in (
+        ("--strip", "0"), ("--strip", "-1"), ("--strip", "nan"), ("--held", ""), ("--driven", ""),
+    ):  # fmt: skip
+        yield Input(files, (*commands.DRY, "--motion", "blended", *extra))
+    for extra in (
+        ("--tolerance", "1e-13"), ("--steps", "\N{SUPERSCRIPT TWO}"), ("--angles", "5,nan"), ("--angles",
+        "10.00001,10.00002"),
+        ("--hinge", "1e300,0,0", "0,1,0"), ("--hinge", "0,0,0", "0,0,0"), ("--out", "a.step"), ("--out", commands.MESH),
+        ("--out", "table.csv/x.su2"), ("--angle", "nan"), ("--angle", "1e300"), ("--margin", "nan"), ("--min-quality",
+        "2"),
+        ("--set", "name=foo"), ("--set", "allow_inverted=false"), ("--set", "=5"), ("--surface", ""), ("--fixed", ""),
+        ("--box", ""), ("--config", ""), ("--table", ""), ("--zone", ""), ("--slide", ""), ("--set", ""), ("--out", ""),
+    ):  # fmt: skip
+        yield Input(files, (*commands.DRY, *extra))
+    blown = _with(
+        Input({commands.MESH: files[commands.MESH]}, commands.DRY), commands.MESH, rb"\n-?\d\.\d+ ", b"\n1e8 "
+    )
+    yield blown
+    yield Input({"x.su2/none": b"", **files}, (*commands.BASE, "--no-report", "--out", "x.su2"))
+    for words in (
+        ("run", "foo"),
+        ("run", "aileron", "--set", "title="),
+        ("run", "tail", "--set", "deflections=[]"),
+        ("run",),
+    ):
+        yield Input(files, (*words, "-q"))
+    yield Input(files, ("report", "x" * 5000, "-q"))
+
+
+def settings(sound: Sound) -> Iterator[Input]:
+    """Settings of wrong types, the first of two surfaces at rest, names that mean nothing."""
+    del sound
+    mesh = commands.mesh()
+    start, surface = 'fixed = ["far"]\n', '[[surface]]\npatches = ["body"]\nhinge = [[0,-1,0],[0,1,0]]\n'
+    two = start + surface + "angle = 0\n" + surface.replace("body", "far") + "angle = 15\n"
+    texts = [two, *(f"{start}{line}\n{surface}angle = 5\n" for line in (
+        'tolerance = "abc"', "box = 5", "slide = 5", "near_wall = 1", 'allow_inverted = "false"', "zones = 5",
+        "section = 5",
+        'max_steps = "2"', "n_add = 1.5", "strategy = 1", "rule = []", 'spacing = "a"', "margin = true",
+        "open_faces = 5",
+        "box = [[0,0,0],[0,0,0]]", "spacing = 1e-9", "max_centers = 10000000000000", "initial_surface = 10000000000",
+    ))]  # fmt: skip
+    texts += ["fixed = 5\n" + surface + "angle = 5\n", start + "surface = 5\n", start + "surface = [5]\n"]
+    lines = ("hinge = true", 'hinge = "a"', "angle = true", 'motion = "x"', "patches = 5", "held = 1.5", "table = 5")
+    texts += [f"{start}[[surface]]\npatches = ['body']\n{line}\n" for line in lines]
+    texts += ["a = " + "[" * 5000, "a = " + "{b=" * 2000, start + "fixed = 1", "\ufeff", "mesh = 5"]
+    for text in texts:
+        words = ("deflect", commands.MESH, "--config", "job.toml", "-q", "--no-report", "--dry-run")
+        yield Input({commands.MESH: mesh, "job.toml": text.encode()}, words)
+    for text in (
+        "domain=moon", "title=", "name=foo", "deflections=[]", "wing=5", "scale=5", "adaptation=5",
+        "tail.half_span=true",
+        "confinement.spacing=1.0", "adaptation.max_centers=20", "fighter=5", "angle=abc", "wing.half_span=[]",
+    ):  # fmt: skip
+        yield Input({}, ("run", "aileron", "-q", "--set", text))
+
+
+def folders(sound: Sound) -> Iterator[Input]:
+    """Settings of another aircraft, arrays missing or of another run, figures that are none."""
+    run, case = sound["m-deflected-report"], sound["run"]
+    place = "m-deflected-report/"
+    for words in (("report", place[:-1], "-q"), ("view", place[:-1], "--no-open", "-q")):
+        one = Input(run.files, words)
+        for name in ("metrics.json", "settings.toml", "interpolant.npz", "convergence.csv", "deflected.vtu"):
+            for content in (b"", b"{}", b"[]", b"null", b"1e999", b"[" * 5000):
+                yield one.with_file(place + name, content)
+    yield Input({**case.files, "run/case.toml": case.files["run/case.toml"] + b"\nhalf_span = 0.3058\n"}, case.words)
+
+
+def geometry(sound: Sound) -> Iterator[Input]:
+    """Parameters in their ranges of which no solid can be made."""
+    words = next(iter(sound.values())).words
+    for text in (
+        "pedestal.x_apex=0", "inlet.z_side_2=0", "fuselage.radius=0.02985", "blending.strip=0.5",
+        "confinement.spacing=1.0",
+    ):  # fmt: skip
+        yield Input({}, (*words, "--set", text))
+
+
+def cache(sound: Sound) -> Iterator[Input]:
+    """A header that is shortened, so that the checksum is never reached; another archive; nothing."""
+    one = next(iter(sound.values()))
+    data = one.files[one.main]
+    for at in range(0, 400, 7):
+        yield one.with_file(one.main, data[:at] + bytes([data[at] ^ 4]) + data[at + 1 :])
+    for content in (b"", data[:100], data[:-1], b"PK\x05\x06" + bytes(18)):
+        yield one.with_file(one.main, content)
+
+
+MAKERS: dict[str, Callable[[Sound], Iterator[Input]]] = {
+    "su2": su2, "gmsh": gmsh, "openfoam": openfoam, "vtu": vtu, "cgns": cgns, "others": others, "tables": tables,
+    "options": options, "settings": settings, "folders": folders, "geometry": geometry, "cache": cache,
+}  # fmt: skip
