@@ -117,5 +117,7 @@ def _drop(out: TextIO | None) -> None:
 
 
 def _complain(message: str) -> int:
-    click.echo("sdm: " + " ".join(message.split()), err=True)
+    from sdm_deflect.deform.errors import printable
+
+    click.echo("sdm: " + printable(" ".join(message.split())), err=True)
     return options.UNUSABLE

@@ -18,11 +18,16 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of writing alone: no space, a quota, a limit of the size."""
 
 
+LONGEST = 900
+"""Letters of a message; a damaged file may hold names and numbers of any length."""
+
+
 class MeshFileError(RuntimeError):
     """A mesh file is damaged, or holds what we cannot read; the message names the file and what is wrong."""
 
     def __init__(self, message: str) -> None:
-        super().__init__(printable(message))
+        text = printable(message)
+        super().__init__(text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 3 :]}")
 
 
 class Format(Protocol):

@@ -27,8 +27,8 @@ def main() -> int:
     words.add_argument(
         "--minutes", type=float, default=1.0, help="how long; known inputs grow by those that reach new lines"
     )
+    words.add_argument("--sample", action="store_true", help="instead: a few of each target, always the same ones")
     words.add_argument("--inputs", type=int, help="instead: so many of each target, always the same ones")
-    words.add_argument("--first", type=int, default=0, help="number of the first of these")
     words.add_argument("--jobs", type=int, default=2)
     words.add_argument("--target", action="append", help="only this one; repeat")
     words.add_argument("--seed", type=int, default=1)
@@ -46,11 +46,12 @@ def main() -> int:
         return again(given.again)
     chosen = [TARGETS[name] for name in given.target or TARGETS]
     found = [Findings(target, seeds_of(target)) for target in chosen]
-    watch = Watch(found, given.seed, given.inputs is None, given.jobs)
-    if given.inputs is None:
+    timed = given.inputs is None and not given.sample
+    watch = Watch(found, given.seed, timed, given.jobs)
+    if timed:
         watch.for_minutes(given.minutes)
     else:
-        watch.for_numbers(range(given.first, given.first + given.inputs))
+        watch.for_counts([given.inputs or one.target.sample for one in found])
     save(found, given.keep)
     print_figures(found, given.json)
     return int(any(one.bad for one in found))

@@ -28,6 +28,7 @@ class Target:
     run : does something with an input that lies in a folder; raises what a user would see.
     words : of the format.
     weight : its share of the time.
+    sample : inputs of the short run: what once did harm, then random ones.
     made : makes an input of sound ones; None: by damage.
     """
 
@@ -36,6 +37,7 @@ class Target:
     run: Run
     words: Sequence[bytes] = field(default=(), repr=False)
     weight: float = 1.0
+    sample: int = 300
     made: Callable[[Random, Sequence[Input]], Input] | None = None
 
     def input(self, random: Random, known: Sequence[Input]) -> Input:
@@ -138,17 +140,19 @@ def inspect_other(folder: Path, given: Input, random: Random) -> None:
     inspect(folder / given.main)
 
 
+SAMPLES = {"su2": 800, "cgns": 250, "gmsh": 500, "openfoam": 500, "vtu": 700}
 READERS = tuple(
-    Target(name, getattr(meshes, name), read_mesh, meshes.WORDS[name])
-    for name in ("su2", "cgns", "gmsh", "openfoam", "vtu")
+    Target(name, getattr(meshes, name), read_mesh, meshes.WORDS[name], sample=sample)
+    for name, sample in SAMPLES.items()
 )
-OTHERS = Target("others", meshes.others, inspect_other, meshes.WORDS["others"], 0.5)
+OTHERS = Target("others", meshes.others, inspect_other, meshes.WORDS["others"], 0.3, 40)
+FIGURES = (b"corners", b"nan", b"PK\x03\x04", b"x,y,z,dx,dy,dz\n")
 COMMANDS = (
-    Target("tables", commands.tables, commands.run_command, (b"corners", b"nan", b"PK\x03\x04", b"x,y,z,dx,dy,dz\n")),
+    Target("tables", commands.tables, commands.run_command, FIGURES),
     Target("options", commands.options, commands.run_command, made=commands.made_options),
     Target("settings", commands.settings, commands.run_command, made=commands.made_settings),
     Target("folders", commands.folders, commands.run_command, (b"null", b"NaN", b"[[surface]]", b"{}", b"1e999")),
-    Target("geometry", commands.geometry, commands.build, weight=0.5, made=commands.made_geometry),
-    Target("cache", commands.cache, commands.load_cached, (b"PK\x03\x04", b"\x93NUMPY"), 0.5),
+    Target("geometry", commands.geometry, commands.build, (), 0.5, 10, commands.made_geometry),
+    Target("cache", commands.cache, commands.load_cached, (b"PK\x03\x04", b"\x93NUMPY"), 0.5, 400),
 )
 TARGETS = {target.name: target for target in (*READERS, OTHERS, *COMMANDS)}

@@ -133,13 +133,14 @@ class Watch:
                         flush=True,
                     )
 
-    def for_numbers(self, numbers: range) -> None:
-        """Try the inputs of these numbers of every target."""
+    def for_counts(self, counts: Sequence[int]) -> None:
+        """Try so many inputs of each target."""
         with _folder() as folder:
-            waiting = list(self.found)
+            waiting = list(zip(self.found, counts, strict=True))
             while waiting or self.running:
                 while waiting and len(self.running) < self.jobs:
-                    self._start(waiting.pop(0), numbers, folder, float("inf"))
+                    findings, count = waiting.pop()
+                    self._start(findings, range(count), folder, float("inf"))
                 self._wait()
 
     def _start(self, findings: Findings, numbers: range, folder: Path, until: float) -> None:

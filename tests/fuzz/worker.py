@@ -113,10 +113,14 @@ def work(channel: Connection, target: Target, run: "Slice", folder: Path, known:
         _limit()
         with _caught_output(folder) as output:
             guide = Guide(seen) if run.guided else None
-            for number in run.numbers:
-                if number % COLLECT == 0:
-                    gc.collect()
-                channel.send(_tried(target, run.seed, number, folder, known, output, guide))
+            try:
+                for number in run.numbers:
+                    if number % COLLECT == 0:
+                        gc.collect()
+                    channel.send(_tried(target, run.seed, number, folder, known, output, guide))
+            except BaseException:
+                stack.write(traceback.format_exc())  # a defect of the fuzzer
+                raise
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,12 +185,16 @@ def outcome(target: Target, place: Path, given: Input, random: Random) -> tuple[
     os.chdir(place)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
+        for unseen in (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning):
+            warnings.simplefilter("ignore", unseen)  # as for users
         warnings.showwarning = note
         try:
             target.run(place, given, random)
             found = "ok", "", ""
         except WrongError as error:
             found = "WRONG", str(error)[:200], _stack(error)
+        except KeyboardInterrupt as error:
+            found = "INTERRUPTED", _place(error), _stack(error)
         except MemoryError as error:
             found = "MEMORY", _place(error), _stack(error)
         except Exception as error:  # whatever it is, it is the finding
