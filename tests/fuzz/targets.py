@@ -145,7 +145,7 @@ READERS = tuple(
     Target(name, getattr(meshes, name), read_mesh, meshes.WORDS[name], sample=sample)
     for name, sample in SAMPLES.items()
 )
-OTHERS = Target("others", meshes.others, inspect_other, meshes.WORDS["others"], 0.3, 40)
+OTHERS = Target("others", meshes.others, inspect_other, meshes.WORDS["others"], 0.3, 26)
 FIGURES = (b"corners", b"nan", b"PK\x03\x04", b"x,y,z,dx,dy,dz\n")
 COMMANDS = (
     Target("tables", commands.tables, commands.run_command, FIGURES),
