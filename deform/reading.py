@@ -63,6 +63,8 @@ def damaged(path: Path, what: str) -> Iterator[None]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
+            if path.exists() and not (path.is_file() or path.is_dir()):
+                raise InputError("a device or a pipe is no file to read")
             yield
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

@@ -152,6 +152,8 @@ class Table:
 
         Raises InputError if the file cannot be read as one of these.
         """
+        if not isinstance(path, str | PathLike):
+            raise InputError(f"table = {shortened(path)} is no path of a file")
         path = Path(path)
         stored = read_arrays(path) if path.suffix == ".npz" else {}
         with damaged(path, "table of points and displacements"):

@@ -1,5 +1,6 @@
 """Every setting with every kind of bad value, wherever it may be given: it is taken, or refused in one sentence."""
 
+import os
 import sys
 from dataclasses import fields, is_dataclass, replace
 from datetime import date
@@ -110,6 +111,7 @@ def test_a_keyword_of_python(name, block):
         lambda value: sd.Hexahedron(value),
         lambda value: sd.Table(value, np.eye(4, 3)),
         lambda value: sd.Table(np.eye(4, 3), value),
+        lambda value: sd.Table.read(value),
     ],
 )
 def test_an_argument_of_python(attempt):
@@ -202,6 +204,17 @@ def test_a_file_of_settings(content, tmp_path):
     (tmp_path / "job.toml").write_bytes(content)
     for reading in (read_job, lambda path: resolve("", config=path)):
         assert faults(reading, [tmp_path / "job.toml", tmp_path, tmp_path / "none", tmp_path / "\0"]) == []
+
+
+@pytest.mark.parametrize("setting", ["--table", "--held", "--driven", "--config", "--box"])
+def test_a_device_or_a_pipe_is_not_read(setting, sdm, folder):
+    os.mkfifo("pipe.txt")
+    for path in ("pipe.txt", "/dev/zero"):
+        given = {**TURN, setting: [path]}
+        if setting == "--table":
+            del given["--hinge"]
+        code, said = sdm("deflect", "wing.su2", "--quiet", "--dry-run", *[w for n, v in given.items() for w in (n, *v)])
+        assert (code, said.count("\n")) == (2, 1)
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(1e-8, 0.0), (1e-30, 0.0), (1e-160, 0.0), (1.0, 1e8), (1.0, 1e12)])
