@@ -7,7 +7,7 @@ from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, TemplateError
 from markupsafe import Markup
 from PIL import Image
 
@@ -16,7 +16,9 @@ from sdm_deflect.cases.report.data import ReportData, drawn_measure
 from sdm_deflect.cases.report.pictures import Exhibit, Gallery
 from sdm_deflect.cases.report.turnable import MOST_CELLS, turnable
 from sdm_deflect.cases.surroundings import surroundings, versions
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.reading import damaged
 
 HERE = "sdm_deflect.cases.report"
 
@@ -27,27 +29,34 @@ def write_report(data: ReportData, gallery: Gallery, folder: Path) -> None:
 
 
 def page(data: ReportData, gallery: Gallery) -> str:
-    """Return the page; every text in it is escaped, and no script but its own two can run."""
+    """Return the page; every text in it is escaped, and no script but its own two can run.
+
+    Raises InputError if figures are missing that it shows.
+    """
     library, viewer = read("plotly", "package_data", "plotly.min.js"), read(HERE, "viewer.js")
     loader = PackageLoader(HERE, ".")
     jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     jinja.filters |= {"inline": inline, "pixels": pixels, "meaning": meaning}
-    return jinja.get_template("page.html").render(
-        data=data,
-        figures=data.figures,
-        gallery=gallery,
-        qualities=list(qualities(data)),
-        measure=drawn_measure(data.mesh),
-        scene=turnable(data),
-        most_cells=MOST_CELLS,
-        toml_file=b64encode(data.settings.encode()).decode("ascii"),
-        surroundings=surroundings(),
-        versions=versions(),
-        style=read(HERE, "style.css"),
-        library=b64encode(compress(library.encode(), mtime=0)).decode("ascii"),
-        viewer=viewer,
-        policy=policy([library, viewer]),
-    )
+    shown = {
+        "data": data,
+        "figures": data.figures,
+        "gallery": gallery,
+        "measure": drawn_measure(data.mesh),
+        "scene": turnable(data),
+        "most_cells": MOST_CELLS,
+        "toml_file": b64encode(data.settings.encode()).decode("ascii"),
+        "surroundings": surroundings(),
+        "versions": versions(),
+        "style": read(HERE, "style.css"),
+        "library": b64encode(compress(library.encode(), mtime=0)).decode("ascii"),
+        "viewer": viewer,
+        "policy": policy([library, viewer]),
+    }
+    with damaged(Path("metrics.json"), "table of a run's figures"):
+        try:
+            return jinja.get_template("page.html").render(shown, qualities=list(qualities(data)))
+        except TemplateError as error:
+            raise InputError(f"{error}") from error
 
 
 def qualities(data: ReportData) -> Iterator[tuple[str, str, Quality | Json]]:

@@ -146,6 +146,11 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
     text = (folder / "report.html").read_text()
     assert text.count("<figure>") == 4
     assert "Distance from CAD" not in text
+    for key in ("mesh", "timings", "deflections", "version", "total_seconds"):
+        for figures in ({name: one for name, one in stored.items() if name != key}, stored | {key: "many"}):
+            if key != "version" or key not in figures:
+                with pytest.raises(InputError, match=r"metrics\.json"):
+                    page(replace(data, figures=figures), Gallery((), ""))
     monkeypatch.setattr(folders, "MOST_CELLS", 10)
     write_deflected(folder / "deflected.vtu", one)
     assert (folder / "deflected.vtu").stat().st_size < 0.8 * len(before["deflected.vtu"])
