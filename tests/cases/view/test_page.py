@@ -322,27 +322,29 @@ BORNE = [
 """Calls that are answered, the last ones right."""
 
 
+async def ended(session, address, messages):
+    """Send messages as the page does; return whether the server then closes the connection."""
+    async with session.ws_connect(address.replace("/?", "/ws?")) as socket:
+        hello = {"id": "system:c0:0", "method": "wslink.hello", "args": [{"secret": address.partition("=")[2]}]}
+        for message in (part(msgpack.packb(hello)), *messages):
+            with suppress(aiohttp.ClientConnectionError):
+                await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
+        answers = 0
+        while (await socket.receive(timeout=20.0)).type is aiohttp.WSMsgType.BINARY:
+            answers += 1
+            if answers > len(messages):
+                return False
+        return True
+
+
 def test_messages_are_bounded_and_bad_ones_end_the_connection(server, page):
     """Three messages of 13 bytes, each of which announced 4 GB, once made the server take them."""
-
-    async def sent(session, messages):
-        async with session.ws_connect(server[1].replace("/?", "/ws?")) as socket:
-            hello = {"id": "system:c0:0", "method": "wslink.hello", "args": [{"secret": server[1].partition("=")[2]}]}
-            for message in (part(msgpack.packb(hello)), *messages):
-                with suppress(aiohttp.ClientConnectionError):
-                    await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
-            answers = 0
-            while (await socket.receive(timeout=20.0)).type is aiohttp.WSMsgType.BINARY:
-                answers += 1
-                if answers > len(messages):
-                    return False
-            return True
 
     async def everything():
         async with aiohttp.ClientSession() as session:
             for name, messages in ENDED.items():
-                assert await sent(session, messages), name
-            assert not await sent(session, BORNE)
+                assert await ended(session, server[1], messages), name
+            assert not await ended(session, server[1], BORNE)
             sockets = [await session.ws_connect(server[1].replace("/?", "/ws?")) for _ in range(CONNECTIONS - 1)]
             with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
                 await session.ws_connect(server[1].replace("/?", "/ws?"))
