@@ -69,8 +69,8 @@ def main() -> NoReturn:
         code = options.UNUSABLE
     except click.ClickException as error:
         code = _complain(error.format_message())
-    except click.Abort:  # click's word for KeyboardInterrupt
-        raise KeyboardInterrupt from None
+    except click.Abort as abort:  # click's word for an interruption, and for any end of a file
+        raise abort.__cause__ or abort from None
     except (ValueError, RuntimeError) as error:
         from sdm_deflect.cases.errors import is_reported
 
