@@ -128,10 +128,7 @@ class Watch:
                 self._wait()
                 if time.monotonic() > told + report:
                     told = time.monotonic()
-                    click.echo(
-                        " | ".join(f"{one.target.name} {one.inputs}, {len(one.bad)} bad" for one in self.found),
-                        flush=True,
-                    )
+                    click.echo(" | ".join(f"{one.target.name} {one.inputs}, {len(one.bad)} bad" for one in self.found))
 
     def for_counts(self, counts: Sequence[int]) -> None:
         """Try so many inputs of each target."""
