@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -10,11 +11,19 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.errors import is_reported
+from sdm_deflect.cases.export import export_run
+from sdm_deflect.cases.report.data import read_figures
 from sdm_deflect.cases.sdm import stored
 from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.sdm.report import interactive_run
 from sdm_deflect.cases.sdm.run_folder import read_run, undeflected_models
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.rbf.interpolant import SolveError
 from sdm_deflect.deform.reading import read_arrays
+from sdm_deflect.geometry.errors import CadError
+from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from tests.cases.sdm.deflected_cad import built
@@ -516,3 +525,47 @@ def noticed(judge, folder):
         if is_reported(error):
             return str(error)
         raise
+
+
+FILES = ("case.toml", "metrics.json", "interpolant.npz", "convergence.csv", "undeflected.vtu", "deflected.vtu")
+
+
+def damages(data, rng):
+    """Yield a file's bytes cut, emptied, replaced and with single bits flipped."""
+    yield b""
+    yield b"junk"
+    for share in (0.1, 0.5, 0.99):
+        yield data[: int(share * len(data))]
+    for place in rng.integers(len(data), size=4):
+        changed = bytearray(data)
+        changed[place] ^= 1 << int(rng.integers(8))
+        yield bytes(changed)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_damaged_file_leaves_no_traceback(finished, judge, tmp_path, name):
+    folder, rng = shutil.copytree(finished[1], tmp_path / "run"), np.random.default_rng(len(name))
+    data = (folder / name).read_bytes()
+    for damage in damages(data, rng):
+        (folder / name).write_bytes(damage)
+        for command in (judge, interactive_run, read_figures, exported):
+            with suppress(InputError, MeshFileError, MeshingError, SolveError, CadError):
+                command(folder)
+
+
+@pytest.mark.parametrize(("part", "message"), [("points", "not finite"), ("patch", r"patch holds 1 \.\.\. 99")])
+def test_a_point_that_is_no_number_and_a_patch_that_is_none_are_refused(finished, tmp_path, part, message):
+    folder = shutil.copytree(finished[1], tmp_path / "run")
+    mesh = read_vtu(folder / "deflected.vtu")
+    values = getattr(mesh, part).copy()
+    values[0] = {"points": np.nan, "patch": 99}[part]
+    object.__setattr__(mesh, part, values)  # past the checks of a new mesh
+    write_vtu(folder / "deflected.vtu", mesh)
+    for command in (read_run, interactive_run, exported):
+        with pytest.raises(MeshFileError, match=message):
+            command(folder)
+
+
+def exported(folder):
+    """Write the deflected mesh for a flow solver."""
+    export_run(folder, "su2", "deflected", folder.with_suffix(".su2"))
