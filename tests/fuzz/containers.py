@@ -45,7 +45,7 @@ def damaged_hdf5(random: Random, data: bytes, damage: Damage) -> bytes:
         with h5py.File(buffer, "r+") as file:
             for _ in range(random.choice((1, 1, 1, 2, 3))):
                 _change_node(random, file)
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError, AttributeError, OverflowError):
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError, AttributeError, OverflowError, MemoryError):
         return damage.of(data)
     new = buffer.getvalue()
     return damage.of(new) if random.random() < 0.15 else new
