@@ -3,7 +3,9 @@
 import gzip
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
@@ -66,12 +68,11 @@ def cgns(folder: Path) -> Iterator[Input]:
         FORMATS["cgns"].write(mesh, folder / f"{title}.cgns")
         yield of_path(folder / f"{title}.cgns")
     yield from mixed(folder)
+    yield from stored_otherwise(folder)
 
 
 def mixed(folder: Path) -> Iterator[Input]:
     """A section of mixed elements, with and without offsets."""
-    import h5py
-
     for offsets in (True, False):
         path = folder / f"mixed{offsets:d}.cgns"
         FORMATS["cgns"].write(tetrahedra(), path)
@@ -88,6 +89,25 @@ def mixed(folder: Path) -> Iterator[Input]:
                 del section["ElementStartOffset"][" data"]
                 section["ElementStartOffset"].create_dataset(" data", data=np.array([0, 5, 10], nodes.dtype))
         yield of_path(path)
+
+
+def stored_otherwise(folder: Path) -> Iterator[Input]:
+    """Coordinates that are packed; a boundary given by its points."""
+    path = folder / "packed.cgns"
+    FORMATS["cgns"].write(tetrahedra(), path)
+    with h5py.File(path, "r+") as file:
+        axis = file["Base/Zone/GridCoordinates/CoordinateX"]
+        values = axis[" data"][()]
+        del axis[" data"]
+        axis.create_dataset(" data", data=values, chunks=True, compression="gzip")
+    yield of_path(path)
+    path = folder / "points.cgns"
+    FORMATS["cgns"].write(tetrahedra(), path)
+    with h5py.File(path, "r+") as file:
+        condition = next(iter(file["Base/Zone/ZoneBC"].values()))
+        del condition["GridLocation"]
+        condition["PointRange"][" data"][...] = [[1], [5]]
+    yield of_path(path)
 
 
 def gmsh(folder: Path) -> Iterator[Input]:
@@ -148,6 +168,15 @@ def vtu(folder: Path) -> Iterator[Input]:
     yield of_path(folder / "polyhedra.vtu")
     import pyvista as pv
 
+    voxels = pv.ImageData(dimensions=(3, 2, 2)).cast_to_unstructured_grid()
+    voxels.cell_data["Marker"] = np.array([0, 1])
+    voxels.point_data["wind"] = np.zeros((12, 3))
+    for title, shape in (("voxels", voxels), ("tetText", pv.read(folder / "tet.vtu"))):
+        _write_text(shape, folder / f"{title}.vtu")
+        yield of_path(folder / f"{title}.vtu")
+    data = (folder / "tetText.vtu").read_bytes()
+    start, end = data.index(b"<Piece"), data.index(b"</Piece>") + len(b"</Piece>")
+    yield Input({"pieces.vtu": data[:end] + b"\n" + data[start:]})
     for title in ("tet", "polyhedra"):
         shape = pv.read(folder / f"{title}.vtu")
         for mode in ("Ascii", "Binary", "Appended"):
@@ -163,6 +192,16 @@ def vtu(folder: Path) -> Iterator[Input]:
                     writer.SetInputData(shape)
                     writer.Write()
                     yield of_path(path)
+
+
+def _write_text(shape: Any, path: Path) -> None:
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.SetDataModeToAscii()
+    writer.SetFileName(str(path))
+    writer.SetInputData(shape)
+    writer.Write()
 
 
 def others(folder: Path) -> Iterator[Input]:
