@@ -145,13 +145,19 @@ READERS = tuple(
     Target(name, getattr(meshes, name), read_mesh, meshes.WORDS[name], sample=sample)
     for name, sample in SAMPLES.items()
 )
-OTHERS = Target("others", meshes.others, inspect_other, meshes.WORDS["others"], 0.3, 26)
+OTHERS = Target("others", meshes.others, inspect_other, meshes.WORDS["others"], 0.3, 24)
 FIGURES = (b"corners", b"nan", b"PK\x03\x04", b"x,y,z,dx,dy,dz\n")
 COMMANDS = (
     Target("tables", commands.tables, commands.run_command, FIGURES),
     Target("options", commands.options, commands.run_command, made=commands.made_options),
     Target("settings", commands.settings, commands.run_command, made=commands.made_settings),
-    Target("folders", commands.folders, commands.run_command, (b"null", b"NaN", b"[[surface]]", b"{}", b"1e999")),
+    Target(
+        "folders",
+        commands.folders,
+        commands.run_command,
+        (b"null", b"NaN", b"[[surface]]", b"{}", b"1e999"),
+        sample=150,
+    ),
     Target("geometry", commands.geometry, commands.build, (), 0.5, 10, commands.made_geometry),
     Target("cache", commands.cache, commands.load_cached, (b"PK\x03\x04", b"\x93NUMPY"), 0.5, 400),
 )
