@@ -17,6 +17,8 @@ from typing import Any
 import click
 import coverage
 
+FORMATS = "*/meshing/formats/*"
+"""Of these files the coverage is measured."""
 LOADED = (
     "h5py", "pyvista", "meshio", "sdm_deflect.cases.cli", "sdm_deflect.cases.deflect_file", "sdm_deflect.cases.doctor",
     "sdm_deflect.cases.inspection", "sdm_deflect.cases.job_settings", "sdm_deflect.cases.report.folder",
@@ -46,7 +48,7 @@ def main() -> int:
     )
     words.add_argument("--again", type=Path, help="a folder of one finding: TARGET/NUMBER of an earlier --keep")
     given = words.parse_args()
-    measured = coverage.Coverage(branch=True, include=["*/meshing/formats/*"], omit=["*/tests/*"], data_file=None)
+    measured = coverage.Coverage(branch=True, include=[FORMATS], omit=["*/tests/*"], data_file=None, config_file=False)
     if given.coverage:
         measured.start()
     for name in LOADED:
