@@ -9,15 +9,21 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
+LONGEST, MOST = 80, 900
+"""Letters of a value that a message shows, and of a message: damaged files hold names and numbers of any length."""
+
+
+def sentence(text: str) -> str:
+    """Return a message as it may be printed; of a very long one its beginning and its end."""
+    shown = printable(text)
+    return shown if len(shown) <= MOST else f"{shown[: MOST // 2]} ... {shown[-MOST // 3 :]}"
+
+
 class InputError(ValueError):
     """A mesh, a name or a value that was given cannot be used; the message says which and what would be right."""
 
     def __init__(self, message: str) -> None:
-        super().__init__(printable(message))
-
-
-LONGEST = 80
-"""Letters of a value that a message shows."""
+        super().__init__(sentence(message))
 
 
 def shortened(value: object) -> str:

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sdm_deflect.deform.errors import printable
+from sdm_deflect.deform.errors import sentence
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.mesh import FloatArray
@@ -18,16 +18,11 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of writing alone: no space, a quota, a limit of the size."""
 
 
-LONGEST = 900
-"""Letters of a message; a damaged file may hold names and numbers of any length."""
-
-
 class MeshFileError(RuntimeError):
     """A mesh file is damaged, or holds what we cannot read; the message names the file and what is wrong."""
 
     def __init__(self, message: str) -> None:
-        text = printable(message)
-        super().__init__(text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 3 :]}")
+        super().__init__(sentence(message))
 
 
 class Format(Protocol):

@@ -172,7 +172,9 @@ def _nodes22(cursor: Cursor) -> tuple[IntArray, Placed]:
     if isinstance(cursor, TextCursor):
         count = int(cursor.ints(1)[0])
         table = cursor.reals(4 * count)
-        return table.values[::4].astype(np.intp), _columns(table, 4, slice(1, 4))
+        with np.errstate(invalid="ignore"):
+            tags = table.values[::4].astype(np.intp)
+        return tags, _columns(table, 4, slice(1, 4))
     count = cursor.line()
     first = cursor.offset + cursor.at + 4
     records = cursor.raw(count, "i4,3f8")
