@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from sdm_deflect.deform.errors import InputError, shortened
 from sdm_deflect.deform.fitting import LARGEST_ANGLE
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, bounded, real
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, bounded
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.points import farthest, first_coincident
@@ -140,11 +140,11 @@ class Table:
 
     def __post_init__(self) -> None:
         for name in ("points", "vectors"):
-            object.__setattr__(self, name, real(getattr(self, name), f"table: {name}"))
+            object.__setattr__(self, name, bounded(getattr(self, name), f"table: {name}"))
         if self.points.ndim != 2 or self.points.shape[1:] != (3,) or self.points.shape != self.vectors.shape:
             raise InputError(f"table: points {self.points.shape} and vectors {self.vectors.shape} must be (P, 3) both")
-        if len(self.points) < 4 or not (np.isfinite(self.points).all() and np.isfinite(self.vectors).all()):
-            raise InputError(f"table: {len(self.points)} points; it needs at least 4, all finite")
+        if len(self.points) < 4:
+            raise InputError(f"table: {len(self.points)} points; it needs at least 4")
 
     @classmethod
     def read(cls, path: str | PathLike[str], hinge: Axis | None = None) -> "Table":

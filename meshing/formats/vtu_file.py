@@ -254,9 +254,12 @@ class _Cursor:
             raise MeshFileError("is damaged: an array ends before its time")
         part = self.data[self.at : end]
         try:
-            return (part if self.raw else binascii.a2b_base64(part))[:count]
+            found = (part if self.raw else binascii.a2b_base64(part))[:count]
         except binascii.Error as error:
             raise MeshFileError(f"is damaged: {error}") from error
+        if len(found) < count:
+            raise MeshFileError("is damaged: an array holds letters that are not base64")
+        return found
 
     def take(self, count: int) -> bytes:
         """The next `count` bytes, which are encoded by themselves."""

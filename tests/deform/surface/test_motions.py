@@ -120,7 +120,7 @@ def test_a_table_that_is_none(content, match, tmp_path):
 def test_arrays_that_are_no_table(tmp_path):
     with pytest.raises(InputError, match=r"points \(9, 3\) and vectors \(8, 3\) must be \(P, 3\) both"):
         Table(np.zeros((9, 3)), np.zeros((8, 3)))
-    with pytest.raises(InputError, match="all finite"):
+    with pytest.raises(InputError, match="not finite"):
         Table(np.full((9, 3), np.nan), np.zeros((9, 3)))
     np.savez(tmp_path / "other.npz", points=np.zeros((9, 3)))
     with pytest.raises(InputError, match=r"other\.npz: no table of points"):
@@ -149,7 +149,7 @@ def test_a_point_of_two_displacements_is_named(suffix, tmp_path):
         ({"points": np.full((9, 3), None), "vectors": np.zeros((9, 3))}, "no array of"),
         ({"points": np.zeros((9, 2)), "vectors": np.zeros((9, 2))}, "must be (P, 3) both"),
         ({"points": np.zeros(9), "vectors": np.zeros(9)}, "must be (P, 3) both"),
-        ({"points": np.zeros((9, 3)), "vectors": np.full((9, 3), np.inf)}, "all finite"),
+        ({"points": np.zeros((9, 3)), "vectors": np.full((9, 3), np.inf)}, "not finite"),
         ({"points": np.zeros((9, 3))}, "'vectors'"),
     ],
 )
