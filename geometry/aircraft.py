@@ -45,7 +45,7 @@ def build(
     Raises
     ------
     ValueError
-        Where a name is not that of a control surface.
+        Where a name is not that of a control surface, or a tail shall be blended.
     CadError
         Where the kernel fails, or the undeflected aircraft could not be meshed.
     """
@@ -53,6 +53,8 @@ def build(
     for name in [*moved, *without]:
         if name not in SURFACES:
             raise ValueError(f"no control surface {name!r}; there are {', '.join(SURFACES)}")
+    if whole := [name for name, turn in moved.items() if turn.mode != "rigid" and not hinged(name)]:
+        raise ValueError(f"{whole[0]} has no hinge edges to blend towards; its deflection.mode must be 'rigid'")
     with told(fighter):
         found = walls(general_fuse(aircraft_parts(fighter, moved, without)))
         model = assemble(skin(found), partitions(found), fluid_inside=False)
@@ -84,7 +86,7 @@ def _surface(fighter: Fighter, name: str, deflection: CadTurn | None) -> Loops:
     axis = hinge_line(fighter, name)
     if hinged(name):
         return deflected_wedge(inner, outer, axis, deflection)
-    return turned(prism(inner, outer), axis, deflection)
+    return turned(prism(inner, outer), axis, deflection.angle)
 
 
 def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = "aileron_left") -> CadModel:

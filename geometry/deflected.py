@@ -53,11 +53,9 @@ def deflected_wedge(inner: FloatArray, outer: FloatArray, axis: FloatArray, defl
     return tuple(rotated(loop, axis, deflection.angle) for loop in _with_nose(inner, outer))
 
 
-def turned(loops: Loops, axis: FloatArray, deflection: CadTurn) -> Loops:
-    """A whole surface turned rigidly about `axis` (2, 3); ValueError for a blended tail."""
-    if deflection.mode != "rigid":
-        raise ValueError("a tail has no hinge edges to blend towards; its deflection.mode must be 'rigid'")
-    return tuple(rotated(loop, axis, deflection.angle) for loop in loops)
+def turned(loops: Loops, axis: FloatArray, angle: float) -> Loops:
+    """A whole surface turned rigidly about `axis` (2, 3)."""
+    return tuple(rotated(loop, axis, angle) for loop in loops)
 
 
 def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, angle: float) -> Loops:

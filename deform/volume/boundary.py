@@ -66,7 +66,7 @@ class Boundary:
         sliding = tuple(SlidingPatch.of(mesh, name, shape) for name, shape in slides.items())
         fixed_nodes = np.setdiff1d(mesh.on(*fixed), nodes, assume_unique=True)
         size, far = float(np.ptp(mesh.points[nodes], axis=0).max()), float(np.abs(mesh.points[nodes]).max())
-        if size < LEAST * max(1.0, far):
+        if 0.0 < size < LEAST * max(1.0, far):
             raise InputError(
                 f"{mesh.name}: the moving surface is {size:.2g} long at {far:.2g} from the origin: its nodes cannot be "
                 "told apart; take another unit of length, or another origin"

@@ -90,5 +90,5 @@ def test_unusable_deflections_are_refused(fighter):
         CadTurn(95.0)
     with pytest.raises(ValueError, match=r"deflection.mode = 'bent'"):
         CadTurn(5.0, "bent")
-    with pytest.raises(ValueError, match=r"a tail has no hinge edges"):
+    with pytest.raises(ValueError, match=r"tail_left has no hinge edges"):
         build(fighter, {"tail_left": CadTurn(5.0, "blended")})
