@@ -47,9 +47,14 @@ class Targets:
     def of(
         cls, source: Path, out: Path | None, angles: Sequence[float], sensitive: bool = False, reported: bool = False
     ) -> "Targets":
-        """Return the targets of a job; `out` is beside the source if None. MeshFileError for an unknown format."""
+        """Return the targets of a job; `out` is beside the source if None.
+
+        Raises MeshFileError for an unknown format, InputError for an `out` without a name.
+        """
         chosen = out or _beside(source)
         named = case_folder(chosen) if format_of(chosen) is FORMATS["openfoam"] else chosen
+        if named.name in ("", "..") and not (named := named.resolve()).name:
+            raise InputError(f"{chosen} is no place for a mesh; name a file or a folder in out")
         return cls(source, named, tuple(angles), sensitive, reported)
 
     def mesh(self, angle: float) -> Path:

@@ -22,6 +22,7 @@ TOLERANCE = 0.01  # of the median edge: largest error at a site, unless the job 
 APART = 0.5  # of their spacing: zero sites keep it from the boundary's nodes and from each other
 MOST_FIXED = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
 MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
+MOST_EDGE = 3_000  # of them on an edge of the box, in a box that is like a needle
 FINER = 0.1  # of that distance: sites on the box may not stand closer, even if they shall
 
 
@@ -172,7 +173,8 @@ def _spacing(region: Region, given: float, wanted: float) -> float:
     """
     faces = [region.hexahedron.face(name) for name in ("x-", "x+", "y-", "y+", "z-", "z+")]
     area = sum(float(np.linalg.norm(np.cross(f[2] - f[0], f[3] - f[1]))) / 2.0 for f in faces)
-    usual = float(np.sqrt(area / MOST_ZERO))
+    longest = max(float(np.linalg.norm(f - np.roll(f, 1, axis=0), axis=1).max()) for f in faces)
+    usual = max(float(np.sqrt(area / MOST_ZERO)), longest / MOST_EDGE)
     if 0.0 < given < (least := FINER * usual):
         raise InputError(f"spacing = {given:g} puts too many sites on the box: at least {least:.2g} is possible")
     return given or max(wanted, usual)

@@ -55,6 +55,20 @@ def test_a_case_is_named_from_within(source, folder, monkeypatch):
     targets(source, None).check()
 
 
+@pytest.mark.parametrize("out", ["", ".", ".."])
+def test_a_folder_without_a_name_has_its_own(out, folder):
+    Path("m.su2").touch()
+    wanted = Targets.of(Path("m.su2"), Path(out), (1.0,), sensitive=True)
+    assert wanted.out == Path(out).resolve()
+    with pytest.raises(InputError, match="exists already"):
+        wanted.check()
+
+
+def test_the_root_is_no_mesh():
+    with pytest.raises(InputError, match="is no place for a mesh"):
+        Targets.of(Path("m.su2"), Path("/"), (1.0,))
+
+
 def test_angles_that_differ_have_names_that_differ(folder):
     angles = (10.00001, 10.00002, 10.0, 1e-20)
     sweep = targets("wing.su2", "flap.su2", angles)

@@ -69,7 +69,7 @@ def main() -> int:
     timed = given.inputs is None and not given.sample
     watch = Watch(found, given.seed, timed, given.jobs)
     if timed:
-        watch.for_minutes(given.minutes)
+        watch.for_minutes(given.minutes, given.keep)
     else:
         watch.for_counts([given.inputs or one.target.sample for one in found])
     save(found, given.keep)

@@ -217,6 +217,7 @@ def tables(sound: Sound) -> Iterator[Input]:
         b"corners = []",
         b"corners = " + b"[" * 5000,
         b"corners = [[nan,0,0],[1,1,1]]",
+        b"corners = [[-1.5,-1.5,-2147483648],[1.5,1.5,1.5]]",
     ):
         yield box.with_file("box.toml", content)
 
@@ -236,6 +237,7 @@ def options(sound: Sound) -> Iterator[Input]:
         "2"),
         ("--set", "name=foo"), ("--set", "allow_inverted=false"), ("--set", "=5"), ("--surface", ""), ("--fixed", ""),
         ("--box", ""), ("--config", ""), ("--table", ""), ("--zone", ""), ("--slide", ""), ("--set", ""), ("--out", ""),
+        ("--sensitivity", "--out", ""),
     ):  # fmt: skip
         yield Input(files, (*commands.DRY, *extra))
     blown = _with(

@@ -115,8 +115,8 @@ class Watch:
         self.found, self.seed, self.guided, self.jobs = found, seed, guided, jobs
         self.running: list[Running] = []
 
-    def for_minutes(self, minutes: float, report: float = 60.0) -> None:
-        """Try inputs until the time is over, each target by its weight."""
+    def for_minutes(self, minutes: float, keep: Path, report: float = 60.0) -> None:
+        """Try inputs until the time is over, each target by its weight; what was found is kept now and then."""
         with _folder() as folder:
             end, told = time.monotonic() + 60.0 * minutes, time.monotonic()
             while time.monotonic() < end or self.running:
@@ -128,6 +128,7 @@ class Watch:
                 self._wait()
                 if time.monotonic() > told + report:
                     told = time.monotonic()
+                    save(self.found, keep)
                     click.echo(" | ".join(f"{one.target.name} {one.inputs}, {len(one.bad)} bad" for one in self.found))
 
     def for_counts(self, counts: Sequence[int]) -> None:

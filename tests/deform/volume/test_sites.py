@@ -76,6 +76,13 @@ def test_zero_sites_are_no_more_than_a_solve_takes(monkeypatch, block):
     assert few.spacing == pytest.approx(np.sqrt(6.0 * 2.4**2 / 500))
 
 
+def test_a_box_like_a_needle_has_no_more_sites(block):
+    needle = [[-1.2, -1.2, -1e9], [1.2, 1.2, 1.2]]
+    points = block.points[block.on("body")]
+    alone = Mesh(points, (), (Patch("body", (), np.arange(len(points))),))
+    assert Plan.of(alone, job(("body",), box=needle)).sites.zero_sites(0) < 100_000
+
+
 def test_large_fixed_patches_are_thinned_and_verified_as_a_whole(monkeypatch, inboard_wing):
     monkeypatch.setattr(places, "MOST_FIXED", 30)
     w = inboard_wing
