@@ -52,8 +52,8 @@ class Unheld:
         held = {patch.name: _patch_keys(patch, keys, marked) for patch in mesh.patches}
         every = np.unique(_joined(list(held.values())))
         missed = np.setdiff1d(known[count == 1], every, assume_unique=True)
-        loose = sum(int(np.count_nonzero(~np.isin(own, known))) for own in held.values())
-        inner = sum(int(np.count_nonzero(np.isin(held[name], known[count > 1]))) for name in moving)
+        loose = sum(int(np.count_nonzero(~_among(own, known))) for own in held.values())
+        inner = sum(int(np.count_nonzero(_among(held[name], known[count > 1]))) for name in moving)
         free = np.setdiff1d(changed, mesh.on(*mesh.names))
         nodes = _nodes_of(touched, keys, missed) if len(missed) else changed[:0]
         return cls(len(missed), np.intersect1d(nodes, free), loose, inner)
@@ -79,6 +79,12 @@ def face_keys(faces: Cells | Polygons, keys: Keys) -> Keys:
 def patch_keys(patch: Patch, keys: Keys) -> Keys:
     """Keys (F,) of all faces of a patch."""
     return _joined([face_keys(faces, keys) for faces in patch.faces])
+
+
+def _among(own: Keys, known: Keys) -> Marks:
+    """Which of some keys (F,) are among others (K,), rising."""
+    place = np.searchsorted(known, own)
+    return np.asarray(known[np.minimum(place, len(known) - 1)] == own) if len(known) else np.zeros(len(own), np.bool_)
 
 
 def _joined(parts: list[Keys]) -> Keys:
