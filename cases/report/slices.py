@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, drawn_quality
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
 from sdm_deflect.deform.edges import edges_of, polygons_of
+from sdm_deflect.deform.faces import FACES
 from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Volume
-from sdm_deflect.meshing.formats.shapes import FACES
 
 AXES = "xyz"
 AROUND = 0.06

@@ -11,9 +11,9 @@ from sdm_deflect.cases.metrics import Json
 from sdm_deflect.cases.report import scene3d
 from sdm_deflect.cases.report.data import ReportData, drawn_measure, drawn_quality
 from sdm_deflect.deform.edges import area_vectors, edges_of, polygons_of, sharp_edges
+from sdm_deflect.deform.faces import FACES
 from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Patch, Polyhedra
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
-from sdm_deflect.meshing.formats.shapes import FACES
 
 MOST_CELLS = 40_000
 """So many of the worst cells of all hexahedra are in the page: a browser has to draw them."""

@@ -11,8 +11,9 @@ from sdm_deflect.cases.report.scene3d import BOX_EDGES, quality_rgb
 from sdm_deflect.cases.report.slices import cell_edges, section, with_node
 from sdm_deflect.cases.view.run import Frame, InteractiveRun
 from sdm_deflect.deform.edges import edges_of, polygons_of, sharp_edges
+from sdm_deflect.deform.faces import FACES
 from sdm_deflect.deform.mesh import BoolArray, Cells, Faces, FloatArray, IntArray, Mesh, Polygons, Volume
-from sdm_deflect.meshing.formats.shapes import FACES, taken
+from sdm_deflect.meshing.formats.shapes import taken
 
 Colours = NDArray[np.uint8]
 

@@ -7,19 +7,12 @@ from typing import Any
 import h5py
 import numpy as np
 
+from sdm_deflect.deform.faces import face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, SHAPES
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import (
-    face_keys,
-    mirrored,
-    node_keys,
-    patch_keys,
-    places,
-    polygons,
-    simple_faces,
-)
+from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, simple_faces
 from sdm_deflect.meshing.formats.zones import part
 from sdm_deflect.meshing.mesh import IntArray
 

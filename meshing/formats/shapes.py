@@ -7,12 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.faces import FACES as FACES
-from sdm_deflect.deform.faces import ROWS
-from sdm_deflect.deform.faces import Keys as Keys
-from sdm_deflect.deform.faces import face_keys as face_keys
-from sdm_deflect.deform.faces import node_keys as node_keys
-from sdm_deflect.deform.faces import patch_keys as patch_keys
+from sdm_deflect.deform.faces import FACES, ROWS, Keys, face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
