@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -25,7 +26,7 @@ METRICS = {
 """Metrics that checkMesh lists, and how."""
 
 
-def run(program, case, *words) -> str:
+def run(program: str, case: Path, *words: str) -> str:
     """Return what a program of OpenFOAM prints; where it is not installed the test is skipped, but fails under CI."""
     if shutil.which(program) is None:
         absent = pytest.fail if os.environ.get("CI") else pytest.skip
@@ -36,7 +37,8 @@ def run(program, case, *words) -> str:
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     }
     done = subprocess.run(
-        [program, "-case", str(case), *words],
+        [program, "-case", str(case.resolve()), *words],
+        cwd=case,
         env=own | os.environ,
         capture_output=True,
         text=True,
