@@ -259,7 +259,7 @@ def deflect(
 
         - `fixed`: names of the patches that stay.
         - `slide`: patches that stay on their shape: ``{"symmetry": "plane"}`` or ``"symmetry:plane"``; shapes are
-          ``plane`` and ``cylinder``, fitted to the patch's nodes and verified.
+          ``plane`` and ``cylinder``, fitted to the patch's nodes and verified, and ``surface``, the patch as it is.
         - `box`: ``"auto"`` (default), a `Hexahedron`, its corners (8, 3), two opposite corners (2, 3) of a box along
           the axes, or a .toml file with `corners`.
         - `margin`: distance from the surface to an automatic box, a length; 0 (default): chosen.

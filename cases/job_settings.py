@@ -122,7 +122,7 @@ class JobSettings:
 
     surface: tuple[SurfaceSettings, ...] = ()
     fixed: tuple[str, ...] = ()
-    slide: dict[str, Literal["plane", "cylinder"]] = field(default_factory=dict)
+    slide: dict[str, Literal["plane", "cylinder", "surface"]] = field(default_factory=dict)
     box: str | tuple[Point, ...] | BoxRule = "auto"
     margin: float = 0.0
     open_faces: tuple[str, ...] = ()
@@ -239,7 +239,7 @@ def slides_of(value: Any) -> Any:
     for text in value.split(",") if isinstance(value, str) else value:
         name, colon, shape = str(text).rpartition(":")
         if not colon or not name:
-            raise InputError(f"slide = {text}: must be NAME:plane or NAME:cylinder")
+            raise InputError(f"slide = {text}: must be NAME:plane, NAME:cylinder or NAME:surface")
         out[name.strip()] = shape.strip()
     return out
 

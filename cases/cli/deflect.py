@@ -23,7 +23,7 @@ from sdm_deflect.cases.cli import options
 @click.option("--strip", type=float, help="blended: width beside a closed rib, as a share of the span (0.2).")
 @click.option("--table", help="Displacements instead of a hinge: .csv of x,y,z,dx,dy,dz, or .npz.")
 @click.option("--fixed", multiple=True, metavar="NAME", help="Patches that stay; wildcards such as 'wing*'.")
-@click.option("--slide", multiple=True, metavar="NAME:plane|cylinder", help="Patches that stay on their shape.")
+@click.option("--slide", multiple=True, metavar="NAME:plane|cylinder|surface", help="Patches that stay on their shape.")
 @click.option("--zone", "zones", multiple=True, metavar="NAME", help="Further zones that deform; '*' for all.")
 @click.option("--box", metavar="auto|FILE", help="The box: auto, or a .toml with `corners`.")
 @click.option("--margin", type=float, help="Distance from the surface to an automatic box.")

@@ -7,7 +7,7 @@ from sdm_deflect.deform.fitting import Fitting
 from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.volume.box import Automatic, BoxRule
-from sdm_deflect.deform.volume.sliding import SHAPES
+from sdm_deflect.deform.volume.sliding import NAMES, SHAPES
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Sliding:
 
     def __post_init__(self) -> None:
         if self.shape not in SHAPES:
-            raise InputError(f"slide = {self.patch}:{self.shape}: the shape must be {' or '.join(SHAPES)}")
+            raise InputError(f"slide = {self.patch}:{self.shape}: the shape must be {NAMES}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +54,7 @@ class Job:
     ----------
     surfaces : the moving surfaces; in a sweep the first one's amount is the angle, the others keep their ratio to it.
     fixed : patches that do not move; wildcards allowed.
-    slides : patches that stay on a plane or a cylinder.
+    slides : patches that stay on a plane, a cylinder, or their own surface.
     box : rule for the confining hexahedron.
     sections : faces of an overlapping block that cut the box.
     near_wall : whether fixed patches may reach into the box, their nodes are data sites, and the mesh near every wall

@@ -1,4 +1,4 @@
-"""Shapes on which boundary nodes slide: planes and cylinders, fitted to the nodes and verified; sliding patches."""
+"""Shapes on which boundary nodes slide: planes and cylinders, fitted and verified, and any surface as it is."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -7,9 +7,11 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import least_squares
 
+from sdm_deflect.deform.edges import polygons_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
 from sdm_deflect.deform.surface.axis import Axis, Cylinder
+from sdm_deflect.deform.volume.triangulated import Triangulated
 
 RESIDUAL = 1e-5  # of the patch's size: files with six digits keep this
 SNAP = 1e-6  # a normal nearer to a coordinate axis than this is the axis
@@ -103,8 +105,12 @@ class CylinderWall:
         return np.asarray(own / np.linalg.norm(radial, axis=1, keepdims=True))
 
 
-SHAPES: dict[str, Callable[[FloatArray], SlidingSurface]] = {"plane": Plane.fitted, "cylinder": CylinderWall.fitted}
+FITTED: dict[str, Callable[[FloatArray], SlidingSurface]] = {"plane": Plane.fitted, "cylinder": CylinderWall.fitted}
 """How a shape is fitted to the nodes of a patch."""
+SURFACE = "surface"
+"""The shape of a patch that is taken as it is."""
+SHAPES = (*FITTED, SURFACE)
+NAMES = f"{', '.join(FITTED)} or {SURFACE}"
 
 
 def fitted(shape: str, points: FloatArray, patch: str) -> SlidingSurface:
@@ -112,16 +118,16 @@ def fitted(shape: str, points: FloatArray, patch: str) -> SlidingSurface:
 
     Raises InputError if the shape is unknown, or the patch is not of that shape.
     """
-    if shape not in SHAPES:
-        raise InputError(f"slide = {patch}:{shape}: the shape must be {' or '.join(SHAPES)}")
+    if shape not in FITTED:
+        raise InputError(f"slide = {patch}:{shape}: the shape must be {NAMES}")
     if len(points) < 3:
         raise InputError(f"slide = {patch}:{shape}: {len(points)} nodes do not determine a {shape}")
-    surface, size = SHAPES[shape](points), float(np.ptp(points, axis=0).max())
+    surface, size = FITTED[shape](points), float(np.ptp(points, axis=0).max())
     off = float(np.abs(surface.distance(points)).max())
     if not off <= RESIDUAL * size:
         raise InputError(
             f"slide = {patch}:{shape}: the patch is no {shape}; of {len(points)} nodes one lies {off:.3g} off the "
-            f"best one, {off / size:.1e} of its size (allowed {RESIDUAL:.0e})"
+            f"best one, {off / size:.1e} of its size (allowed {RESIDUAL:.0e}); any shape is a {SURFACE}"
         )
     return surface
 
@@ -136,9 +142,14 @@ class SlidingPatch:
 
     @classmethod
     def of(cls, mesh: Mesh, name: str, shape: str) -> "SlidingPatch":
-        """Fit a shape to a patch; InputError if it has another."""
+        """Fit a shape to a patch, or take its faces; InputError if it has another shape, or no faces."""
         nodes = mesh.patch(name).nodes
-        return cls(name, fitted(shape, mesh.points[nodes], name), nodes)
+        if shape != SURFACE:
+            return cls(name, fitted(shape, mesh.points[nodes], name), nodes)
+        faces = polygons_of(mesh.patch(name).faces)
+        if len(np.unique(faces.nodes)) < len(nodes) or not len(faces):
+            raise InputError(f"slide = {name}:{shape}: the patch needs faces that hold all of its {len(nodes)} nodes")
+        return cls(name, Triangulated.of(mesh.points, faces), nodes)
 
 
 def _fit_cylinder(points: FloatArray, direction: FloatArray) -> Cylinder:

@@ -85,7 +85,7 @@ def test_every_setting_reaches_the_fit(options, block):
         ({"motion": "bent"}, "motion = 'bent' is not one of rigid, blended"),
         ({"xyzzy": 1}, "unknown setting xyzzy"),
         ({"tolerence": 1e-5}, r"unknown setting tolerence; did you mean tolerance\?"),
-        ({"slide": {"x-": "sphere"}}, "slide.x- = 'sphere' is not one of plane, cylinder"),
+        ({"slide": {"x-": "sphere"}}, "slide.x- = 'sphere' is not one of plane, cylinder, surface"),
         ({"mesh": {}}, "an object of type dict is no mesh"),
         ({"mesh": (np.full((4, 3), np.nan), {"body": [0]})}, "arrays: 4 points are not finite, the first is point 0"),
     ],

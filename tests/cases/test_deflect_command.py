@@ -190,7 +190,7 @@ def test_a_first_surface_that_stays_does_not_keep_the_second_from_moving(sdm, tm
         ([*FLAP, *HINGE, "--angles", "0:200:50"], ["200 deg is out of range"]),
         ([*HINGE, "--angle", "3"], ["no surface to move: name its patches"]),
         ([*TURN, "--box", "none.toml"], ["none.toml"]),
-        ([*TURN, "--slide", "far_field"], ["NAME:plane or NAME:cylinder"]),
+        ([*TURN, "--slide", "far_field"], ["NAME:plane, NAME:cylinder or NAME:surface"]),
         ([*TURN, "--fixed", "wing_tip", "--slide", "wing_tip:plane"], ["wing_tip cannot be fixed and sliding"]),
         ([*TURN, "--min-quality", "2"], ["min_quality = 2 must be a share between 0 and 1"]),
         ([*TURN, "--steps", "0"], ["--steps 0"]),

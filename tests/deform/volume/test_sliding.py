@@ -110,7 +110,7 @@ def test_too_few_nodes_and_unknown_shapes(block):
     with pytest.raises(InputError, match="slide = p:plane: 2 nodes do not determine a plane"):
         fitted("plane", np.eye(2, 3), "p")
     for made in (lambda: Sliding("x-", "sphere"), lambda: fitted("sphere", np.eye(3), "x-")):
-        with pytest.raises(InputError, match="slide = x-:sphere: the shape must be plane or cylinder"):
+        with pytest.raises(InputError, match="slide = x-:sphere: the shape must be plane, cylinder or surface"):
             made()
     with pytest.raises(InputError, match="slide = body:plane: the patch is no plane"):
         SlidingPatch.of(block, "body", "plane")
