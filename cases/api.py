@@ -276,6 +276,13 @@ def deflect(
         - `min_quality`: share of the undeflected mesh's least quality that the cells of each type must keep (0.1); 0:
           no such check.
 
+        What is repaired:
+
+        - `repair`: ``"auto"``: cells are mended if one is inverted, or the least quality of its type fell below a share
+          of the undeflected mesh's; ``"always"``: if it fell at all; ``"off"`` (default).
+        - `repair_share`: that share (0.9).
+        - `repair_slide`: further patches whose nodes may slide while cells are mended, as for `slide`; moving ones too.
+
         How it is interpolated:
 
         - `strategy`: ``"squv"``, centres for each direction (default), or ``"mv"``, common ones.

@@ -11,7 +11,7 @@ import numpy as np
 from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, structured
 from sdm_deflect.deform.checks import MIN_QUALITY
 from sdm_deflect.deform.errors import InputError, nearest, shortened
-from sdm_deflect.deform.fitting import LARGEST_ANGLE, Fitting
+from sdm_deflect.deform.fitting import LARGEST_ANGLE, Fitting, Repair, RepairMode
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.surface.axis import Axis
@@ -117,6 +117,9 @@ class JobSettings:
     allow_inverted : whether a mesh that has inverted cells is taken.
     min_quality : share of the undeflected mesh's least quality that the touched cells of each type must keep; 0: no
         such check.
+    repair : when spoiled cells are mended: ``"auto"``, ``"off"`` or ``"always"``.
+    repair_share : of the undeflected mesh's least quality, below which ``"auto"`` mends.
+    repair_slide : further patches whose nodes may slide while cells are mended, moving ones too.
     fitting : how the displacement is interpolated; its names stand beside the others.
     """
 
@@ -131,11 +134,15 @@ class JobSettings:
     zones: tuple[str, ...] = ()
     allow_inverted: bool = False
     min_quality: float = MIN_QUALITY
+    repair: RepairMode = "off"
+    repair_share: float = 0.9
+    repair_slide: dict[str, Literal["plane", "cylinder", "surface"]] = field(default_factory=dict)
     fitting: Fitting = field(default_factory=Fitting)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.min_quality <= 1.0:
             raise InputError(f"min_quality = {self.min_quality:g} must be a share between 0 and 1")
+        Repair(self.repair, self.repair_share)
 
     def job(self) -> Job:
         """Return the job, files read; InputError if one cannot be, or a value does not fit or is missing."""
@@ -150,6 +157,8 @@ class JobSettings:
             near_wall=self.near_wall,
             zones=self.zones,
             fitting=self.fitting,
+            repair=Repair(self.repair, self.repair_share),
+            repair_slides=tuple(Sliding(patch, shape) for patch, shape in self.repair_slide.items()),
             allow_inverted=self.allow_inverted,
         )
 
@@ -214,8 +223,8 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
         raise InputError(f"{min(own)} belongs to one surface: put it into the tables of surfaces")
     if isinstance(rest.get("box"), Hexahedron):
         rest["box"] = Given(rest["box"])
-    if "slide" in rest:
-        rest["slide"] = slides_of(rest["slide"])
+    for kind in {"slide", "repair_slide"} & rest.keys():
+        rest[kind] = slides_of(rest[kind], kind)
     share = {"amount": own["angle"]} if "angle" in own else {}
     tables = several or [{"patches": surfaces, **own, **share}]
     _check_use(tables, rest)
@@ -231,7 +240,7 @@ def tables_of(surfaces: Any) -> list[Nested]:
     return [dict(one) for one in rows] if all(isinstance(one, Mapping) for one in rows) else []
 
 
-def slides_of(value: Any) -> Any:
+def slides_of(value: Any, setting: str = "slide") -> Any:
     """Return ``NAME:SHAPE``, or several of them, as a table; tables as they are."""
     if isinstance(value, Mapping) or not isinstance(value, str | list | tuple):
         return value
@@ -239,7 +248,7 @@ def slides_of(value: Any) -> Any:
     for text in value.split(",") if isinstance(value, str) else value:
         name, colon, shape = str(text).rpartition(":")
         if not colon or not name:
-            raise InputError(f"slide = {text}: must be NAME:plane, NAME:cylinder or NAME:surface")
+            raise InputError(f"{setting} = {text}: must be NAME:plane, NAME:cylinder or NAME:surface")
         out[name.strip()] = shape.strip()
     return out
 

@@ -10,6 +10,8 @@ Strategy = Literal["squv", "mv"]
 STRATEGIES: tuple[Strategy, ...] = ("squv", "mv")
 RuleName = Literal["separated", "worst"]
 RULES: tuple[RuleName, ...] = ("separated", "worst")
+RepairMode = Literal["auto", "off", "always"]
+REPAIR_MODES: tuple[RepairMode, ...] = ("auto", "off", "always")
 LARGEST_ANGLE = 90.0
 """Degrees: beyond, a surface has passed its parent."""
 LEAST: dict[str, float] = dict.fromkeys(("tolerance", "spacing"), 0.0)
@@ -60,3 +62,29 @@ class Fitting:
                 f"max_centers = {self.max_centers} is fewer than the "
                 f"{self.initial_surface + self.initial_hexahedron} initial centres"
             )
+
+
+@dataclass(frozen=True, slots=True)
+class Repair:
+    """When cells are mended that a deflection has spoiled.
+
+    Attributes
+    ----------
+    mode : ``"auto"``: if a cell is inverted, or the least quality of its type fell below `share` of that before;
+        ``"always"``: if it fell at all; ``"off"``.
+    share : of the undeflected mesh's least quality.
+    """
+
+    mode: RepairMode = "off"
+    share: float = 0.9
+
+    def __post_init__(self) -> None:
+        if self.mode not in REPAIR_MODES:
+            raise InputError(f"repair = {self.mode!r} must be {', '.join(REPAIR_MODES[:-1])} or {REPAIR_MODES[-1]}")
+        if not 0.0 < self.share <= 1.0:
+            raise InputError(f"repair_share = {self.share} must be a share above 0, at most 1")
+
+    @property
+    def wanted(self) -> float:
+        """Share of the least quality before, below which cells are mended."""
+        return 1.0 if self.mode == "always" else self.share

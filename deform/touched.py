@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -97,21 +98,30 @@ class Layers:
 
 def first_layer(touched: TouchedCells, walls: IntArray, points: FloatArray) -> Layers | None:
     """Compare heights over the walls' nodes (W,) before and with the nodes at `points` (N, 3); None without prisms."""
-    wall = np.zeros(len(points), dtype=bool)
-    wall[walls] = True
-    before, after = [], []
-    for block, rows in zip(touched.mesh.cells, touched.rows, strict=True):
-        if isinstance(block, Polyhedra) or block.shape not in BASES:
-            continue
-        for base, top in _first_cells(block, rows, wall):
-            flat = _flat(touched.mesh.points, base, top)
-            before.append(_height(touched.mesh.points, base[flat], top[flat]))
-            after.append(_height(points, base[flat], top[flat]))
-    if not sum(len(part) for part in before):
+    cells = list(_layer(touched, walls))
+    if not sum(len(base) for base, _ in cells):
         return None
-    low, change = np.concatenate(before), np.concatenate(after)
+    low = np.concatenate([_height(touched.mesh.points, *one) for one in cells])
+    change = np.concatenate([_height(points, *one) for one in cells])
     change = np.abs(change / low - 1.0)
     return Layers(len(low), float(low.min()), float(change.max()), float(np.percentile(change, 99.0)))
+
+
+def first_layer_nodes(touched: TouchedCells, walls: IntArray) -> IntArray:
+    """Return the sorted nodes (K,) at the far ends of the edges whose lengths are the first layer's height."""
+    tops = [top.ravel() for _, top in _layer(touched, walls)]
+    return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *tops]))
+
+
+def _layer(touched: TouchedCells, walls: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield nodes (C, k) on the walls and nodes (C, k) opposite, of the cells of the first layer."""
+    wall = np.zeros(len(touched.mesh.points), dtype=bool)
+    wall[walls] = True
+    for block, rows in zip(touched.mesh.cells, touched.rows, strict=True):
+        if not isinstance(block, Polyhedra) and block.shape in BASES:
+            for base, top in _first_cells(block, rows, wall):
+                flat = _flat(touched.mesh.points, base, top)
+                yield base[flat], top[flat]
 
 
 def _touching(block: Volume, moved: NDArray[np.bool_]) -> IntArray:

@@ -32,6 +32,7 @@ from sdm_deflect.cases.cli import options
 @click.option("--tolerance", type=float, help="Error at a data site (default: 1 % of the surface's median edge).")
 @click.option("--allow-inverted", is_flag=True, default=None, help="Take a mesh that has inverted cells already.")
 @click.option("--min-quality", type=float, help="Share of its least quality that a type of cell must keep (0.1).")
+@options.repair_option
 @options.set_option
 @click.option("--config", type=options.FILE, help="The same in a TOML file; several surfaces as [[surface]].")
 @click.option("--out", type=options.FILE, help="File to write (default: MESH-deflected); the suffix says the format.")

@@ -32,6 +32,7 @@ def list_cases(as_json: bool) -> None:
 @options.angle_option
 @click.option("--strategy", type=options.STRATEGIES, help="squv: centres for each direction; mv: common ones.")
 @click.option("--out", type=options.FILE, help="Output folder (default: runs/CASE).")
+@options.repair_option
 @options.set_option
 @click.option("--config", type=options.FILE, help="Repeat a run from its case.toml.")
 @options.cache_option

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.fitting import LARGEST_ANGLE, Fitting, Strategy
+from sdm_deflect.deform.fitting import LARGEST_ANGLE, Fitting, Repair, RepairMode, Strategy
 from sdm_deflect.geometry.confinement import BlockParameters
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.geometry.quantity import check_quantities, quantity
@@ -83,7 +83,7 @@ class Case:
     """Geometry, mesh, deflection, confinement, adaptation and limits of one run.
 
     `angle` is in degrees, positive for trailing edge down (rudder: to port). `background` holds the sizes of the
-    mesh around a Chimera block, whose own are `mesh`.
+    mesh around a Chimera block, whose own are `mesh`. `repair` and `repair_share` are those of `Repair`.
     """
 
     name: str
@@ -99,6 +99,8 @@ class Case:
     confinement: Confinement = field(default_factory=Confinement)
     blending: Blending = field(default_factory=Blending)
     adaptation: Fitting = field(default_factory=adaptation)
+    repair: RepairMode = "off"
+    repair_share: float = 0.9
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
@@ -107,6 +109,7 @@ class Case:
             raise ValueError("deflections is empty; a case turns at least one control surface")
         if self.scale not in SCALES:
             raise ValueError(f"scale = {self.scale!r} is not one of {', '.join(SCALES)}")
+        Repair(self.repair, self.repair_share)
         for one in self.deflections:
             if abs(one.factor * self.angle) > LARGEST_ANGLE:
                 raise ValueError(

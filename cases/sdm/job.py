@@ -8,6 +8,7 @@ import numpy as np
 from sdm_deflect.cases.sdm.case import Case, SurfaceTurn
 from sdm_deflect.deform.edges import median_edge
 from sdm_deflect.deform.errors import InputError, nearest
+from sdm_deflect.deform.fitting import Repair
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
@@ -18,7 +19,7 @@ from sdm_deflect.deform.surface.surface import Listed
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder
 from sdm_deflect.deform.volume.box import Given
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, deflect
-from sdm_deflect.deform.volume.job import Job, Section
+from sdm_deflect.deform.volume.job import Job, Section, Sliding
 from sdm_deflect.deform.volume.region import check_disjoint
 from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.confinement import Margins, gap_faces, hexahedron_corners, inward_face, rib_faces
@@ -75,7 +76,23 @@ def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
         sections=tuple(sections_of(case, surface)),
         near_wall=False,
         fitting=replace(case.adaptation, spacing=spacing),
+        repair=Repair(case.repair, case.repair_share),
+        repair_slides=repair_slides(mesh, surface),
     )
+
+
+def repair_slides(mesh: Mesh, surface: str) -> tuple[Sliding, ...]:
+    """Return the patches whose nodes may slide when cells are mended.
+
+    On a hinged surface and its parent they do so on faces and along edges, which are straight. The plane faces of a
+    tail are planes, its panel is a cylinder; where these meet nodes stay.
+    """
+    if not hinged(surface):
+        return (Sliding(surface, "plane"), Sliding(panel_of(surface), "cylinder"))
+    own = mesh.patch(surface).nodes
+    others = [patch.name for patch in mesh.patches if patch.name not in (surface, BLOCK)]
+    parents = [name for name in others if np.isin(mesh.patch(name).nodes, own, assume_unique=True).any()]
+    return tuple(Sliding(name, "surface") for name in (surface, *parents))
 
 
 def hexahedron_of(case: Case, surface: str) -> Hexahedron:

@@ -144,7 +144,7 @@ def adapted(results: Sequence[Deflection]) -> str:
 
 def pinned_quality(case: Case, mesh: Mesh, progress: Progress) -> Quality:
     """Quality inside the box if the Chimera face were pinned instead of sliding: what sliding is worth."""
-    stiff = replace(case, confinement=replace(case.confinement, slide=False))
+    stiff = replace(case, repair="off", confinement=replace(case.confinement, slide=False))
     return deflected(stiff, plans_of(stiff, mesh, progress=progress), progress)[0].quality[0]
 
 

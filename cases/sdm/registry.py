@@ -79,6 +79,7 @@ def resolve(
     scale: str | None = None,
     angle: float | None = None,
     strategy: str | None = None,
+    repair: str | None = None,
     assignments: Sequence[str] = (),
     config: Path | None = None,
 ) -> Case:
@@ -88,6 +89,8 @@ def resolve(
     """
     tables, changes = read_toml(config) if config else {}, assigned(assignments)
     options: Nested = {"angle": angle} if angle is not None else {}
+    if repair is not None:
+        options["repair"] = repair
     if strategy is not None:
         options["adaptation"] = {"strategy": strategy}
     changes = merged(options, changes)

@@ -25,6 +25,11 @@ def compiled(function: Function) -> Function:
     return cast(Function, njit(cache=True, **OPTIONS)(function))
 
 
+def compiled_exactly(function: Function) -> Function:
+    """Compile `function` like `compiled`, but as it is written: infinities are allowed, sums keep their order."""
+    return cast(Function, njit(cache=True, **{**OPTIONS, "fastmath": False})(function))
+
+
 def for_code(loop: Function, code: object) -> Function:
     """Return the compiled `loop` for the kernel that `code` selects; its machine code is on disk if the kernel is ours.
 

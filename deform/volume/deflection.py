@@ -1,22 +1,26 @@
 """A plan of all that is decided before anything is fitted, and the mesh at one angle or at many."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import nan
 from time import perf_counter
 
 import numpy as np
 
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.faces import Unheld
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
-from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.repair.freedom import Freedom
+from sdm_deflect.deform.repair.repair import Repaired, repaired
+from sdm_deflect.deform.touched import TouchedCells, first_layer_nodes
 from sdm_deflect.deform.volume.boundary import Amounts, Boundary
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.region import Region
 from sdm_deflect.deform.volume.sites import Sites
+from sdm_deflect.deform.volume.sliding import SlidingSurface
 from sdm_deflect.deform.volume.step import Step, StepState, rate, solve
 
 
@@ -97,6 +101,27 @@ class Plan:
         """Sorted indices of all nodes that may move."""
         return np.union1d(self.region.inside, self.sites.moving)
 
+    def freedom(self, points: FloatArray) -> Freedom:
+        """Return which nodes a repair may move, with the mesh at `points` (N, 3), and on what they stay.
+
+        Nodes on a face of a cell that is on no patch stay, for other zones may fit to them, and so do those that give
+        the first layer its height.
+        """
+        mesh, job = self.mesh, self.job
+        shapes: dict[str, SlidingSurface | str] = {}
+        for one in job.repair_slides:
+            shapes |= dict.fromkeys(mesh.named([one.patch], "repair_slides"), one.shape)
+        for section in job.sections:
+            if section.slides:
+                shapes[section.patch] = "plane"
+        shapes |= {one.patch: one.surface for one in self.boundary.sliding}
+        inside = np.zeros(len(mesh.points), dtype=np.bool_)
+        inside[self.changed] = True
+        inside[np.setdiff1d(self.sites.fixed, mesh.on(*shapes))] = inside[self.unheld.nodes] = False
+        inside[first_layer_nodes(self.touched, self.walls)] = False
+        free = np.setdiff1d(np.flatnonzero(inside), mesh.on(*mesh.names), assume_unique=True)
+        return Freedom.of(mesh, points, inside, free, shapes)
+
     def state(self, points: FloatArray) -> StepState:
         """Return the start of a step with the mesh at `points` (N, 3)."""
         return StepState.of(self.boundary, self.region, self.sites, points)
@@ -114,6 +139,7 @@ class Deflection:
     points : (N, 3) deflected coordinates; outside the box they have the same bits as before.
     inverted : number of touched cells that are inverted at the end.
     seconds : time it took.
+    repaired : the repair, where one was needed.
     """
 
     plan: Plan = field(repr=False)
@@ -122,6 +148,7 @@ class Deflection:
     points: FloatArray = field(repr=False)
     inverted: int
     seconds: float
+    repaired: Repaired | None = field(default=None, repr=False)
 
     @property
     def amounts(self) -> Amounts:
@@ -137,7 +164,14 @@ class Deflection:
         """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
 
         With several steps it is the derivative with respect to the end of the last one.
+
+        Raises InputError for a repaired mesh: a repair ends where cells are good enough, which has no derivative.
         """
+        if self.repaired is not None:
+            raise InputError(
+                f"{self.plan.mesh.name}: the mesh at {self.angle:g} was repaired, and a repair ends where cells are "
+                "good enough: it has no derivative; set repair = off for the sensitivity"
+            )
         return rate(self.steps[-1], self.plan.boundary.rate(self.amounts, self.plan.job.ratios))
 
 
@@ -149,12 +183,27 @@ def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Defl
     """
     before = plan.touched.inverted_at(plan.mesh.points)
     reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
-    best = _stepped(plan, angle, 1, progress, reused)
+    best = mended(_stepped(plan, angle, 1, progress, reused), progress)
     count = 2
     while best.inverted > before and count <= plan.job.fitting.max_steps:
-        best = min(best, _stepped(plan, angle, count, progress, None), key=lambda one: one.inverted)
+        again = mended(_stepped(plan, angle, count, progress, None), progress)
+        best = min(best, again, key=lambda one: one.inverted)
         count *= 2
     return best
+
+
+def mended(deflection: Deflection, progress: Progress = silent) -> Deflection:
+    """Return a deflection whose spoiled cells are repaired, where its job wants that and there are any."""
+    plan, wanted = deflection.plan, deflection.plan.job.repair
+    if wanted.mode == "off" or not plan.touched.count:
+        return deflection
+    before, now = plan.before, deflection.quality
+    fell = any(new.min < wanted.wanted * max(old.min, 0.0) for old, new in zip(before, now, strict=True))
+    if not (deflection.inverted > plan.touched.inverted_at(plan.mesh.points) or fell):
+        return deflection
+    found = repaired(deflection.points, plan.touched, plan.freedom(deflection.points), wanted.wanted, progress)
+    seconds = deflection.seconds + found.seconds
+    return replace(deflection, points=found.points, inverted=len(found.inverted), seconds=seconds, repaired=found)
 
 
 def sweep(plan: Plan, angles: Sequence[float], progress: Progress = silent) -> Iterator[tuple[int, Deflection]]:

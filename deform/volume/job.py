@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.fitting import Fitting
+from sdm_deflect.deform.fitting import Fitting, Repair
 from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.volume.box import Automatic, BoxRule
@@ -62,6 +62,9 @@ class Job:
         and the box are the only data sites, and no other patch may reach into the box.
     zones : zones that deform beside those with a moving surface; ``("*",)`` for all.
     fitting : numbers of the interpolation.
+    repair : when spoiled cells are mended.
+    repair_slides : further patches whose nodes may slide while cells are mended: moving ones too, where they then are.
+        A ``"plane"`` is each plane face of the patch.
     allow_inverted : whether a mesh that has inverted cells is taken.
     """
 
@@ -73,6 +76,8 @@ class Job:
     near_wall: bool = True
     zones: tuple[str, ...] = ()
     fitting: Fitting = field(default_factory=Fitting)
+    repair: Repair = field(default_factory=Repair)
+    repair_slides: tuple[Sliding, ...] = ()
     allow_inverted: bool = False
 
     def __post_init__(self) -> None:

@@ -1,0 +1,301 @@
+"""The repair: patches of nodes around spoiled cells, as large as need be, go to where these cells are good."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from itertools import chain, repeat
+from math import nan
+from time import perf_counter
+
+import numpy as np
+
+from sdm_deflect.deform import polyhedra
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Polyhedra
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.quality import POLYHEDRON, judged
+from sdm_deflect.deform.rbf.threads import single_threaded_blas
+from sdm_deflect.deform.repair.elements import Elements, Tetrahedra
+from sdm_deflect.deform.repair.energy import Energy
+from sdm_deflect.deform.repair.freedom import Freedom
+from sdm_deflect.deform.repair.minimise import minimise
+from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.volume.sliding import SlidingSurface
+
+RINGS = (3, 6, 12, 24)
+"""Rings of cells around spoiled ones whose nodes move; then all that may."""
+MANY = 0.2
+"""Spoiled cells over nodes that move, above which the next larger patch is taken at once."""
+STEPS, TOLERANCE = 25, 1e-5
+"""Of the search at one eps and power: most steps, and the least share by which each has to lower the energy."""
+WIDEST, LEAST_EPS = 0.01, 1e-6
+"""Least eps at the start, over a target's determinant, and where untangling is given up."""
+NARROWER, NARROWEST = 0.5, 0.1
+"""What is left of eps for the next search; and if this one ended by itself."""
+POWERS = (1, 2, 4, 8)
+"""Powers of the energy, one after another, once nothing is inverted: the worst cells weigh more and more."""
+EASY = (0.15, 0.3)
+"""Least mean ratios to the targets from which the first powers are left out."""
+WORTH, PATIENCE = 0.02, 8
+"""Share by which a search at the largest power has to raise the least quality to be followed by another; searches that
+may pass without fewer inverted elements."""
+FEWER = 0.5
+"""Share of the spoiled cells that may be left for the next patch to be as small as can be again, not larger."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Goal:
+    """What some of the touched cells should be like.
+
+    Attributes
+    ----------
+    touched : the cells.
+    floor : (C,) least quality, before the deflection, of the cells of each one's type; -inf where no node can move.
+    """
+
+    touched: TouchedCells = field(repr=False)
+    floor: FloatArray = field(repr=False)
+
+    @classmethod
+    def of(cls, touched: TouchedCells, movable: BoolArray) -> Goal:
+        """Ask of the cells with a node in `movable` (N,) the least quality that their type had."""
+        quality, floor = _judged(touched, touched.mesh.points)[0], np.full(touched.count, -np.inf)
+        names = np.array([getattr(block, "shape", POLYHEDRON) for block in touched.mesh.cells])
+        names = np.repeat(names, [len(rows) for rows in touched.rows])
+        free = np.concatenate([np.empty(0, np.bool_), *_with_any(touched, movable)])
+        for name in np.unique(names):
+            own = names == name
+            floor[own & free] = max(float(quality[own].min()), 0.0)
+        return cls(touched, floor)
+
+    def among(self, cells: BoolArray) -> Goal:
+        """Return the same for some of the cells, a mask (C,)."""
+        ends = np.cumsum([0, *(len(rows) for rows in self.touched.rows)])
+        rows = tuple(own[cells[a:b]] for own, a, b in zip(self.touched.rows, ends, ends[1:], strict=False))
+        return Goal(replace(self.touched, rows=rows), self.floor[cells])
+
+    def missed(self, points: FloatArray, share: float) -> BoolArray:
+        """Return which cells (C,) are inverted, or below a share of their floor, with the nodes at points (N, 3)."""
+        quality, inverted = _judged(self.touched, points)
+        return np.asarray((quality < share * self.floor) | (inverted & (self.floor > -np.inf)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Repaired:
+    """A mesh after its repair.
+
+    Attributes
+    ----------
+    points : (N, 3) coordinates.
+    moved : (K,) sorted indices of the nodes that were moved.
+    spoiled : number of cells that were inverted, or below the share of their type's least quality.
+    left : number of them that still are.
+    inverted : (I,) rows, among the touched cells, of those that are still inverted.
+    steps : steps of all searches.
+    seconds : time it took.
+    """
+
+    points: FloatArray = field(repr=False)
+    moved: IntArray = field(repr=False)
+    spoiled: int
+    left: int
+    inverted: IntArray = field(repr=False)
+    steps: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chart:
+    """Where unknown nodes are, given how far each is to go: those that slide are put on their shapes.
+
+    Attributes
+    ----------
+    base : (U, 3) where they are to begin with.
+    slides : rows (K,) of nodes that slide, and their shapes.
+    """
+
+    base: FloatArray = field(repr=False)
+    slides: tuple[tuple[IntArray, SlidingSurface], ...] = field(repr=False)
+
+    @classmethod
+    def of(cls, points: FloatArray, nodes: IntArray, freedom: Freedom) -> Chart:
+        """Take some of the nodes (U,) that are free to move, at points (N, 3)."""
+        slides, order = [], np.argsort(nodes)
+        for one in freedom.slides:
+            own = one.nodes[np.isin(one.nodes, nodes, assume_unique=True)]
+            if len(own):
+                rows = order[np.searchsorted(nodes, own, sorter=order)]
+                slides.append((rows, one.shape))
+        return cls(points[nodes], tuple(slides))
+
+    def place(self, way: FloatArray) -> FloatArray:
+        """Return the places (U, 3)."""
+        out = self.base + way
+        for rows, shape in self.slides:
+            out[rows] = self.base[rows] + shape.projected(self.base[rows], way[rows])
+        return out
+
+    def pulled(self, way: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Return the gradient (U, 3) by the way, given that by the places."""
+        for rows, shape in self.slides:
+            gradient[rows] = shape.rate(self.base[rows], way[rows], gradient[rows])
+        return gradient
+
+
+def repaired(
+    points: FloatArray, touched: TouchedCells, freedom: Freedom, share: float, progress: Progress = silent
+) -> Repaired:
+    """Mend the cells that are inverted, or whose quality is below a share of their type's least before.
+
+    Around them nodes move until all cells of the patch are as good as the worst was before, or nothing more is won.
+    While cells miss their share, the next patch is larger.
+
+    Parameters
+    ----------
+    points : (N, 3) the deflected mesh.
+    touched : the cells that may change, and the mesh before.
+    freedom : the nodes that may move.
+    """
+    begin, nodes = perf_counter(), freedom.nodes
+    movable = np.zeros(len(points), dtype=np.bool_)
+    movable[nodes] = True
+    goal = Goal.of(touched, movable)
+    parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
+    tetrahedra = Tetrahedra.of(touched.mesh.points, parts)
+    first = left = int(goal.missed(points, share).sum())
+    sizes = (*RINGS, len(points))
+    here, steps, size, last = points, 0, 0, -1
+    while left and size < len(sizes):
+        spoiled = goal.missed(here, 1.0)
+        unknown = _around(tetrahedra, spoiled, movable, sizes[size])
+        if len(unknown) == last or (len(unknown) < len(nodes) and spoiled.sum() > MANY * len(unknown)):
+            size += 1
+            continue
+        progress(f"repair: {left} cells, {len(unknown)} nodes", nan)
+        here, count = _mended(Patch.of(here, tetrahedra, unknown, freedom, goal))
+        now, steps, last = int(goal.missed(here, share).sum()), steps + count, len(unknown)
+        left, size = now, 0 if now <= FEWER * left else size + 1
+    moved = nodes[(here[nodes] != points[nodes]).any(axis=1)]
+    inverted = np.flatnonzero(_judged(touched, here)[1])
+    return Repaired(here, moved, first, left, inverted, steps, perf_counter() - begin)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """Nodes that move together, and the cells around them.
+
+    Attributes
+    ----------
+    points : (N, 3) the mesh at the start.
+    unknown : (U,) the nodes that move.
+    energy, chart : of its elements, and where nodes may go.
+    goal : of its cells.
+    local : (M, 3) places of the elements' nodes, the unknown ones first, those last asked for.
+    """
+
+    points: FloatArray = field(repr=False)
+    unknown: IntArray = field(repr=False)
+    energy: Energy = field(repr=False)
+    chart: Chart = field(repr=False)
+    goal: Goal = field(repr=False)
+    local: FloatArray = field(repr=False)
+
+    @classmethod
+    def of(cls, points: FloatArray, tetrahedra: Tetrahedra, nodes: IntArray, freedom: Freedom, goal: Goal) -> Patch:
+        """Let some nodes (U,) move, with the mesh at points (N, 3)."""
+        elements = Elements.of(tetrahedra, nodes, goal.touched.mesh.points)
+        cells = np.zeros(len(goal.floor), dtype=np.bool_)
+        cells[elements.cells] = True
+        unknown = elements.used[: elements.unknown]
+        chart = Chart.of(points, unknown, freedom)
+        return cls(points, unknown, Energy(elements), chart, goal.among(cells), points[elements.used])
+
+    def at(self, way: FloatArray) -> FloatArray:
+        """Return the places (M, 3) of the elements' nodes when the unknown ones go a way (U, 3)."""
+        self.local[: len(self.unknown)] = self.chart.place(way)
+        return self.local
+
+    def everywhere(self, way: FloatArray) -> FloatArray:
+        """Return the places (N, 3) of all nodes."""
+        out = self.points.copy()
+        out[self.unknown] = self.chart.place(way)
+        return out
+
+    def good(self, way: FloatArray) -> bool:
+        """True if every cell is as good as the worst of its type was."""
+        return not self.goal.missed(self.everywhere(way), 1.0).any()
+
+    def least(self, way: FloatArray) -> float:
+        """Return the least mean ratio of an element to its target; 0 if one is inverted."""
+        return self.energy.least(self.at(way))
+
+    @property
+    def inverted(self) -> int:
+        """Number of elements that are inverted at the place last evaluated."""
+        return int(np.count_nonzero(self.energy.determinants <= 0.0))
+
+    def search(self, way: FloatArray, eps: float, power: int) -> tuple[FloatArray, int]:
+        """Lower the energy, beginning at a way (U, 3); return where that ended, and the steps."""
+
+        def function(way: FloatArray) -> tuple[float, FloatArray]:
+            value, gradient = self.energy(self.at(way), eps, power)
+            return value, self.chart.pulled(way, gradient) if np.isfinite(value) else gradient
+
+        with single_threaded_blas():
+            found = minimise(function, way, self.energy.curvature(self.at(way), eps, power), STEPS, TOLERANCE)
+        return found.place, found.steps
+
+
+def _mended(patch: Patch) -> tuple[FloatArray, int]:
+    """Move a patch until its goal is met or nothing more is won; return all points (N, 3), and the steps.
+
+    While cells are inverted eps shrinks from twice the worst determinant; then the power grows.
+    """
+    way, steps = np.zeros((len(patch.unknown), 3)), 0
+    least, inverted = patch.least(way), patch.inverted
+    eps, vain = max(WIDEST, -2.0 * float(patch.energy.determinants.min())), 0
+    while inverted and vain < PATIENCE and eps > LEAST_EPS:
+        way, count = patch.search(way, eps, POWERS[0])
+        least, steps = patch.least(way), steps + count
+        eps *= NARROWER if count == STEPS else NARROWEST
+        inverted, vain = patch.inverted, 0 if patch.inverted < inverted else vain + 1
+    if inverted:
+        return patch.everywhere(way), steps
+    easy = int(np.searchsorted(EASY, least))
+    for power in chain(POWERS[easy:], repeat(POWERS[-1])):
+        if patch.good(way):
+            break
+        way, count = patch.search(way, 0.0, power)
+        before, least, steps = least, patch.least(way), steps + count
+        if power == POWERS[-1] and least < before * (1.0 + WORTH):
+            break
+    return patch.everywhere(way), steps
+
+
+def _around(tetrahedra: Tetrahedra, spoiled: BoolArray, movable: BoolArray, rings: int) -> IntArray:
+    """Return the sorted nodes (U,) that may move within so many rings of cells around spoiled ones."""
+    if rings >= len(movable):
+        return np.flatnonzero(movable)
+    near = np.zeros(len(movable), dtype=np.bool_)
+    near[tetrahedra.nodes[spoiled[tetrahedra.cells]]] = True
+    for _ in range(rings - 1):
+        near[tetrahedra.nodes[near[tetrahedra.nodes].any(axis=1)]] = True
+    return np.flatnonzero(near & movable)
+
+
+def _judged(touched: TouchedCells, points: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return the quality (C,) of the touched cells, and which are inverted, block by block."""
+    parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
+    found = [judged(points, *part) for part in parts if len(part[1])]
+    quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
+    return quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)])
+
+
+def _with_any(touched: TouchedCells, mask: BoolArray) -> list[BoolArray]:
+    """Return which of the touched cells have a node in the mask (N,), block by block."""
+    found = []
+    for block, rows in zip(touched.mesh.cells, touched.rows, strict=True):
+        if isinstance(block, Polyhedra):
+            found.append(np.isin(rows, polyhedra.touching(block, mask), assume_unique=True))
+        else:
+            found.append(np.asarray(mask[block.nodes[rows]].any(axis=1)))
+    return found
