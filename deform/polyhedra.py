@@ -82,6 +82,19 @@ def face_centres_and_areas(points: FloatArray, faces: Polygons) -> tuple[FloatAr
     return centres, 0.5 * np.add.reduceat(normals, starts, axis=0)
 
 
+def corner_edges(cells: Polyhedra, rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Return where edges of rows of cells begin, where they end, and the place of the row, each (K,).
+
+    Every edge of a cell is found once from each of its ends.
+    """
+    faces, face, cell, sign = _sides(cells, rows)
+    sizes = np.diff(faces.offsets)[face]
+    start, size = np.repeat(faces.offsets[:-1][face], sizes), np.repeat(sizes, sizes)
+    place = np.arange(len(size)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    ahead = (place + np.repeat(sign, sizes).astype(np.intp)) % size
+    return faces.nodes[start + place], faces.nodes[start + ahead], np.repeat(cell, sizes)
+
+
 def touching(cells: Polyhedra, moved: NDArray[np.bool_]) -> IntArray:
     """Return the rows of cells with a node in the mask `moved` (N,)."""
     face = np.logical_or.reduceat(moved[cells.faces.nodes], cells.faces.offsets[:-1])

@@ -98,30 +98,39 @@ class Layers:
 
 def first_layer(touched: TouchedCells, walls: IntArray, points: FloatArray) -> Layers | None:
     """Compare heights over the walls' nodes (W,) before and with the nodes at `points` (N, 3); None without prisms."""
-    cells = list(_layer(touched, walls))
-    if not sum(len(base) for base, _ in cells):
+    edges = next(layers(touched, walls), None)
+    if edges is None:
         return None
-    low = np.concatenate([_height(touched.mesh.points, *one) for one in cells])
-    change = np.concatenate([_height(points, *one) for one in cells])
-    change = np.abs(change / low - 1.0)
+    low, after = (np.linalg.norm(at[edges[1]] - at[edges[0]], axis=1) for at in (touched.mesh.points, points))
+    change = np.abs(after / low - 1.0)
     return Layers(len(low), float(low.min()), float(change.max()), float(np.percentile(change, 99.0)))
 
 
-def first_layer_nodes(touched: TouchedCells, walls: IntArray) -> IntArray:
-    """Return the sorted nodes (K,) at the far ends of the edges whose lengths are the first layer's height."""
-    tops = [top.ravel() for _, top in _layer(touched, walls)]
-    return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *tops]))
+def layers(touched: TouchedCells, walls: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield, layer by layer from the nodes of walls (W,), where the edges that leave them begin and end, each (E,).
 
-
-def _layer(touched: TouchedCells, walls: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield nodes (C, k) on the walls and nodes (C, k) opposite, of the cells of the first layer."""
-    wall = np.zeros(len(touched.mesh.points), dtype=bool)
-    wall[walls] = True
-    for block, rows in zip(touched.mesh.cells, touched.rows, strict=True):
-        if not isinstance(block, Polyhedra) and block.shape in BASES:
-            for base, top in _first_cells(block, rows, wall):
-                flat = _flat(touched.mesh.points, base, top)
-                yield base[flat], top[flat]
+    Edges are those of flat cells, as often as cells have them; the last layer is that without flat cells on it.
+    """
+    seen = np.zeros(len(touched.mesh.points), dtype=np.bool_)
+    seen[walls] = True
+    below = seen.copy()
+    while True:
+        found = [
+            (base[flat].ravel(), top[flat].ravel())
+            for block, rows in zip(touched.mesh.cells, touched.rows, strict=True)
+            if not isinstance(block, Polyhedra) and block.shape in BASES
+            for base, top in _first_cells(block, rows, below)
+            if (flat := _flat(touched.mesh.points, base, top)).any()
+        ]
+        if not found:
+            return
+        starts, ends = (np.concatenate(part) for part in zip(*found, strict=True))
+        new = ~seen[ends]
+        if not new.any():
+            return
+        yield starts[new], ends[new]
+        below[:] = False
+        below[ends[new]] = seen[ends[new]] = True
 
 
 def _touching(block: Volume, moved: NDArray[np.bool_]) -> IntArray:
@@ -150,8 +159,3 @@ def _flat(points: FloatArray, base: IntArray, top: IntArray) -> NDArray[np.bool_
     around = np.linalg.norm(points[base] - points[np.roll(base, 1, axis=1)], axis=2)
     height = np.linalg.norm(points[top] - points[base], axis=2)
     return np.asarray(height.max(axis=1) < FLAT * around.max(axis=1))
-
-
-def _height(points: FloatArray, base: IntArray, top: IntArray) -> FloatArray:
-    """Return the lengths (C k,) of the edges that leave the wall."""
-    return np.asarray(np.linalg.norm(points[top] - points[base], axis=2).ravel())

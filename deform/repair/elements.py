@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
 from sdm_deflect.deform.mesh import BoolArray, Cells, FloatArray, IntArray, Polyhedra, Volume
+from sdm_deflect.deform.polyhedra import corner_edges
 from sdm_deflect.deform.quality import CORNERS
 
 REGULAR = np.array([[1.0, 0.5, 0.5], [0.0, np.sqrt(3.0) / 2.0, np.sqrt(3.0) / 6.0], [0.0, 0.0, np.sqrt(2.0 / 3.0)]])
@@ -16,6 +18,8 @@ BITS = 10
 """Of each coordinate along the curve: a thousand places."""
 FLAT = 1e-3
 """A corner whose determinant is a smaller share of the product of its edges' lengths has no shape to keep."""
+HANGING = 0.1
+"""The same for polyhedra, which have nodes within edges and faces where their neighbours are smaller."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +31,7 @@ class Elements:
     used : (M,) indices in the mesh of all their nodes, the unknown ones first.
     unknown : number U of unknown nodes.
     nodes : (E, 4) rows of `used`.
-    inverse : (E, 9) inverse of the matrix of the target's edges, row by row.
+    targets : (E, 10) inverse of the matrix of the target's edges, row by row, and the weight of the element.
     cells : (E,) to which of the cells each belongs.
     starts, corners : (U + 1,), (K,) the elements at each unknown node: 4 times the element plus its corner.
     """
@@ -35,13 +39,13 @@ class Elements:
     used: IntArray = field(repr=False)
     unknown: int
     nodes: IntArray = field(repr=False)
-    inverse: FloatArray = field(repr=False)
+    targets: FloatArray = field(repr=False)
     cells: IntArray = field(repr=False)
     starts: IntArray = field(repr=False)
     corners: IntArray = field(repr=False)
 
     @classmethod
-    def of(cls, tetrahedra: Tetrahedra, unknown: IntArray, points: FloatArray) -> Elements:
+    def of(cls, tetrahedra: Tetrahedra, unknown: IntArray, points: FloatArray, weights: FloatArray) -> Elements:
         """Take the tetrahedra that have one of the `unknown` nodes (U,), with their targets.
 
         Nodes and elements are ordered along a curve that fills space: neighbours stay together in memory.
@@ -49,6 +53,7 @@ class Elements:
         Parameters
         ----------
         points : (N, 3) the mesh before its deflection.
+        weights : (C,) of all cells.
         """
         mark = np.zeros(len(points), dtype=np.bool_)
         mark[unknown] = True
@@ -65,10 +70,9 @@ class Elements:
         flat = rows.ravel()
         order = np.argsort(flat, kind="stable")
         starts = np.searchsorted(flat[order], np.arange(len(unknown) + 1))
-        return cls(
-            used, len(unknown), rows, tetrahedra.inverse(points, own), tetrahedra.cells[own],
-            starts, order[: starts[-1]],
-        )  # fmt: skip
+        cells = tetrahedra.cells[own]
+        targets = np.column_stack([tetrahedra.inverse(points, own), weights[cells]])
+        return cls(used, len(unknown), rows, targets, cells, starts, order[: starts[-1]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,16 +101,15 @@ class Tetrahedra:
         """
         nodes, cells, regular, count = [], [], [], 0
         for block, rows, orientation in parts:
-            corners = corners_of(block, rows)
-            own = np.repeat(np.arange(count, count + len(rows)), corners.shape[1])
-            four = corners.reshape(-1, 4) if orientation > 0 else corners.reshape(-1, 4)[:, [0, 2, 1, 3]]
+            four, own = corners_of(points, block, rows)
+            if orientation < 0 and isinstance(block, Cells):
+                four = four[:, [0, 2, 1, 3]]
             simple = isinstance(block, Cells) and block.shape == "tetra"
             if not simple:
-                edges = _edges(points, four)
-                keep = np.linalg.det(edges) > FLAT * np.prod(np.linalg.norm(edges, axis=1), axis=1)
+                keep = _solidity(points, four) > (HANGING if isinstance(block, Polyhedra) else FLAT)
                 four, own = four[keep], own[keep]
             nodes.append(four)
-            cells.append(own)
+            cells.append(count + own)
             regular.append(np.full(len(four), simple))
             count += len(rows)
         return cls(np.concatenate(nodes), np.concatenate(cells), np.concatenate(regular))
@@ -124,11 +127,36 @@ class Tetrahedra:
         return out.reshape(-1, 9)
 
 
-def corners_of(block: Volume, rows: IntArray) -> IntArray:
-    """Return the nodes (R, c, 4) of the tetrahedra at the c corners of each of R cells."""
-    if isinstance(block, Polyhedra):
-        raise NotImplementedError
-    return np.asarray(block.nodes[rows][:, np.array(CORNERS[block.shape])])
+def corners_of(points: FloatArray, block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the nodes (E, 4) of the tetrahedra at the corners of some rows of cells, and the place (E,) of each row.
+
+    A node of a polyhedron is a corner with three of its edges there; with more, each three of them are one.
+    """
+    if not isinstance(block, Polyhedra):
+        corners = block.nodes[rows][:, np.array(CORNERS[block.shape])]
+        return corners.reshape(-1, 4), np.repeat(np.arange(len(rows)), corners.shape[1])
+    node, end, cell = corner_edges(block, rows)
+    order = np.lexsort((end, node, cell))
+    node, end, cell = node[order], end[order], cell[order]
+    first = np.flatnonzero(np.diff(node, prepend=-1).astype(np.bool_) | np.diff(cell, prepend=-1).astype(np.bool_))
+    edges = np.diff(first, append=len(node))
+    fours, cells = [np.empty((0, 4), dtype=np.intp)], [np.empty(0, dtype=np.intp)]
+    for count in np.unique(edges[edges > 2]):
+        own = first[edges == count]
+        for three in combinations(range(count), 3):
+            fours.append(np.column_stack([node[own], *(end[own + k] for k in three)]))
+            cells.append(cell[own])
+    four = np.concatenate(fours)
+    left = _solidity(points, four) < 0.0
+    four[left] = four[left][:, [0, 2, 1, 3]]
+    return four, np.concatenate(cells)
+
+
+def _solidity(points: FloatArray, nodes: IntArray) -> FloatArray:
+    """Return the determinant (E,) of the edges of tetrahedra (E, 4) at their first nodes over the edges' lengths."""
+    edges = _edges(points, nodes)
+    lengths = np.prod(np.linalg.norm(edges, axis=1), axis=1)
+    return np.asarray(np.linalg.det(edges) / np.maximum(lengths, np.finfo(np.float64).tiny))
 
 
 def _along_curve(points: FloatArray, nodes: IntArray) -> IntArray:

@@ -3,10 +3,11 @@
 Every cell is seen through tetrahedra at its corners. With J the map from a tetrahedron's target to it, f = tr(J'J) / 3
 and d = det J, the energy is
 
-    (f^3 / chi^2)^power,    chi = (d + sqrt(d^2 + eps^2)) / 2
+    (weight f^3 / chi^2)^power,    chi = (d + sqrt(d^2 + eps^2)) / 2
 
 (Garanzha et al., "Foldover-free maps in 50 lines of code", 2021, eq. 3, to the power 3). For eps = 0 it is the mean
-ratio to the power -3, infinite where the tetrahedron is flat; with eps > 0 it is finite for inverted ones, too.
+ratio to the power -3, infinite where the tetrahedron is flat; with eps > 0 it is finite for inverted ones, too,
+and all weights are 1: no cell may be given up while others are untangled.
 """
 
 from collections.abc import Callable
@@ -27,8 +28,8 @@ LANES = 32
 """Elements whose numbers stand side by side, for the processor's wide registers."""
 EDGES, TARGET, JACOBIAN, COFACTORS = 0, 9 * LANES, 18 * LANES, 27 * LANES
 SIZE, ROOT, DETERMINANT, BASE = 36 * LANES, 37 * LANES, 38 * LANES, 39 * LANES
-SLOPES = 40 * LANES
-LENGTH = 64 * LANES
+SHARE, SLOPES = 40 * LANES, 41 * LANES
+LENGTH = 65 * LANES
 """Where each number of `LANES` elements begins in the array that they share, and its length."""
 
 
@@ -54,11 +55,11 @@ class Energy:
         """Return the energy and its gradient (U, 3) with the nodes at `points` (M, 3)."""
         one, out, measures = self.elements, self._slopes, self._measures
         form = float(eps), int(power)
-        _blockwise(lambda a, b: _energies(points, one.nodes, one.inverse, form, measures, out, (a, b)), len(out))
+        _blockwise(lambda a, b: _energies(points, one.nodes, one.targets, form, measures, out, (a, b)), len(out))
         return float(measures[0].sum()), self._gathered(out, 3)
 
     def least(self, points: FloatArray) -> float:
-        """Return the least mean ratio of any element to its target; 0 if one is inverted."""
+        """Return the least mean ratio of any element to its target, weighted; 0 if one is inverted."""
         self(points, 0.0, 1)
         flat = self.determinants.min(initial=1.0) <= 0.0
         return 0.0 if flat else float(self._measures[0].max(initial=1.0) ** (-1.0 / 3.0))
@@ -70,7 +71,7 @@ class Energy:
         """
         one, out = self.elements, np.empty((len(self.elements.nodes), 24))
         form = float(eps), int(power)
-        _blockwise(lambda a, b: _curvatures(points, one.nodes, one.inverse, form, out, (a, b)), len(out))
+        _blockwise(lambda a, b: _curvatures(points, one.nodes, one.targets, form, out, (a, b)), len(out))
         return self._gathered(out, 6)
 
     def _gathered(self, values: FloatArray, width: int) -> FloatArray:
@@ -95,7 +96,7 @@ def _blockwise(kernel: Callable[[int, int], Any], count: int) -> None:
 def _energies(
     points: FloatArray,
     nodes: IntArray,
-    inverse: FloatArray,
+    targets: FloatArray,
     form: tuple[float, int],
     measures: FloatArray,
     out: FloatArray,
@@ -106,7 +107,7 @@ def _energies(
     eps, power = form
     for begin in range(rows[0], rows[1], LANES):
         count = min(LANES, rows[1] - begin)
-        _load(points, nodes[begin : begin + count], inverse[begin : begin + count], row)
+        _load(points, nodes[begin : begin + count], targets[begin : begin + count], row)
         _shape(row, eps)
         _slope(row)
         for i in range(count):
@@ -129,7 +130,7 @@ def _energies(
 def _curvatures(
     points: FloatArray,
     nodes: IntArray,
-    inverse: FloatArray,
+    targets: FloatArray,
     form: tuple[float, int],
     out: FloatArray,
     rows: tuple[int, int],
@@ -139,7 +140,7 @@ def _curvatures(
     eps, power = form
     for begin in range(rows[0], rows[1], LANES):
         count = min(LANES, rows[1] - begin)
-        _load(points, nodes[begin : begin + count], inverse[begin : begin + count], row)
+        _load(points, nodes[begin : begin + count], targets[begin : begin + count], row)
         _shape(row, eps)
         for c in range(4):
             _bend(row, c, float(power))
@@ -152,8 +153,8 @@ def _curvatures(
 
 
 @compiled_exactly
-def _load(points: FloatArray, nodes: IntArray, inverse: FloatArray, row: FloatArray) -> None:
-    """Write the edges and the inverse targets of at most `LANES` elements."""
+def _load(points: FloatArray, nodes: IntArray, targets: FloatArray, row: FloatArray) -> None:
+    """Write the edges, the inverse targets and the weights of at most `LANES` elements."""
     for i in range(len(nodes)):
         n0, n1, n2, n3 = nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3]
         for k in range(3):
@@ -162,12 +163,13 @@ def _load(points: FloatArray, nodes: IntArray, inverse: FloatArray, row: FloatAr
             row[EDGES + (3 + k) * LANES + i] = points[n2, k] - origin
             row[EDGES + (6 + k) * LANES + i] = points[n3, k] - origin
         for k in range(9):
-            row[TARGET + k * LANES + i] = inverse[i, k]
+            row[TARGET + k * LANES + i] = targets[i, k]
+        row[SHARE + i] = targets[i, 9]
 
 
 @compiled_exactly
 def _shape(row: FloatArray, eps: float) -> None:
-    """Write J, its cofactors, f, sqrt(d^2 + eps^2), d and f^3 / chi^2."""
+    """Write J, its cofactors, f, sqrt(d^2 + eps^2), d and the weighted f^3 / chi^2."""
     for i in range(LANES):
         ax, ay, az = row[EDGES + i], row[EDGES + 1 * LANES + i], row[EDGES + 2 * LANES + i]
         bx, by, bz = row[EDGES + 3 * LANES + i], row[EDGES + 4 * LANES + i], row[EDGES + 5 * LANES + i]
@@ -188,7 +190,8 @@ def _shape(row: FloatArray, eps: float) -> None:
         large = 0.5 * (root + abs(d))
         small = 0.25 * eps * eps / large
         chi = large if d > 0.0 else small
-        row[SIZE + i], row[ROOT + i], row[DETERMINANT + i], row[BASE + i] = f, root, d, f * f * f / (chi * chi)
+        base = f * f * f / (chi * chi) * (row[SHARE + i] if eps == 0.0 else 1.0)
+        row[SIZE + i], row[ROOT + i], row[DETERMINANT + i], row[BASE + i] = f, root, d, base
         row[JACOBIAN + i], row[JACOBIAN + 1 * LANES + i], row[JACOBIAN + 2 * LANES + i] = j00, j01, j02
         row[JACOBIAN + 3 * LANES + i], row[JACOBIAN + 4 * LANES + i], row[JACOBIAN + 5 * LANES + i] = j10, j11, j12
         row[JACOBIAN + 6 * LANES + i], row[JACOBIAN + 7 * LANES + i], row[JACOBIAN + 8 * LANES + i] = j20, j21, j22

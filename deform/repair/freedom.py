@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sdm_deflect.deform.edges import area_vectors, edges_of, polygons_of
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Patch, Polygons
+from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.volume.sliding import FITTED, SURFACE, Plane, SlidingSurface
 from sdm_deflect.deform.volume.triangulated import Triangulated
 
@@ -30,10 +31,14 @@ class Slide:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Freedom:
-    """The nodes that may move: `free` (F,) anywhere, others on their shapes. Each is in one place at most."""
+    """The nodes that may move: `free` (F,) anywhere, others on their shapes; each is in one place at most.
+
+    Those of `columns` keep their distances from the nodes below them, too.
+    """
 
     free: IntArray = field(repr=False)
     slides: tuple[Slide, ...] = field(repr=False)
+    columns: Columns = field(default_factory=Columns, repr=False)
 
     @property
     def nodes(self) -> IntArray:
@@ -77,6 +82,27 @@ class Freedom:
             if shape is not None and (same & (found[first, 1] == k)).any()
         ]
         return cls(free, tuple(slides))
+
+    def with_columns(self, columns: Columns, points: FloatArray) -> Freedom:
+        """Return the same with the heights of layers kept, the nodes at points (N, 3).
+
+        A node of the first layer stays if it is over several nodes of the walls, or slides on another shape than a
+        plane through the node below; those of further layers then follow their shape alone.
+        """
+        anywhere = np.zeros(len(points), dtype=np.bool_)
+        anywhere[self.free] = True
+        levels = []
+        for pairs in columns.levels:
+            kept = anywhere[pairs[:, 0]]
+            for one in self.slides:
+                if isinstance(one.shape, Plane):
+                    near = FLAT * float(np.ptp(points[one.nodes], axis=0).max())
+                    kept |= np.isin(pairs[:, 0], one.nodes) & (np.abs(one.shape.distance(points[pairs[:, 1]])) <= near)
+            levels.append(pairs[kept])
+        first = np.concatenate([columns.forked, *(pairs[:, 0] for pairs in columns.levels[:1])])
+        stay = np.setdiff1d(first, levels[0][:, 0]) if levels else first
+        slides = tuple(Slide(np.setdiff1d(one.nodes, stay, assume_unique=True), one.shape) for one in self.slides)
+        return Freedom(np.setdiff1d(self.free, stay, assume_unique=True), slides, Columns(tuple(levels)))
 
 
 def _pieces(

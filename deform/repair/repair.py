@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from itertools import chain, repeat
 from math import nan
 from time import perf_counter
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Polyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import POLYHEDRON, judged
 from sdm_deflect.deform.rbf.threads import single_threaded_blas
+from sdm_deflect.deform.repair.columns import Heights
 from sdm_deflect.deform.repair.elements import Elements, Tetrahedra
 from sdm_deflect.deform.repair.energy import Energy
 from sdm_deflect.deform.repair.freedom import Freedom
@@ -26,28 +26,21 @@ RINGS = (3, 6, 12, 24)
 """Rings of cells around spoiled ones whose nodes move; then all that may."""
 MANY = 0.2
 """Spoiled cells over nodes that move, above which the next larger patch is taken at once."""
+WORST = 1e-3
+"""Least quality that cells are weighted by."""
 STEPS, TOLERANCE = 25, 1e-5
 """Of the search at one eps and power: most steps, and the least share by which each has to lower the energy."""
 WIDEST, LEAST_EPS = 0.01, 1e-6
 """Least eps at the start, over a target's determinant, and where untangling is given up."""
-NARROWER, NARROWEST = 0.5, 0.1
+NARROWER, NARROWEST = 0.5, 0.2
 """What is left of eps for the next search; and if this one ended by itself."""
 POWERS = (1, 2, 4, 8)
 """Powers of the energy, one after another, once nothing is inverted: the worst cells weigh more and more."""
-EASY = (0.15, 0.3, 0.4)
-"""Least mean ratios to the targets from which the first powers are left out."""
+EASY = (0.35, 0.7)
+"""Least shares of a cell's quality in its floor, about, from which the first powers are left out."""
 WORTH, PATIENCE = 0.02, 8
 """Share by which a search at the largest power has to raise the least quality to be followed by another; searches that
 may pass without fewer inverted elements."""
-LEVELS = (0.0, 0.5, 0.75)
-"""Shares of the least quality before to which all cells are brought, one after another, up to the one that is asked
-for; first none is inverted."""
-GAIN, KEPT = 1.05, 0.98
-"""A patch is taken if the least quality is so many times what it was; or this, if fewer cells are below the level."""
-VAIN = 2
-"""Patches without a gain after which a level is given up."""
-REST = 0.1
-"""Share of inverted or spoiled cells at which a patch that could be smaller around them is left."""
 FEWER = 0.5
 """Share of the spoiled cells that may be left for the next patch to be as small as can be again, not larger."""
 
@@ -60,41 +53,41 @@ class Goal:
     ----------
     touched : the cells.
     floor : (C,) least quality, before the deflection, of the cells of each one's type; -inf where no node can move.
+    weights : (C,) of the cells' energies, by which cells of all types come to their floors at once. The energy of a
+        corner is at least the inverse square of its scaled Jacobian over that of its target, that of a tetrahedron the
+        inverse cube of its mean ratio.
     """
 
     touched: TouchedCells = field(repr=False)
     floor: FloatArray = field(repr=False)
+    weights: FloatArray = field(repr=False)
 
     @classmethod
     def of(cls, touched: TouchedCells, movable: BoolArray) -> Goal:
         """Ask of the cells with a node in `movable` (N,) the least quality that their type had."""
         quality, floor = _judged(touched, touched.mesh.points)[0], np.full(touched.count, -np.inf)
+        weights = np.empty(touched.count)
         names = np.array([getattr(block, "shape", POLYHEDRON) for block in touched.mesh.cells])
         names = np.repeat(names, [len(rows) for rows in touched.rows])
         free = np.concatenate([np.empty(0, np.bool_), *_with_any(touched, movable)])
         for name in np.unique(names):
             own = names == name
-            floor[own & free] = max(float(quality[own].min()), 0.0)
-        return cls(touched, floor)
+            least = float(quality[own].min())
+            floor[own & free] = max(least, 0.0)
+            least = max(least, WORST)
+            weights[own] = least**3 if name == "tetra" else (least / np.maximum(quality[own], least)) ** 2
+        return cls(touched, floor, weights)
 
     def among(self, cells: BoolArray) -> Goal:
         """Return the same for some of the cells, a mask (C,)."""
         ends = np.cumsum([0, *(len(rows) for rows in self.touched.rows)])
         rows = tuple(own[cells[a:b]] for own, a, b in zip(self.touched.rows, ends, ends[1:], strict=False))
-        return Goal(replace(self.touched, rows=rows), self.floor[cells])
-
-    def state(self, points: FloatArray, level: float) -> tuple[int, float]:
-        """Return how many cells are below a level, and the least quality of any cell over its floor."""
-        quality, _ = _judged(self.touched, points)
-        free = self.floor > 0.0
-        least = float((quality[free] / self.floor[free]).min(initial=1.0))
-        return int(self.missed(points, level).sum()), least
+        return Goal(replace(self.touched, rows=rows), self.floor[cells], self.weights[cells])
 
     def missed(self, points: FloatArray, share: float) -> BoolArray:
         """Return which cells (C,) are inverted, or below a share of their floor, with the nodes at points (N, 3)."""
         quality, inverted = _judged(self.touched, points)
-        free = self.floor > -np.inf
-        return np.asarray(free & (inverted | (quality < share * np.where(free, self.floor, 0.0))))
+        return np.asarray((quality < share * self.floor) | (inverted & (self.floor > -np.inf)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,10 +122,12 @@ class Chart:
     ----------
     base : (U, 3) where they are to begin with.
     slides : rows (K,) of nodes that slide, and their shapes.
+    heights : of the layers, kept after that.
     """
 
     base: FloatArray = field(repr=False)
     slides: tuple[tuple[IntArray, SlidingSurface], ...] = field(repr=False)
+    heights: Heights
 
     @classmethod
     def of(cls, points: FloatArray, nodes: IntArray, freedom: Freedom) -> Chart:
@@ -143,20 +138,26 @@ class Chart:
             if len(own):
                 rows = order[np.searchsorted(nodes, own, sorter=order)]
                 slides.append((rows, one.shape))
-        return cls(points[nodes], tuple(slides))
+        return cls(points[nodes], tuple(slides), Heights.of(freedom.columns, points, nodes))
 
     def place(self, way: FloatArray) -> FloatArray:
         """Return the places (U, 3)."""
-        out = self.base + way
-        for rows, shape in self.slides:
-            out[rows] = self.base[rows] + shape.projected(self.base[rows], way[rows])
-        return out
+        return self._placed(way)[0]
 
     def pulled(self, way: FloatArray, gradient: FloatArray) -> FloatArray:
         """Return the gradient (U, 3) by the way, given that by the places."""
+        if self.heights.levels:
+            self.heights.pull(self._placed(way)[1], gradient)
         for rows, shape in self.slides:
             gradient[rows] = shape.rate(self.base[rows], way[rows], gradient[rows])
         return gradient
+
+    def _placed(self, way: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+        """Return the places (U, 3), and the arms of the layers' nodes."""
+        out = self.base + way
+        for rows, shape in self.slides:
+            out[rows] = self.base[rows] + shape.projected(self.base[rows], way[rows])
+        return out, self.heights.keep(out)
 
 
 def repaired(
@@ -179,52 +180,22 @@ def repaired(
     goal = Goal.of(touched, movable)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts)
-    first, here, steps = int(goal.missed(points, share).sum()), points, 0
-    for level in (*(level for level in LEVELS if level < share), share, 1.0):
-        sizes = (*RINGS, len(points)) if level <= share else RINGS[:1]
-        here, count = _raised(here, tetrahedra, freedom, goal, Level(level, sizes), progress)
-        steps += count
-        if goal.missed(here, level).any():
-            break
-    moved = nodes[(here[nodes] != points[nodes]).any(axis=1)]
-    inverted = np.flatnonzero(_judged(touched, here)[1])
-    left = int(goal.missed(here, share).sum())
-    return Repaired(here, moved, first, left, inverted, steps, perf_counter() - begin)
-
-
-class Level(NamedTuple):
-    """A share of their floor that cells shall reach, and the sizes of patches in rings that are tried."""
-
-    share: float
-    rings: tuple[int, ...]
-
-
-def _raised(
-    points: FloatArray, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Level, progress: Progress
-) -> tuple[FloatArray, int]:
-    """Bring all cells to a level if that can be done; return all points (N, 3) and the steps.
-
-    The patch is as small as it may be for the number of cells below the level. It grows while that number does not
-    fall by half, until nothing is won any more.
-    """
-    movable = np.zeros(len(points), dtype=np.bool_)
-    movable[freedom.nodes] = True
-    (level, sizes), size, last, steps, vain = wanted, 0, -1, 0, 0
-    below, state = goal.missed(points, level), goal.state(points, level)
-    while below.any() and size < len(sizes) and vain < VAIN:
-        unknown = _around(tetrahedra, below, movable, sizes[size])
-        if len(unknown) == last or (sizes[size] < len(points) and below.sum() > MANY * len(unknown)):
+    first = left = int(goal.missed(points, share).sum())
+    sizes = (*RINGS, len(points))
+    here, steps, size, last = points, 0, 0, -1
+    while left and size < len(sizes):
+        spoiled = goal.missed(here, 1.0)
+        unknown = freedom.columns.closed(_around(tetrahedra, spoiled, movable, sizes[size]), len(points))
+        if len(unknown) == last or (len(unknown) < len(nodes) and spoiled.sum() > MANY * len(unknown)):
             size += 1
             continue
-        progress(f"repair: {int(below.sum())} cells, {len(unknown)} nodes", nan)
-        patch = Patch.of(points, tetrahedra, unknown, freedom, goal)
-        new, count = _mended(patch, level, REST if size else 0.0)
-        steps, last, after = steps + count, len(unknown), goal.state(new, level)
-        size = 0 if after[0] <= FEWER * state[0] else size + 1
-        vain = 0 if after[0] < state[0] or after[1] > state[1] * (1.0 + WORTH) else vain + 1
-        if after[1] > GAIN * state[1] or (after[0] < state[0] and after[1] >= KEPT * state[1]):
-            points, state, below = new, after, goal.missed(new, level)
-    return points, steps
+        progress(f"repair: {left} cells, {len(unknown)} nodes", nan)
+        here, count = _mended(Patch.of(here, tetrahedra, unknown, freedom, goal))
+        now, steps, last = int(goal.missed(here, share).sum()), steps + count, len(unknown)
+        left, size = now, 0 if now <= FEWER * left else size + 1
+    moved = nodes[(here[nodes] != points[nodes]).any(axis=1)]
+    inverted = np.flatnonzero(_judged(touched, here)[1])
+    return Repaired(here, moved, first, left, inverted, steps, perf_counter() - begin)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,7 +221,7 @@ class Patch:
     @classmethod
     def of(cls, points: FloatArray, tetrahedra: Tetrahedra, nodes: IntArray, freedom: Freedom, goal: Goal) -> Patch:
         """Let some nodes (U,) move, with the mesh at points (N, 3)."""
-        elements = Elements.of(tetrahedra, nodes, goal.touched.mesh.points)
+        elements = Elements.of(tetrahedra, nodes, goal.touched.mesh.points, goal.weights)
         cells = np.zeros(len(goal.floor), dtype=np.bool_)
         cells[elements.cells] = True
         unknown = elements.used[: elements.unknown]
@@ -268,9 +239,9 @@ class Patch:
         out[self.unknown] = self.chart.place(way)
         return out
 
-    def below(self, way: FloatArray, level: float) -> int:
-        """Return how many cells are inverted, or below a share of their floor."""
-        return int(self.goal.missed(self.everywhere(way), level).sum())
+    def good(self, way: FloatArray) -> bool:
+        """True if every cell is as good as the worst of its type was."""
+        return not self.goal.missed(self.everywhere(way), 1.0).any()
 
     def least(self, way: FloatArray) -> float:
         """Return the least mean ratio of an element to its target; 0 if one is inverted."""
@@ -293,17 +264,15 @@ class Patch:
         return found.place, found.steps
 
 
-def _mended(patch: Patch, level: float, rest: float) -> tuple[FloatArray, int]:
-    """Move a patch until its cells are at a level or nothing more is won; return all points (N, 3), and the steps.
+def _mended(patch: Patch) -> tuple[FloatArray, int]:
+    """Move a patch until its goal is met or nothing more is won; return all points (N, 3), and the steps.
 
-    While cells are inverted eps shrinks, from twice the worst determinant; then the power grows. The patch is left to
-    smaller ones when no more than a share `rest` of the inverted cells, or then of those below the level, is left.
+    While cells are inverted eps shrinks from twice the worst determinant; then the power grows.
     """
     way, steps = np.zeros((len(patch.unknown), 3)), 0
-    least, below = patch.least(way), patch.below(way, level)
-    first = inverted = patch.inverted
+    least, inverted = patch.least(way), patch.inverted
     eps, vain = max(WIDEST, -2.0 * float(patch.energy.determinants.min())), 0
-    while inverted > rest * first and vain < PATIENCE and eps > LEAST_EPS:
+    while inverted and vain < PATIENCE and eps > LEAST_EPS:
         way, count = patch.search(way, eps, POWERS[0])
         least, steps = patch.least(way), steps + count
         eps *= NARROWER if count == STEPS else NARROWEST
@@ -312,7 +281,7 @@ def _mended(patch: Patch, level: float, rest: float) -> tuple[FloatArray, int]:
         return patch.everywhere(way), steps
     easy = int(np.searchsorted(EASY, least))
     for power in chain(POWERS[easy:], repeat(POWERS[-1])):
-        if patch.below(way, level) <= rest * below:
+        if patch.good(way):
             break
         way, count = patch.search(way, 0.0, power)
         before, least, steps = least, patch.least(way), steps + count

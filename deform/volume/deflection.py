@@ -13,9 +13,10 @@ from sdm_deflect.deform.faces import Unheld
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.repair import Repaired, repaired
-from sdm_deflect.deform.touched import TouchedCells, first_layer_nodes
+from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.boundary import Amounts, Boundary
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.region import Region
@@ -104,8 +105,7 @@ class Plan:
     def freedom(self, points: FloatArray) -> Freedom:
         """Return which nodes a repair may move, with the mesh at `points` (N, 3), and on what they stay.
 
-        Nodes on a face of a cell that is on no patch stay, for other zones may fit to them, and so do those that give
-        the first layer its height.
+        Nodes on a face of a cell that is on no patch stay, for other zones may fit to them. Layers keep their heights.
         """
         mesh, job = self.mesh, self.job
         shapes: dict[str, SlidingSurface | str] = {}
@@ -118,9 +118,9 @@ class Plan:
         inside = np.zeros(len(mesh.points), dtype=np.bool_)
         inside[self.changed] = True
         inside[np.setdiff1d(self.sites.fixed, mesh.on(*shapes))] = inside[self.unheld.nodes] = False
-        inside[first_layer_nodes(self.touched, self.walls)] = False
         free = np.setdiff1d(np.flatnonzero(inside), mesh.on(*mesh.names), assume_unique=True)
-        return Freedom.of(mesh, points, inside, free, shapes)
+        found = Freedom.of(mesh, points, inside, free, shapes)
+        return found.with_columns(Columns.of(self.touched, self.walls), points)
 
     def state(self, points: FloatArray) -> StepState:
         """Return the start of a step with the mesh at `points` (N, 3)."""

@@ -108,6 +108,23 @@ def test_the_aileron_deflects_and_checkmesh_finds_no_fault(case):
     assert "Mesh OK." in foam.run("checkMesh", out)
 
 
+def test_beyond_the_angle_at_which_cells_invert_they_are_mended(case, tmp_path):
+    """Without repair a step of 25 degrees fails checkMesh; with it non-orthogonality is that of the mesh before."""
+    mesh, hinge = OpenFoam().read(case), hinge_line(Fighter(), SURFACE)
+    fixed = [name for name in mesh.names if name not in (SURFACE, "far_field")]
+    texts = {"before": foam.run("checkMesh", case)}
+    for mode in ("off", "auto"):
+        options = {"motion": "blended", "fixed": fixed, "repair": mode, "max_steps": 1}
+        result = deflect(mesh, [SURFACE], hinge, -25.0, **options)
+        OpenFoam().rewrite(case, result.points, tmp_path / mode)
+        texts[mode] = foam.run("checkMesh", tmp_path / mode)
+    assert result.passed, result.checks
+    assert "Failed" in texts["off"]
+    assert "Mesh OK." in texts["auto"]
+    before, after = (foam.metrics(texts[name])["non-orthogonality"] for name in ("before", "auto"))
+    assert after < max(70.0, before + 5.0)
+
+
 def test_a_missing_program_fails_under_ci_and_skips_elsewhere(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     for ci, outcome in (("1", pytest.fail.Exception), ("", pytest.skip.Exception)):

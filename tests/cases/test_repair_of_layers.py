@@ -1,0 +1,58 @@
+"""Wings with layers, turned so far that cells would invert: all are mended, and the layers keep their heights."""
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases.api import deflect
+
+HEIGHT = 0.01
+"""Largest relative change of the first layer's height."""
+
+
+def shares(result):
+    """Least quality of each type as a share of that before."""
+    pairs = zip(result.deflection.plan.before, result.deflection.quality, strict=True)
+    return {new.shape: new.min / old.min for old, new in pairs}
+
+
+def flap(w, angle, **more):
+    options = {"motion": "blended", "fixed": "wing_*", "slide": "symmetry:plane", "min_quality": 0.0}
+    return deflect(w.mesh, "flap_*", w.hinge, angle, **options, **more)
+
+
+@pytest.mark.parametrize(("angle", "least"), [(20.0, 0.6), (30.0, 0.5), (-30.0, 0.5), (40.0, 0.2)])
+def test_a_flap_without_a_gap(hybrid_wing, angle, least):
+    bare = flap(hybrid_wing, angle, repair="off", max_steps=1)
+    assert bare.deflection.inverted > 5
+    result = flap(hybrid_wing, angle, repair="auto", max_steps=1)
+    assert result.passed, result.checks
+    assert result.deflection.inverted == 0
+    assert min(shares(result).values()) > least
+    heights = next(check for check in result.checks if check.name == "first_layer")
+    assert heights.value < HEIGHT
+    assert len(result.deflection.repaired.moved) > 0
+
+
+def test_every_layer_has_the_height_that_the_deflection_gave_it(hybrid_wing):
+    w = hybrid_wing
+    bare, result = (flap(w, 30.0, repair=mode, max_steps=1) for mode in ("off", "auto"))
+    heights = [np.linalg.norm(np.diff(one.points[w.columns], axis=1), axis=2) for one in (bare, result)]
+    np.testing.assert_allclose(heights[1], heights[0], rtol=1e-9)
+    on = w.mesh.on(*w.mesh.names)
+    walls = np.setdiff1d(on, w.mesh.on("symmetry", "far_field"))
+    assert np.array_equal(bare.points[walls], result.points[walls])
+
+
+@pytest.mark.parametrize("x", [0.25, 0.7])
+def test_a_whole_wing_turns_by_sixty_degrees(hybrid_wing, x):
+    hinge, options = [[x, 0, 0], [x, 1, 0]], {"slide": "symmetry:plane", "max_steps": 1}
+    bare = deflect(hybrid_wing.mesh, ["wing_*", "flap_*"], hinge, 60.0, repair="off", **options)
+    assert not bare.passed or min(shares(bare).values()) < 0.2
+    result = deflect(hybrid_wing.mesh, ["wing_*", "flap_*"], hinge, 60.0, repair="auto", **options)
+    assert result.passed, result.checks
+    assert result.deflection.inverted == 0
+    assert min(shares(result).values()) > 0.5
+    heights = next(check for check in result.checks if check.name == "first_layer")
+    assert heights.value < HEIGHT
+    symmetry = hybrid_wing.mesh.on("symmetry")
+    assert np.array_equal(result.points[symmetry, 1], hybrid_wing.mesh.points[symmetry, 1])
