@@ -1,9 +1,9 @@
 """Ours beside OpenFOAM's mesh motion and gmsh's untangler: ``python -m benchmarks.repair_peers``.
 
 All get the same boundary: the aileron's nodes go where ours puts them, other walls stay, the faces of the box slip. Two
-meshes: the Chimera block of tetrahedra at -30 degrees, and half the aircraft by snappyHexMesh at -12 and -25 degrees.
-Printed is a table in Markdown for each, as in `repair_peers.md`. Seconds are medians of the motion alone: without the
-start of programs and the reading of files, which are given beside.
+meshes: the Chimera block of tetrahedra at -30 and -60 degrees, and half the aircraft by snappyHexMesh at -12 and -25
+degrees. Printed is a table in Markdown for each, as in `repair_peers.md`. Seconds are medians of the motion alone:
+without the start of programs and the reading of files, which are given beside.
 
 It needs OpenFOAM (``apt-get install --no-install-recommends openfoam``) and what the tests need.
 """
@@ -32,6 +32,7 @@ from sdm_deflect.cases.sdm.job import BLOCK, deflected, plans_of
 from sdm_deflect.cases.sdm.pipeline import meshed
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.deform.edges import area_vectors, polygons_of
+from sdm_deflect.deform.fitting import RepairMode
 from sdm_deflect.deform.mesh import Cells, IntArray, Mesh, Patch
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
@@ -53,8 +54,8 @@ READ = "import sys; from sdm_deflect.cases.api import read; read(sys.argv[1])"
 TETRA, PRISM = 4, 6
 """What gmsh calls these elements."""
 
-Ours = Callable[[str], Deflection]
-"""The deflection by ours, given what it shall repair."""
+Ours = Callable[[RepairMode], Deflection]
+"""The deflection by ours, given when it shall repair."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,15 +123,16 @@ def faced(mesh: Mesh, name: str) -> Mesh:
     return replace(mesh, patches=(*(patch for patch in mesh.patches if patch.name != name), *cut))
 
 
-def chimera(folder: Path) -> Task:
-    """Return case 5.2, small, at -30 degrees."""
-    case = replace(case_named("aileron-chimera"), angle=-30.0)
+def chimera(folder: Path, angle: float) -> Task:
+    """Return case 5.2, small."""
+    case = replace(case_named("aileron-chimera"), angle=angle)
     mesh = meshed(case, Stopwatch(Silent()))[0].as_mesh(case.name)
 
-    def ours(repair: str) -> Deflection:
-        return deflected(case, plans_of(case, mesh))[0]
+    def ours(repair: RepairMode) -> Deflection:
+        wanted = replace(case, repair=repair)
+        return deflected(wanted, plans_of(wanted, mesh))[0]
 
-    title = f"Chimera block, {len(mesh.cells[0])} tetrahedra, {case.angle:g} degrees"
+    title = f"Chimera block, {len(mesh.cells[0])} tetrahedra, {angle:g} degrees"
     return Task.of(title, mesh, BLOCK, ours, folder / "block")
 
 
@@ -140,8 +142,8 @@ def aircraft(source: Path, folder: Path, angle: float) -> Task:
     motion = Blended(Rotation.about(*hinge_line(Fighter(), moving)))
     fixed = [name for name in mesh.names if name not in (moving, "far_field")]
 
-    def ours(repair: str) -> Deflection:
-        return deflect(mesh, [moving], angle=angle, motion=motion, fixed=fixed).deflection
+    def ours(repair: RepairMode) -> Deflection:
+        return deflect(mesh, [moving], angle=angle, motion=motion, fixed=fixed, repair=repair).deflection
 
     title = f"snappyHexMesh, {len(mesh.cells[0])} cells with layers, {angle:g} degrees blended"
     return Task.of(title, mesh, "far_field", ours, folder / "aircraft")
@@ -157,7 +159,7 @@ def methods_of(task: Task, folder: Path, start: float) -> dict[str, Method]:
 
         return move
 
-    def own(repair: str) -> Method:
+    def own(repair: RepairMode) -> Method:
         def move() -> Outcome:
             begin = perf_counter()
             points = task.ours(repair).points
@@ -184,7 +186,7 @@ def methods_of(task: Task, folder: Path, start: float) -> dict[str, Method]:
             "gmsh's untangler, after Laplacian with box pinned": untangler(pinned),
             "gmsh's untangler, after ours without repair": untangler(own("off")),
         }
-    return found | {"ours without repair": own("off")}
+    return found | {"ours without repair": own("off"), "ours with repair": own("auto")}
 
 
 def untangled(mesh: Mesh) -> Outcome:
@@ -294,7 +296,8 @@ def seconds_of(words: Sequence[str]) -> float:
 
 def tasks(folder: Path) -> Iterator[Task]:
     """Yield what is deflected."""
-    yield chimera(folder)
+    for angle in (-30.0, -60.0):
+        yield chimera(folder, angle)
     snappy.make(folder / "snappy")
     for angle in (-12.0, -25.0):
         yield aircraft(folder / "snappy", folder, angle)
