@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from itertools import chain, repeat
 from math import nan
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,11 +37,20 @@ NARROWER, NARROWEST = 0.5, 0.2
 """What is left of eps for the next search; and if this one ended by itself."""
 POWERS = (1, 2, 4, 8)
 """Powers of the energy, one after another, once nothing is inverted: the worst cells weigh more and more."""
-EASY = (0.35, 0.7)
+EASY = (0.35, 0.7, 0.95)
 """Least shares of a cell's quality in its floor, about, from which the first powers are left out."""
 WORTH, PATIENCE = 0.02, 8
 """Share by which a search at the largest power has to raise the least quality to be followed by another; searches that
 may pass without fewer inverted elements."""
+LEVELS = (0.0, 0.5, 0.75)
+"""Shares of the least quality before to which all cells are brought, one after another, up to the one that is asked
+for; first none is inverted."""
+LOSS = 0.02
+"""Share of its floor that the worst cell may lose where fewer cells are below the level."""
+VAIN = 2
+"""Patches without a gain after which a level is given up."""
+REST = 0.1
+"""Share of inverted or spoiled cells at which a patch that could be smaller around them is left."""
 FEWER = 0.5
 """Share of the spoiled cells that may be left for the next patch to be as small as can be again, not larger."""
 
@@ -84,10 +94,18 @@ class Goal:
         rows = tuple(own[cells[a:b]] for own, a, b in zip(self.touched.rows, ends, ends[1:], strict=False))
         return Goal(replace(self.touched, rows=rows), self.floor[cells], self.weights[cells])
 
+    def state(self, points: FloatArray, level: float) -> tuple[int, float]:
+        """Return how many cells are below a level, and the least quality of any cell over its floor."""
+        quality, _ = _judged(self.touched, points)
+        free = self.floor > 0.0
+        least = float((quality[free] / self.floor[free]).min(initial=1.0))
+        return int(self.missed(points, level).sum()), least
+
     def missed(self, points: FloatArray, share: float) -> BoolArray:
         """Return which cells (C,) are inverted, or below a share of their floor, with the nodes at points (N, 3)."""
         quality, inverted = _judged(self.touched, points)
-        return np.asarray((quality < share * self.floor) | (inverted & (self.floor > -np.inf)))
+        free = self.floor > -np.inf
+        return np.asarray(free & (inverted | (quality < share * np.where(free, self.floor, 0.0))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,22 +198,54 @@ def repaired(
     goal = Goal.of(touched, movable)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts)
-    first = left = int(goal.missed(points, share).sum())
-    sizes = (*RINGS, len(points))
-    here, steps, size, last = points, 0, 0, -1
-    while left and size < len(sizes):
-        spoiled = goal.missed(here, 1.0)
-        unknown = freedom.columns.closed(_around(tetrahedra, spoiled, movable, sizes[size]), len(points))
-        if len(unknown) == last or (len(unknown) < len(nodes) and spoiled.sum() > MANY * len(unknown)):
-            size += 1
-            continue
-        progress(f"repair: {left} cells, {len(unknown)} nodes", nan)
-        here, count = _mended(Patch.of(here, tetrahedra, unknown, freedom, goal))
-        now, steps, last = int(goal.missed(here, share).sum()), steps + count, len(unknown)
-        left, size = now, 0 if now <= FEWER * left else size + 1
+    first, here, steps = int(goal.missed(points, share).sum()), points, 0
+    for level in (*(level for level in LEVELS if level < share), share, 1.0):
+        sizes = (*RINGS, len(points)) if level <= share else RINGS[:1]
+        here, count = _raised(here, tetrahedra, freedom, goal, Level(level, sizes), progress)
+        steps += count
+        if goal.missed(here, level).any():
+            break
     moved = nodes[(here[nodes] != points[nodes]).any(axis=1)]
     inverted = np.flatnonzero(_judged(touched, here)[1])
+    left = int(goal.missed(here, share).sum())
     return Repaired(here, moved, first, left, inverted, steps, perf_counter() - begin)
+
+
+class Level(NamedTuple):
+    """A share of their floor that cells shall reach, and the sizes of patches in rings that are tried."""
+
+    share: float
+    rings: tuple[int, ...]
+
+
+def _raised(
+    points: FloatArray, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Level, progress: Progress
+) -> tuple[FloatArray, int]:
+    """Bring all cells to a level if that can be done; return all points (N, 3) and the steps.
+
+    The patch is as small as it may be for the number of cells below the level. It grows while that number does not
+    fall by half, until nothing is won any more.
+    """
+    movable = np.zeros(len(points), dtype=np.bool_)
+    movable[freedom.nodes] = True
+    (level, sizes), size, last, steps, vain = wanted, 0, -1, 0, 0
+    below, state = goal.missed(points, level), goal.state(points, level)
+    while below.any() and size < len(sizes) and vain < VAIN:
+        unknown = freedom.columns.closed(_around(tetrahedra, below, movable, sizes[size]), len(points))
+        if len(unknown) == last or (sizes[size] < len(points) and below.sum() > MANY * len(unknown)):
+            size += 1
+            continue
+        progress(f"repair: {int(below.sum())} cells, {len(unknown)} nodes", nan)
+        patch = Patch.of(points, tetrahedra, unknown, freedom, goal)
+        new, count = _mended(patch, level, REST if size else 0.0)
+        steps, last, after = steps + count, len(unknown), goal.state(new, level)
+        fewer, gain = after[0] < state[0], after[1] - state[1]
+        better = (fewer and gain >= -LOSS) or gain > WORTH if level else fewer
+        size = 0 if better and after[0] <= FEWER * state[0] else size + 1
+        vain = 0 if better else vain + 1
+        if better:
+            points, state, below = new, after, goal.missed(new, level)
+    return points, steps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -239,9 +289,9 @@ class Patch:
         out[self.unknown] = self.chart.place(way)
         return out
 
-    def good(self, way: FloatArray) -> bool:
-        """True if every cell is as good as the worst of its type was."""
-        return not self.goal.missed(self.everywhere(way), 1.0).any()
+    def below(self, way: FloatArray, level: float) -> int:
+        """Return how many cells are inverted, or below a share of their floor."""
+        return int(self.goal.missed(self.everywhere(way), level).sum())
 
     def least(self, way: FloatArray) -> float:
         """Return the least mean ratio of an element to its target; 0 if one is inverted."""
@@ -264,15 +314,17 @@ class Patch:
         return found.place, found.steps
 
 
-def _mended(patch: Patch) -> tuple[FloatArray, int]:
-    """Move a patch until its goal is met or nothing more is won; return all points (N, 3), and the steps.
+def _mended(patch: Patch, level: float, rest: float) -> tuple[FloatArray, int]:
+    """Move a patch until its cells are at a level or nothing more is won; return all points (N, 3), and the steps.
 
-    While cells are inverted eps shrinks from twice the worst determinant; then the power grows.
+    While cells are inverted eps shrinks, from twice the worst determinant; then the power grows. The patch is left to
+    smaller ones when no more than a share `rest` of the inverted cells, or then of those below the level, is left.
     """
     way, steps = np.zeros((len(patch.unknown), 3)), 0
-    least, inverted = patch.least(way), patch.inverted
+    least, below = patch.least(way), patch.below(way, level)
+    first = inverted = patch.inverted
     eps, vain = max(WIDEST, -2.0 * float(patch.energy.determinants.min())), 0
-    while inverted and vain < PATIENCE and eps > LEAST_EPS:
+    while inverted > rest * first and vain < PATIENCE and eps > LEAST_EPS:
         way, count = patch.search(way, eps, POWERS[0])
         least, steps = patch.least(way), steps + count
         eps *= NARROWER if count == STEPS else NARROWEST
@@ -281,7 +333,7 @@ def _mended(patch: Patch) -> tuple[FloatArray, int]:
         return patch.everywhere(way), steps
     easy = int(np.searchsorted(EASY, least))
     for power in chain(POWERS[easy:], repeat(POWERS[-1])):
-        if patch.good(way):
+        if patch.below(way, level) <= rest * below:
             break
         way, count = patch.search(way, 0.0, power)
         before, least, steps = least, patch.least(way), steps + count
