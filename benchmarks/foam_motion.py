@@ -3,11 +3,10 @@
 import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 
-from benchmarks.measure import FloatArray
+from benchmarks.measure import FloatArray, processor_seconds
 from sdm_deflect.deform.mesh import IntArray, Mesh
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
 from sdm_deflect.meshing.formats.openfoam_write import header, kind_of
@@ -76,16 +75,16 @@ class GivenBoundary:
         return self.mesh.patch(self.moving).nodes
 
     def moved(self, motion: Motion, folder: Path) -> tuple[FloatArray, float]:
-        """Run moveDynamicMesh in a fresh folder; return the points (N, 3), and the seconds that the program took.
+        """Run moveDynamicMesh in a fresh folder; return the points (N, 3), and the program's processor seconds.
 
         Raises RuntimeError if a moving node is not where it shall be.
         """
         shutil.rmtree(folder, ignore_errors=True)
         shutil.copytree(self.case, folder)
         self.write(motion, folder)
-        begin = perf_counter()
+        begin = processor_seconds()
         foam.run("moveDynamicMesh", folder)
-        seconds = perf_counter() - begin
+        seconds = processor_seconds() - begin
         if not motion.steps:
             return self.mesh.points, seconds
         points = vectors(open_foam(folder / str(motion.steps) / "polyMesh", "points")).values

@@ -2,8 +2,8 @@
 
 All get the same boundary: the aileron's nodes go where ours puts them, other walls stay, the faces of the box slip. Two
 meshes: the Chimera block of tetrahedra at -30 and -60 degrees, and half the aircraft by snappyHexMesh at -12 and -25
-degrees. Printed is a table in Markdown for each, as in `repair_peers.md`. Seconds are medians of the motion alone:
-without the start of programs and the reading of files, which are given beside.
+degrees. Printed is a table in Markdown for each, as in `repair_peers.md`. Seconds are the processor's, medians of the
+motion alone: without the start of programs and the reading of files, which are given beside.
 
 It needs OpenFOAM (``apt-get install --no-install-recommends openfoam``) and what the tests need.
 """
@@ -18,13 +18,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
-from time import perf_counter
 
 import gmsh
 import numpy as np
 
 from benchmarks.foam_motion import LAPLACIAN, SBR, GivenBoundary, Motion
-from benchmarks.measure import FloatArray
+from benchmarks.measure import FloatArray, processor_seconds
 from benchmarks.results import machine
 from sdm_deflect.cases.api import deflect
 from sdm_deflect.cases.progress import Silent, Stopwatch
@@ -60,7 +59,7 @@ Ours = Callable[[RepairMode], Deflection]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Where a method put the nodes (N, 3), and in how many seconds."""
+    """Where a method put the nodes (N, 3), and in how many processor seconds."""
 
     points: FloatArray = field(repr=False)
     seconds: float
@@ -161,15 +160,15 @@ def methods_of(task: Task, folder: Path, start: float) -> dict[str, Method]:
 
     def own(repair: RepairMode) -> Method:
         def move() -> Outcome:
-            begin = perf_counter()
+            begin = processor_seconds()
             points = task.ours(repair).points
-            return Outcome(points, perf_counter() - begin)
+            return Outcome(points, processor_seconds() - begin)
 
         move()
         return move
 
-    def untangler(method: Method) -> Method:
-        return lambda: untangled(task.given.mesh.with_points(method().points))
+    def untangler(points: FloatArray) -> Method:
+        return lambda: untangled(task.given.mesh.with_points(points))
 
     surface = task.given.mesh.points.copy()
     surface[task.given.nodes] += task.given.displacement
@@ -182,9 +181,9 @@ def methods_of(task: Task, folder: Path, start: float) -> dict[str, Method]:
     }
     if isinstance(task.given.mesh.cells[0], Cells):
         found |= {
-            "gmsh's untangler, from the moved surface alone": untangler(lambda: Outcome(surface, 0.0)),
-            "gmsh's untangler, after Laplacian with box pinned": untangler(pinned),
-            "gmsh's untangler, after ours without repair": untangler(own("off")),
+            "gmsh's untangler, from the moved surface alone": untangler(surface),
+            "gmsh's untangler, after Laplacian with box pinned": untangler(pinned().points),
+            "gmsh's untangler, after ours without repair": untangler(task.ours("off").points),
         }
     return found | {"ours without repair": own("off"), "ours with repair": own("auto")}
 
@@ -201,7 +200,7 @@ def untangled(mesh: Mesh) -> Outcome:
 
 
 def optimized(points: FloatArray, cells: IntArray, boundary: IntArray, kind: int) -> tuple[FloatArray, float]:
-    """Let gmsh untangle cells (M, k) of one kind; return the points (N, 3), and the seconds that it took.
+    """Let gmsh untangle cells (M, k) of one kind; return the points (N, 3), and the processor seconds that it took.
 
     Nodes of `boundary` (K,) are on a surface, so that they stay; all nodes must be in cells. gmsh numbers nodes anew,
     but keeps the order of cells.
@@ -216,9 +215,9 @@ def optimized(points: FloatArray, cells: IntArray, boundary: IntArray, kind: int
         for dimension, nodes in ((2, boundary), (3, inner)):
             gmsh.model.mesh.addNodes(dimension, 1, nodes + 1, points[nodes].ravel())
         gmsh.model.mesh.addElementsByType(1, kind, [], cells.ravel() + 1)
-        begin = perf_counter()
+        begin = processor_seconds()
         gmsh.model.mesh.optimize("UntangleMeshGeometry", force=True)
-        seconds = perf_counter() - begin
+        seconds = processor_seconds() - begin
         tags, places, _ = gmsh.model.mesh.getNodes()
         by_tag = np.empty((int(tags.max()) + 1, 3))
         by_tag[tags] = places.reshape(-1, 3)
@@ -288,10 +287,10 @@ def table(task: Task, folder: Path, rounds: int) -> Iterator[str]:
 
 
 def seconds_of(words: Sequence[str]) -> float:
-    """Return the seconds that a program takes."""
-    begin = perf_counter()
+    """Return the processor seconds of a program."""
+    begin = processor_seconds()
     subprocess.run(words, check=True)
-    return perf_counter() - begin
+    return processor_seconds() - begin
 
 
 def tasks(folder: Path) -> Iterator[Task]:
