@@ -237,6 +237,8 @@ def write_deflected(path: Path, one: Deflection) -> None:
     if not whole:
         moved, node = part_of(moved, rows, plan.changed)
     arrays = {"displacement": points[node] - plan.mesh.points[node], **({} if whole else {"node": node})}
+    if one.repaired is not None:
+        arrays["repair"] = one.moved_by_repair[node]
     write_vtu(path, moved, arrays, {"quality": quality})
 
 

@@ -37,10 +37,13 @@ def write_deformation(
     """Write every file of the contract that needs no validation into `folder`."""
     (folder / "case.toml").write_text(to_toml(case), encoding="utf-8")
     write_vtu(folder / "undeflected.vtu", mesh)
+    arrays = {"displacement": deflected.points - mesh.points}
+    if any(one.repaired for one in deflections):
+        arrays["repair"] = np.sum([one.moved_by_repair for one in deflections], axis=0)
     write_vtu(
         folder / "deflected.vtu",
         deflected,
-        point_data={"displacement": deflected.points - mesh.points},
+        point_data=arrays,
         cell_data={"quality": mean_ratio(deflected.points, deflected.tets)},
     )
     if background is not None:

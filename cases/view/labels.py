@@ -36,6 +36,19 @@ def verdict(frame: Frame, run: InteractiveRun) -> tuple[str, str]:
     return "success", f"\N{CHECK MARK} Verified: residual {residual}, below {tolerance}; {known}."
 
 
+def mending(frame: Frame, run: InteractiveRun, before: float) -> str:
+    """Return what the repair has done to a frame, given the least quality of the interpolant's mesh."""
+    if not run.repairs:
+        return "Repair: off in this run; the mesh is the interpolant's."
+    if frame.repaired is None:
+        return "Repair: once the slider rests; the mesh is the interpolant's."
+    if not frame.repaired:
+        return "Repair: none was needed."
+    nodes = "1 node" if frame.repaired == 1 else f"{frame.repaired:,} nodes"
+    now = float(frame.quality.min())
+    return f"Repaired: {nodes} moved, least quality {before:.3f} \N{RIGHTWARDS ARROW} {now:.3f}."
+
+
 def facts(frame: Frame, run: InteractiveRun, pieces: Pieces) -> list[dict[str, str]]:
     """Return the numbers of a frame as rows of a table; each has an id, a name and a value.
 

@@ -80,6 +80,7 @@ def _angle(accept: Any) -> None:
     refused = BOX + NOTES["error"]
     html.Div("\N{MULTIPLICATION X} {{ refusal }}", v_if=("refusal",), id="refusal", style=refused, role="alert")
     html.Div("{{ status }}", id="status", style=("status_style",), aria_live="polite")
+    html.Div("{{ repair }}", id="repair", style=SMALL + ";margin-top:4px", aria_live="polite")
 
 
 def _slider(name: str, label: str, colour: str) -> None:

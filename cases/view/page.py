@@ -1,6 +1,7 @@
 """The interactive page: from what the user sets to the scene and the texts that answer it."""
 
 import asyncio
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from time import perf_counter
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from trame.app import asynchronous, get_server
 
-from sdm_deflect.cases.view.labels import about, facts, grain, histogram, parsed, rounded, verdict
+from sdm_deflect.cases.view.labels import about, facts, grain, histogram, mending, parsed, rounded, verdict
 from sdm_deflect.cases.view.layout import BOX, NOTES, lay_out
 from sdm_deflect.cases.view.pieces import Piece, Pieces, Plane, bounds, boxes, outboard, outline
 from sdm_deflect.cases.view.run import Frame, InteractiveRun, Spans
@@ -21,17 +22,20 @@ INPUTS = ("angle", "axis", "position", "show_sectioned", "show_cut")
 SWITCHES = {"show_box": "box", "show_outline": "outline", "show_centres": "centres"}
 OBLIQUE = {0: (1.0, 0.5, 0.4), 1: (0.75, 1.0, 0.55), 2: (0.6, 0.9, 0.9)}
 """Where the eye is, for each axis of the section: outboard, aft and above."""
+REST = 0.3
+"""Seconds without an input after which the slider rests."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What the user has set: the angle, the section and what else to show."""
+    """What the user has set: the angle, whether it rests, the section and what else to show."""
 
     angle: float
     axis: str
     position: float
     sectioned: bool = True
     cut: bool = False
+    rests: bool = False
 
     @property
     def plane(self) -> Plane | None:
@@ -69,9 +73,11 @@ class Control:
         Raises InputError if no surface motion exists at that angle; the scene is then as before.
         """
         before, answer = self.shown, dict[str, Any]()
-        if before is None or wish.angle != before.angle:
-            self.frame = self.run.at(wish.angle)
-            answer = self._said()
+        if before is None or wish.angle != before.angle or (self.run.repairs and wish.rests != before.rests):
+            frame = self.run.at(wish.angle)
+            least = float(frame.quality.min(initial=1.0))
+            self.frame = self.run.repaired(frame) if wish.rests else frame
+            answer = self._said() | {"repair": mending(self.frame, self.run, least)}
         if before is None or (wish.plane, wish.cut) != (before.plane, before.cut):
             self.scene.show(self.pieces.standing(wish.plane, wish.cut_plane))
         self.scene.show(self.pieces.moving(self.frame, wish.plane, wish.cut_plane))
@@ -88,7 +94,7 @@ class Control:
         points = mesh.points[mesh.on(*self.run.surfaces[0].patches)]
         axis = int(np.argmax(np.ptp(points, axis=0) if hinge is None else np.abs(hinge.direction)))
         middle = 0.5 * float(points[:, axis].min() + points[:, axis].max())
-        return Wish(self.run.angle, AXES[axis], rounded(middle, self.run), sectioned=len(self.run.boxes) == 1)
+        return Wish(self.run.angle, AXES[axis], rounded(middle, self.run), len(self.run.boxes) == 1, rests=True)
 
     def reach(self, axis: str) -> tuple[float, float]:
         """Return the positions of the section between which it meets a hexahedron."""
@@ -118,7 +124,7 @@ class Page:
     view: Any = None
     _new: bool = True
     _typed: float | None = None
-    _due: bool = False
+    _due: asyncio.Event = field(default_factory=asyncio.Event)
     _task: "asyncio.Task[None] | None" = None
 
     def __post_init__(self) -> None:
@@ -184,30 +190,42 @@ class Page:
 
     def _changed(self, **_: Any) -> None:
         """Note that the page is out of date and see to it that a round comes."""
-        self._due = True
+        self._due.set()
         if self._task is None or self._task.done():
             self._task = asynchronous.create_task(self._rounds())
 
     async def _rounds(self) -> None:
-        while self._due:
-            self._due = False
+        while self._due.is_set():
+            self._due.clear()
             with self.server.state as state:
                 self._round(state)
             await asyncio.sleep(0.005)  # lets the inputs that have arrived since come in
+            shown = self.control.shown
+            if self._due.is_set() or not self.control.run.repairs or (shown is not None and shown.rests):
+                continue
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._due.wait(), REST)
+                continue
+            with self.server.state as state:
+                self._round(state, rests=True)
 
-    def _round(self, state: Any) -> None:
-        """Answer the latest inputs: compute, send the geometry, and say how long that took."""
-        start = perf_counter()
+    def _round(self, state: Any, rests: bool = False) -> None:
+        """Answer the latest inputs: compute, send the geometry, and say how long that took.
+
+        At an angle that rests the mesh is the repaired one, until the angle changes.
+        """
+        start, shown = perf_counter(), self.control.shown
         try:
             wish = self._wish(state)
+            wish = replace(wish, rests=rests or (shown is not None and shown.rests and shown.angle == wish.angle))
         except (TypeError, ValueError) as error:
             state.refusal = f"the page sent no usable inputs: {error}"
             return
-        if self.control.shown is not None and wish.axis != self.control.shown.axis:
+        if shown is not None and wish.axis != shown.axis:
             low, high = self.control.reach(wish.axis)
             wish = replace(wish, position=rounded(0.5 * (low + high), self.control.run))
             state.update({**self._ranges(wish), "position": wish.position})
-        if wish != self.control.shown:
+        if wish != shown:
             if wish.angle not in (self.control.frame.angle, self._typed):  # it came from the slider
                 state.update({"angle_text": f"{wish.angle:g}", "refusal": ""})
                 self._typed = None
@@ -244,6 +262,7 @@ class Page:
             "position_high": high,
             "position_step": grain(run),
             "band": f"height:4px;margin:0 16px;border-radius:2px;background:linear-gradient(90deg,{band})",
-            "band_text": f"{verified.low:+g}{run.unit} to {verified.high:+g}{run.unit} are verified (green); positive "
-            f"is {run.manner.positive}",
+            "band_text": f"{verified.low:+g}{run.unit} to {verified.high:+g}{run.unit} are verified (green)"
+            + (" without repair" if run.repairs else "")
+            + f"; positive is {run.manner.positive}",
         }

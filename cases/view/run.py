@@ -16,9 +16,10 @@ from sdm_deflect.deform.quality import judged
 from sdm_deflect.deform.reading import read_arrays
 from sdm_deflect.deform.surface.surface import TrailingEdge
 from sdm_deflect.deform.touched import TouchedCells
-from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.deflection import Deflection, Plan, mended
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
+from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
 SAME_MESH = 0.01
 """Of the tolerance: the mesh at the run's angle is no farther from that of the run."""
@@ -41,6 +42,7 @@ class Frame:
     residual : largest error of the interpolants at any data site, in any direction, a length.
     tolerance : what the run allowed for it.
     before : number of these cells that are inverted in the undeflected mesh.
+    repaired : number of nodes that the repair moved; None for the interpolant's mesh.
     """
 
     angle: float
@@ -50,6 +52,7 @@ class Frame:
     residual: float
     tolerance: float
     before: int = 0
+    repaired: int | None = None
 
     @property
     def verified(self) -> bool:
@@ -123,6 +126,7 @@ class InteractiveRun:
     surfaces : the moving surfaces of all boxes.
     touched : the cells that touch a box.
     weights : (L,) by what their quality is multiplied before it is drawn.
+    points, moved : (N, 3) the mesh of the run, and how far its repair has moved each node.
     """
 
     manner: Manner
@@ -133,6 +137,8 @@ class InteractiveRun:
     surfaces: tuple[Mover, ...] = field(repr=False)
     touched: TouchedCells = field(repr=False)
     weights: FloatArray = field(repr=False)
+    points: FloatArray = field(repr=False)
+    moved: FloatArray = field(repr=False)
 
     @classmethod
     def of(cls, folder: Path) -> "InteractiveRun":
@@ -182,9 +188,11 @@ class InteractiveRun:
             ),
             touched=replace(plans[0].touched, rows=tuple(rows)),
             weights=np.repeat(flat, [len(own) for own in rows]),
+            points=points,
+            moved=moved_by_repair(folder / "deflected.vtu", len(points)),
         )
         frame = run.at(angle)
-        if np.abs(frame.points - points).max() > SAME_MESH * frame.tolerance:
+        if np.abs(frame.points + run.moved - points).max() > SAME_MESH * frame.tolerance:
             raise InputError(f"{folder}: deflected.vtu {foreign}")
         return run
 
@@ -192,6 +200,11 @@ class InteractiveRun:
     def mesh(self) -> Mesh:
         """The undeflected mesh."""
         return self.boxes[0].plan.mesh
+
+    @property
+    def repairs(self) -> bool:
+        """True if spoiled cells are to be repaired."""
+        return bool(self.moved.any()) or any(box.plan.job.repair.mode != "off" for box in self.boxes)
 
     @property
     def unit(self) -> str:
@@ -228,6 +241,23 @@ class InteractiveRun:
         before = self.touched.inverted_at(self.mesh.points) if any(self.touched.inverted) else 0
         return Frame(angle, points, *self._judged(points), residual, tolerance, before)
 
+    def repaired(self, frame: Frame) -> Frame:
+        """Return a frame of the interpolant repaired where that is needed; at the run's angle it is the run's mesh."""
+        if not self.repairs:
+            return frame
+        points = frame.points.copy()
+        if frame.angle == self.angle:
+            points = self.points
+        else:
+            for box, factor, changed in zip(self.boxes, self.factors, self.changed, strict=True):
+                inverted = box.plan.touched.inverted_at(frame.points)
+                found = mended(Deflection(box.plan, factor * frame.angle, (), frame.points, inverted, 0.0))
+                points[changed] = found.points[changed]
+        moved = self.moved if points is self.points else points - frame.points
+        quality, bad = self._judged(points)
+        count = int(moved.any(axis=1).sum())
+        return replace(frame, points=points, quality=quality, inverted=bad, repaired=count)
+
     def check(self, angle: float) -> None:
         """Raise InputError if a surface cannot move to its share of the angle within its box."""
         for box, factor in zip(self.boxes, self.factors, strict=True):
@@ -249,6 +279,17 @@ class InteractiveRun:
         found = [judged(points, *part) for part in parts if len(part[1])]
         quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
         return quality, np.flatnonzero(np.concatenate([np.empty(0, dtype=bool), *(bad for _, bad in found)]))
+
+
+def moved_by_repair(path: Path, count: int) -> FloatArray:
+    """Return how far (N, 3) the repair has moved each node of a run, by its deflected.vtu; zero without a repair."""
+    arrays, out = vtu_arrays(path), np.zeros((count, 3))
+    node, moved = arrays.get("node", np.arange(count)), arrays.get("repair")
+    if moved is not None:
+        if moved.shape != (len(node), 3):
+            raise InputError(f"{path}: the array repair has the shape {moved.shape}, not {(len(node), 3)}")
+        out[node] = moved
+    return out
 
 
 def centers_of(stored: dict[str, Any], tag: str) -> list[Centers]:
@@ -280,7 +321,7 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Spans:
-    """Where the surfaces can move, and where the mesh is verified: residual below tolerance, no cell inverted."""
+    """Where the surfaces can move, and where the interpolant's mesh is verified, without a repair."""
 
     possible: Span
     verified: Span

@@ -160,6 +160,11 @@ class Deflection:
         """Quality of the touched cells by type."""
         return self.plan.touched.quality(self.points)
 
+    @property
+    def moved_by_repair(self) -> FloatArray:
+        """How far (N, 3) the repair has moved each node from where the interpolant put it."""
+        return self.points - self.steps[-1].points
+
     def sensitivity(self) -> FloatArray:
         """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
 

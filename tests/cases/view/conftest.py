@@ -1,6 +1,7 @@
 """Finished runs without their validation and report: all that the view reads."""
 
 import json
+from dataclasses import replace
 
 import pytest
 import tomli_w
@@ -91,3 +92,14 @@ def wing_folder(bare_deflection, hybrid_wing, flap_names):
 @pytest.fixture(scope="session")
 def hybrid(wing_folder):
     return InteractiveRun.of(wing_folder)
+
+
+@pytest.fixture(scope="session")
+def repaired_folder(bare_run):
+    """A tail at 26 degrees, where the interpolant alone inverts cells."""
+    return bare_run(replace(case_named("tail"), angle=26.0, repair="auto"))
+
+
+@pytest.fixture(scope="session")
+def repaired(repaired_folder):
+    return interactive_run(repaired_folder)

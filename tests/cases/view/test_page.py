@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from http.client import HTTPConnection
 from io import BytesIO
@@ -43,9 +43,9 @@ def without_opengl(tmp_path_factory):
     return os.environ | {"LD_LIBRARY_PATH": str(fakes)}
 
 
-@pytest.fixture(scope="module")
-def server(folder, without_opengl):
-    """A page served by a process that has no OpenGL library; return the process and the address."""
+@contextmanager
+def served(folder, without_opengl):
+    """Serve a page by a process that has no OpenGL library; yield the process and the address."""
     command = [sys.executable, "-m", "sdm_deflect", "view", str(folder), "--no-open", "--quiet"]
     with subprocess.Popen(
         command,
@@ -58,8 +58,16 @@ def server(folder, without_opengl):
         line = process.stdout.readline()
         address = re.match(r"http://127\.0\.0\.1:\d+/\?secret=\S+", line)
         assert address, line + process.stderr.read()
-        yield process, address[0]
-        process.kill()
+        try:
+            yield process, address[0]
+        finally:
+            process.kill()
+
+
+@pytest.fixture(scope="module")
+def server(folder, without_opengl):
+    with served(folder, without_opengl) as process_and_address:
+        yield process_and_address
 
 
 @pytest.fixture(scope="module")
@@ -358,6 +366,29 @@ def test_messages_are_bounded_and_bad_ones_end_the_connection(server, page):
         status = Path(f"/proc/{process}/status").read_text()
         assert int(re.search(r"VmHWM:\s+(\d+)", status)[1]) < 1_000_000  # kB
     to(page, "3", "Verified")
+
+
+def test_the_mesh_is_repaired_where_the_slider_rests(browser, repaired_folder, without_opengl):
+    with served(repaired_folder, without_opengl) as (_, address):
+        tab = browser.new_page()
+        tab.set_default_timeout(GENEROUS)
+        tab.goto(address)
+        said = tab.locator("#repair")
+        tab.wait_for_selector("#repair:has-text('Repaired')")
+        assert tab.locator("#inverted").inner_text() == "0"
+        tab.locator(".v-slider-thumb").first.focus()
+        seen = set()
+        for _ in range(20):
+            tab.keyboard.press("ArrowLeft")
+            seen.add(said.inner_text().split(":")[1])
+        wait_until(lambda: tab.locator("#shown").inner_text() == "+24°", "an earlier angle is shown")
+        wait_until(lambda: "nodes moved" in said.inner_text(), "the mesh is not repaired")
+        assert any("once the slider rests" in text for text in seen)
+        assert tab.locator("#inverted").inner_text() == "0"
+        tab.locator("#axis-x").click()
+        wait_until(lambda: "x =" in tab.locator("#panel").inner_text(), "no section across x")
+        assert "nodes moved" in said.inner_text()
+        tab.close()
 
 
 def test_a_narrow_page_shows_the_scene_above_the_panel(page):

@@ -1,0 +1,92 @@
+"""Repaired meshes on display: the interpolant's while the slider moves, the repaired one where it rests."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases.report.folder import read_folder
+from sdm_deflect.cases.sdm.report import interactive_run
+from sdm_deflect.cases.sdm.run_folder import read_run
+from sdm_deflect.cases.view.labels import mending
+from sdm_deflect.cases.view.page import Control
+from sdm_deflect.cases.view.run import InteractiveRun, moved_by_repair
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.meshing.formats.vtu import vtu_arrays
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
+
+pytestmark = pytest.mark.mesher
+EQUAL = 1e-11  # m
+
+
+def test_at_rest_the_runs_angle_shows_the_runs_mesh(repaired, repaired_folder):
+    stored = read_run(repaired_folder)[2]
+    moving = repaired.at(26.0)
+    resting = repaired.repaired(moving)
+    assert np.array_equal(resting.points, stored.points)
+    assert len(moving.inverted)
+    assert not len(resting.inverted)
+    assert resting.verified
+    assert np.abs(moving.points + repaired.moved - stored.points).max() < EQUAL
+    assert resting.repaired == np.count_nonzero(repaired.moved.any(axis=1))
+
+
+def test_other_angles_are_repaired_within_the_box(repaired):
+    moving = repaired.at(20.0)
+    resting = repaired.repaired(moving)
+    assert resting.quality.min() > 2.0 * moving.quality.min()
+    differing = (resting.points != moving.points).any(axis=1)
+    assert np.count_nonzero(differing) == resting.repaired
+    assert np.isin(np.flatnonzero(differing), repaired.changed[0]).all()
+
+
+def test_a_frame_that_is_good_enough_stays(repaired, aileron):
+    frame = repaired.at(2.0)
+    resting = repaired.repaired(frame)
+    assert resting.repaired == 0
+    assert np.array_equal(resting.points, frame.points)
+    off = aileron.at(-12.0)
+    assert not aileron.repairs
+    assert aileron.repaired(off) is off
+
+
+def test_the_control_repairs_at_rest_and_says_so(repaired, aileron):
+    control = Control.of(repaired)
+    first = control.first()
+    assert first.rests
+    assert "Repaired" in control.show(first)["repair"]
+    moving = replace(first, angle=20.0, rests=False)
+    assert "once the slider rests" in control.show(moving)["repair"]
+    least = control.frame.quality.min()
+    said = control.show(replace(moving, rests=True))["repair"]
+    count, now = control.frame.repaired, control.frame.quality.min()
+    assert said == f"Repaired: {count:,} nodes moved, least quality {least:.3f} \N{RIGHTWARDS ARROW} {now:.3f}."
+    assert control.show(replace(moving, rests=True, position=first.position + 0.01)) == {}
+    assert control.show(replace(first, angle=2.0))["repair"] == "Repair: none was needed."
+    assert "off" in mending(aileron.at(-12.0), aileron, 0.4)
+
+
+def test_any_mesh_shows_its_repair(bare_deflection, block):
+    body = ("body", [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], 60.0)
+    folder = bare_deflection(block, "x.su2", *body, repair="always")
+    run, (_, points) = InteractiveRun.of(folder), read_folder(folder)
+    assert run.moved.any()
+    assert np.array_equal(run.repaired(run.at(60.0)).points, points)
+
+
+def test_an_array_of_another_shape_is_refused(repaired_folder, tmp_path):
+    _, _, mesh = read_run(repaired_folder)
+    write_vtu(tmp_path / "deflected.vtu", mesh, {"repair": mesh.points[:, :2].copy()})
+    with pytest.raises(InputError, match="the array repair has the shape"):
+        moved_by_repair(tmp_path / "deflected.vtu", len(mesh.points))
+    assert not moved_by_repair(repaired_folder / "undeflected.vtu", len(mesh.points)).any()
+    assert vtu_arrays(repaired_folder / "deflected.vtu")["repair"].shape == mesh.points.shape
+
+
+def test_a_run_whose_repair_is_lost_is_refused(repaired_folder, tmp_path):
+    for path in repaired_folder.iterdir():
+        if path.is_file():
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    write_vtu(tmp_path / "deflected.vtu", read_run(repaired_folder)[2])
+    with pytest.raises(InputError, match=r"deflected\.vtu does not belong"):
+        interactive_run(tmp_path)
