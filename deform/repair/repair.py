@@ -29,6 +29,8 @@ MANY = 0.2
 """Spoiled cells over nodes that move, above which the next larger patch is taken at once."""
 WORST = 1e-3
 """Least quality that cells are weighted by."""
+FAR = 500
+"""Nodes for each cell below a level, beyond which they are too far away to help, unless it is inverted."""
 STEPS, TOLERANCE = 25, 1e-5
 """Of the search at one eps and power: most steps, and the least share by which each has to lower the energy."""
 WIDEST, LEAST_EPS = 0.01, 1e-6
@@ -37,7 +39,7 @@ NARROWER, NARROWEST = 0.5, 0.2
 """What is left of eps for the next search; and if this one ended by itself."""
 POWERS = (1, 2, 4, 8)
 """Powers of the energy, one after another, once nothing is inverted: the worst cells weigh more and more."""
-EASY = (0.35, 0.7, 0.95)
+EASY = (0.35, 0.6, 0.75)
 """Least shares of a cell's quality in its floor, about, from which the first powers are left out."""
 WORTH, PATIENCE = 0.02, 8
 """Share by which a search at the largest power has to raise the least quality to be followed by another; searches that
@@ -235,6 +237,8 @@ def _raised(
         if len(unknown) == last or (sizes[size] < len(points) and below.sum() > MANY * len(unknown)):
             size += 1
             continue
+        if level and len(unknown) > FAR * below.sum():
+            break
         progress(f"repair: {int(below.sum())} cells, {len(unknown)} nodes", nan)
         patch = Patch.of(points, tetrahedra, unknown, freedom, goal)
         new, count = _mended(patch, level, REST if size else 0.0)
