@@ -47,10 +47,43 @@ def deflection_figures(one: Deflection) -> Json:
         "adaptation": _adaptation(one),
         "cells_touched": plan.touched.count,
         "quality_inside": {"before": by_shape(plan.before), "after": by_shape(one.quality)},
+        "repair": repair_figures(one),
         "steps": len(one.steps),
         "seconds": one.seconds,
         "largest_correction": max(step.correction for step in one.steps),
     }
+
+
+def repair_figures(one: Deflection) -> Json | None:
+    """Return what a repair did, and the quality of the touched cells before it; None without one."""
+    found = one.repaired
+    if found is None:
+        return None
+    return {
+        "spoiled": found.spoiled,
+        "left": found.left,
+        "moved": len(found.moved),
+        "search_steps": found.steps,
+        "seconds": found.seconds,
+        "quality": by_shape(found.quality),
+        "inverted_before": sum(quality.inverted for quality in found.quality),
+    }
+
+
+def repair_text(figures: Json) -> str:
+    """Say what a repair did, of the figures of a deflection; empty without one."""
+    found = figures["repair"]
+    if not found:
+        return ""
+    before, after = (
+        f"{min(quality['min'] for quality in states.values()):.3f} with {sum(q['inverted'] for q in states.values())} "
+        "inverted"
+        for states in (found["quality"], figures["quality_inside"]["after"])
+    )
+    return (
+        f"repair: {found['spoiled']} cells spoiled, {found['left']} left; {found['moved']} nodes moved in "
+        f"{found['seconds']:.2f} s; least quality {before} before, {after} after"
+    )
 
 
 def by_shape(found: Sequence[Quality]) -> Json:

@@ -6,7 +6,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import FloatArray, IntArray
+from sdm_deflect.deform import polyhedra
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Polyhedra
+from sdm_deflect.deform.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.touched import Layers, first_layer
 from sdm_deflect.deform.volume.deflection import Deflection
 
@@ -111,11 +113,17 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
     outside = np.ones(len(points), dtype=bool)
     outside[plan.region.inside] = outside[plan.sites.moving] = False
     yield _unmoved("outside_moved", moved[outside], "nodes outside the box")
-    yield _unmoved("fixed_surfaces_moved", moved[sites.fixed], "nodes inside the box")
+    slid = slid_nodes(deflection)
+    fixed = np.setdiff1d(sites.fixed, slid, assume_unique=True)
+    yield _unmoved("fixed_surfaces_moved", moved[fixed], "nodes inside the box")
+    if len(slid):
+        yield _slid_on_surfaces(deflection, slid)
     yield site_error(deflection)
     if mesh.cells:
         limit = plan.touched.inverted_at(mesh.points)
         where = f"of {plan.touched.count} cells with a node in the box" + (f", {limit} of them before" if limit else "")
+        if deflection.inverted > limit:
+            where += f"; {first_inverted(deflection)}"
         yield Check("inverted_cells", deflection.inverted, limit, "cells", where, over=plan.touched.count)
         yield from _boundary_checks(deflection)
     if mesh.cells and min_quality:
@@ -128,6 +136,50 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
     if layers:
         where = f"{layers.edges} edges off the walls, from {layers.lowest:.3g}; 99 % within {layers.p99:.2e}"
         yield Check("first_layer", layers.largest, LAYER_CHANGE, "", where)
+
+
+def slid_nodes(deflection: Deflection) -> IntArray:
+    """Return the sorted nodes (K,) of fixed patches that the repair moved on their shapes, as it may."""
+    if deflection.repaired is None:
+        return np.empty(0, dtype=np.intp)
+    found, fixed = deflection.repaired, deflection.plan.sites.fixed
+    return np.intersect1d(fixed, np.intersect1d(found.moved, found.freedom.sliding))
+
+
+def _slid_on_surfaces(deflection: Deflection, slid: IntArray) -> Check:
+    """Check that nodes (K,) of fixed patches which a repair slid are still on the undeflected patch."""
+    points, off = deflection.points, np.zeros(len(slid))
+    for one in deflection.repaired.freedom.slides if deflection.repaired else ():
+        rows = np.flatnonzero(np.isin(slid, one.nodes, assume_unique=True))
+        before, now = (one.shape.distance(where[slid[rows]]) for where in (deflection.interpolated, points))
+        off[rows] = np.abs(now - before)
+    allowed = ON_SHAPE * deflection.plan.boundary.size
+    return Check("slid_on_surfaces", float(off.max()), allowed, "", f"{worst(off, points[slid])}, of fixed patches")
+
+
+def first_inverted(deflection: Deflection) -> str:
+    """Say which cell is the first inverted one that was not before, on which patches, and whether it can be mended."""
+    plan, mesh, row = deflection.plan, deflection.plan.mesh, 0
+    for block, rows, sign in zip(mesh.cells, plan.touched.rows, plan.touched.orientation, strict=True):
+        bad = inverted_of(deflection.points, block, rows, sign) & ~inverted_of(mesh.points, block, rows, sign)
+        if bad.any():
+            cell = int(rows[np.argmax(bad)])
+            if isinstance(block, Polyhedra):
+                return cell_text(deflection, row + cell, polyhedra.nodes_of(block, cell), POLYHEDRON)
+            return cell_text(deflection, row + cell, block.nodes[cell], block.shape)
+        row += len(block)
+    raise ValueError("no cell is inverted that was not before")
+
+
+def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> str:
+    """Describe an inverted cell by its row in the mesh, its type, and the patches that its nodes are on."""
+    plan, found = deflection.plan, deflection.repaired
+    on = [patch.name for patch in plan.mesh.patches if np.isin(nodes, patch.nodes).any()]
+    text = f"the first is cell {row} ({shape})" + (f" with nodes on {', '.join(on)}" if on else "")
+    if found is None:
+        return text
+    held = not np.isin(nodes, found.freedom.nodes).any()
+    return f"{text}; all its nodes are held: no repair can mend it" if held else f"{text}; the repair could not mend it"
 
 
 def _boundary_checks(deflection: Deflection) -> Iterator[Check]:

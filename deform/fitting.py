@@ -18,6 +18,8 @@ LEAST: dict[str, float] = dict.fromkeys(("tolerance", "spacing"), 0.0)
 LEAST |= {"initial_surface": 4, "initial_hexahedron": 1, "n_add": 1, "max_centers": 8}
 LEAST |= {"spacing_edges": 0.1, "max_steps": 1}
 """Smallest value of each number of `Fitting`."""
+ROUNDING = 1e-9
+"""A cell that was turned is as good as it was to this share of its quality."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,5 +88,5 @@ class Repair:
 
     @property
     def wanted(self) -> float:
-        """Share of the least quality before, below which cells are mended."""
-        return 1.0 if self.mode == "always" else self.share
+        """Share of the least quality before, below which cells are mended: less than 1 by rounding."""
+        return min(1.0 if self.mode == "always" else self.share, 1.0 - ROUNDING)

@@ -104,6 +104,11 @@ def touching(cells: Polyhedra, moved: NDArray[np.bool_]) -> IntArray:
     return np.flatnonzero(flags)
 
 
+def nodes_of(cells: Polyhedra, row: int) -> IntArray:
+    """Return the sorted nodes (K,) of the cell of a row."""
+    return np.unique(_sides(cells, np.array([row]))[0].nodes)
+
+
 def _sides(cells: Polyhedra, rows: IntArray | None) -> tuple[Polygons, IntArray, IntArray, FloatArray]:
     """Return the faces of the rows, and for each side of one of them its face, its row and the sign of its normal."""
     some = np.arange(len(cells)) if rows is None else rows

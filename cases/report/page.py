@@ -62,10 +62,14 @@ def page(data: ReportData, gallery: Gallery) -> str:
 def qualities(data: ReportData) -> Iterator[tuple[str, str, Quality | Json]]:
     """Yield box, state and quality of the touched cells of each type."""
     for box, after in zip(data.boxes, data.after, strict=True):
+        figures = data.figures.get("deflections", {}).get(box.name, {})
+        repaired = figures.get("repair")
         for one, then in zip(box.before, after, strict=True):
             yield box.name, STATES["before"], one
+            if repaired:
+                yield box.name, STATES["interpolated"], repaired["quality"][one.shape]
             yield box.name, STATES["after"], then
-        pinned = data.figures.get("deflections", {}).get(box.name, {}).get("quality_inside", {}).get("after_pinned")
+        pinned = figures.get("quality_inside", {}).get("after_pinned")
         for one in (pinned or {}).values():
             yield box.name, STATES["after_pinned"], one
 
@@ -93,6 +97,7 @@ def pixels(exhibit: Exhibit) -> tuple[int, int]:
 
 
 CHECKS = {
+    "slid_on_surfaces": "nodes of fixed surfaces that the repair moved, from the undeflected surface",
     "outside_moved": "largest displacement outside the hexahedra",
     "inverted_cells": "cells turned inside out",
     "fixed_surfaces_moved": "largest displacement of a surface that must not move",
@@ -111,6 +116,7 @@ CHECKS = {
 }
 STATES = {
     "before": "undeflected",
+    "interpolated": "deflected, before the repair",
     "after": "deflected",
     "after_pinned": "deflected, Chimera face pinned instead of sliding",
 }

@@ -4,7 +4,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib.metadata import version
 
-from sdm_deflect.cases.metrics import Json, by_shape, deflection_figures, mesh_figures, peak_rss_bytes, verdict_figures
+from sdm_deflect.cases.metrics import (
+    Json,
+    by_shape,
+    deflection_figures,
+    mesh_figures,
+    peak_rss_bytes,
+    repair_text,
+    verdict_figures,
+)
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.quality import Quality, mean_ratio, summarise
@@ -109,6 +117,8 @@ def summary(run: Run) -> Iterator[str]:
             f"{name} {one['angle_deg']:+g} deg: {one['confinement']['inside']} nodes inside, centres {fits}, "
             f"{one['steps']} step{'s' if one['steps'] > 1 else ''}"
         )
+        if one["repair"]:
+            yield f"{name} {repair_text(one)}"
     if run.pinned:
         for state, q in (("sliding", run.deflections[0].quality[0]), ("pinned", run.pinned)):
             yield (

@@ -17,7 +17,7 @@ from sdm_deflect.cases.sdm.run_folder import write_deformation, write_metrics
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import Quality
-from sdm_deflect.deform.volume.deflection import Deflection, combined
+from sdm_deflect.deform.volume.deflection import Deflection, combined, repair_of
 from sdm_deflect.meshing.cache import MeshCache, cache_key, default_folder
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import TetMesh
@@ -51,7 +51,9 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
             progress(f"{sum(path.stat().st_size for path in folder.glob('*.*')) / 1e6:.1f} MB", 1.0)
         with watch.stage("validation") as progress:
             progress("waiting for the deflected CAD", nan)
-            checks = validate(case, mesh, moved, plans, deflected_cad(), background) + site_checks(results)
+            checks = validate(case, mesh, moved, plans, deflected_cad(), background, repair_of(results)) + site_checks(
+                results
+            )
             progress(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
     run = Run(case, mesh, origin, moved, results, whole, checks, watch.seconds, background, stiff)
     if report:

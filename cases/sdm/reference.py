@@ -7,14 +7,14 @@ it goes on while this process reads the mesh and deforms it.
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from sdm_deflect.geometry.datum import hinged
+from sdm_deflect.geometry.datum import SURFACES, hinged
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.meshing.child import Arrays, serve, started
@@ -46,10 +46,14 @@ Faces = tuple[ReferenceFace, ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The faces of the deflected surfaces, by surface: turned rigidly, and blended (the same for a tail)."""
+    """The faces of the deflected surfaces, by surface: turned rigidly, and blended (the same for a tail).
+
+    Those of the components beside hinged ones are in `still`, by patch: they have not moved.
+    """
 
     rigid: dict[str, Faces]
     blended: dict[str, Faces]
+    still: dict[str, Faces]
 
 
 @contextmanager
@@ -96,7 +100,8 @@ def answer(question: Arrays) -> Arrays:
     built = []
     for turned in variants:
         model = build(fighter, turned)
-        built.append({name: [arrays_of(face) for face in model.faces_of(name)] for name in turned})
+        names = (*turned, *carriers(turned))
+        built.append({name: [arrays_of(face) for face in model.faces_of(name)] for name in names})
     return packed(built)
 
 
@@ -106,7 +111,14 @@ def decoded(answer: Arrays) -> Reference:
         {surface: tuple(ReferenceFace(*parts) for parts in faces) for surface, faces in found.items()}
         for found in unpacked(answer)
     ]
-    return Reference(built[0], built[-1])
+    beside = {name: faces for name, faces in built[-1].items() if name not in SURFACES}
+    rigid, blended = ({name: faces for name, faces in one.items() if name in SURFACES} for one in (built[0], built[-1]))
+    return Reference(rigid, blended, beside)
+
+
+def carriers(surfaces: Iterable[str]) -> list[str]:
+    """Return the patches that carry the hinged ones of some surfaces."""
+    return ["fin" if one == "rudder" else one.replace("aileron", "wing") for one in surfaces if hinged(one)]
 
 
 def arrays_of(face: CadFace) -> tuple[FloatArray, IntArray, FloatArray]:

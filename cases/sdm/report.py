@@ -22,6 +22,7 @@ from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import BLOCK, plans_of
 from sdm_deflect.cases.sdm.reference import reference
 from sdm_deflect.cases.sdm.run_folder import read_run
+from sdm_deflect.cases.sdm.stored import stored_repair
 from sdm_deflect.cases.sdm.validation import validate
 from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.cases.view.run import InteractiveRun, Manner
@@ -59,7 +60,7 @@ def report_data_of_folder(folder: Path) -> ReportData:
     with damaged(folder, RUN):
         boxes = [_box(plan, own) for plan, own in zip(plans, fits, strict=True)]
     with reference(case) as deflected_cad:
-        checks = validate(case, mesh, deflected, plans, deflected_cad(), background)
+        checks = validate(case, mesh, deflected, plans, deflected_cad(), background, stored_repair(folder, mesh))
     # the interpolants are not fitted again
     checks += tuple(check for check in stored if check.name.startswith("site_error"))
     return _data(case, mesh, deflected, boxes).judged(checks, figures)

@@ -16,7 +16,7 @@ from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.deflection import Deflection, repair_of
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
@@ -38,8 +38,9 @@ def write_deformation(
     (folder / "case.toml").write_text(to_toml(case), encoding="utf-8")
     write_vtu(folder / "undeflected.vtu", mesh)
     arrays = {"displacement": deflected.points - mesh.points}
-    if any(one.repaired for one in deflections):
-        arrays["repair"] = np.sum([one.moved_by_repair for one in deflections], axis=0)
+    repair = repair_of(deflections)
+    if repair is not None:
+        arrays["repair"] = repair
     write_vtu(
         folder / "deflected.vtu",
         deflected,

@@ -17,13 +17,14 @@ from sdm_deflect.cases.sdm.reference import Reference
 from sdm_deflect.cases.sdm.validation import site_checks, validate
 from sdm_deflect.deform.checks import Check, worst
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.rbf.greedy import Adaptation, Iteration, Stop
 from sdm_deflect.deform.rbf.interpolant import Interpolant, check_finite
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.reading import damaged, read_arrays
-from sdm_deflect.deform.volume.deflection import Deflection, Plan, combined
+from sdm_deflect.deform.volume.deflection import Deflection, Plan, as_repaired, combined
 from sdm_deflect.deform.volume.step import DIRECTIONS, Fits, carried_out
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
@@ -40,7 +41,8 @@ ROUNDING, SHARE = 1e-12, 1e-9
 WRITTEN = 1e-6
 """The same of a residual in convergence.csv, which is written with seven digits."""
 NOT_AGAIN = frozenset({
-    "after_pinned", "filter_seconds", "pairs_per_second", "peak_rss_bytes", "seconds", "timings", "total_seconds",
+    "after_pinned", "filter_seconds", "pairs_per_second", "peak_rss_bytes", "search_steps", "seconds", "timings",
+    "total_seconds",
     "version", "where", "whole_mesh_seconds",
 })  # fmt: skip
 """Names of what metrics.json tells of the run alone: its times and memory, and rounding errors in words."""
@@ -71,15 +73,28 @@ def judged(
     """
     meshes = [mesh, *([read_vtu(folder / "background.vtu")] if case.domain == "block" else [])]
     plans = plans_of(case, mesh.as_mesh(case.name))
-    again, arrays = stored_deflections(folder, plans), stored_arrays(folder, mesh, deflected)
+    repair, arrays = stored_repair(folder, mesh), stored_arrays(folder, mesh, deflected)
+    again = stored_deflections(folder, plans)
+    if repair is not None:
+        again = tuple(as_repaired(one, repair) for one in again)
     figures = read_json(folder)
     parts = zip(
         ("undeflected_mesh", "background_mesh"), meshes, models(case), (case.mesh, case.background), strict=False
     )
     own = tuple(mesh_check(*part) for part in parts)
-    checks = (*validate(case, mesh, deflected, plans, deflected_cad(), *meshes[1:]), *site_checks(again))
+    background = meshes[1] if len(meshes) > 1 else None
+    checks = validate(case, mesh, deflected, plans, deflected_cad(), background, repair) + site_checks(again)
     run = Run(case, mesh, MeshOrigin(own[0].value, 1, 0.0), deflected, again, 0.0, checks)
     return (*checks, same_deflection(deflected, again), *own, arrays, stored_figures(figures, run))
+
+
+def stored_repair(folder: Path, mesh: TetMesh) -> FloatArray | None:
+    """Return how far a repair moved each node (N, 3) of a finished run; None without one; InputError if damaged."""
+    path = folder / "deflected.vtu"
+    repair = vtu_arrays(path).get("repair")
+    if repair is not None and (repair.shape != mesh.points.shape or not np.isfinite(repair).all()):
+        raise InputError(f"{path}: its array repair is not {len(mesh.points)} finite vectors")
+    return repair
 
 
 def stored_deflections(folder: Path, plans: Sequence[Plan]) -> tuple[Deflection, ...]:
@@ -141,7 +156,7 @@ def _fit(group: DataSites, course: Convergence, arrays: dict[str, Any], suffix: 
 
 
 def same_deflection(deflected: TetMesh, again: Sequence[Deflection]) -> Check:
-    """Check that every node is where the interpolants put it."""
+    """Check that every node is where the interpolants put it, and the repair, if there was one, from there."""
     mesh = again[0].plan.mesh
     off = np.linalg.norm(deflected.points - combined(mesh, again), axis=1)
     return Check("same_deflection", float(off.max()), SAME, "m", worst(off, mesh.points))

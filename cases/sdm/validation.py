@@ -14,8 +14,10 @@ from sdm_deflect.deform.checks import Check, site_error, worst
 from sdm_deflect.deform.mesh import FloatArray, IntArray
 from sdm_deflect.deform.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.volume.closest import Triangles
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.geometry.datum import hinged
+from sdm_deflect.meshing.generate.verify import FREE_FORM
 from sdm_deflect.meshing.mesh import TetMesh
 
 
@@ -26,6 +28,7 @@ def validate(
     plans: Sequence[Plan],
     reference: Reference,
     background: TetMesh | None = None,
+    repair: FloatArray | None = None,
 ) -> tuple[Check, ...]:
     """Return every check that applies to the case.
 
@@ -35,10 +38,16 @@ def validate(
     plans : what each control surface was to do, at the angle of the case.
     reference : the deflected CAD.
     background : the mesh around a Chimera block.
+    repair : (N, 3) how far a repair moved each node; None without one.
     """
-    checks = list(mesh_checks(case, mesh, deflected, plans))
+    moves = Repairs.of(mesh, plans, deflected.points, repair)
+    checks = list(mesh_checks(case, mesh, deflected, plans, moves.slid))
+    if repair is not None:
+        checks.append(unmoved("repair_elsewhere", np.linalg.norm(repair, axis=1), moves.held, mesh.points))
+    if len(moves.slid):
+        checks.append(slid_on_surfaces(mesh, deflected, moves.slid, reference))
     for plan in plans:
-        shape = Shape(case, mesh, deflected, plan)
+        shape = Shape(case, mesh, deflected, plan, repair)
         checks += [suffixed(check, plan, plans) for check in surface_checks(shape, reference)]
     if background is not None:
         checks += overset_checks(case, mesh, deflected, background)
@@ -56,17 +65,54 @@ def suffixed(check: Check, plan: Plan, plans: Sequence[Plan]) -> Check:
     return replace(check, name=f"{check.name}:{plan.patches[0]}") if len(plans) > 1 else check
 
 
-def mesh_checks(case: Case, mesh: TetMesh, deflected: TetMesh, plans: Sequence[Plan]) -> Iterator[Check]:
-    """Checks of the whole mesh: nothing outside or on a fixed patch moved, no cell inverted, good shape."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Repairs:
+    """What repairs might do: the nodes (K,) that they had to leave, and those of fixed patches that they slid."""
+
+    held: IntArray
+    slid: IntArray
+
+    @classmethod
+    def of(cls, mesh: TetMesh, plans: Sequence[Plan], points: FloatArray, repair: FloatArray | None) -> "Repairs":
+        """Find them, with the nodes at points (N, 3) of which repairs (N, 3) are a part."""
+        held, slid = np.ones(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
+        if repair is not None:
+            for plan in plans:
+                if plan.job.repair.mode != "off":
+                    freedom = plan.freedom(points - repair)
+                    held[freedom.nodes] = False
+                    slid[freedom.sliding] = True
+            slid &= repair.any(axis=1)
+        return cls(np.flatnonzero(held), np.intersect1d(fixed_nodes(mesh, plans), np.flatnonzero(slid)))
+
+
+def fixed_nodes(mesh: TetMesh, plans: Sequence[Plan]) -> IntArray:
+    """Return the sorted nodes (K,) of the patches that stay."""
+    moving = [patch for plan in plans for patch in plan.patches]
+    return mesh.on(*(name for name in mesh.names[1:] if name not in (*moving, BLOCK)))
+
+
+def mesh_checks(
+    case: Case, mesh: TetMesh, deflected: TetMesh, plans: Sequence[Plan], slid: IntArray
+) -> Iterator[Check]:
+    """Checks of the whole mesh: nothing outside or on a fixed patch moved, no cell inverted, good shape.
+
+    Nodes (K,) that a repair slid on fixed patches are none of these; `slid_on_surfaces` is theirs.
+    """
     moved = np.linalg.norm(deflected.points - mesh.points, axis=1)
     outside = np.ones(len(moved), dtype=bool)
     for plan in plans:
         outside[plan.region.inside] = False
+        outside[slid[plan.region.hexahedron.contains(mesh.points[slid], ON_PLANE)]] = False
     yield unmoved("outside_moved", moved, np.flatnonzero(outside), mesh.points)
     volumes = signed_volumes(deflected.points, deflected.tets)
-    yield Check("inverted_cells", float(np.count_nonzero(volumes <= 0.0)), 0.0, "cells", f"of {len(volumes)}")
+    inverted, where = np.flatnonzero(volumes <= 0.0), f"of {len(volumes)}"
+    if len(inverted):
+        on = [name for name in mesh.names[1:] if np.isin(mesh.tets[inverted[0]], mesh.on(name)).any()]
+        where += f"; the first is cell {inverted[0]} (tetra)" + (f" with nodes on {', '.join(on)}" if on else "")
+    yield Check("inverted_cells", float(len(inverted)), 0.0, "cells", where)
     moving = [patch for plan in plans for patch in plan.patches]
-    fixed = mesh.on(*(name for name in mesh.names[1:] if name not in (*moving, BLOCK)))
+    fixed = np.setdiff1d(fixed_nodes(mesh, plans), slid, assume_unique=True)
     check = unmoved("fixed_surfaces_moved", moved, fixed, mesh.points)
     border = np.intersect1d(fixed, mesh.on(*moving), assume_unique=True)
     yield replace(check, where=f"{check.where}, of which {len(border)} border a moving patch")
@@ -81,6 +127,25 @@ def unmoved(name: str, moved: FloatArray, nodes: IntArray, points: FloatArray) -
     return Check(name, float(moved[nodes].max(initial=0.0)), 0.0, "m", worst(moved[nodes], points[nodes]))
 
 
+def slid_on_surfaces(mesh: TetMesh, deflected: TetMesh, slid: IntArray, reference: Reference) -> Check:
+    """Distance of nodes (K,) of fixed patches, which a repair slid, from each undeflected CAD face that they are on."""
+    off, limit = np.zeros(len(slid)), ON_PLANE
+    for name, faces in reference.still.items():
+        own = mesh.patch == mesh.names.index(name)
+        for face in np.unique(mesh.face[own]):
+            on_face = np.unique(mesh.triangles[own & (mesh.face == face)])
+            nodes = np.intersect1d(on_face, slid, assume_unique=True)
+            if len(nodes):
+                cad = min(faces, key=lambda one: float(distance_to_faces(mesh.points[on_face], (one,)).max()))
+                rows = np.searchsorted(slid, nodes)
+                off[rows] = np.maximum(off[rows], distance_to_faces(deflected.points[nodes], (cad,)))
+                limit = limit if np.isfinite(cad.normal).all() else FREE_FORM
+    off[~np.isin(slid, mesh.on(*reference.still), assume_unique=True)] = np.inf
+    return Check("slid_on_surfaces", float(off.max()), limit, "m", worst(off, deflected.points[slid]))
+
+
+ON_PLANE = 1e-9
+"""Largest distance (m) of nodes that slid on a planar CAD face from it."""
 ANGLE_LIMIT = 1e-9
 """Largest deviation (deg) of the trailing edge from its angle: rounding only."""
 ON_CYLINDER = 1e-12
@@ -89,12 +154,13 @@ ON_CYLINDER = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """A deflected control surface: the mesh before and after, and what was asked."""
+    """A deflected control surface: the mesh before and after, what was asked, and how far a repair (N, 3) moved it."""
 
     case: Case
     mesh: TetMesh
     deflected: TetMesh
     plan: Plan
+    repair: FloatArray | None = None
 
     @property
     def surface(self) -> str:
@@ -113,8 +179,20 @@ class Shape:
 
     @property
     def exact(self) -> IntArray:
-        """Nodes that must lie on the deflected CAD."""
-        return self.plan.sites.moving[self.plan.boundary.laws[0].exact]
+        """Nodes that must lie on the deflected CAD: those that a repair slid if they now are in triangles of others."""
+        nodes, exact = self.plan.sites.moving, self.plan.boundary.laws[0].exact
+        if self.repair is None:
+            return nodes[exact]
+        slid = np.any(self.repair[nodes] != 0.0, axis=1)
+        triangles, start = self.triangles, self.deflected.points - self.repair
+        inner = np.all(np.isin(triangles, nodes[exact]), axis=1)
+        _, hit = closest(self.deflected.points[nodes[slid]], start, triangles)
+        return np.union1d(nodes[exact & ~slid], nodes[slid][inner[hit]])
+
+    @property
+    def triangles(self) -> IntArray:
+        """Triangles (T, 3) of all patches that move."""
+        return np.concatenate([self.mesh.triangles_of(name) for name in self.plan.patches])
 
     @property
     def hinge(self) -> IntArray:
@@ -136,14 +214,19 @@ class Shape:
                 yield own, self.axis.matrix(self.angle) @ normal
 
     def left_behind(self, nodes: IntArray, normal: FloatArray) -> FloatArray:
-        """Distance (N,) of nodes that keep their place from a plane that they are on, rotated with its normal (3,)."""
-        before = self.mesh.points[nodes]
-        return np.asarray(np.abs((before - self.axis.rotated(before, self.angle)) @ normal), dtype=np.float64)
+        """Distance (N,) of nodes that did not turn from a plane that they are on, rotated with its normal (3,).
+
+        A repair may have slid them along the edge of the hinge: what counts is where they are now.
+        """
+        now = self.deflected.points[nodes]
+        return np.asarray(np.abs((now - self.axis.rotated(now, self.angle)) @ normal), dtype=np.float64)
 
 
 def surface_checks(shape: Shape, reference: Reference) -> Iterator[Check]:
     """Checks of one control surface."""
     rigid, blended = (faces[shape.surface] for faces in (reference.rigid, reference.blended))
+    if shape.repair is not None:
+        yield kept_shape(shape, shape.repair)
     yield planarity(shape)
     if hinged(shape.surface):
         yield surface_to_cad(shape, blended, shape.exact, shape.case.limits.surface_to_cad)
@@ -159,6 +242,15 @@ def surface_checks(shape: Shape, reference: Reference) -> Iterator[Check]:
         yield replace(check, name="surface_to_rigid_cad")
         yield cylindricity(shape, panel)
         yield root_on_cylinder(shape, rigid, root)
+
+
+def kept_shape(shape: Shape, repair: FloatArray) -> Check:
+    """Distance of the nodes that a repair slid on the control surface from its triangles before the repair."""
+    nodes = shape.mesh.on(shape.surface)
+    nodes = nodes[repair[nodes].any(axis=1)]
+    points, triangles = shape.deflected.points, shape.mesh.triangles_of(shape.surface)
+    off = closest(points[nodes], points - repair, triangles)[0]
+    return Check("surface_kept", float(off.max(initial=0.0)), ON_PLANE, "m", worst(off, points[nodes]), over=len(nodes))
 
 
 def surface_to_cad(shape: Shape, cad: Faces, nodes: IntArray, limit: float) -> Check:
@@ -199,7 +291,7 @@ def planarity(shape: Shape) -> Check:
 def trailing_edge_angle(shape: Shape) -> Check:
     """How far the trailing edge is from having turned by exactly the angle, in degrees."""
     wedge = Wedge.of(shape.plan.mesh, shape.case.fighter, shape.surface)
-    nodes = wedge.nodes[wedge.trailing & ~wedge.fixed & shape.plan.boundary.laws[0].exact]
+    nodes = np.intersect1d(wedge.nodes[wedge.trailing & ~wedge.fixed], shape.exact, assume_unique=True)
     before, after = (shape.axis.radial(mesh.points[nodes]) for mesh in (shape.mesh, shape.deflected))
     sine, cosine = np.cross(before, after) @ shape.axis.direction, np.einsum("ij,ij->i", before, after)
     error = np.abs(np.degrees(np.arctan2(sine, cosine)) - shape.angle)
@@ -253,6 +345,14 @@ def distance_to_faces(points: FloatArray, faces: Faces) -> FloatArray:
     parts = [trimesh.Trimesh(face.points, face.triangles, process=False) for face in faces]
     _, distance, _ = trimesh.proximity.closest_point(trimesh.util.concatenate(parts), points)
     return np.asarray(distance, dtype=np.float64)
+
+
+def closest(points: FloatArray, nodes: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
+    """Distance (N,) of points (N, 3) from triangles (T, 3), and the rows (N,) of the nearest ones."""
+    if not len(points):
+        return np.empty(0), np.empty(0, dtype=np.intp)
+    found = Triangles.of(nodes[triangles]).closest(points)
+    return np.linalg.norm(points - found.places, axis=1), found.rows
 
 
 def distance_to_plane(points: FloatArray, faces: Faces, normal: FloatArray) -> FloatArray:

@@ -43,7 +43,12 @@ class Freedom:
     @property
     def nodes(self) -> IntArray:
         """Sorted indices (K,) of all of them."""
-        return np.sort(np.concatenate([self.free, *(one.nodes for one in self.slides)]))
+        return np.union1d(self.free, self.sliding)
+
+    @property
+    def sliding(self) -> IntArray:
+        """Sorted indices (K,) of those on shapes."""
+        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(one.nodes for one in self.slides)]))
 
     @classmethod
     def of(

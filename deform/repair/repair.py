@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain, repeat
 from math import nan
@@ -14,7 +13,7 @@ import numpy as np
 from sdm_deflect.deform import polyhedra
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Polyhedra
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.quality import POLYHEDRON, judged
+from sdm_deflect.deform.quality import POLYHEDRON, Quality, judged
 from sdm_deflect.deform.rbf.threads import single_threaded_blas
 from sdm_deflect.deform.repair.columns import Heights
 from sdm_deflect.deform.repair.elements import Elements, Tetrahedra
@@ -30,8 +29,6 @@ MANY = 0.2
 """Spoiled cells over nodes that move, above which the next larger patch is taken at once."""
 WORST = 1e-3
 """Least quality that cells are weighted by."""
-FAR = 500
-"""Nodes for each cell below a level, beyond which they are too far away to help, unless it is inverted."""
 STEPS, TOLERANCE = 25, 1e-5
 """Of the search at one eps and power: most steps, and the least share by which each has to lower the energy."""
 WIDEST, LEAST_EPS = 0.01, 1e-6
@@ -40,12 +37,12 @@ NARROWER, NARROWEST = 0.5, 0.2
 """What is left of eps for the next search; and if this one ended by itself."""
 POWERS = (1, 2, 4, 8)
 """Powers of the energy, one after another, once nothing is inverted: the worst cells weigh more and more."""
-EASY = (0.35, 0.6, 0.75)
+EASY = (0.35, 0.7, 0.95)
 """Least shares of a cell's quality in its floor, about, from which the first powers are left out."""
 WORTH, PATIENCE = 0.02, 8
 """Share by which a search at the largest power has to raise the least quality to be followed by another; searches that
 may pass without fewer inverted elements."""
-LEVELS = (0.0, 0.5, 0.7, 0.8, 0.85)
+LEVELS = (0.0, 0.5, 0.75)
 """Shares of the least quality before to which all cells are brought, one after another, up to the one that is asked
 for; first none is inverted."""
 LOSS = 0.02
@@ -53,23 +50,9 @@ LOSS = 0.02
 VAIN = 2
 """Patches without a gain after which a level is given up."""
 REST = 0.1
-"""Share of inverted or spoiled cells at which a patch that could be smaller around them is left; if more are left, a
-level is the last."""
+"""Share of inverted or spoiled cells at which a patch that could be smaller around them is left."""
 FEWER = 0.5
 """Share of the spoiled cells that may be left for the next patch to be as small as can be again, not larger."""
-
-
-class Judged(NamedTuple):
-    """Quality (C,) of cells, each by the measure of its type, and which (C,) are inverted."""
-
-    quality: FloatArray
-    inverted: BoolArray
-
-    def replaced(self, cells: BoolArray, found: Judged) -> Judged:
-        """Return the same with what was found of some cells, a mask (C,), in their place."""
-        quality, inverted = self.quality.copy(), self.inverted.copy()
-        quality[cells], inverted[cells] = found
-        return Judged(quality, inverted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,12 +73,17 @@ class Goal:
     weights: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, touched: TouchedCells, movable: BoolArray) -> Goal:
-        """Ask of the cells with a node in `movable` (N,) the least quality that their type had."""
-        quality = _judged(touched, touched.mesh.points).quality
-        floor, weights = np.full(touched.count, -np.inf), np.empty(touched.count)
+    def of(cls, touched: TouchedCells, freedom: Freedom) -> Goal:
+        """Ask of the cells with a node that may move the least quality that their type had."""
+        movable = np.zeros(len(touched.mesh.points), dtype=np.bool_)
+        movable[freedom.nodes] = True
+        quality, floor = _judged(touched, touched.mesh.points)[0], np.full(touched.count, -np.inf)
+        weights = np.empty(touched.count)
+        names = np.array([getattr(block, "shape", POLYHEDRON) for block in touched.mesh.cells])
+        names = np.repeat(names, [len(rows) for rows in touched.rows])
         free = np.concatenate([np.empty(0, np.bool_), *_with_any(touched, movable)])
-        for name, own in _by_shape(touched):
+        for name in np.unique(names):
+            own = names == name
             least = float(quality[own].min())
             floor[own & free] = max(least, 0.0)
             least = max(least, WORST)
@@ -108,19 +96,18 @@ class Goal:
         rows = tuple(own[cells[a:b]] for own, a, b in zip(self.touched.rows, ends, ends[1:], strict=False))
         return Goal(replace(self.touched, rows=rows), self.floor[cells], self.weights[cells])
 
-    def judged(self, points: FloatArray) -> Judged:
-        """Judge the cells with the nodes at points (N, 3)."""
-        return _judged(self.touched, points)
+    def state(self, points: FloatArray, level: float) -> tuple[int, float]:
+        """Return how many cells are below a level, and the least quality of any cell over its floor."""
+        quality, _ = _judged(self.touched, points)
+        free = self.floor > 0.0
+        least = float((quality[free] / self.floor[free]).min(initial=1.0))
+        return int(self.missed(points, level).sum()), least
 
-    def missed(self, found: Judged, share: float) -> BoolArray:
-        """Return which cells (C,) are inverted, or below a share of their floor."""
+    def missed(self, points: FloatArray, share: float) -> BoolArray:
+        """Return which cells (C,) are inverted, or below a share of their floor, with the nodes at points (N, 3)."""
+        quality, inverted = _judged(self.touched, points)
         free = self.floor > -np.inf
-        return np.asarray(free & (found.inverted | (found.quality < share * np.where(free, self.floor, 0.0))))
-
-    def least(self, found: Judged) -> float:
-        """Return the least quality of any cell over its floor."""
-        own = self.floor > 0.0
-        return float((found.quality[own] / self.floor[own]).min(initial=1.0))
+        return np.asarray(free & (inverted | (quality < share * np.where(free, self.floor, 0.0))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,7 +116,9 @@ class Repaired:
 
     Attributes
     ----------
-    points : (N, 3) coordinates.
+    start, points : (N, 3) coordinates before it, and after.
+    freedom : the nodes that could move.
+    quality : of the touched cells before it, by type.
     moved : (K,) sorted indices of the nodes that were moved.
     spoiled : number of cells that were inverted, or below the share of their type's least quality.
     left : number of them that still are.
@@ -138,13 +127,27 @@ class Repaired:
     seconds : time it took.
     """
 
+    start: FloatArray = field(repr=False)
     points: FloatArray = field(repr=False)
+    freedom: Freedom = field(repr=False)
+    quality: tuple[Quality, ...]
     moved: IntArray = field(repr=False)
     spoiled: int
     left: int
     inverted: IntArray = field(repr=False)
-    steps: int
-    seconds: float
+    steps: int = 0
+    seconds: float = 0.0
+
+    @classmethod
+    def of(
+        cls, start: FloatArray, points: FloatArray, touched: TouchedCells, freedom: Freedom, share: float
+    ) -> Repaired:
+        """Judge a mesh before and after its repair, which is not carried out; parameters as in `repaired`."""
+        goal = Goal.of(touched, freedom)
+        moved = np.flatnonzero((points != start).any(axis=1))
+        spoiled, left = (int(goal.missed(one, share).sum()) for one in (start, points))
+        inverted = np.flatnonzero(_judged(touched, points)[1])
+        return cls(start, points, freedom, touched.quality(start), moved, spoiled, left, inverted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,68 +210,55 @@ def repaired(
     touched : the cells that may change, and the mesh before.
     freedom : the nodes that may move.
     """
-    begin, nodes = perf_counter(), freedom.nodes
-    movable = np.zeros(len(points), dtype=np.bool_)
-    movable[nodes] = True
-    goal = Goal.of(touched, movable)
+    begin, goal = perf_counter(), Goal.of(touched, freedom)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts)
-    found = goal.judged(points)
-    first, here, steps = int(goal.missed(found, share).sum()), points, 0
+    here, steps = points, 0
     for level in (*(level for level in LEVELS if level < share), share, 1.0):
         sizes = (*RINGS, len(points)) if level <= share else RINGS[:1]
-        before = goal.missed(found, level).sum()
-        here, found, count = _raised(here, found, tetrahedra, freedom, goal, Level(level, sizes, progress))
+        here, count = _raised(here, tetrahedra, freedom, goal, Level(level, sizes), progress)
         steps += count
-        if goal.missed(found, level).sum() > REST * before:
+        if goal.missed(here, level).any():
             break
-    moved = nodes[(here[nodes] != points[nodes]).any(axis=1)]
-    left = int(goal.missed(found, share).sum())
-    return Repaired(here, moved, first, left, np.flatnonzero(found.inverted), steps, perf_counter() - begin)
+    found = Repaired.of(points, here, touched, freedom, share)
+    return replace(found, steps=steps, seconds=perf_counter() - begin)
 
 
 class Level(NamedTuple):
-    """A share of their floor that cells shall reach, the sizes of patches in rings that are tried, and who is told."""
+    """A share of their floor that cells shall reach, and the sizes of patches in rings that are tried."""
 
     share: float
     rings: tuple[int, ...]
-    progress: Progress
 
 
 def _raised(
-    points: FloatArray, found: Judged, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Level
-) -> tuple[FloatArray, Judged, int]:
-    """Bring all cells to a level if that can be done; return all points (N, 3), their cells, and the steps.
+    points: FloatArray, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Level, progress: Progress
+) -> tuple[FloatArray, int]:
+    """Bring all cells to a level if that can be done; return all points (N, 3) and the steps.
 
     The patch is as small as it may be for the number of cells below the level. It grows while that number does not
     fall by half, until nothing is won any more.
     """
     movable = np.zeros(len(points), dtype=np.bool_)
     movable[freedom.nodes] = True
-    level, sizes, progress = wanted
-    size, last, steps, vain = 0, -1, 0, 0
-    below = goal.missed(found, level)
+    (level, sizes), size, last, steps, vain = wanted, 0, -1, 0, 0
+    below, state = goal.missed(points, level), goal.state(points, level)
     while below.any() and size < len(sizes) and vain < VAIN:
         unknown = freedom.columns.closed(_around(tetrahedra, below, movable, sizes[size]), len(points))
-        count = int(below.sum())
-        if len(unknown) == last or (sizes[size] < len(points) and count > MANY * len(unknown)):
+        if len(unknown) == last or (sizes[size] < len(points) and below.sum() > MANY * len(unknown)):
             size += 1
             continue
-        if level and len(unknown) > FAR * count:
-            break
-        progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
+        progress(f"repair: {int(below.sum())} cells, {len(unknown)} nodes", nan)
         patch = Patch.of(points, tetrahedra, unknown, freedom, goal)
-        new, taken = _mended(patch, level, REST if size else 0.0)
-        after = found.replaced(patch.cells, patch.goal.judged(new))
-        steps, last, left = steps + taken, len(unknown), goal.missed(after, level)
-        gain = goal.least(after) - goal.least(found)
-        fewer = int(left.sum()) < count
+        new, count = _mended(patch, level, REST if size else 0.0)
+        steps, last, after = steps + count, len(unknown), goal.state(new, level)
+        fewer, gain = after[0] < state[0], after[1] - state[1]
         better = (fewer and gain >= -LOSS) or gain > WORTH if level else fewer
-        size = 0 if better and left.sum() <= FEWER * count else size + 1
+        size = 0 if better and after[0] <= FEWER * state[0] else size + 1
         vain = 0 if better else vain + 1
         if better:
-            points, found, below = new, after, left
-    return points, found, steps
+            points, state, below = new, after, goal.missed(new, level)
+    return points, steps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -280,7 +270,7 @@ class Patch:
     points : (N, 3) the mesh at the start.
     unknown : (U,) the nodes that move.
     energy, chart : of its elements, and where nodes may go.
-    cells, goal : its cells, a mask (C,), and what they should be like.
+    goal : of its cells.
     local : (M, 3) places of the elements' nodes, the unknown ones first, those last asked for.
     """
 
@@ -288,7 +278,6 @@ class Patch:
     unknown: IntArray = field(repr=False)
     energy: Energy = field(repr=False)
     chart: Chart = field(repr=False)
-    cells: BoolArray = field(repr=False)
     goal: Goal = field(repr=False)
     local: FloatArray = field(repr=False)
 
@@ -300,7 +289,7 @@ class Patch:
         cells[elements.cells] = True
         unknown = elements.used[: elements.unknown]
         chart = Chart.of(points, unknown, freedom)
-        return cls(points, unknown, Energy(elements), chart, cells, goal.among(cells), points[elements.used])
+        return cls(points, unknown, Energy(elements), chart, goal.among(cells), points[elements.used])
 
     def at(self, way: FloatArray) -> FloatArray:
         """Return the places (M, 3) of the elements' nodes when the unknown ones go a way (U, 3)."""
@@ -315,7 +304,7 @@ class Patch:
 
     def below(self, way: FloatArray, level: float) -> int:
         """Return how many cells are inverted, or below a share of their floor."""
-        return int(self.goal.missed(self.goal.judged(self.everywhere(way)), level).sum())
+        return int(self.goal.missed(self.everywhere(way), level).sum())
 
     def least(self, way: FloatArray) -> float:
         """Return the least mean ratio of an element to its target; 0 if one is inverted."""
@@ -377,19 +366,12 @@ def _around(tetrahedra: Tetrahedra, spoiled: BoolArray, movable: BoolArray, ring
     return np.flatnonzero(near & movable)
 
 
-def _judged(touched: TouchedCells, points: FloatArray) -> Judged:
-    """Judge the touched cells, block by block."""
+def _judged(touched: TouchedCells, points: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return the quality (C,) of the touched cells, and which are inverted, block by block."""
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     found = [judged(points, *part) for part in parts if len(part[1])]
     quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
-    return Judged(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)]))
-
-
-def _by_shape(touched: TouchedCells) -> Iterator[tuple[str, BoolArray]]:
-    """Yield each type of the touched cells, and which (C,) are of it."""
-    names = [getattr(block, "shape", POLYHEDRON) for block in touched.mesh.cells]
-    for name in dict.fromkeys(name for name, rows in zip(names, touched.rows, strict=True) if len(rows)):
-        yield name, np.repeat([one == name for one in names], [len(rows) for rows in touched.rows])
+    return quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)])
 
 
 def _with_any(touched: TouchedCells, mask: BoolArray) -> list[BoolArray]:

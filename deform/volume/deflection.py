@@ -19,7 +19,7 @@ from sdm_deflect.deform.repair.repair import Repaired, repaired
 from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.boundary import Amounts, Boundary
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.deform.volume.region import Region
+from sdm_deflect.deform.volume.region import ON_FACE, Region
 from sdm_deflect.deform.volume.sites import Sites
 from sdm_deflect.deform.volume.sliding import SlidingSurface
 from sdm_deflect.deform.volume.step import Step, StepState, rate, solve
@@ -105,7 +105,8 @@ class Plan:
     def freedom(self, points: FloatArray) -> Freedom:
         """Return which nodes a repair may move, with the mesh at `points` (N, 3), and on what they stay.
 
-        Nodes on a face of a cell that is on no patch stay, for other zones may fit to them. Layers keep their heights.
+        Nodes on a face of a cell that is on no patch stay, for other zones may fit to them, and so do nodes of moving
+        patches beyond the box. Layers keep their heights.
         """
         mesh, job = self.mesh, self.job
         shapes: dict[str, SlidingSurface | str] = {}
@@ -116,7 +117,9 @@ class Plan:
                 shapes[section.patch] = "plane"
         shapes |= {one.patch: one.surface for one in self.boundary.sliding}
         inside = np.zeros(len(mesh.points), dtype=np.bool_)
-        inside[self.changed] = True
+        moving, size = self.sites.moving, self.boundary.size
+        inside[self.region.inside] = True
+        inside[moving] = self.region.hexahedron.contains(mesh.points[moving], ON_FACE * size)
         inside[np.setdiff1d(self.sites.fixed, mesh.on(*shapes))] = inside[self.unheld.nodes] = False
         free = np.setdiff1d(np.flatnonzero(inside), mesh.on(*mesh.names), assume_unique=True)
         found = Freedom.of(mesh, points, inside, free, shapes)
@@ -155,6 +158,11 @@ class Deflection:
         """Amount of each moving surface."""
         return self.plan.job.amounts_at(self.angle)
 
+    @property
+    def interpolated(self) -> FloatArray:
+        """Coordinates (N, 3) as the interpolants alone have them, without the repair."""
+        return self.points if self.repaired is None else self.repaired.start
+
     @cached_property
     def quality(self) -> tuple[Quality, ...]:
         """Quality of the touched cells by type."""
@@ -163,7 +171,7 @@ class Deflection:
     @property
     def moved_by_repair(self) -> FloatArray:
         """How far (N, 3) the repair has moved each node from where the interpolant put it."""
-        return self.points - self.steps[-1].points
+        return self.points - self.interpolated
 
     def sensitivity(self) -> FloatArray:
         """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
@@ -200,15 +208,32 @@ def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Defl
 def mended(deflection: Deflection, progress: Progress = silent) -> Deflection:
     """Return a deflection whose spoiled cells are repaired, where its job wants that and there are any."""
     plan, wanted = deflection.plan, deflection.plan.job.repair
-    if wanted.mode == "off" or not plan.touched.count:
-        return deflection
-    before, now = plan.before, deflection.quality
-    fell = any(new.min < wanted.wanted * max(old.min, 0.0) for old, new in zip(before, now, strict=True))
-    if not (deflection.inverted > plan.touched.inverted_at(plan.mesh.points) or fell):
+    if not is_spoiled(deflection):
         return deflection
     found = repaired(deflection.points, plan.touched, plan.freedom(deflection.points), wanted.wanted, progress)
     seconds = deflection.seconds + found.seconds
     return replace(deflection, points=found.points, inverted=len(found.inverted), seconds=seconds, repaired=found)
+
+
+def is_spoiled(deflection: Deflection) -> bool:
+    """True if the job of a deflection wants its mesh repaired, and there is something to repair."""
+    plan, wanted = deflection.plan, deflection.plan.job.repair
+    if wanted.mode == "off" or not plan.touched.count:
+        return False
+    pairs = zip(plan.before, deflection.quality, strict=True)
+    fell = any(new.min < wanted.wanted * max(old.min, 0.0) for old, new in pairs)
+    return fell or deflection.inverted > plan.touched.inverted_at(plan.mesh.points)
+
+
+def as_repaired(deflection: Deflection, repair: FloatArray) -> Deflection:
+    """Return a deflection whose repair is known: how far it moved each node (N, 3); nothing is repaired anew."""
+    if not is_spoiled(deflection):
+        return deflection
+    plan, points = deflection.plan, deflection.points.copy()
+    points[plan.changed] += repair[plan.changed]
+    freedom = plan.freedom(deflection.points)
+    found = Repaired.of(deflection.points, points, plan.touched, freedom, plan.job.repair.wanted)
+    return replace(deflection, points=points, inverted=len(found.inverted), repaired=found)
 
 
 def sweep(plan: Plan, angles: Sequence[float], progress: Progress = silent) -> Iterator[tuple[int, Deflection]]:
@@ -235,6 +260,13 @@ def combined(mesh: Mesh, deflections: Sequence[Deflection]) -> FloatArray:
         changed = one.plan.changed
         points[changed] = one.points[changed]
     return points
+
+
+def repair_of(deflections: Sequence[Deflection]) -> FloatArray | None:
+    """Return how far repairs moved the nodes (N, 3) beyond the interpolants; None without a repair."""
+    if all(one.repaired is None for one in deflections):
+        return None
+    return np.asarray(np.sum([one.moved_by_repair for one in deflections], axis=0))
 
 
 def _stepped(plan: Plan, angle: float, count: int, progress: Progress, earlier: Step | None) -> Deflection:
