@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +13,7 @@ from sdm_deflect.deform.edges import area_vectors, edges_of, polygons_of
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Patch, Polygons
 from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.volume.sliding import FITTED, SURFACE, Plane, SlidingSurface
-from sdm_deflect.deform.volume.triangulated import Triangulated
+from sdm_deflect.deform.volume.triangulated import SHARP, Triangulated
 
 ALIKE = 1e-5
 """Radians between the normals of two faces of one plane; rounding makes them differ."""
@@ -69,7 +69,8 @@ class Freedom:
         inside : (N,) the nodes that may move at all.
         free : (F,) those of them that are within the flow.
         shapes : Of patches: a shape; or its name, to be found from the nodes: each plane face of a patch is a
-            ``"plane"`` of its own, the whole patch is a ``"cylinder"`` or a ``"surface"`` as it is.
+            ``"plane"`` of its own; of a ``"surface"`` each part between sharp edges is one as it is, so that a node of
+            a thin body stays on its side; the whole patch is a ``"cylinder"``.
         """
         pieces: list[SlidingSurface | None] = []
         pairs = [np.empty((0, 2), dtype=np.intp)]
@@ -121,9 +122,9 @@ def _pieces(
     nodes = patch.nodes[inside[patch.nodes]]
     if shape == "plane" and patch.faces:
         return [*_planes(patch, points, inside, pieces), _on(patch.loose[inside[patch.loose]], pieces, None)]
-    if shape == SURFACE:
-        shape = Triangulated.of(points, polygons_of(patch.faces))
-    elif isinstance(shape, str):
+    if shape == SURFACE and patch.faces:
+        return [*_surfaces(patch, points, inside, pieces), _on(patch.loose[inside[patch.loose]], pieces, None)]
+    if isinstance(shape, str):
         shape = FITTED[shape](points[patch.nodes])
     return [_on(nodes, pieces, shape)]
 
@@ -135,32 +136,48 @@ def _on(nodes: IntArray, pieces: list[SlidingSurface | None], shape: SlidingSurf
 
 def _planes(patch: Patch, points: FloatArray, inside: BoolArray, pieces: list[SlidingSurface | None]) -> list[IntArray]:
     """Add the plane faces of a patch: faces that share edges, and have one normal; the others are of no shape."""
-    faces = polygons_of(patch.faces)
-    normals = area_vectors(points, faces)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
-    labels = _regions(faces, normals)
-    face = np.repeat(np.arange(len(faces)), np.diff(faces.offsets))
     size = float(np.ptp(points[patch.nodes], axis=0).max())
     found = []
-    near = np.unique(labels[face[inside[faces.nodes]]])
-    order = np.argsort(labels[face], kind="stable")
-    ends = np.searchsorted(labels[face][order], near, side="right")
-    for label, end in zip(near, ends, strict=True):
-        start = np.searchsorted(labels[face], label, sorter=order)
-        nodes = np.unique(faces.nodes[order[start:end]])
+    for part in _parts(patch, points, inside, ALIKE):
+        nodes = np.unique(part.nodes)
         plane = Plane.fitted(points[nodes])
         flat = len(nodes) > 3 and float(np.abs(plane.distance(points[nodes])).max()) <= FLAT * size
         found.append(_on(nodes[inside[nodes]], pieces, plane if flat else None))
     return found
 
 
-def _regions(faces: Polygons, normals: FloatArray) -> IntArray:
-    """Return a label (F,) for each face: equal for faces that share edges and have one normal."""
+def _surfaces(
+    patch: Patch, points: FloatArray, inside: BoolArray, pieces: list[SlidingSurface | None]
+) -> list[IntArray]:
+    """Add the parts of a patch between sharp edges, each as it is."""
+    found = []
+    for part in _parts(patch, points, inside, 2.0 * np.sin(np.radians(SHARP / 2.0))):
+        nodes = np.unique(part.nodes)
+        found.append(_on(nodes[inside[nodes]], pieces, Triangulated.of(points, part)))
+    return found
+
+
+def _parts(patch: Patch, points: FloatArray, inside: BoolArray, turn: float) -> Iterator[Polygons]:
+    """Yield the parts of a patch with nodes inside: faces that share edges, beside which normals differ by less."""
+    faces = polygons_of(patch.faces)
+    normals = area_vectors(points, faces)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    labels = _regions(faces, normals, turn)
+    sizes = np.diff(faces.offsets)
+    near = np.unique(labels[np.repeat(np.arange(len(faces)), sizes)[inside[faces.nodes]]])
+    for label in near:
+        own = labels == label
+        nodes = faces.nodes[np.repeat(own, sizes)]
+        yield Polygons(nodes, np.concatenate([[0], np.cumsum(sizes[own])]).astype(np.intp))
+
+
+def _regions(faces: Polygons, normals: FloatArray, turn: float) -> IntArray:
+    """Return a label (F,) for each face: equal for those joined by edges beside which normals (F, 3) differ by less."""
     edges, face = edges_of(faces)
     ends = np.sort(edges, axis=1)
     order = np.lexsort((ends[:, 1], ends[:, 0]))
     pair = (ends[order[:-1]] == ends[order[1:]]).all(axis=1)
     a, b = face[order[:-1][pair]], face[order[1:][pair]]
-    alike = np.linalg.norm(normals[a] - normals[b], axis=1) < ALIKE
+    alike = np.linalg.norm(normals[a] - normals[b], axis=1) < turn
     graph = coo_array((np.ones(int(alike.sum())), (a[alike], b[alike])), shape=(len(faces), len(faces)))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
