@@ -184,6 +184,11 @@ def settings_of(one: Deflection, home: Path, folder: Path) -> dict[str, Any]:
         "box": plan.region.hexahedron.corners.tolist(),
         "zones": [name for name in plan.region.zones if name],
         "allow_inverted": job.allow_inverted,
+        "repair": job.repair.mode,
+        "repair_share": job.repair.share,
+        "repair_slide": {
+            name: one.shape for one in job.repair_slides for name in plan.mesh.named([one.patch], "repair_slide")
+        },
         **fitting,
         "surface": [_surface(i, *surface, folder) for i, surface in enumerate(surfaces)],
     }
