@@ -38,7 +38,8 @@ NARROWER, NARROWEST = 0.5, 0.2
 POWERS = (1, 2, 4, 8)
 """Powers of the energy, one after another, once nothing is inverted: the worst cells weigh more and more."""
 EASY = (0.35, 0.7, 0.95)
-"""Least shares of a cell's quality in its floor, about, from which the first powers are left out."""
+"""Least shares of a cell's quality in its floor, about, from which the first powers are left out; but for tetrahedra,
+whose energy is their quality, one power at most."""
 WORTH, PATIENCE = 0.02, 8
 """Share by which a search at the largest power has to raise the least quality to be followed by another; searches that
 may pass without fewer inverted elements."""
@@ -311,6 +312,12 @@ class Patch:
         return self.energy.least(self.at(way))
 
     @property
+    def simple(self) -> bool:
+        """True if all cells are tetrahedra."""
+        parts = zip(self.goal.touched.mesh.cells, self.goal.touched.rows, strict=True)
+        return all(getattr(block, "shape", POLYHEDRON) == "tetra" for block, rows in parts if len(rows))
+
+    @property
     def inverted(self) -> int:
         """Number of elements that are inverted at the place last evaluated."""
         return int(np.count_nonzero(self.energy.determinants <= 0.0))
@@ -344,7 +351,7 @@ def _mended(patch: Patch, level: float, rest: float) -> tuple[FloatArray, int]:
         inverted, vain = patch.inverted, 0 if patch.inverted < inverted else vain + 1
     if inverted:
         return patch.everywhere(way), steps
-    easy = int(np.searchsorted(EASY, least))
+    easy = int(np.searchsorted(EASY if patch.simple else EASY[:1], least))
     for power in chain(POWERS[easy:], repeat(POWERS[-1])):
         if patch.below(way, level) <= rest * below:
             break
