@@ -10,7 +10,7 @@ import pytest
 
 from sdm_deflect.cases import cli
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
-from tests.deform.blocks import two_bodies
+from tests.deform.blocks import block_with_body, two_bodies
 
 FLAP = ["--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended", "--no-report"]
 HINGE = ["--hinge", "0.7,0.3,0", "0.7,0.7,0"]
@@ -289,3 +289,21 @@ def test_a_damaged_table_is_one_line_and_code_two(name, files, sdm, tmp_path):
     code, out, complaint = sdm("deflect", files["su2"], *words)
     assert (code, out, complaint.count("\n")) == (2, "", 1)
     assert complaint.startswith(f"sdm: {path}: no ")
+
+
+def test_a_cell_that_cannot_be_mended_is_named_and_a_repaired_mesh_has_no_sensitivity(sdm, tmp_path):
+    mesh = block_with_body(3)
+    source, out = tmp_path / "block.su2", tmp_path / "turned.su2"
+    FORMATS["su2"].write(mesh, source)
+    outer = [word for name in mesh.names if name != "body" for word in ("--fixed", name)]
+    about = ["--surface", "body", *outer, "--hinge", "0,0,0", "0,1,0", "--steps", "1", "--repair", "auto", "--out", out]
+    code, _, complaint = sdm("deflect", source, *about, "--angle", "80", "--sensitivity", "--quiet")
+    assert code == 2
+    assert "was repaired" in complaint
+    assert len(complaint.strip().split("\n")) == 1
+    code, _, complaint = sdm("deflect", source, *about, "--angles", "10,80", "--sensitivity", "--quiet")
+    assert (code, len(complaint.strip().split("\n"))) == (2, 1)
+    assert {path.name for path in tmp_path.iterdir()} == {"block.su2"}
+    code, table, _ = sdm("deflect", source, *about, "--angle", "80")
+    assert code == 1
+    assert "no repair can mend it" in " ".join(table.split())

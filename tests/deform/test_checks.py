@@ -9,7 +9,9 @@ from sdm_deflect.deform.checks import Check, checks_of, layers_of, site_error, w
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting
 from sdm_deflect.deform.mesh import Cells, Patch
+from sdm_deflect.deform.quality import inverted_of
 from sdm_deflect.deform.volume.deflection import Plan
+from tests.deform.blocks import block_with_body
 from tests.deform.jobs import WING, job, turn
 from tests.deform.test_quality import as_polyhedra
 
@@ -206,3 +208,20 @@ def test_faces_of_no_cell_and_moving_faces_between_two_cells_fail(block):
         found = named(turn(replace(block, patches=(patch, *block.patches[1:])), box=TIGHT))["faces_off_boundary"]
         assert (found.value, found.passed) == (1, False)
         assert found.where.startswith(said)
+
+
+def test_a_cell_that_no_repair_can_mend_is_named_with_its_patches():
+    """Every node of these cells is on the body, which turns, or on the outer faces, which stay."""
+    mesh = block_with_body(3)
+    outer = tuple(name for name in mesh.names if name != "body")
+    result = turn(mesh, angle=80.0, fixed=outer, repair="auto", fitting=Fitting(max_steps=1))
+    check = named(result)["inverted_cells"]
+    assert not check.passed
+    assert result.repaired.left == 0
+    assert not len(result.repaired.moved)
+    row = int(check.where.split("cell ")[1].split()[0])
+    (cells,) = mesh.cells
+    assert inverted_of(result.points, cells)[row]
+    assert "(hexahedron) with nodes on" in check.where
+    assert "body" in check.where
+    assert check.where.endswith("all its nodes are held: no repair can mend it")

@@ -1,0 +1,101 @@
+"""A repaired run tells of its repair, and whoever changes what it tells is noticed."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases.sdm import stored
+from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.sdm.run_folder import read_run, undeflected_models
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.meshing.formats.vtu import vtu_arrays
+from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from tests.cases.sdm.deflected_cad import built
+
+pytestmark = pytest.mark.mesher
+
+
+@pytest.fixture(scope="module")
+def finished(finish):
+    """A tail whose worst cells are repaired, and its folder."""
+    return finish(replace(case_named("tail"), angle=18.0, repair="auto"), report=False)
+
+
+@pytest.fixture(scope="module")
+def failing(finished):
+    """Validate a folder; return the names of the checks that fail."""
+    case = finished[0].case
+    models = undeflected_models(case)
+
+    def call(folder):
+        checks = stored.judged(folder, *read_run(folder), lambda: built(case), lambda _: models)
+        return {check.name for check in checks if not check.passed}
+
+    return call
+
+
+def changed(folder, change):
+    """Change the points and the repair of deflected.vtu: `change(points, repair, free)` writes into them."""
+    _, before, after = read_run(folder)
+    repair, points = vtu_arrays(folder / "deflected.vtu")["repair"].copy(), after.points.copy()
+    inner = np.setdiff1d(np.flatnonzero(repair.any(axis=1)), before.on(*before.names[1:]))
+    change(points, repair, inner)
+    arrays = {"displacement": points - before.points, "repair": repair}
+    moved = after.with_points(points)
+    write_vtu(folder / "deflected.vtu", moved, arrays, {"quality": mean_ratio(points, moved.tets)})
+
+
+def test_a_repaired_run_tells_of_it_and_passes_again(finished, failing):
+    run, folder = finished
+    figures = json.loads((folder / "metrics.json").read_text())
+    repair, repaired = vtu_arrays(folder / "deflected.vtu")["repair"], run.deflections[0].repaired
+    assert figures["repair"]["moved"] == len(repaired.moved) == np.count_nonzero(repair.any(axis=1))
+    before = figures["repair"]["quality"]["tetra"]["min"]
+    assert before < figures["quality_inside"]["after"]["tetra"]["min"] == run.deflections[0].quality[0].min
+    assert run.passed
+    assert failing(folder) == set()
+
+
+def forgotten(points, repair, inner):
+    repair[:] = 0.0
+
+
+def shifted(points, repair, inner):
+    repair[inner[0]] += 1e-6
+
+
+def elsewhere(points, repair, inner):
+    outer = np.flatnonzero(~repair.any(axis=1))[0]
+    points[outer] += 1e-6
+    repair[outer] += 1e-6
+
+
+def further(points, repair, inner):
+    points[inner] += repair[inner]
+    repair[inner] *= 2.0
+
+
+@pytest.mark.parametrize(
+    ("change", "by"),
+    [
+        (forgotten, "same_deflection"),
+        (shifted, "same_deflection"),
+        (elsewhere, "repair_elsewhere"),
+        (further, "stored_figures"),
+    ],
+)
+def test_an_edit_of_the_repair_is_noticed(finished, failing, tmp_path, change, by):
+    folder = shutil.copytree(finished[1], tmp_path / "run")
+    changed(folder, change)
+    assert by in failing(folder)
+
+
+def test_a_repair_that_is_no_vectors_is_refused(finished, failing, tmp_path):
+    folder = shutil.copytree(finished[1], tmp_path / "run")
+    changed(folder, lambda points, repair, inner: repair.__setitem__(0, np.nan))
+    with pytest.raises(InputError, match="array repair is not"):
+        failing(folder)
