@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain, repeat
 from math import nan
@@ -29,6 +30,9 @@ MANY = 0.2
 """Spoiled cells over nodes that move, above which the next larger patch is taken at once."""
 WORST = 1e-3
 """Least quality that cells are weighted by."""
+FAR, SMALL = 500, 10_000
+"""Nodes for each cell below a level, beyond which they are too far away to help, unless it is inverted; so many nodes
+are never too many."""
 STEPS, TOLERANCE = 25, 1e-5
 """Of the search at one eps and power: most steps, and the least share by which each has to lower the energy."""
 WIDEST, LEAST_EPS = 0.01, 1e-6
@@ -37,13 +41,13 @@ NARROWER, NARROWEST = 0.5, 0.2
 """What is left of eps for the next search; and if this one ended by itself."""
 POWERS = (1, 2, 4, 8)
 """Powers of the energy, one after another, once nothing is inverted: the worst cells weigh more and more."""
-EASY = (0.35, 0.7, 0.95)
+EASY = (0.35, 0.6, 0.75)
 """Least shares of a cell's quality in its floor, about, from which the first powers are left out; but for tetrahedra,
 whose energy is their quality, one power at most."""
 WORTH, PATIENCE = 0.02, 8
 """Share by which a search at the largest power has to raise the least quality to be followed by another; searches that
 may pass without fewer inverted elements."""
-LEVELS = (0.0, 0.5, 0.75)
+LEVELS = (0.0, 0.5, 0.7, 0.8, 0.85)
 """Shares of the least quality before to which all cells are brought, one after another, up to the one that is asked
 for; first none is inverted."""
 LOSS = 0.02
@@ -51,9 +55,23 @@ LOSS = 0.02
 VAIN = 2
 """Patches without a gain after which a level is given up."""
 REST = 0.1
-"""Share of inverted or spoiled cells at which a patch that could be smaller around them is left."""
+"""Share of inverted or spoiled cells at which a patch that could be smaller around them is left; if more are left, a
+level is the last."""
 FEWER = 0.5
 """Share of the spoiled cells that may be left for the next patch to be as small as can be again, not larger."""
+
+
+class Judged(NamedTuple):
+    """Quality (C,) of cells, each by the measure of its type, and which (C,) are inverted."""
+
+    quality: FloatArray
+    inverted: BoolArray
+
+    def replaced(self, cells: BoolArray, found: Judged) -> Judged:
+        """Return the same with what was found of some cells, a mask (C,), in their place."""
+        quality, inverted = self.quality.copy(), self.inverted.copy()
+        quality[cells], inverted[cells] = found
+        return Judged(quality, inverted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,13 +96,10 @@ class Goal:
         """Ask of the cells with a node that may move the least quality that their type had."""
         movable = np.zeros(len(touched.mesh.points), dtype=np.bool_)
         movable[freedom.nodes] = True
-        quality, floor = _judged(touched, touched.mesh.points)[0], np.full(touched.count, -np.inf)
-        weights = np.empty(touched.count)
-        names = np.array([getattr(block, "shape", POLYHEDRON) for block in touched.mesh.cells])
-        names = np.repeat(names, [len(rows) for rows in touched.rows])
+        quality = _judged(touched, touched.mesh.points).quality
+        floor, weights = np.full(touched.count, -np.inf), np.empty(touched.count)
         free = np.concatenate([np.empty(0, np.bool_), *_with_any(touched, movable)])
-        for name in np.unique(names):
-            own = names == name
+        for name, own in _by_shape(touched):
             least = float(quality[own].min())
             floor[own & free] = max(least, 0.0)
             least = max(least, WORST)
@@ -97,18 +112,23 @@ class Goal:
         rows = tuple(own[cells[a:b]] for own, a, b in zip(self.touched.rows, ends, ends[1:], strict=False))
         return Goal(replace(self.touched, rows=rows), self.floor[cells], self.weights[cells])
 
-    def state(self, points: FloatArray, level: float) -> tuple[int, float]:
-        """Return how many cells are below a level, and the least quality of any cell over its floor."""
-        quality, _ = _judged(self.touched, points)
-        free = self.floor > 0.0
-        least = float((quality[free] / self.floor[free]).min(initial=1.0))
-        return int(self.missed(points, level).sum()), least
+    def judged(self, points: FloatArray) -> Judged:
+        """Judge the cells with the nodes at points (N, 3)."""
+        return _judged(self.touched, points)
 
-    def missed(self, points: FloatArray, share: float) -> BoolArray:
-        """Return which cells (C,) are inverted, or below a share of their floor, with the nodes at points (N, 3)."""
-        quality, inverted = _judged(self.touched, points)
+    def missed(self, found: Judged, share: float) -> BoolArray:
+        """Return which cells (C,) are inverted, or below a share of their floor."""
         free = self.floor > -np.inf
-        return np.asarray(free & (inverted | (quality < share * np.where(free, self.floor, 0.0))))
+        return np.asarray(free & (found.inverted | (found.quality < share * np.where(free, self.floor, 0.0))))
+
+    def least(self, found: Judged) -> float:
+        """Return the least quality of any cell over its floor."""
+        own = self.floor > 0.0
+        return float((found.quality[own] / self.floor[own]).min(initial=1.0))
+
+    def rank(self, found: Judged) -> tuple[int, float]:
+        """Return what the better of two meshes has more of: cells that are not inverted, then the least quality."""
+        return -int(self.missed(found, 0.0).sum()), self.least(found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,9 +165,10 @@ class Repaired:
     ) -> Repaired:
         """Judge a mesh before and after its repair, which is not carried out; parameters as in `repaired`."""
         goal = Goal.of(touched, freedom)
+        before, after = goal.judged(start), goal.judged(points)
         moved = np.flatnonzero((points != start).any(axis=1))
-        spoiled, left = (int(goal.missed(one, share).sum()) for one in (start, points))
-        inverted = np.flatnonzero(_judged(touched, points)[1])
+        spoiled, left = (int(goal.missed(one, share).sum()) for one in (before, after))
+        inverted = np.flatnonzero(after.inverted)
         return cls(start, points, freedom, touched.quality(start), moved, spoiled, left, inverted)
 
 
@@ -214,52 +235,68 @@ def repaired(
     begin, goal = perf_counter(), Goal.of(touched, freedom)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts)
+    found = start = goal.judged(points)
     here, steps = points, 0
+    everything = (len(points),)
     for level in (*(level for level in LEVELS if level < share), share, 1.0):
-        sizes = (*RINGS, len(points)) if level <= share else RINGS[:1]
-        here, count = _raised(here, tetrahedra, freedom, goal, Level(level, sizes), progress)
+        sizes = (*RINGS, *everything) if level <= share else RINGS[:1]
+        before = goal.missed(found, level).sum()
+        here, found, count = _raised(here, found, tetrahedra, freedom, goal, Level(level, sizes, progress))
         steps += count
-        if goal.missed(here, level).any():
+        if goal.missed(found, level).sum() > REST * before:
             break
-    found = Repaired.of(points, here, touched, freedom, share)
-    return replace(found, steps=steps, seconds=perf_counter() - begin)
+    if goal.missed(found, share).any() and len(freedom.nodes) < SMALL:
+        whole = Level(share, everything, progress)
+        there, other, count = _raised(points, start, tetrahedra, freedom, goal, whole)
+        steps += count
+        if goal.rank(other) > goal.rank(found):
+            here, found = there, other
+    made = Repaired.of(points, here, touched, freedom, share)
+    return replace(made, steps=steps, seconds=perf_counter() - begin)
 
 
 class Level(NamedTuple):
-    """A share of their floor that cells shall reach, and the sizes of patches in rings that are tried."""
+    """A share of their floor that cells shall reach, the sizes of patches in rings that are tried, and who is told."""
 
     share: float
     rings: tuple[int, ...]
+    progress: Progress
 
 
 def _raised(
-    points: FloatArray, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Level, progress: Progress
-) -> tuple[FloatArray, int]:
-    """Bring all cells to a level if that can be done; return all points (N, 3) and the steps.
+    points: FloatArray, found: Judged, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Level
+) -> tuple[FloatArray, Judged, int]:
+    """Bring all cells to a level if that can be done; return all points (N, 3), their cells, and the steps.
 
     The patch is as small as it may be for the number of cells below the level. It grows while that number does not
     fall by half, until nothing is won any more.
     """
     movable = np.zeros(len(points), dtype=np.bool_)
     movable[freedom.nodes] = True
-    (level, sizes), size, last, steps, vain = wanted, 0, -1, 0, 0
-    below, state = goal.missed(points, level), goal.state(points, level)
+    level, sizes, progress = wanted
+    size, last, steps, vain = 0, -1, 0, 0
+    below = goal.missed(found, level)
     while below.any() and size < len(sizes) and vain < VAIN:
         unknown = freedom.columns.closed(_around(tetrahedra, below, movable, sizes[size]), len(points))
-        if len(unknown) == last or (sizes[size] < len(points) and below.sum() > MANY * len(unknown)):
+        count = int(below.sum())
+        if len(unknown) == last or (sizes[size] < len(points) and count > MANY * len(unknown)):
             size += 1
             continue
-        progress(f"repair: {int(below.sum())} cells, {len(unknown)} nodes", nan)
+        if level and len(unknown) > max(FAR * count, SMALL):
+            break
+        progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
         patch = Patch.of(points, tetrahedra, unknown, freedom, goal)
-        new, count = _mended(patch, level, REST if size else 0.0)
-        steps, last, after = steps + count, len(unknown), goal.state(new, level)
-        fewer, gain = after[0] < state[0], after[1] - state[1]
+        new, taken = _mended(patch, level, REST if size else 0.0)
+        after = found.replaced(patch.cells, patch.goal.judged(new))
+        steps, last, left = steps + taken, len(unknown), goal.missed(after, level)
+        gain = goal.least(after) - goal.least(found)
+        fewer = int(left.sum()) < count
         better = (fewer and gain >= -LOSS) or gain > WORTH if level else fewer
-        size = 0 if better and after[0] <= FEWER * state[0] else size + 1
+        size = 0 if better and left.sum() <= FEWER * count else size + 1
         vain = 0 if better else vain + 1
         if better:
-            points, state, below = new, after, goal.missed(new, level)
-    return points, steps
+            points, found, below = new, after, left
+    return points, found, steps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -271,7 +308,7 @@ class Patch:
     points : (N, 3) the mesh at the start.
     unknown : (U,) the nodes that move.
     energy, chart : of its elements, and where nodes may go.
-    goal : of its cells.
+    cells, goal : its cells, a mask (C,), and what they should be like.
     local : (M, 3) places of the elements' nodes, the unknown ones first, those last asked for.
     """
 
@@ -279,6 +316,7 @@ class Patch:
     unknown: IntArray = field(repr=False)
     energy: Energy = field(repr=False)
     chart: Chart = field(repr=False)
+    cells: BoolArray = field(repr=False)
     goal: Goal = field(repr=False)
     local: FloatArray = field(repr=False)
 
@@ -290,7 +328,7 @@ class Patch:
         cells[elements.cells] = True
         unknown = elements.used[: elements.unknown]
         chart = Chart.of(points, unknown, freedom)
-        return cls(points, unknown, Energy(elements), chart, goal.among(cells), points[elements.used])
+        return cls(points, unknown, Energy(elements), chart, cells, goal.among(cells), points[elements.used])
 
     def at(self, way: FloatArray) -> FloatArray:
         """Return the places (M, 3) of the elements' nodes when the unknown ones go a way (U, 3)."""
@@ -305,7 +343,7 @@ class Patch:
 
     def below(self, way: FloatArray, level: float) -> int:
         """Return how many cells are inverted, or below a share of their floor."""
-        return int(self.goal.missed(self.everywhere(way), level).sum())
+        return int(self.goal.missed(self.goal.judged(self.everywhere(way)), level).sum())
 
     def least(self, way: FloatArray) -> float:
         """Return the least mean ratio of an element to its target; 0 if one is inverted."""
@@ -373,12 +411,19 @@ def _around(tetrahedra: Tetrahedra, spoiled: BoolArray, movable: BoolArray, ring
     return np.flatnonzero(near & movable)
 
 
-def _judged(touched: TouchedCells, points: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the quality (C,) of the touched cells, and which are inverted, block by block."""
+def _judged(touched: TouchedCells, points: FloatArray) -> Judged:
+    """Judge the touched cells, block by block."""
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     found = [judged(points, *part) for part in parts if len(part[1])]
     quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
-    return quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)])
+    return Judged(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)]))
+
+
+def _by_shape(touched: TouchedCells) -> Iterator[tuple[str, BoolArray]]:
+    """Yield each type of the touched cells, and which (C,) are of it."""
+    names = [getattr(block, "shape", POLYHEDRON) for block in touched.mesh.cells]
+    for name in dict.fromkeys(name for name, rows in zip(names, touched.rows, strict=True) if len(rows)):
+        yield name, np.repeat([one == name for one in names], [len(rows) for rows in touched.rows])
 
 
 def _with_any(touched: TouchedCells, mask: BoolArray) -> list[BoolArray]:
