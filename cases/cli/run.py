@@ -174,11 +174,15 @@ def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, v
 @click.option("--quality", "threshold", default=0.2, show_default=True, help="Smallest acceptable mean ratio.")
 @click.option("--resolution", default=1.0, show_default=True, help="Degrees to which the limit is found.")
 @click.option("--out", type=options.FILE, help="Output folder (default: runs/CASE-limit).")
+@options.repair_option
 @options.set_option
 @options.json_option
 @options.progress_options
 def limit(case: str, threshold: float, resolution: float, out: Path | None, as_json: bool, **given: Any) -> None:
-    """Find the largest angle of each sign that inverts no cell and keeps a quality, by bisection."""
+    """Find the largest angle of each sign that inverts no cell and keeps a quality, and what ends it.
+
+    The quality is measured over the angle without repair and with it; --repair off measures the former alone.
+    """
     from sdm_deflect.cases.sdm.registry import resolve
     from sdm_deflect.deform.errors import InputError
 
@@ -186,7 +190,7 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
         if not 0.0 < value < high:
             raise InputError(f"--{name} {value:g} must be between 0 and {high:g}")
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
-    resolved = resolve(case, **given)
+    resolved = resolve(case, **{**given, "repair": given["repair"] or "auto"})
 
     from sdm_deflect.cases.output import output_folder
     from sdm_deflect.cases.sdm.limit import find_limits, write_limits
@@ -195,7 +199,7 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
     folder = out or Path("runs") / f"{resolved.name}-limit"
     with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
         mesh, _ = meshed(resolved, watch)
-        with watch.stage("bisection") as progress:
+        with watch.stage("limits") as progress:
             limits = find_limits(resolved, mesh.as_mesh(resolved.name), threshold, resolution, progress)
         table = write_limits(limits, resolved, threshold, scratch)
     figures = {"case": resolved.name, "scale": resolved.scale, "quality": threshold, "resolution_deg": resolution}

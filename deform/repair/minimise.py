@@ -77,5 +77,10 @@ def _approximate_inverse(
 
 
 def _inverses(blocks: FloatArray) -> FloatArray:
-    """Return the inverse (U, 3, 3) of symmetric matrices given by their upper triangles (U, 6)."""
-    return np.asarray(np.linalg.inv(blocks[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)))
+    """Return the inverse (U, 3, 3) of symmetric matrices given by their upper triangles (U, 6).
+
+    A node whose energy underflows beside that of a nearly flat cell is as stiff as the stiffest.
+    """
+    matrices = blocks[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+    matrices[np.linalg.det(matrices) == 0.0] = np.eye(3) * max(float(blocks.max(initial=0.0)), np.finfo(float).tiny)
+    return np.asarray(np.linalg.inv(matrices))

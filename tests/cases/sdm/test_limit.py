@@ -2,39 +2,48 @@
 
 import csv
 from dataclasses import replace
-from math import ceil, log2
 
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.sdm.limit import attempt, find_limits, write_limits
+from sdm_deflect.cases.sdm.limit import STEPS, attempt, find_limits, write_limits
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.deform.fitting import LARGEST_ANGLE
+from sdm_deflect.deform.progress import silent
 from tests.pictures import pixels, share
 
 pytestmark = pytest.mark.mesher
+MODES = ("off", "auto")
 
 
 def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
     mesh, _ = aileron_mesh
-    case, threshold, resolution = case_named("aileron"), 0.3, 6.0
-    limits = find_limits(case, mesh.as_mesh(), threshold, resolution, lambda text, fraction: None)
-    for sign, limit in zip((-1.0, 1.0), limits, strict=True):
-        assert sign * limit.angle > 0.0
-        good = [t for t in limit.trials if t.quality_min >= threshold]
-        bad = [t for t in limit.trials if t.quality_min < threshold]
-        assert max(abs(t.angle) for t in good) == abs(limit.angle)
-        if bad:
-            assert 0.0 < min(abs(t.angle) for t in bad) - abs(limit.angle) <= resolution
-        else:
-            assert abs(limit.angle) == LARGEST_ANGLE
-        assert attempt(case, mesh.as_mesh(), limit.angle).quality_min >= threshold
-        assert len(limit.trials) <= 1 + ceil(log2(LARGEST_ANGLE / resolution))
+    case, threshold, resolution = replace(case_named("tail"), repair="auto"), 0.25, 10.0
+    limits = find_limits(case, mesh.as_mesh(), threshold, resolution, silent)
+    assert [(limit.repair, np.sign(limit.angle)) for limit in limits] == [(m, s) for m in MODES for s in (-1.0, 1.0)]
+    for limit in limits:
+        sizes, good = [abs(t.angle) for t in limit.trials], [t.quality_min >= threshold for t in limit.trials]
+        assert sizes == sorted(sizes)
+        k = sizes.index(abs(limit.angle))
+        assert all(good[: k + 1])
+        beyond = limit.trials[k + 1]
+        assert not good[k + 1]
+        assert 0.0 < sizes[k + 1] - sizes[k] <= resolution
+        assert limit.end == beyond.reason or limit.end.startswith(f"mean ratio {beyond.quality_min:.3f} of a cell")
+        assert max(np.diff(sizes)) <= STEPS * resolution
+        again = attempt(replace(case, repair=limit.repair), mesh.as_mesh(), limit.angle)
+        assert again == limit.at
+    for alone, repaired in zip(limits[:2], limits[2:], strict=True):
+        assert abs(repaired.angle) > abs(alone.angle)
+        assert "fuselage_panel_left" in alone.end
+        assert "root misses the fuselage" in repaired.end
     write_limits(limits, case, threshold, tmp_path)
     rows = list(csv.DictReader((tmp_path / "limit.csv").read_text().splitlines()))
-    assert len(rows) == sum(len(limit.trials) for limit in limits)
+    assert len(rows) == sum(len(limit.trials) for limit in limits) - len(MODES)  # zero is in both signs
+    assert {row["repair"] for row in rows} == set(MODES)
     image = pixels(tmp_path / "limit.png")
-    assert share(image, (0x00, 0x72, 0xB2)) > 1e-3  # the angles tried
+    for colour in ((0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)):
+        assert share(image, colour) > 1e-3  # the angles tried
     grey = np.abs(image - 102).max(axis=-1) <= 60
     assert grey.sum(axis=1).max() > 0.85 * image.shape[1]  # the threshold, from edge to edge
 
@@ -42,7 +51,8 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
 def test_no_surface_is_tried_beyond_what_any_can_turn(aileron_mesh):
     case = case_named("all")
     case = replace(case, deflections=tuple(one for one in case.deflections if one.surface == "rudder"))
-    limits = find_limits(case, aileron_mesh[0].as_mesh(), 0.01, 30.0, lambda text, fraction: None)
+    limits = find_limits(replace(case, repair="off"), aileron_mesh[0].as_mesh(), 0.01, 30.0, silent)
+    assert [limit.repair for limit in limits] == ["off", "off"]
     assert max(abs(trial.angle) for limit in limits for trial in limit.trials) == LARGEST_ANGLE / 1.25
     with pytest.raises(ValueError, match=r"turns the rudder by 91\.25 deg; at most 90 deg"):
         replace(case, angle=73.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.repair.minimise import minimise
+from sdm_deflect.deform.repair.minimise import _inverses, minimise
 
 UNIT = np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 1.0]])
 
@@ -39,3 +39,8 @@ def test_at_a_minimum_nothing_moves():
     found = minimise(lambda x: (float(np.sum(x**2)), 2.0 * x), np.zeros((1, 3)), UNIT, 10, 1e-9)
     assert found.steps == 0
     assert not found.place.any()
+
+
+def test_a_node_without_any_curvature_is_as_stiff_as_the_stiffest():
+    blocks = np.array([[2.0, 0.0, 0.0, 4.0, 0.0, 8.0], np.zeros(6)])
+    assert np.allclose(_inverses(blocks), [np.diag([0.5, 0.25, 0.125]), np.eye(3) / 8.0])
