@@ -75,11 +75,12 @@ class Sources:
         return meshed(case_named(name, self.scale), Stopwatch(self.display), self.cache)[0]
 
     def run(self, name: str, angle: float, strategy: Strategy = "squv") -> Run:
-        """Return a finished run with the paper's rule of adding centres, validated like every run."""
+        """Return a finished run with the paper's rule of adding centres, unrepaired, validated like every run."""
         key = (name, angle, strategy)
         if key not in self._runs:
             case = case_named(name, self.scale)
-            case = replace(case, angle=angle, adaptation=replace(case.adaptation, rule="worst", strategy=strategy))
+            adaptation = replace(case.adaptation, rule="worst", strategy=strategy)
+            case = replace(case, angle=angle, adaptation=adaptation, repair="off")
             with TemporaryDirectory(dir=self.folder) as scratch:
                 self._runs[key] = run_case(case, Stopwatch(self.display), Path(scratch), self.cache)
         return self._runs[key]
