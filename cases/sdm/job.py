@@ -84,8 +84,8 @@ def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
 def repair_slides(mesh: Mesh, surface: str) -> tuple[Sliding, ...]:
     """Return the patches whose nodes may slide when cells are mended.
 
-    On a hinged surface and its parent they do so on faces and along edges, which are straight. The plane faces of a
-    tail are planes, its panel is a cylinder; where these meet nodes stay.
+    Those of a hinged surface and of its parents do so on their faces and along the edges, which are straight; those of
+    a tail on its plane faces, and those of its panel on the cylinder.
     """
     if not hinged(surface):
         return (Sliding(surface, "plane"), Sliding(panel_of(surface), "cylinder"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -15,18 +16,27 @@ from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.volume.sliding import FITTED, SURFACE, Plane, SlidingSurface
 from sdm_deflect.deform.volume.triangulated import SHARP, Triangulated
 
-ALIKE = 1e-5
-"""Radians between the normals of two faces of one plane; rounding makes them differ."""
+TURNS = {"plane": 1e-5, SURFACE: 2.0 * np.sin(np.radians(SHARP / 2.0))}
+"""Difference of the normals of two faces on both sides of an edge that is within a plane, or a surface."""
 FLAT = 1e-9
 """Of a patch's size: how far nodes of a plane face may be off it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slide:
-    """Nodes (K,) that stay on a shape."""
+    """Nodes (K,) that stay on a shape, and the face of a plane that they may not leave."""
 
     nodes: IntArray = field(repr=False)
     shape: SlidingSurface
+    face: Polygons | None = field(default=None, repr=False)
+
+
+class Piece(NamedTuple):
+    """A part of the boundary: its shape, if nodes slide on it, whether they do so along edges, and a plane's face."""
+
+    shape: SlidingSurface | None
+    edges: bool = False
+    face: Polygons | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,33 +71,49 @@ class Freedom:
     ) -> Freedom:
         """Find on what the boundary's nodes inside may slide.
 
-        A node within a face slides on it; nodes on the edge of two faces, or on a patch of no shape, stay.
+        A node within a face slides on it, one on the edge of two surfaces along it; other edges and corners stay, and
+        nodes on a patch of no shape.
 
         Parameters
         ----------
         points : (N, 3) where the nodes are.
         inside : (N,) the nodes that may move at all.
         free : (F,) those of them that are within the flow.
-        shapes : Of patches: a shape; or its name, to be found from the nodes: each plane face of a patch is a
-            ``"plane"`` of its own; of a ``"surface"`` each part between sharp edges is one as it is, so that a node of
-            a thin body stays on its side; the whole patch is a ``"cylinder"``.
+        shapes : Of patches: a shape; or its name. A ``"plane"`` is each part of the patch that is plane before the
+            deflection and still is; a ``"surface"`` each part between edges that were sharp, as it is at `points`, so
+            that a node of a thin body stays on its side. The whole patch is a ``"cylinder"``, fitted to its nodes.
         """
-        pieces: list[SlidingSurface | None] = []
+        pieces: list[Piece] = []
         pairs = [np.empty((0, 2), dtype=np.intp)]
         for patch in mesh.patches:
             if inside[patch.nodes].any():
-                pairs += _pieces(patch, points, inside, shapes.get(patch.name), pieces)
+                pairs += _pieces(patch, mesh.points, points, inside, shapes.get(patch.name), pieces)
         found = np.unique(np.concatenate(pairs), axis=0)
         nodes, first, count = np.unique(found[:, 0], return_index=True, return_counts=True)
-        rim = np.array([isinstance(shape, Triangulated) for shape in pieces], dtype=np.bool_)
+        rim = np.array([piece.edges for piece in pieces], dtype=np.bool_)
         last = np.append(first[1:], len(found)) - 1
         same = (count == 1) | ((count == 2) & rim[found[first, 1]] & rim[found[last, 1]])
         slides = [
-            Slide(nodes[same & (found[first, 1] == k)], shape)
-            for k, shape in enumerate(pieces)
-            if shape is not None and (same & (found[first, 1] == k)).any()
+            Slide(nodes[same & (found[first, 1] == k)], piece.shape, piece.face)
+            for k, piece in enumerate(pieces)
+            if piece.shape is not None and (same & (found[first, 1] == k)).any()
         ]
         return cls(free, tuple(slides))
+
+    def left_by(self, start: FloatArray, points: FloatArray) -> tuple[Slide, ...]:
+        """Return the plane faces at points (N, 3) `start` beyond whose rims nodes are at `points`."""
+        found = []
+        for one in self.slides:
+            moved = one.nodes[(points[one.nodes] != start[one.nodes]).any(axis=1)]
+            if one.face is not None and len(moved):
+                face = Triangulated.of(start, one.face)
+                if float(face.distance(points[moved]).max()) > face.near:
+                    found.append(one)
+        return tuple(found)
+
+    def without(self, some: tuple[Slide, ...]) -> Freedom:
+        """Return the same without the nodes of some of the slides."""
+        return Freedom(self.free, tuple(one for one in self.slides if one not in some), self.columns)
 
     def with_columns(self, columns: Columns, points: FloatArray) -> Freedom:
         """Return the same with the heights of layers kept, the nodes at points (N, 3).
@@ -107,54 +133,43 @@ class Freedom:
             levels.append(pairs[kept])
         first = np.concatenate([columns.forked, *(pairs[:, 0] for pairs in columns.levels[:1])])
         stay = np.setdiff1d(first, levels[0][:, 0]) if levels else first
-        slides = tuple(Slide(np.setdiff1d(one.nodes, stay, assume_unique=True), one.shape) for one in self.slides)
+        slides = tuple(
+            Slide(np.setdiff1d(one.nodes, stay, assume_unique=True), one.shape, one.face) for one in self.slides
+        )
         return Freedom(np.setdiff1d(self.free, stay, assume_unique=True), slides, Columns(tuple(levels)))
 
 
 def _pieces(
     patch: Patch,
+    before: FloatArray,
     points: FloatArray,
     inside: BoolArray,
     shape: SlidingSurface | str | None,
-    pieces: list[SlidingSurface | None],
+    pieces: list[Piece],
 ) -> list[IntArray]:
     """Add the faces of a patch to `pieces`; return which of its nodes inside are on which, as pairs (P, 2)."""
-    nodes = patch.nodes[inside[patch.nodes]]
-    if shape == "plane" and patch.faces:
-        return [*_planes(patch, points, inside, pieces), _on(patch.loose[inside[patch.loose]], pieces, None)]
-    if shape == SURFACE and patch.faces:
-        return [*_surfaces(patch, points, inside, pieces), _on(patch.loose[inside[patch.loose]], pieces, None)]
+    if shape in TURNS and patch.faces:
+        found = [_on(patch.loose[inside[patch.loose]], pieces, Piece(None))]
+        for part in _parts(patch, before, inside, TURNS[str(shape)]):
+            nodes = np.unique(part.nodes)
+            piece = Piece(Triangulated.of(points, part), True) if shape == SURFACE else _plane(points, part, nodes)
+            found.append(_on(nodes[inside[nodes]], pieces, piece))
+        return found
     if isinstance(shape, str):
         shape = FITTED[shape](points[patch.nodes])
-    return [_on(nodes, pieces, shape)]
+    return [_on(patch.nodes[inside[patch.nodes]], pieces, Piece(shape))]
 
 
-def _on(nodes: IntArray, pieces: list[SlidingSurface | None], shape: SlidingSurface | None) -> IntArray:
-    pieces.append(shape)
+def _plane(points: FloatArray, face: Polygons, nodes: IntArray) -> Piece:
+    """Return a face that was plane before the deflection, of no shape if it is so no more."""
+    plane, size = Plane.fitted(points[nodes]), float(np.ptp(points[nodes], axis=0).max())
+    flat = len(nodes) > 3 and float(np.abs(plane.distance(points[nodes])).max()) <= FLAT * size
+    return Piece(plane, face=face) if flat else Piece(None)
+
+
+def _on(nodes: IntArray, pieces: list[Piece], piece: Piece) -> IntArray:
+    pieces.append(piece)
     return np.column_stack([nodes, np.full(len(nodes), len(pieces) - 1)])
-
-
-def _planes(patch: Patch, points: FloatArray, inside: BoolArray, pieces: list[SlidingSurface | None]) -> list[IntArray]:
-    """Add the plane faces of a patch: faces that share edges, and have one normal; the others are of no shape."""
-    size = float(np.ptp(points[patch.nodes], axis=0).max())
-    found = []
-    for part in _parts(patch, points, inside, ALIKE):
-        nodes = np.unique(part.nodes)
-        plane = Plane.fitted(points[nodes])
-        flat = len(nodes) > 3 and float(np.abs(plane.distance(points[nodes])).max()) <= FLAT * size
-        found.append(_on(nodes[inside[nodes]], pieces, plane if flat else None))
-    return found
-
-
-def _surfaces(
-    patch: Patch, points: FloatArray, inside: BoolArray, pieces: list[SlidingSurface | None]
-) -> list[IntArray]:
-    """Add the parts of a patch between sharp edges, each as it is."""
-    found = []
-    for part in _parts(patch, points, inside, 2.0 * np.sin(np.radians(SHARP / 2.0))):
-        nodes = np.unique(part.nodes)
-        found.append(_on(nodes[inside[nodes]], pieces, Triangulated.of(points, part)))
-    return found
 
 
 def _parts(patch: Patch, points: FloatArray, inside: BoolArray, turn: float) -> Iterator[Polygons]:

@@ -224,7 +224,8 @@ def repaired(
     """Mend the cells that are inverted, or whose quality is below a share of their type's least before.
 
     Around them nodes move until all cells of the patch are as good as the worst was before, or nothing more is won.
-    While cells miss their share, the next patch is larger.
+    While cells miss their share, the next patch is larger. If a node leaves the plane face that it slides on, all is
+    done again with the nodes of this face where they were.
 
     Parameters
     ----------
@@ -232,7 +233,18 @@ def repaired(
     touched : the cells that may change, and the mesh before.
     freedom : the nodes that may move.
     """
-    begin, goal = perf_counter(), Goal.of(touched, freedom)
+    begin = perf_counter()
+    made = _repaired(points, touched, freedom, share, progress)
+    while beyond := made.freedom.left_by(points, made.points):
+        made = _repaired(points, touched, made.freedom.without(beyond), share, progress)
+    return replace(made, seconds=perf_counter() - begin)
+
+
+def _repaired(
+    points: FloatArray, touched: TouchedCells, freedom: Freedom, share: float, progress: Progress
+) -> Repaired:
+    """Bring the cells to one level after another; parameters as in `repaired`."""
+    goal = Goal.of(touched, freedom)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts)
     found = start = goal.judged(points)
@@ -252,7 +264,7 @@ def repaired(
         if goal.rank(other) > goal.rank(found):
             here, found = there, other
     made = Repaired.of(points, here, touched, freedom, share)
-    return replace(made, steps=steps, seconds=perf_counter() - begin)
+    return replace(made, steps=steps)
 
 
 class Level(NamedTuple):
