@@ -85,8 +85,9 @@ class Version:
         found: Taken = {}
         with tempfile.TemporaryDirectory() as scratch:
             works = {"run_tail": ["run", "tail", "--out", f"{scratch}/run"], "deflect": deflection(mesh, Path(scratch))}
-            if "--no-report" in self.timed([*self.command, "deflect", "--help"])[0]:
-                works["deflect"].append("--no-report")  # of the mesh alone, as the version without reports
+            known = self.timed([*self.command, "deflect", "--help"])[0]
+            for words in (["--no-report"], ["--repair", "off"]):  # as the versions without reports and repairs
+                works["deflect"] += words if words[0] in known else []
             for name, words in works.items():
                 _, found[name], found[f"{name}_processor"] = self.timed([*self.command, *words, "--quiet"])
         output, _, _ = self.timed([self.command[0], "-c", ADAPTATIONS])

@@ -114,7 +114,18 @@ def test_quality_may_not_fall_below_its_share(share, code, files, sdm, tmp_path)
 def test_a_sweep_writes_a_file_for_each_angle_with_report_and_sensitivities(files, sdm, tmp_path):
     out = tmp_path / "flap.su2"
     code, table, _ = sdm(
-        "deflect", files["su2"], *FLAP, *HINGE, "--angles", "-4:8:4", "--out", out, "--json", "--sensitivity"
+        "deflect",
+        files["su2"],
+        *FLAP,
+        *HINGE,
+        "--angles",
+        "-4:8:4",
+        "--out",
+        out,
+        "--json",
+        "--sensitivity",
+        "--repair",
+        "off",
     )
     assert code == 0, table
     names = {path.name for path in tmp_path.iterdir()}
@@ -251,7 +262,17 @@ def test_a_failed_check_is_exit_code_1_and_the_table_says_which(files, sdm, tmp_
 @pytest.mark.parametrize("share", [0.2, 0.7, 0.95])
 def test_a_full_disk_is_one_line_and_leaves_earlier_files(share, files, sdm, tmp_path):
     """A limit of the size of files stands for the disk; the mesh fits in it, then its sensitivities do not."""
-    arguments = ["deflect", files["cgns"], *TURN, "--sensitivity", "--quiet", "--out", tmp_path / "wing.cgns"]
+    arguments = [
+        "deflect",
+        files["cgns"],
+        *TURN,
+        "--sensitivity",
+        "--repair",
+        "off",
+        "--quiet",
+        "--out",
+        tmp_path / "wing.cgns",
+    ]
     assert sdm(*arguments)[0] == 0
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     largest = max(map(len, before.values()))

@@ -279,7 +279,7 @@ def deflections(folder: Path, cells: int = 3) -> list[Work]:
     for name, known in FORMATS.items():
         source = folder / ("case" if name == "openfoam" else f"wing{known.suffixes[0]}")
         known.write(mesh, source)
-        words = ("deflect", str(source), *TURN, *HINGE, "--no-report")
+        words = ("deflect", str(source), *TURN, *HINGE, "--repair", "off", "--no-report")
         found.append(Work(words, f"out{source.suffix}", not source.suffix, kept))
     su2 = found[0].words
     suffixes = [known.suffixes[0] for name, known in FORMATS.items() if name not in ("su2", "openfoam")]

@@ -66,7 +66,7 @@ FLAP = (
     "--hinge", "0.7,0.3,0", "0.7,0.7,0", "--quiet",
 )  # fmt: skip
 AILERON = ("run", "aileron", "--out", "{folder}/run", "--quiet")
-DEFLECT = ("deflect", "{mesh}", *FLAP, "--out", "{folder}/w.su2")
+DEFLECT = ("deflect", "{mesh}", *FLAP, "--repair", "off", "--out", "{folder}/w.su2")
 COMMANDS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "run": ((*AILERON, "--no-report", "--angle", "5"), (*AILERON, "--no-report", "--angle", "6")),
     "run, report": ((*AILERON, "--angle", "5"), (*AILERON, "--angle", "6")),

@@ -85,7 +85,7 @@ def tail(bare_run):
 @pytest.fixture(scope="session")
 def wing_folder(bare_deflection, hybrid_wing, flap_names):
     """A flap in a mesh of hexahedra, prisms, pyramids and tetrahedra."""
-    options = {"motion": "blended", "fixed": "wing_*", "slide": {"symmetry": "plane"}}
+    options = {"motion": "blended", "fixed": "wing_*", "slide": {"symmetry": "plane"}, "repair": "off"}
     return bare_deflection(hybrid_wing.mesh, "wing.su2", flap_names, hybrid_wing.hinge, 10.0, **options)
 
 
