@@ -24,7 +24,7 @@ from sdm_deflect.cases.progress import Silent, Stopwatch
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import plans_of
 from sdm_deflect.cases.sdm.pipeline import meshed
-from sdm_deflect.cases.sdm.registry import CASES
+from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.deform.mesh import Cells, FloatArray, Mesh
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.geometry.datum import hinged
@@ -149,9 +149,9 @@ def main() -> None:
     for number in range(1, options.count + 1):
         os.environ[FOLDER_VARIABLE] = str(options.meshes / str(number))
         for name, angle, _ in ASKED:
-            case = replace(CASES[name], angle=angle, repair="auto")
+            case = replace(case_named(name), angle=angle)
             case = replace(case, adaptation=replace(case.adaptation, max_steps=1))
-            mesh = meshed(CASES[name], Stopwatch(Silent()))[0].as_mesh(name)
+            mesh = meshed(case_named(name), Stopwatch(Silent()))[0].as_mesh(name)
             found.setdefault(f"{name} {angle:+g}", []).append(trial(case, mesh))
         figures = {name: [asdict(one) for one in trials] for name, trials in found.items()}
         options.json.write_text(json.dumps(figures, indent=1) + "\n")

@@ -21,8 +21,7 @@ from sdm_deflect.cases.report.scene3d import triangles_of
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import BLOCK, plans_of
 from sdm_deflect.cases.sdm.reference import reference
-from sdm_deflect.cases.sdm.run_folder import read_run
-from sdm_deflect.cases.sdm.stored import stored_repair
+from sdm_deflect.cases.sdm.run_folder import read_run, stored_repair
 from sdm_deflect.cases.sdm.validation import validate
 from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.cases.view.run import InteractiveRun, Manner

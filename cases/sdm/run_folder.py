@@ -15,9 +15,10 @@ from sdm_deflect.cases.sdm.registry import resolve
 from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection, repair_of
-from sdm_deflect.meshing.formats.vtu import read_vtu
+from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
 from sdm_deflect.meshing.temporary import settle
@@ -90,3 +91,12 @@ def read_run(folder: Path) -> tuple[Case, TetMesh, TetMesh]:
     if mesh.points.shape != deflected.points.shape:
         raise InputError(f"{folder}: undeflected.vtu and deflected.vtu differ in their number of points")
     return case, mesh, deflected
+
+
+def stored_repair(folder: Path, mesh: TetMesh) -> FloatArray | None:
+    """Return how far a repair moved each node (N, 3) of a finished run; None without one; InputError if damaged."""
+    path = folder / "deflected.vtu"
+    repair = vtu_arrays(path).get("repair")
+    if repair is not None and (repair.shape != mesh.points.shape or not np.isfinite(repair).all()):
+        raise InputError(f"{path}: its array repair is not {len(mesh.points)} finite vectors")
+    return repair

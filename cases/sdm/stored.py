@@ -14,10 +14,10 @@ from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import plans_of
 from sdm_deflect.cases.sdm.metrics import MeshOrigin, Run, metrics
 from sdm_deflect.cases.sdm.reference import Reference
+from sdm_deflect.cases.sdm.run_folder import stored_repair
 from sdm_deflect.cases.sdm.validation import site_checks, validate
 from sdm_deflect.deform.checks import Check, worst
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.rbf.greedy import Adaptation, Iteration, Stop
 from sdm_deflect.deform.rbf.interpolant import Interpolant, check_finite
@@ -86,15 +86,6 @@ def judged(
     checks = validate(case, mesh, deflected, plans, deflected_cad(), background, repair) + site_checks(again)
     run = Run(case, mesh, MeshOrigin(own[0].value, 1, 0.0), deflected, again, 0.0, checks)
     return (*checks, same_deflection(deflected, again), *own, arrays, stored_figures(figures, run))
-
-
-def stored_repair(folder: Path, mesh: TetMesh) -> FloatArray | None:
-    """Return how far a repair moved each node (N, 3) of a finished run; None without one; InputError if damaged."""
-    path = folder / "deflected.vtu"
-    repair = vtu_arrays(path).get("repair")
-    if repair is not None and (repair.shape != mesh.points.shape or not np.isfinite(repair).all()):
-        raise InputError(f"{path}: its array repair is not {len(mesh.points)} finite vectors")
-    return repair
 
 
 def stored_deflections(folder: Path, plans: Sequence[Plan]) -> tuple[Deflection, ...]:
