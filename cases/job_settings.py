@@ -134,7 +134,7 @@ class JobSettings:
     zones: tuple[str, ...] = ()
     allow_inverted: bool = False
     min_quality: float = MIN_QUALITY
-    repair: RepairMode = "off"
+    repair: RepairMode = "auto"
     repair_share: float = 0.9
     repair_slide: dict[str, Literal["plane", "cylinder", "surface"]] = field(default_factory=dict)
     fitting: Fitting = field(default_factory=Fitting)

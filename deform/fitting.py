@@ -77,7 +77,7 @@ class Repair:
     share : of the undeflected mesh's least quality.
     """
 
-    mode: RepairMode = "off"
+    mode: RepairMode = "auto"
     share: float = 0.9
 
     def __post_init__(self) -> None:

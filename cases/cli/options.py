@@ -53,7 +53,7 @@ class Point(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
 angle_option = click.option("--angle", type=float, help="Deflection in degrees; positive is trailing edge down.")
 set_option = click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Replace a setting; repeat.")
-repair_option = click.option("--repair", type=REPAIRS, help="auto, off (default) or always: whether cells are mended.")
+repair_option = click.option("--repair", type=REPAIRS, help="auto (default), off or always: whether cells are mended.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON to the standard output, nothing else.")
 cache_option = click.option("--cache/--no-cache", default=True, help="Whether to use the mesh cache.")
 report_option = click.option("--report/--no-report", default=True, help="Whether to make report and pictures.")

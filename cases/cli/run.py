@@ -190,7 +190,7 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
         if not 0.0 < value < high:
             raise InputError(f"--{name} {value:g} must be between 0 and {high:g}")
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
-    resolved = resolve(case, **{**given, "repair": given["repair"] or "auto"})
+    resolved = resolve(case, **given)
 
     from sdm_deflect.cases.output import output_folder
     from sdm_deflect.cases.sdm.limit import find_limits, write_limits

@@ -99,7 +99,7 @@ class Case:
     confinement: Confinement = field(default_factory=Confinement)
     blending: Blending = field(default_factory=Blending)
     adaptation: Fitting = field(default_factory=adaptation)
-    repair: RepairMode = "off"
+    repair: RepairMode = "auto"
     repair_share: float = 0.9
     limits: Limits = field(default_factory=Limits)
 

@@ -13,7 +13,7 @@ from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.cases.sdm.pipeline import background_mesh, run_case
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.sdm.validation import site_checks, validate
-from sdm_deflect.deform.volume.deflection import combined
+from sdm_deflect.deform.volume.deflection import combined, repair_of
 from tests.cases.sdm.deflected_cad import built
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -106,6 +106,6 @@ def turned(make_mesh):
         plans = plans_of(case, flow)
         results = deflected(case, plans)
         moved = mesh.with_points(combined(flow, results))
-        return mesh, moved, validate(case, mesh, moved, plans, built(case)) + site_checks(results)
+        return mesh, moved, validate(case, mesh, moved, plans, built(case), repair=repair_of(results)) + site_checks(results)
 
     return turn
