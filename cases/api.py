@@ -278,8 +278,8 @@ def deflect(
 
         What is repaired:
 
-        - `repair`: ``"auto"`` (default): cells are mended if one is inverted, or the least quality of its type fell below a
-          share of the undeflected mesh's; ``"always"``: if it fell at all; ``"off"``.
+        - `repair`: ``"auto"`` (default): cells are mended if one is inverted, or the least quality of its type fell
+          below a share of the undeflected mesh's; ``"always"``: if it fell at all; ``"off"``.
         - `repair_share`: that share (0.9).
         - `repair_slide`: further patches whose nodes may slide while cells are mended, as for `slide`; moving ones too.
 

@@ -15,7 +15,8 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.freedom import Freedom
-from sdm_deflect.deform.repair.repair import Repaired, repaired
+from sdm_deflect.deform.repair.goal import Repaired
+from sdm_deflect.deform.repair.repair import repaired
 from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.boundary import Amounts, Boundary
 from sdm_deflect.deform.volume.job import Job

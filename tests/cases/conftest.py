@@ -106,6 +106,7 @@ def turned(make_mesh):
         plans = plans_of(case, flow)
         results = deflected(case, plans)
         moved = mesh.with_points(combined(flow, results))
-        return mesh, moved, validate(case, mesh, moved, plans, built(case), repair=repair_of(results)) + site_checks(results)
+        checks = validate(case, mesh, moved, plans, built(case), repair=repair_of(results))
+        return mesh, moved, checks + site_checks(results)
 
     return turn
