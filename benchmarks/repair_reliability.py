@@ -31,11 +31,14 @@ from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.cache import FOLDER_VARIABLE
 
 ASKED = (
-    ("tail", 26.0, 0.38), ("tail", -26.0, 0.38), ("aileron", 60.0, 0.35), ("aileron", -60.0, 0.35),
-    ("aileron-chimera", -30.0, 0.55), ("aileron-chimera", -45.0, 0.45), ("aileron-chimera", -60.0, 0.35),
-    ("rudder", 40.0, 0.3), ("all", 25.0, 0.3),
+    ("tail", 26.0, 0.0, 0.38), ("tail", -26.0, 0.0, 0.38),
+    ("aileron", 60.0, 0.0, 0.35), ("aileron", 60.0, 0.006, 0.35),
+    ("aileron", -60.0, 0.0, 0.35), ("aileron", -60.0, 0.006, 0.35),
+    ("aileron-chimera", -30.0, 0.0, 0.55), ("aileron-chimera", -45.0, 0.0, 0.45),
+    ("aileron-chimera", -60.0, 0.0, 0.35), ("aileron-chimera", -60.0, 0.006, 0.35),
+    ("rudder", 40.0, 0.0, 0.3), ("all", 25.0, 0.0, 0.3),
 )  # fmt: skip
-"""Case, angle (degrees), and the least mean ratio that is asked for."""
+"""Case, angle (degrees), `confinement.ahead` (m), and the least mean ratio that is asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +56,11 @@ class Trial:
     inverted: int
     bound: float
     seconds: float
+
+
+def named(name: str, angle: float, ahead: float) -> str:
+    """Return how a row of the table is called."""
+    return f"{name} {angle:+g}" + (f", box {1e3 * ahead:g} mm ahead" if ahead else "")
 
 
 def trial(case: Case, mesh: Mesh) -> Trial:
@@ -145,14 +153,15 @@ def main() -> None:
     parser.add_argument("--json", type=Path, required=True, help="result; a .md table goes beside it")
     options = parser.parse_args()
     found: dict[str, list[Trial]] = {}
-    asked = {f"{name} {angle:+g}": least for name, angle, least in ASKED}
+    asked = {named(*one[:3]): one[3] for one in ASKED}
     for number in range(1, options.count + 1):
         os.environ[FOLDER_VARIABLE] = str(options.meshes / str(number))
-        for name, angle, _ in ASKED:
+        for name, angle, ahead, _ in ASKED:
             case = replace(case_named(name), angle=angle)
-            case = replace(case, adaptation=replace(case.adaptation, max_steps=1))
+            confinement = replace(case.confinement, ahead=ahead)
+            case = replace(case, adaptation=replace(case.adaptation, max_steps=1), confinement=confinement)
             mesh = meshed(case_named(name), Stopwatch(Silent()))[0].as_mesh(name)
-            found.setdefault(f"{name} {angle:+g}", []).append(trial(case, mesh))
+            found.setdefault(named(name, angle, ahead), []).append(trial(case, mesh))
         figures = {name: [asdict(one) for one in trials] for name, trials in found.items()}
         options.json.write_text(json.dumps(figures, indent=1) + "\n")
         options.json.with_suffix(".md").write_text(table(found, asked))

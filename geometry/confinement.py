@@ -21,15 +21,16 @@ INWARD = 0.5
 class Margins(Checked):
     """How far a confinement hexahedron reaches beyond its surface, in metres.
 
-    A tail's hexahedron begins at its panel's front border; `aft` is measured at its outboard face from the rear
-    border, `up` and `down` there from the height of the panel's borders. A rudder's `up` is to starboard, its `down`
-    to port.
+    A hinged surface's hexahedron begins `ahead` of its hinge line, 0 in the paper. A tail's begins at its panel's front
+    border; `aft` is measured at its outboard face from the rear border, `up` and `down` there from the height of the
+    panel's borders. A rudder's `up` is to starboard, its `down` to port.
     """
 
     aft: float = quantity(0.05, "m", 1e-4, 10.0, "beyond the trailing edge")
     outboard: float = quantity(0.05, "m", 1e-4, 10.0, "beyond the tip")
     up: float = quantity(0.05, "m", 1e-4, 10.0, "above the hinge line")
     down: float = quantity(0.05, "m", 1e-4, 10.0, "below the hinge line")
+    ahead: float = quantity(0.0, "m", 0.0, 10.0, "ahead of the hinge line of a hinged surface")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ def hexahedron_corners(fighter: Fighter, surface: str, margins: Margins) -> Floa
         return _rudder(fighter, margins)
     if surface.startswith("tail"):
         return _on_side(surface, _tail(fighter, margins))
-    return _around_aileron(fighter, surface, parent_ribs(fighter, surface), margins)
+    return _around_aileron(fighter, surface, parent_ribs(fighter, surface), margins, margins.ahead)
 
 
 def inward_face(surface: str) -> str:
@@ -110,10 +111,10 @@ def _tail(fighter: Fighter, margins: Margins) -> FloatArray:
 
 
 def _rudder(fighter: Fighter, margins: Margins) -> FloatArray:
-    """Corners (8, 3): front face through the hinge edges, lower face in the plane of the rudder's lower end."""
+    """Corners (8, 3): front face ahead of the hinge edges, lower face in the plane of the rudder's lower end."""
     hinge, trailing = hinge_edges(fighter, "rudder")[0], trailing_edge(fighter, "rudder")
     z = np.append(parent_ribs(fighter, "rudder"), fighter.fin.z_tip + margins.outboard)[:2]
-    front = along(hinge[:, 2], hinge[:, 0], z)
+    front = along(hinge[:, 2], hinge[:, 0], z) - margins.ahead
     aft = along(trailing[:, 2], trailing[:, 0], z) + margins.aft
     corners = [[x[k], y, z[k]] for k in (0, 1) for y in (-margins.down, margins.up) for x in (front, aft)]
     return np.array(corners)

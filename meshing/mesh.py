@@ -14,6 +14,8 @@ IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
 VOLUME = "volume"
+FREE_FORM = 1e-5
+"""Largest allowed distance (m) of nodes from a CAD face that is neither a plane nor a cylinder."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

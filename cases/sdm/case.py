@@ -32,6 +32,7 @@ class Confinement:
     outboard: float = quantity(0.045, "m", 0.005, 1.0, "from the tip to the outer face")
     up: float = quantity(0.055, "m", 0.005, 1.0, "above the hinge line (rudder: to starboard)")
     down: float = quantity(0.055, "m", 0.005, 1.0, "below the hinge line (rudder: to port)")
+    ahead: float = quantity(0.0, "m", 0.0, 1.0, "from the hinge line to the front face (hinged surfaces)")
     corners: tuple[tuple[float, float, float], ...] = ()
     """Eight corners of the hexahedron (m) instead of the margins; corner i has the binary code zyx."""
     slide: bool = True

@@ -74,7 +74,7 @@ def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
         fixed=tuple(name for name in mesh.names if name not in (*patches, BLOCK)),
         box=Given(hexahedron, open_faces(case, surface), CONFINEMENT),
         sections=tuple(sections_of(case, surface)),
-        near_wall=False,
+        near_wall=hinged(surface) and case.confinement.ahead > 0.0,
         fitting=replace(case.adaptation, spacing=spacing),
         repair=Repair(case.repair, case.repair_share),
         repair_slides=repair_slides(mesh, surface),
@@ -100,7 +100,7 @@ def hexahedron_of(case: Case, surface: str) -> Hexahedron:
     settings = case.confinement
     if settings.corners:
         return Hexahedron(np.array(settings.corners, dtype=np.float64))
-    margins = Margins(settings.aft, settings.outboard, settings.up, settings.down)
+    margins = Margins(settings.aft, settings.outboard, settings.up, settings.down, settings.ahead)
     return Hexahedron(hexahedron_corners(case.fighter, surface, margins))
 
 

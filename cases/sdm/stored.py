@@ -31,8 +31,8 @@ from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
 from sdm_deflect.meshing.generate.assembly import FAR_FIELD
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.topology import boundary_failures
-from sdm_deflect.meshing.generate.verify import FREE_FORM, verify
-from sdm_deflect.meshing.mesh import VOLUME, TetMesh
+from sdm_deflect.meshing.generate.verify import verify
+from sdm_deflect.meshing.mesh import FREE_FORM, VOLUME, TetMesh
 
 SAME = 1e-9
 """Nodes of a finished run are no further (m) from where its interpolants put them."""

@@ -17,8 +17,7 @@ from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.volume.closest import Triangles
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.geometry.datum import hinged
-from sdm_deflect.meshing.generate.verify import FREE_FORM
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import FREE_FORM, TetMesh
 
 
 def validate(

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from sdm_deflect.deform.edges import area_vectors, edges_of, polygons_of
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Patch, Polygons
 from sdm_deflect.deform.repair.columns import Columns
+from sdm_deflect.deform.repair.crossing import Crossing
 from sdm_deflect.deform.volume.sliding import FITTED, SURFACE, Plane, SlidingSurface
 from sdm_deflect.deform.volume.triangulated import SHARP, Triangulated
 
@@ -71,8 +72,8 @@ class Freedom:
     ) -> Freedom:
         """Find on what the boundary's nodes inside may slide.
 
-        A node within a face slides on it, one on the edge of two surfaces along it; other edges and corners stay, and
-        nodes on a patch of no shape.
+        A node within a face slides on it, one on the edge of two surfaces, of two planes or of a plane and a cylinder
+        along it; other edges and corners stay, and nodes on a patch of no shape.
 
         Parameters
         ----------
@@ -98,6 +99,12 @@ class Freedom:
             for k, piece in enumerate(pieces)
             if piece.shape is not None and (same & (found[first, 1] == k)).any()
         ]
+        edge = (count == 2) & ~same
+        for k, other in np.unique(np.column_stack([found[first, 1], found[last, 1]])[edge], axis=0):
+            shape = Crossing.of(pieces[k].shape, pieces[other].shape)
+            if shape is not None:
+                own = edge & (found[first, 1] == k) & (found[last, 1] == other)
+                slides.append(Slide(nodes[own], shape, pieces[k].face or pieces[other].face))
         return cls(free, tuple(slides))
 
     def left_by(self, start: FloatArray, points: FloatArray) -> tuple[Slide, ...]:

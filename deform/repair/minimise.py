@@ -81,6 +81,9 @@ def _inverses(blocks: FloatArray) -> FloatArray:
 
     A node whose energy underflows beside that of a nearly flat cell is as stiff as the stiffest.
     """
-    matrices = blocks[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-    matrices[np.linalg.det(matrices) == 0.0] = np.eye(3) * max(float(blocks.max(initial=0.0)), np.finfo(float).tiny)
-    return np.asarray(np.linalg.inv(matrices))
+    size = np.abs(blocks).max(axis=1, initial=0.0)
+    scale = np.where(size > 0.0, size, 1.0)[:, None, None]  # determinants of very stiff blocks overflow
+    matrices = blocks[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3) / scale
+    flat = np.linalg.det(matrices) == 0.0
+    matrices[flat], scale[flat] = np.eye(3), max(float(size.max(initial=0.0)), np.finfo(float).tiny)
+    return np.asarray(np.linalg.inv(matrices) / scale)

@@ -11,6 +11,7 @@ from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.quality import POLYHEDRON
 from sdm_deflect.deform.rbf.threads import single_threaded_blas
 from sdm_deflect.deform.repair.columns import Heights
+from sdm_deflect.deform.repair.crossing import Crossing
 from sdm_deflect.deform.repair.elements import Elements, Tetrahedra
 from sdm_deflect.deform.repair.energy import Energy
 from sdm_deflect.deform.repair.freedom import Freedom
@@ -24,7 +25,7 @@ WIDEST, LEAST_EPS = 0.01, 1e-6
 """Least eps at the start, over a target's determinant, and where untangling is given up."""
 NARROWER, NARROWEST = 0.5, 0.2
 """What is left of eps for the next search; and if this one ended by itself."""
-POWERS = (1, 2, 4, 8)
+POWERS = (1, 2, 4, 8, 16)
 """Powers of the energy, one after another, once nothing is inverted: the worst cells weigh more and more."""
 EASY = (0.35, 0.6, 0.75)
 """Least shares of a cell's quality in its floor, about, from which the first powers are left out; but for tetrahedra,
@@ -69,7 +70,8 @@ class Chart:
         if self.heights.levels:
             self.heights.pull(self._placed(way)[1], gradient)
         for rows, shape in self.slides:
-            gradient[rows] = shape.rate(self.base[rows], way[rows], gradient[rows])
+            pull = shape.pulled if isinstance(shape, Crossing) else shape.rate  # the other derivatives are symmetric
+            gradient[rows] = pull(self.base[rows], way[rows], gradient[rows])
         return gradient
 
     def _placed(self, way: FloatArray) -> tuple[FloatArray, list[FloatArray]]:

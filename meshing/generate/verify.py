@@ -10,11 +10,10 @@ from sdm_deflect.geometry.model import CadEdge, CadModel
 from sdm_deflect.meshing.generate.attachment import Attachment, attach
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.topology import boundary_failures, edges_of, encode
-from sdm_deflect.meshing.mesh import FloatArray, IntArray, TetMesh
+from sdm_deflect.meshing.mesh import FREE_FORM, FloatArray, IntArray, TetMesh
 
 # Largest allowed distance in metres.
 EXACT = 1e-7
-FREE_FORM = 1e-5
 
 
 @dataclass(frozen=True, slots=True)

@@ -283,7 +283,10 @@ def test_no_gap_no_block(fighter, gapped):
             Fighter(inlet=Inlet(z_side_2=0.0), wing=Wing(half_span=0.31)),
             r"inlet\.z_side_2 = 0, wing\.half_span = 0\.31 \(",
         ),
-        (Fighter(fuselage=Fuselage(radius=0.02985)), r"with fuselage\.radius = 0\.02985 \("),
+        (
+            Fighter(fuselage=Fuselage(radius=0.02985, panel_angle=55.0)),
+            r"with fuselage\.radius = 0\.02985, fuselage\.panel_angle = 55 \(",
+        ),
     ],
 )
 def test_what_the_kernel_cannot_build_is_named_by_its_parameters(fighter, words):

@@ -43,7 +43,7 @@ def test_single_values_are_checked(section, values, message):
         ({"aileron": Aileron(y_outboard=0.303)}, "aileron.y_outboard leaves a strip"),
         ({"wing": Wing(tip_chord=0.4)}, "wing.tip_chord = 0.4 m must lie at least"),
         ({"wing": Wing(y_kink=0.068)}, "fuselage.radius = 0.067 m must lie at least"),
-        ({"tail": Tail(root_chord=0.16)}, "fuselage.panel_front = 0.77 m must lie at least"),
+        ({"tail": Tail(root_chord=0.18)}, "fuselage.panel_front = 0.755 m must lie at least"),
         ({"tail": Tail(le_sweep=60.0)}, "tail.le_sweep"),
         ({"tail": Tail(anhedral=30.0), "fuselage": Fuselage(panel_angle=35.0)}, "tail.anhedral = 30 deg"),
         ({"fuselage": Fuselage(panel_front=0.95)}, "fuselage.panel_front = 0.95 m"),
