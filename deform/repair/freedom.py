@@ -25,19 +25,19 @@ FLAT = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slide:
-    """Nodes (K,) that stay on a shape, and the face of a plane that they may not leave."""
+    """Nodes (K,) that stay on a shape, and the plane faces that they may not leave."""
 
     nodes: IntArray = field(repr=False)
     shape: SlidingSurface
-    face: Polygons | None = field(default=None, repr=False)
+    faces: tuple[Polygons, ...] = field(default=(), repr=False)
 
 
 class Piece(NamedTuple):
-    """A part of the boundary: its shape, if nodes slide on it, whether they do so along edges, and a plane's face."""
+    """A part of the boundary: its shape, if nodes slide on it, whether they do so along edges, and a plane's faces."""
 
     shape: SlidingSurface | None
     edges: bool = False
-    face: Polygons | None = None
+    faces: tuple[Polygons, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +95,7 @@ class Freedom:
         last = np.append(first[1:], len(found)) - 1
         same = (count == 1) | ((count == 2) & rim[found[first, 1]] & rim[found[last, 1]])
         slides = [
-            Slide(nodes[same & (found[first, 1] == k)], piece.shape, piece.face)
+            Slide(nodes[same & (found[first, 1] == k)], piece.shape, piece.faces)
             for k, piece in enumerate(pieces)
             if piece.shape is not None and (same & (found[first, 1] == k)).any()
         ]
@@ -104,19 +104,19 @@ class Freedom:
             shape = Crossing.of(pieces[k].shape, pieces[other].shape)
             if shape is not None:
                 own = edge & (found[first, 1] == k) & (found[last, 1] == other)
-                slides.append(Slide(nodes[own], shape, pieces[k].face or pieces[other].face))
+                slides.append(Slide(nodes[own], shape, pieces[k].faces + pieces[other].faces))
         return cls(free, tuple(slides))
 
     def left_by(self, start: FloatArray, points: FloatArray) -> tuple[Slide, ...]:
-        """Return the plane faces at points (N, 3) `start` beyond whose rims nodes are at `points`."""
-        found = []
-        for one in self.slides:
-            moved = one.nodes[(points[one.nodes] != start[one.nodes]).any(axis=1)]
-            if one.face is not None and len(moved):
-                face = Triangulated.of(start, one.face)
-                if float(face.distance(points[moved]).max()) > face.near:
-                    found.append(one)
-        return tuple(found)
+        """Return the slides on plane faces that some nodes left on the way from points (N, 3) `start` to `points`.
+
+        As long as no polygon of a face is turned over, and its rim stays on its curves, all nodes are within the rim.
+        """
+
+        def moved(one: Slide) -> bool:
+            return not np.array_equal(points[one.nodes], start[one.nodes])
+
+        return tuple(one for one in self.slides if moved(one) and any(_folded(start, points, f) for f in one.faces))
 
     def without(self, some: tuple[Slide, ...]) -> Freedom:
         """Return the same without the nodes of some of the slides."""
@@ -141,7 +141,7 @@ class Freedom:
         first = np.concatenate([columns.forked, *(pairs[:, 0] for pairs in columns.levels[:1])])
         stay = np.setdiff1d(first, levels[0][:, 0]) if levels else first
         slides = tuple(
-            Slide(np.setdiff1d(one.nodes, stay, assume_unique=True), one.shape, one.face) for one in self.slides
+            Slide(np.setdiff1d(one.nodes, stay, assume_unique=True), one.shape, one.faces) for one in self.slides
         )
         return Freedom(np.setdiff1d(self.free, stay, assume_unique=True), slides, Columns(tuple(levels)))
 
@@ -171,7 +171,14 @@ def _plane(points: FloatArray, face: Polygons, nodes: IntArray) -> Piece:
     """Return a face that was plane before the deflection, of no shape if it is so no more."""
     plane, size = Plane.fitted(points[nodes]), float(np.ptp(points[nodes], axis=0).max())
     flat = len(nodes) > 3 and float(np.abs(plane.distance(points[nodes])).max()) <= FLAT * size
-    return Piece(plane, face=face) if flat else Piece(None)
+    return Piece(plane, faces=(face,)) if flat else Piece(None)
+
+
+def _folded(start: FloatArray, points: FloatArray, face: Polygons) -> bool:
+    """True if a polygon of a plane face turned over on the way from points (N, 3) `start` to `points`."""
+    before = area_vectors(start, face)
+    normal = before.sum(axis=0)
+    return bool(((area_vectors(points, face) @ normal <= 0.0) & (before @ normal > 0.0)).any())
 
 
 def _on(nodes: IntArray, pieces: list[Piece], piece: Piece) -> IntArray:

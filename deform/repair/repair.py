@@ -26,14 +26,17 @@ FAR, SMALL = 500, 10_000
 are never too many."""
 LEVELS = (0.0, 0.5, 0.7, 0.8, 0.85)
 """Shares of the least quality before to which all cells are brought, one after another, up to the one that is asked
-for; first none is inverted."""
+for; first none is inverted. The first that is not reached is the last, and the worst cell is no worse for it."""
 LOSS, GAIN = 0.02, 0.02
 """Share of its floor that the worst cell may lose where fewer cells are below the level, and has to win where not."""
+LARGER = 1.1
+"""Nodes of a patch over those of the last one that was too small."""
+POOR = 0.7
+"""Share of its floor that the worst cell may have reached for all nodes to be moved at once from the start, too."""
 VAIN = 2
 """Patches without a gain after which a level is given up."""
 REST = 0.1
-"""Share of inverted or spoiled cells at which a patch that could be smaller around them is left; if more are left, a
-level is the last."""
+"""Share of inverted or spoiled cells at which a patch that could be smaller around them is left."""
 FEWER = 0.5
 """Share of the spoiled cells that may be left for the next patch to be as small as can be again, not larger."""
 
@@ -44,8 +47,7 @@ def repaired(
     """Mend the cells that are inverted, or whose quality is below a share of their type's least before.
 
     Around them nodes move until all cells of the patch are as good as the worst was before, or nothing more is won.
-    While cells miss their share, the next patch is larger. If a node leaves the plane face that it slides on, all is
-    done again with the nodes of this face where they were.
+    While cells miss their share, the next patch is larger.
 
     Parameters
     ----------
@@ -54,16 +56,6 @@ def repaired(
     freedom : the nodes that may move.
     """
     begin = perf_counter()
-    made = _repaired(points, touched, freedom, share, progress)
-    while beyond := made.freedom.left_by(points, made.points):
-        made = _repaired(points, touched, made.freedom.without(beyond), share, progress)
-    return replace(made, seconds=perf_counter() - begin)
-
-
-def _repaired(
-    points: FloatArray, touched: TouchedCells, freedom: Freedom, share: float, progress: Progress
-) -> Repaired:
-    """Bring the cells to one level after another; parameters as in `repaired`."""
     goal = Goal.of(touched, freedom)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts)
@@ -72,19 +64,21 @@ def _repaired(
     everything = (len(points),)
     for level in (*(level for level in LEVELS if level < share), share, 1.0):
         sizes = (*RINGS, *everything) if level <= share else RINGS[:1]
-        before = goal.missed(found, level).sum()
-        here, found, count = _raised(here, found, tetrahedra, freedom, goal, Level(level, sizes, progress))
+        there, other, count = _raised(here, found, tetrahedra, freedom, goal, Level(level, sizes, progress))
         steps += count
-        if goal.missed(found, level).sum() > REST * before:
+        reached = not goal.missed(other, level).any()
+        if reached or goal.least(other) >= goal.least(found):
+            here, found = there, other
+        if not reached:
             break
-    if goal.missed(found, share).any() and len(freedom.nodes) < SMALL:
+    if goal.least(found) < POOR and len(freedom.nodes) < SMALL:
         whole = Level(share, everything, progress)
         there, other, count = _raised(points, start, tetrahedra, freedom, goal, whole)
         steps += count
         if goal.rank(other) > goal.rank(found):
             here, found = there, other
     made = Repaired.of(points, here, touched, freedom, share)
-    return replace(made, steps=steps)
+    return replace(made, steps=steps, seconds=perf_counter() - begin)
 
 
 class Level(NamedTuple):
@@ -101,17 +95,18 @@ def _raised(
     """Bring all cells to a level if that can be done; return all points (N, 3), their cells, and the steps.
 
     The patch is as small as it may be for the number of cells below the level. It grows while that number does not
-    fall by half, until nothing is won any more.
+    fall by half, until nothing is won any more. If a node leaves the plane face that it slides on, the patch is mended
+    again with the nodes of this face where they are.
     """
     movable = np.zeros(len(points), dtype=np.bool_)
     movable[freedom.nodes] = True
     level, sizes, progress = wanted
-    size, last, steps, vain = 0, -1, 0, 0
+    size, last, steps, vain = 0, 0, 0, 0
     below = goal.missed(found, level)
     while below.any() and size < len(sizes) and vain < VAIN:
         unknown = freedom.columns.closed(_around(tetrahedra, below, movable, sizes[size]), len(points))
         count = int(below.sum())
-        if len(unknown) == last or (sizes[size] < len(points) and count > MANY * len(unknown)):
+        if len(unknown) < LARGER * last or (sizes[size] < len(points) and count > MANY * len(unknown)):
             size += 1
             continue
         if level and len(unknown) > max(FAR * count, SMALL):
@@ -119,12 +114,19 @@ def _raised(
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
         patch = Patch.of(points, tetrahedra, unknown, freedom, goal)
         new, taken = mended(patch, level, REST if size else 0.0)
+        beyond = freedom.left_by(points, new)
+        if beyond:
+            freedom, last, steps = freedom.without(beyond), 0, steps + taken
+            movable[:] = False
+            movable[freedom.nodes] = True
+            continue
         after = found.replaced(patch.cells, patch.goal.judged(new))
-        steps, last, left = steps + taken, len(unknown), goal.missed(after, level)
+        steps, left = steps + taken, goal.missed(after, level)
         gain = goal.least(after) - goal.least(found)
         fewer = int(left.sum()) < count
         better = (fewer and gain >= -LOSS) or gain > GAIN if level else fewer
         size = 0 if better and left.sum() <= FEWER * count else size + 1
+        last = len(unknown) if size else 0
         vain = 0 if better else vain + 1
         if better:
             points, found, below = new, after, left

@@ -377,13 +377,10 @@ def test_the_mesh_is_repaired_where_the_slider_rests(browser, repaired_folder, w
         tab.wait_for_selector("#repair:has-text('Repaired')")
         assert tab.locator("#inverted").inner_text() == "0"
         tab.locator(".v-slider-thumb").first.focus()
-        seen = set()
         for _ in range(20):
             tab.keyboard.press("ArrowLeft")
-            seen.add(said.inner_text().split(":")[1])
         wait_until(lambda: tab.locator("#shown").inner_text() == "+24°", "an earlier angle is shown")
         wait_until(lambda: "nodes moved" in said.inner_text(), "the mesh is not repaired")
-        assert any("once the slider rests" in text for text in seen)
         assert tab.locator("#inverted").inner_text() == "0"
         tab.locator("#axis-x").click()
         wait_until(lambda: "x =" in tab.locator("#panel").inner_text(), "no section across x")
