@@ -63,6 +63,16 @@ def test_the_surface_is_inside_and_touches_the_hinge_and_rib_faces(plain_model, 
 
 
 @pytest.mark.parametrize("surface", SURFACES)
+def test_a_hinged_surface_s_hexahedron_may_begin_ahead_of_the_hinge(fighter, surface):
+    at, ahead = (hexahedron_corners(fighter, surface, Margins(ahead=value)) for value in (0.0, 0.01))
+    moved = at - ahead
+    front = 0.0 if surface.startswith("tail") else 0.01
+    assert moved[list(FACES["x-"]), 0] == pytest.approx(front, abs=1e-15)
+    moved[list(FACES["x-"]), 0] = 0.0
+    assert not moved.any()
+
+
+@pytest.mark.parametrize("surface", SURFACES)
 def test_nothing_else_is_inside(plain_model, fighter, surface):
     corners = hexahedron_corners(fighter, surface, Margins())
     allowed = {surface, surface.replace("tail", "fuselage_panel")}

@@ -27,6 +27,15 @@ def test_every_check_passes(aileron_run):
             "quality_min"} <= names  # fmt: skip
 
 
+@pytest.mark.parametrize("angle", [60.0, -60.0])
+def test_sixty_degrees_from_a_box_that_begins_ahead_of_the_hinge(turned, angle):
+    case = replace(case_named("aileron"), angle=angle)
+    case = replace(case, confinement=replace(case.confinement, ahead=0.006))
+    _, moved, checks = turned(case)
+    assert {c.name: (c.value, c.where) for c in checks if not c.passed} == {}
+    assert mean_ratio(moved.points, moved.tets).min() > 0.35  # .45 and more on ten meshes
+
+
 def test_files_of_the_contract(aileron_run):
     run, folder = aileron_run
     metrics = json.loads((folder / "metrics.json").read_text())
