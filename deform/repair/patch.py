@@ -11,7 +11,7 @@ from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.quality import POLYHEDRON
 from sdm_deflect.deform.rbf.threads import single_threaded_blas
 from sdm_deflect.deform.repair.columns import Heights
-from sdm_deflect.deform.repair.crossing import Crossing
+from sdm_deflect.deform.repair.crossing import Crossing, Tracks
 from sdm_deflect.deform.repair.elements import Elements, Tetrahedra
 from sdm_deflect.deform.repair.energy import Energy
 from sdm_deflect.deform.repair.freedom import Freedom
@@ -43,23 +43,29 @@ class Chart:
     ----------
     base : (U, 3) where they are to begin with.
     slides : rows (K,) of nodes that slide, and their shapes.
+    edges : rows (K,) of nodes that slide along edges, and these.
     heights : of the layers, kept after that.
     """
 
     base: FloatArray = field(repr=False)
     slides: tuple[tuple[IntArray, SlidingSurface], ...] = field(repr=False)
+    edges: tuple[IntArray, Tracks] = field(repr=False)
     heights: Heights
 
     @classmethod
     def of(cls, points: FloatArray, nodes: IntArray, freedom: Freedom) -> Chart:
         """Take some of the nodes (U,) that are free to move, at points (N, 3)."""
-        slides, order = [], np.argsort(nodes)
+        slides, edges, order = [], [], np.argsort(nodes)
         for one in freedom.slides:
             own = one.nodes[np.isin(one.nodes, nodes, assume_unique=True)]
-            if len(own):
-                rows = order[np.searchsorted(nodes, own, sorter=order)]
+            rows = order[np.searchsorted(nodes, own, sorter=order)]
+            if isinstance(one.shape, Crossing):
+                edges.append((rows, one.shape.tracks(points[own])))
+            elif len(own):
                 slides.append((rows, one.shape))
-        return cls(points[nodes], tuple(slides), Heights.of(freedom.columns, points, nodes))
+        rows = np.concatenate([np.empty(0, dtype=np.intp), *(rows for rows, _ in edges)])
+        tracks = Tracks.joined([tracks for _, tracks in edges])
+        return cls(points[nodes], tuple(slides), (rows, tracks), Heights.of(freedom.columns, points, nodes))
 
     def place(self, way: FloatArray) -> FloatArray:
         """Return the places (U, 3)."""
@@ -70,8 +76,10 @@ class Chart:
         if self.heights.levels:
             self.heights.pull(self._placed(way)[1], gradient)
         for rows, shape in self.slides:
-            pull = shape.pulled if isinstance(shape, Crossing) else shape.rate  # the other derivatives are symmetric
-            gradient[rows] = pull(self.base[rows], way[rows], gradient[rows])
+            gradient[rows] = shape.rate(self.base[rows], way[rows], gradient[rows])  # a symmetric derivative
+        rows, tracks = self.edges
+        along = np.einsum("ij,ij->i", gradient[rows], tracks.slope(way[rows]))
+        gradient[rows] = along[:, None] * tracks.tangent
         return gradient
 
     def _placed(self, way: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
@@ -79,6 +87,8 @@ class Chart:
         out = self.base + way
         for rows, shape in self.slides:
             out[rows] = self.base[rows] + shape.projected(self.base[rows], way[rows])
+        rows, tracks = self.edges
+        out[rows] = self.base[rows] + tracks.projected(way[rows])
         return out, self.heights.keep(out)
 
 
