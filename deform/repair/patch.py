@@ -30,7 +30,7 @@ POWERS = (1, 2, 4, 8, 16)
 EASY = (0.35, 0.6, 0.75)
 """Least shares of a cell's quality in its floor, about, from which the first powers are left out; but for tetrahedra,
 whose energy is their quality, one power at most."""
-WORTH, PATIENCE = 0.02, 8
+WORTH, PATIENCE = 0.005, 8
 """Share by which a search at the largest power has to raise the least quality to be followed by another; searches that
 may pass without fewer inverted elements."""
 

@@ -27,8 +27,8 @@ are never too many."""
 LEVELS = (0.0, 0.5, 0.7, 0.8, 0.85)
 """Shares of the least quality before to which all cells are brought, one after another, up to the one that is asked
 for; first none is inverted. The first that is not reached is the last, and the worst cell is no worse for it."""
-BEYOND = (0.95, 1.0)
-"""Levels beyond that share, which are tried with the smallest patches alone."""
+BEYOND, NEAR = (0.95, 1.0), 2
+"""Levels beyond that share, which are tried with so many sizes of patches alone."""
 LOSS, GAIN = 0.02, 0.02
 """Share of its floor that the worst cell may lose where fewer cells are below the level, and has to win where not."""
 LARGER = 1.1
@@ -65,7 +65,7 @@ def repaired(
     here, steps = points, 0
     everything = (len(points),)
     for level in (*(level for level in LEVELS if level < share), share, *BEYOND):
-        sizes = (*RINGS, *everything) if level <= share else RINGS[:1]
+        sizes = (*RINGS, *everything) if level <= share else RINGS[:NEAR]
         there, other, count = _raised(here, found, tetrahedra, freedom, goal, Level(level, sizes, progress))
         steps += count
         reached = not goal.missed(other, level).any()
