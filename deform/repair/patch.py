@@ -160,8 +160,11 @@ class Patch:
             value, gradient = self.energy(self.at(way), eps, power)
             return value, self.chart.pulled(way, gradient) if np.isfinite(value) else gradient
 
+        curvature = self.energy.curvature(self.at(way), eps, power)
+        if not np.isfinite(curvature).all():
+            return way, 0  # a cell is so flat that this power of its energy overflows
         with single_threaded_blas():
-            found = minimise(function, way, self.energy.curvature(self.at(way), eps, power), STEPS, TOLERANCE)
+            found = minimise(function, way, curvature, STEPS, TOLERANCE)
         return found.place, found.steps
 
 
