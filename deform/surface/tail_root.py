@@ -32,7 +32,7 @@ class RootOnCylinder:
     cylinder : the body.
     apex : (3,) where the tail's planes meet.
     panel : patches of the body that follow; all other patches of the surface rotate.
-    within : panel nodes outside stay.
+    within : panel nodes outside stay, and those that would leave it.
     depth : length of the root region that is extended, outboard of the root line.
     epsilon : shape parameter of the multiquadric, 1/length.
     """
@@ -87,13 +87,16 @@ class RootLaw:
 
         Raises InputError if the tail turns so far that its root misses the cylinder.
         """
-        return self._moved(amount, self._region(amount))
+        region = self._region(amount)
+        return self._moved(amount, region, self._staying(amount, region))
 
     def rate(self, amount: float) -> FloatArray:
-        """Return the derivative (K, 3), by a central difference of fourth order with the same root region."""
+        """Return the derivative (K, 3), by a central difference of fourth order; the same nodes follow and stay."""
         region = self._region(amount)
+        stays = self._staying(amount, region)
         near, far = (
-            self._moved(amount + k * DIFFERENCE, region) - self._moved(amount - k * DIFFERENCE, region) for k in (1, 2)
+            self._moved(amount + k * DIFFERENCE, region, stays) - self._moved(amount - k * DIFFERENCE, region, stays)
+            for k in (1, 2)
         )
         return np.asarray((8.0 * near - far) / (12.0 * DIFFERENCE))
 
@@ -101,17 +104,27 @@ class RootLaw:
         rotated = self.motion.hinge.rotated(self.points[self.tail], amount)
         return RootRegion.of(rotated, rotated[self.panel[self.tail]], self.motion.depth)
 
-    def _moved(self, amount: float, region: "RootRegion") -> FloatArray:
+    def _staying(self, amount: float, region: "RootRegion") -> BoolArray:
+        """Return the panel's nodes (K,) that stay, those that would leave the hexahedron among them."""
+        stays, within = self.stays, self.motion.within
+        while True:
+            follow = self.panel & ~self.tail & ~stays
+            places = self.points[follow] + self._moved(amount, region, stays)[follow]
+            leaving = ~within.contains(places)
+            if not leaving.any():
+                return stays
+            stays = stays.copy()
+            stays[np.flatnonzero(follow)[leaving]] = True
+
+    def _moved(self, amount: float, region: "RootRegion", stays: BoolArray) -> FloatArray:
         motion, out = self.motion, np.zeros_like(self.points)
         rotated = motion.hinge.rotated(self.points[self.tail], amount)
         apex = motion.hinge.rotated(motion.apex[None], amount)[0]
         root = self.panel[self.tail]
         out[self.tail] = rotated + _extension(motion, rotated, root, apex, region) - self.points[self.tail]
         both = self.tail & self.panel
-        follow = self.panel & ~both & ~self.stays
-        values = slide_panel(
-            self.points[self.panel], motion.cylinder, self.points[both], out[both], self.points[self.stays]
-        )
+        follow = self.panel & ~both & ~stays
+        values = slide_panel(self.points[self.panel], motion.cylinder, self.points[both], out[both], self.points[stays])
         out[follow] = values[follow[self.panel]]
         return out
 

@@ -125,9 +125,28 @@ def test_rates_of_root_tip_and_panel_are_those_of_their_equations(law):
 def test_rates_of_every_node_are_those_of_a_polynomial_through_other_angles(law, amount):
     """A Chebyshev polynomial of degree 8 through angles within half a degree, differentiated exactly."""
     nodes, region = chebyshev.chebpts1(9), law._region(amount)
-    moves = np.stack([law._moved(amount + 0.5 * x, region).ravel() for x in nodes])
+    moves = np.stack([law._moved(amount + 0.5 * x, region, law.stays).ravel() for x in nodes])
     slope = chebyshev.chebval(0.0, chebyshev.chebder(chebyshev.chebfit(nodes, moves, 8))) / 0.5
     np.testing.assert_allclose(law.rate(amount), slope.reshape(-1, 3), atol=1e-13)
+
+
+def test_panel_nodes_that_would_leave_the_hexahedron_stay(law, surface):
+    follow = np.flatnonzero(law.panel & ~law.tail & ~law.stays)
+    aft = law.displacement(AMOUNT)[follow, 0]
+    farthest = follow[aft.argmax()]
+    rear = law.points[farthest, 0] + 0.01 * aft.max()
+    within = box(np.array([-0.01, 0.0, -0.1]), np.array([rear, 0.3, 0.1]))
+    short = replace(MOTION, within=within).law(surface)
+    assert not short.stays[farthest]
+    panel = short.panel & ~short.tail
+    alone = short.points + short._moved(AMOUNT, short._region(AMOUNT), short.stays)
+    assert not within.contains(alone[farthest][None])[0]
+    move = short.displacement(AMOUNT)
+    moving = panel & move.any(axis=1)
+    assert not moving[farthest]
+    assert moving.sum() > 20
+    assert within.contains((short.points + move)[moving]).all()
+    assert np.array_equal(short.rate(AMOUNT).any(axis=1)[panel], moving[panel])
 
 
 def test_rates_do_not_see_that_the_root_region_gets_a_further_row_of_points(law):
