@@ -12,7 +12,7 @@ from sdm_deflect.deform.quality import POLYHEDRON, by_shape, oriented
 from sdm_deflect.deform.reading import RATIO_VARIABLE, unpack_limit
 from sdm_deflect.meshing.child import call
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.formats.registry import FORMATS, format_of
+from sdm_deflect.meshing.formats.registry import known_format
 
 Json = dict[str, Any]
 
@@ -71,8 +71,8 @@ def inspected(path: Path) -> Json:
 
 
 def _read(path: Path) -> Mesh:
-    known = {suffix for known in FORMATS.values() for suffix in known.suffixes}
-    mesh = format_of(path).read(path) if path.is_dir() or path.suffix.lower() in known else _read_other(path)
+    known = known_format(path)
+    mesh = known.read(path) if known else _read_other(path)
     if not sum(len(block) for block in mesh.cells):
         raise InputError(f"{path} holds no tetrahedra, hexahedra, prisms, pyramids or polyhedra")
     return mesh

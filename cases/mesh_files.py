@@ -166,8 +166,10 @@ def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tu
 
 
 def _beside(source: Path) -> Path:
-    if format_of(source) is not FORMATS["openfoam"]:
-        return source.with_name(f"{source.stem}-deflected{source.suffix}")
+    known = format_of(source)
+    if known is not FORMATS["openfoam"]:
+        suffix = source.suffix if source.suffix.lower() in known.suffixes else known.suffixes[0]
+        return source.with_name(f"{source.stem}-deflected{suffix}")
     folder = case_folder(source)
     named = folder if folder.name not in ("", "..") else folder.resolve()
     name = f"{named.name}-deflected"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import shutil
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,7 +23,8 @@ from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, bloc
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, Array, child, children, data, integers, text
 from sdm_deflect.meshing.formats.cgns_packed import overwrite
 from sdm_deflect.meshing.formats.cgns_write import write_base
-from sdm_deflect.meshing.formats.format import FULL, MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.hdf5 import damage, is_real
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
 from sdm_deflect.meshing.formats.zones import joined
 from sdm_deflect.meshing.mesh import FloatArray
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
 ADF = b"ADF Database"
-DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, zlib.error)
-"""What h5py raises for a damaged file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,22 +125,8 @@ def _opened(path: Path) -> Iterator[Any]:
         if ADF in head:
             raise MeshFileError("this is a CGNS file in ADF; convert it to HDF5 with `cgnsconvert -h IN.cgns OUT.cgns`")
         raise MeshFileError("this is no CGNS file in HDF5")
-    with _damage(), h5py.File(path) as opened:
+    with damage(), h5py.File(path) as opened:
         yield opened
-
-
-@contextmanager
-def _damage() -> Iterator[None]:
-    """Say in one sentence what h5py finds wrong: MeshFileError; errors of a full disk pass."""
-    try:
-        yield
-    except MeshFileError:
-        raise
-    except DAMAGE as error:
-        if isinstance(error, OSError) and error.errno in FULL:
-            raise
-        reason = " ".join(str(error).split())
-        raise MeshFileError(f"the file is truncated or damaged ({reason})") from error
 
 
 def _check_apart(axes: Sequence[Any]) -> None:
@@ -218,7 +202,7 @@ def coordinate_data(zone: Any) -> list[Any]:
     for axis, stored in zip(AXES, found, strict=True):
         if stored.shape != (points,) or stored.dtype.kind != "f":
             raise MeshFileError(f"{axis} holds {stored.shape} {stored.dtype}, expected ({points},) real numbers")
-        if h5py.h5t.py_create(stored.dtype) != stored.id.get_type():
+        if not is_real(stored):
             raise MeshFileError(f"{axis} holds real numbers of an unknown kind; the file is damaged")
     return found
 

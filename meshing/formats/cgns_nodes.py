@@ -1,16 +1,14 @@
 """Nodes of a CGNS file in HDF5: groups with a label, and data in a dataset named ``" data"``."""
 
-import zlib
 from collections.abc import Container, Iterable, Iterator
-from math import prod
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.reading import check_unpacked
 from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.hdf5 import check_stored
 from sdm_deflect.meshing.mesh import IntArray
 
 DATA = " data"
@@ -20,8 +18,6 @@ NAME_LENGTH = 32
 Array = NDArray[Any]
 Integer = type[np.int32] | type[np.int64]
 AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
-FILTERS = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
-"""What may be done to data as they are stored; each only once, and in this order."""
 
 
 def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:
@@ -51,35 +47,8 @@ def data(node: Any) -> Any:
         raise MeshFileError(f"{name} holds no data; the file is damaged")
     if found.external or found.is_virtual:
         raise _linked(f"the data of {name}")
-    length = found.file.id.get_filesize()
-    largest = max(found.size * max(found.dtype.itemsize, 8), prod(found.chunks or ()) * found.dtype.itemsize)
-    check_unpacked(largest, length, f"the data of {name}")
-    if found.chunks:
-        _check_chunks(found, name, length)
-    elif found.id.get_storage_size() != found.nbytes:
-        raise MeshFileError(f"{name} holds no data, or not all; the file is damaged")
+    check_stored(found, name)
     return found
-
-
-def _check_chunks(stored: Any, name: str, length: int) -> None:
-    """Refuse (MeshFileError) missing chunks, and such as are packed otherwise than known, or unpack to more."""
-    chunks: list[Any] = []
-    properties = stored.id.get_create_plist()
-    filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
-    if filters != [known for known in FILTERS if known in filters]:
-        raise MeshFileError(f"{name} is packed in a way that is not known; run `h5repack -f NONE IN.cgns OUT.cgns`")
-    stored.id.chunk_iter(chunks.append)
-    expected = prod(-(-size // chunk) for size, chunk in zip(stored.shape, stored.chunks, strict=True))
-    if len(chunks) < expected or any(chunk.size > length for chunk in chunks):
-        raise MeshFileError(f"{name} holds {len(chunks)} of {expected} parts of its data; the file is damaged")
-    if h5py.h5z.FILTER_DEFLATE not in filters:
-        return
-    skipped, room = 1 << filters.index(h5py.h5z.FILTER_DEFLATE), prod(stored.chunks) * stored.dtype.itemsize
-    for chunk in chunks:
-        if not chunk.filter_mask & skipped:
-            _, packed = stored.id.read_direct_chunk(chunk.chunk_offset)
-            if len(zlib.decompressobj().decompress(packed, room + 1)) > room:  # HDF5 unpacks without a limit
-                raise MeshFileError(f"a part of {name} unpacks to more than its {room} bytes; the file is damaged")
 
 
 def integers(node: Any) -> IntArray:

@@ -10,6 +10,7 @@ from sdm_deflect.meshing.formats.format import Format, MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.su2 import Su2
+from sdm_deflect.meshing.formats.tau import Tau
 from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.temporary import settle_in
 
@@ -26,7 +27,10 @@ ADVICE = {
     ".step": SURFACE, ".stp": SURFACE, ".igs": SURFACE, ".iges": SURFACE, ".brep": SURFACE,
 }  # fmt: skip
 """By suffix, in lower case."""
-FORMATS: dict[str, Format] = {"su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "vtu": Vtu(), "openfoam": OpenFoam()}
+TAU = Tau()
+FORMATS: dict[str, Format] = {
+    "su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "tau": TAU, "vtu": Vtu(), "openfoam": OpenFoam(),
+}  # fmt: skip
 """Every format by its name; a format is added here and nowhere else."""
 
 
@@ -44,17 +48,25 @@ def read(path: str | Path, progress: Progress = silent) -> Mesh:
 def format_of(path: str | Path) -> Format:
     """Return the format of a file by its suffix; a folder, or a new name without suffix, is an OpenFOAM case.
 
-    What follows a point and begins with a digit is no suffix: ``alpha-12.5`` is a case.
+    What follows a point and begins with a digit is no suffix: ``alpha-12.5`` is a case. A file whose suffix no format
+    has (``wing.grid.def.1``) may hold a grid of TAU.
 
     Raises MeshFileError if no format has that suffix.
     """
     path = Path(path)
+    if known := known_format(path):
+        return known
+    suffixes = sorted(suffix for known in FORMATS.values() for suffix in known.suffixes)
+    packed = f"unpack it first: gunzip {path.name}" if path.suffix.lower() == ".gz" else ""
+    hint = packed or ADVICE.get(path.suffix.lower(), f"known are {', '.join(suffixes)}").replace("FILE", path.name)
+    raise MeshFileError(f"{path}: no mesh format has the suffix {path.suffix!r}; {hint}")
+
+
+def known_format(path: Path) -> Format | None:
+    """Return the format as `format_of` does; None if there is none."""
     if path.is_dir() or not (path.is_file() or path.suffix[1:2].isalpha()):
         return FORMATS["openfoam"]
     for known in FORMATS.values():
         if path.suffix.lower() in known.suffixes:
             return known
-    suffixes = sorted(suffix for known in FORMATS.values() for suffix in known.suffixes)
-    packed = f"unpack it first: gunzip {path.name}" if path.suffix.lower() == ".gz" else ""
-    hint = packed or ADVICE.get(path.suffix.lower(), f"known are {', '.join(suffixes)}").replace("FILE", path.name)
-    raise MeshFileError(f"{path}: no mesh format has the suffix {path.suffix!r}; {hint}")
+    return TAU if path.is_file() and TAU.holds(path) else None

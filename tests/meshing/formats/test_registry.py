@@ -13,6 +13,7 @@ from tests.meshing.formats.examples import hybrid
 @pytest.mark.parametrize(
     ("name", "form"),
     [("a.su2", "su2"), ("a.CGNS", "cgns"), ("wing.v2.msh", "gmsh"), ("a.vtu", "vtu"), ("case.foam", "openfoam"),
+     ("a.grid", "tau"), ("a.taumesh", "tau"), ("a.NC", "tau"),
      ("new_case", "openfoam"), ("alpha-12.5", "openfoam"), ("flap_+0.5", "openfoam")],
 )  # fmt: skip
 def test_suffixes(name, form):
@@ -28,7 +29,8 @@ def test_any_folder_is_an_openfoam_case(tmp_path):
 @pytest.mark.parametrize(
     ("name", "said"),
     [("a.cas", "fluentMeshToFoam"), ("a.med", r"gmsh a\.med -save"), ("a.stl", "volume cells"), ("a.vtk", "PyVista"),
-     ("a.su2.gz", r"gunzip a\.su2\.gz"), ("a.xyz", r"known are \.cgns, \.foam, \.msh, \.su2, \.vtu")],
+     ("a.su2.gz", r"gunzip a\.su2\.gz"),
+     ("a.xyz", r"known are \.cgns, \.foam, \.grid, \.msh, \.nc, \.su2, \.taumesh, \.vtu")],
 )  # fmt: skip
 def test_other_files_are_refused_with_advice(name, said):
     with pytest.raises(MeshFileError, match=rf"{name}: no mesh format .*{said}"):

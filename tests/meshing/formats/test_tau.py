@@ -1,0 +1,365 @@
+"""Grids of TAU: only coordinates change, names are those of the boundary mapping, and other libraries read them."""
+
+from contextlib import suppress
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIONetCDF import vtkNetCDFReader
+
+import sdm_deflect
+from sdm_deflect.cases.inspection import inspect, inspected
+from sdm_deflect.cases.mesh_files import Targets
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.meshing.formats import tau
+from sdm_deflect.meshing.formats.cgns import Cgns
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.openfoam import OpenFoam
+from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
+from sdm_deflect.meshing.formats.su2 import Su2
+from sdm_deflect.meshing.formats.tau import Tau, mapped_names
+from tests.meshing.formats.alike import content
+from tests.meshing.formats.examples import hybrid, polyhedral
+from tests.meshing.formats.netcdf_files import CLASSIC, KINDS, classic, parts, written
+from tests.meshing.formats.test_hostile import complaint
+from tests.meshing.formats.wing import wing
+
+MAPPING = """
+ -----------------------------------------------------
+ BOUNDARY MAPPING   # of a wing: Markers and Names
+ -----------------------------------------------------
+            Markers: 1, 2     # Name: none
+               Type: viscous wall
+               Name: skin: lower
+ block end
+ ---------------------------
+               Name: far_field
+            Markers: 4
+ block end
+            Markers: 3
+               Type: symmetry plane
+ block end
+            Markers: 5-6, all, 99999999999999999999
+               Name: others
+ block end
+"""
+
+
+def sorted_faces(mesh: Mesh) -> Mesh:
+    """The mesh with triangles before quadrilaterals in each patch, as TAU has them."""
+    patches = (replace(p, faces=tuple(sorted(p.faces, key=lambda f: f.shape, reverse=True))) for p in mesh.patches)
+    return replace(mesh, patches=tuple(patches))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_round_trip_loses_nothing(kind, tmp_path):
+    mesh = sorted_faces(hybrid())
+    path = written(mesh, tmp_path / "mesh.grid", kind)
+    again = read(path)
+    points = mesh.points.astype("f4") if kind == "single" else mesh.points
+    np.testing.assert_array_equal(again.points, points)
+    assert content(again) == content(mesh)
+    assert [patch.name for patch in again.patches] == [patch.name for patch in mesh.patches]
+
+
+def test_cells_are_written_by_their_shapes_and_what_is_lost_is_said(tmp_path):
+    mesh = hybrid(2)
+    empty = replace(mesh, patches=(*mesh.patches, Patch("ünused", ())))
+    assert Tau().write(empty, tmp_path / "mesh.grid") == (
+        "patch ünused has no faces and is left out", "its zones are one mesh"
+    )  # fmt: skip
+    again = Tau().read(tmp_path / "mesh.grid")
+    assert [block.shape for block in again.cells] == ["tetra", "wedge", "pyramid", "hexahedron"]
+    assert content(again)["cells"] == content(mesh)["cells"]
+    Tau().write(polyhedral(hybrid()), tmp_path / "mesh.grid")
+    assert content(Tau().read(tmp_path / "mesh.grid"))["patches"] == content(sorted_faces(hybrid()))["patches"]
+    OpenFoam().write(hybrid(), tmp_path / "case")
+    Tau().write(OpenFoam().read(tmp_path / "case"), tmp_path / "mesh.grid")
+    with pytest.raises(MeshFileError, match="no volume cells"):
+        Tau().write(Mesh(mesh.points, (), ()), tmp_path / "none.grid")
+    assert not (tmp_path / "none.grid").exists()
+
+
+def test_prisms_of_the_file_have_the_order_of_cgns(tmp_path):
+    """The first triangle's normal points into the cell, as the other three of TAU's shapes have their first face."""
+    written(hybrid(), tmp_path / "mesh.grid")
+    _, arrays, dimensions, attributes = parts(tmp_path / "mesh.grid")
+    assert arrays["points_of_prisms"].tolist() == [[4, 7, 12, 5, 6, 13]]
+    assert arrays["boundarymarker_of_surfaces"].tolist() == [1, 1, 2, 3, 3, 4, 4, 5, 5, 6, 6, 6, 1, 2, 4, 5, 6, 6]
+    assert dimensions["no_of_elements"] == 7
+    assert dimensions["no_of_surfaceelements"] == 18
+    assert attributes["type"] == b"Primary Grid: Tau Format"
+    assert attributes["marker_4"] == b"left wall"
+
+
+def test_the_netcdf_library_reads_what_is_written(tmp_path):
+    mesh = hybrid()
+    for kind in CLASSIC:
+        reader = vtkNetCDFReader()
+        reader.SetFileName(str(written(mesh, tmp_path / f"{kind}.grid", kind)))
+        reader.UpdateMetaData()
+        reader.SetDimensions("(no_of_points)")
+        reader.Update()
+        found = vtk_to_numpy(reader.GetOutput().GetPointData().GetArray("points_yc"))
+        np.testing.assert_allclose(found, mesh.points[:, 1], rtol=1e-7 if kind == "single" else 0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_only_coordinates_that_change_differ(kind, tmp_path):
+    path, out = written(hybrid(), tmp_path / "mesh.grid", kind), tmp_path / "out.grid"
+    mesh = read(path)
+    Tau().rewrite(path, mesh.points, out)
+    if kind != "packed":
+        assert out.read_bytes() == path.read_bytes()
+    points = mesh.points.copy()
+    points[[3, 7, 12], [0, 1, 2]] = [np.pi, -0.5, 2.0 / 3.0]
+    Tau().rewrite(path, points, out)
+    again = read(out)
+    np.testing.assert_array_equal(again.points, points.astype("f4") if kind == "single" else points)
+    assert content(again) == content(mesh)
+    if kind != "packed":
+        old, new = (np.frombuffer(file.read_bytes(), np.uint8) for file in (path, out))
+        differ = np.flatnonzero(old != new)
+        assert 3 <= len(differ) <= 24
+        assert [path.read_bytes().count(mesh.points[3, :1].astype(k).tobytes()) for k in (">f4", ">f8", "<f8")].count(1)
+        assert len(np.unique(differ // 8)) <= 6
+    else:
+        with h5py.File(path) as old, h5py.File(out) as new:
+            assert all(
+                np.array_equal(old[name], new[name])
+                for name in old
+                if name not in ("points_xc", "points_yc", "points_zc")
+            )
+            assert new["points_xc"].compression == "gzip"
+
+
+def test_a_file_in_single_precision_refuses_what_it_cannot_hold(tmp_path):
+    path = written(hybrid(), tmp_path / "mesh.grid", "single")
+    with pytest.raises(MeshFileError, match="14 coordinates are beyond single precision"):
+        Tau().rewrite(path, np.full((14, 3), 1e39), tmp_path / "out.grid")
+    with pytest.raises(MeshFileError, match="has 14 points, but coordinates"):
+        Tau().rewrite(path, np.zeros((13, 3)), tmp_path / "out.grid")
+
+
+@pytest.mark.parametrize("kind", ["cdf1", "hdf5"])
+def test_a_deflection_is_that_of_the_same_mesh_in_su2(kind, tmp_path):
+    made = wing(cells=3)
+    grid = written(made.mesh, tmp_path / "wing.grid", kind)
+    Su2().write(read(grid), tmp_path / "wing.su2")
+    job = {"surfaces": "flap_*", "fixed": "wing_*", "slide": "symmetry:plane", "motion": "blended", "hinge": made.hinge}
+    results = [sdm_deflect.deflect(path, angle=8.0, **job) for path in (grid, tmp_path / "wing.su2")]
+    np.testing.assert_array_equal(results[0].points, results[1].points)
+    results[0].save(tmp_path / "turned.grid")
+    np.testing.assert_array_equal(read(tmp_path / "turned.grid").points, results[1].points)
+    assert np.abs(results[0].displacement).max() > 0.02
+
+
+def test_quality_and_names_of_other_endings(tmp_path):
+    written(hybrid(), tmp_path / "wing.grid.def.1")
+    assert format_of(tmp_path / "wing.grid.def.1") is FORMATS["tau"]
+    assert Targets.of(tmp_path / "wing.grid.def.1", None, (5.0,)).out == tmp_path / "wing.grid.def-deflected.grid"
+    assert Targets.of(tmp_path / "wing.taumesh", None, (5.0,)).out == tmp_path / "wing-deflected.taumesh"
+    written(hybrid(), tmp_path / "wing", "hdf5")
+    for name in ("wing", "wing.grid.def.1"):
+        assert inspected(tmp_path / name)["patches"]["roof"] == 5
+        assert "1 prisms, 0 inverted" in inspect(tmp_path / name)
+
+
+def test_cgns_is_kept_apart(tmp_path):
+    Cgns().write(hybrid(), tmp_path / "mesh.cgns")
+    assert format_of(tmp_path / "mesh.cgns").name == "cgns"
+    (tmp_path / "mesh.cgns").rename(tmp_path / "mesh.dat")
+    with pytest.raises(MeshFileError, match="no mesh format has the suffix"):
+        format_of(tmp_path / "mesh.dat")
+    assert "no variable points_xc; this is no primary grid" in complaint(Tau(), (tmp_path / "mesh.dat"))
+
+
+def test_names_of_a_mapping():
+    assert mapped_names(MAPPING) == {1: "skin: lower", 2: "skin: lower", 4: "far_field"}
+    assert mapped_names("") == {}
+
+
+def test_a_mapping_beside_the_grid_names_its_patches(tmp_path):
+    (tmp_path / "wing.bmap").write_text(MAPPING)
+    (tmp_path / "wing2.bmap").write_text(MAPPING.replace("far_field", "another"))
+    for name in ("wing.grid", "wing-deflected_-12.grid", "wing.grid.def.1"):
+        names = {patch.name: len(patch) for patch in read(written(hybrid(), tmp_path / name)).patches}
+        assert names == {"skin: lower": 5, "outlet": 2, "far_field": 3, "right wall": 3, "roof": 5}
+    other = read(written(hybrid(), tmp_path / "win.grid"))
+    assert [patch.name for patch in other.patches] == ["floor", "inlet", "outlet", "left wall", "right wall", "roof"]
+    (tmp_path / "win.bmap").write_text("Markers: 77\nName: of another grid\nblock end\n" + "#" * 2_000_000)
+    (tmp_path / "win.para").write_text("Primary grid filename: win.grid\nblock end\nMarkers: 6\nName: top\n")
+    assert read(tmp_path / "win.grid").patches[5].name == "top"
+
+
+def test_markers_without_a_name_are_numbers(tmp_path):
+    path = written(hybrid(), tmp_path / "mesh.grid")
+    names, arrays, _, _ = parts(path)
+    arrays["boundarymarker_of_surfaces"] = arrays["boundarymarker_of_surfaces"] * 10 - 30
+    classic(path, names, arrays, {"marker_30": b""}, 1)
+    assert [patch.name for patch in read(path).patches] == ["-20", "-10", "0", "10", "20", "30"]
+
+
+def test_a_grid_without_boundary(tmp_path):
+    mesh = replace(hybrid(), patches=())
+    assert read(written(mesh, tmp_path / "mesh.grid")).patches == ()
+
+
+def changed(path, **values):
+    """Write the grid anew with other variables; None leaves one out."""
+    names, arrays, _, attributes = parts(path)
+    names |= {name: tuple(f"{name}_{i}" for i in range(np.ndim(v))) for name, v in values.items() if v is not None}
+    arrays = {name: values.get(name, array) for name, array in arrays.items()} | values
+    classic(path, names, {name: np.asarray(a) for name, a in arrays.items() if a is not None}, attributes, 2)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"points_yc": None}, "no variable points_yc; this is no primary grid of TAU"),
+        ({"points_yc": np.zeros(13)}, r"points_yc holds \(13,\) >f8, expected \(14,\) real numbers"),
+        ({"points_yc": np.zeros(14, "i4")}, r"points_yc holds \(14,\) >i4, expected"),
+        ({"points_xc": np.zeros((14, 2))}, r"points_xc holds \(14, 2\) >f8, expected"),
+        ({"points_xc": 1.0}, r"points_xc holds \(\) >f8, expected"),
+        ({"points_zc": np.full(14, np.nan)}, "14 points are not finite"),
+        ({"points_of_pyramids": np.array([[1, 2, 6, 5, 14]], "i4")}, r"1 of 1 pyramids name .* the 14 \(0 to 13\)"),
+        ({"points_of_pyramids": np.array([[1, 2, 6, 5, -1]], "i4")}, "1 of 1 pyramids name points"),
+        ({"points_of_pyramids": np.array([[1, 2, 6, 5]], "i4")}, r"holds \(1, 4\) >i4, expected \(N, 5\) whole"),
+        ({"points_of_pyramids": np.zeros((1, 5))}, "points_of_pyramids holds .* >f8, expected"),
+        ({"points_of_pyramids": np.zeros((1, 5), "S1")}, r"points_of_pyramids holds .* \|S1, expected"),
+        ({"points_of_pyramids": np.int32(7)}, r"points_of_pyramids holds \(\) >i4"),
+        ({"points_of_surfacetriangles": np.array([[0, 1, 9]] * 12, "i4")}, "12 of .* are of no cell|faces of patch"),
+        ({"boundarymarker_of_surfaces": None}, "no variable boundarymarker_of_surfaces, but there are 18 faces"),
+        ({"boundarymarker_of_surfaces": np.zeros(17, "i4")}, r"holds \(17,\) >i4, expected \(18,\) whole numbers"),
+        ({"boundarymarker_of_surfaces": np.zeros(18)}, r"holds \(18,\) >f8, expected"),
+    ],
+)  # fmt: skip
+def test_what_contradicts_is_named(values, said, tmp_path):
+    path = written(hybrid(), tmp_path / "mesh.grid")
+    changed(path, **values)
+    with pytest.raises(MeshFileError, match=f"{path}: .*({said})"):
+        Tau().read(path)
+    complaint(Tau(), path)
+
+
+def test_a_shape_of_cells_that_is_not_known_is_missed(tmp_path):
+    path = written(hybrid(), tmp_path / "mesh.grid")
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"points_of_pyramids", b"points_of_octaeders"[:18]))
+    assert "no_of_elements is 7, but 6 of known shapes are there" in complaint(Tau(), path)
+    names, arrays, _, attributes = parts(path)
+    names["boundarymarker_of_surfaces"] = ("no_of_surfaceelements",)
+    del arrays["points_of_surfacetriangles"]
+    classic(path, names, arrays, attributes, 1)
+    assert "no_of_surfaceelements is 18, but 6 of known" in complaint(Tau(), path)
+
+
+def test_an_unlimited_dimension_is_refused(tmp_path):
+    path = written(hybrid(), tmp_path / "mesh.grid")
+    names, arrays, _, attributes = parts(path)
+    classic(path, names, arrays, attributes, 2, growing="no_of_points")
+    assert "points_xc has an unlimited dimension; fix its length with `nccopy -u" in complaint(Tau(), path)
+
+
+def test_very_many_markers(tmp_path, monkeypatch):
+    monkeypatch.setattr(tau, "MOST", 10)
+    path = written(hybrid(), tmp_path / "mesh.grid")
+    changed(path, boundarymarker_of_surfaces=np.arange(18, dtype="i4"))
+    assert "holds 18 different markers, expected at most 10" in complaint(Tau(), path)
+
+
+@pytest.mark.parametrize("kind", ["cdf1", "cdf2", "hdf5", "packed"])
+def test_a_truncated_file(kind, tmp_path):
+    data = written(hybrid(), tmp_path / "mesh.grid", kind).read_bytes()
+    path = tmp_path / "part.grid"
+    for size in [*range(0, 64), *range(64, len(data), 97), len(data) - 1]:
+        path.write_bytes(data[:size])
+        if kind in CLASSIC or size < len(data) - 1:
+            complaint(Tau(), path)
+
+
+def test_any_number_in_the_header(tmp_path):
+    """Each word of four bytes in the header takes values that few files can have."""
+    good = written(hybrid(), tmp_path / "mesh.grid", "cdf1")
+    data, mesh, path = good.read_bytes(), content(read(good)), tmp_path / "bad.grid"
+    for at in range(4, data.index(b"points_zc"), 4):
+        for value in (b"\x7f\xff\xff\xff", b"\xff\xff\xff\xff", b"\0\0\0\0", b"\0\0\0\x07"):
+            path.write_bytes(data[:at] + value + data[at + 4 :])
+            with suppress(MeshFileError):
+                assert content(Tau().read(path))["cells"] == mesh["cells"]
+
+
+def test_variables_that_share_bytes(tmp_path):
+    path = written(hybrid(), tmp_path / "mesh.grid")
+    data = path.read_bytes()
+    at = data.index(b"points_yc") + 12 + 4 + 4 + 8 + 4 + 4
+    path.write_bytes(data[:at] + (60).to_bytes(8, "big") + data[at + 8 :])
+    assert "points_yc begins within the header" in complaint(Tau(), path)
+    begin = data.index(b"points_xc") + 12 + 4 + 4 + 8 + 4 + 4
+    path.write_bytes(data[:at] + data[begin : begin + 8] + data[at + 8 :])
+    assert "begins within points_" in complaint(Tau(), path)
+
+
+@pytest.mark.parametrize("kind", ["hdf5", "chunks", "packed"])
+def test_one_dataset_for_two_axes_is_not_rewritten(kind, tmp_path):
+    path = written(hybrid(), tmp_path / "mesh.grid", kind)
+    with h5py.File(path, "r+") as file:
+        del file["points_yc"]
+        file["points_yc"] = file["points_xc"]
+    with pytest.raises(MeshFileError, match="one and the same data"):
+        Tau().rewrite(path, hybrid().points, tmp_path / "out.grid")
+    assert not (tmp_path / "out.grid").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (h5py.SoftLink("/points_zc"), "points_xc is a link; `nccopy IN OUT`"),
+        ({"shape": (14,), "dtype": "f8", "external": [("/dev/zero", 0, 112)]}, "points_xc is a link"),
+        ({"shape": (10**10,), "dtype": "f8", "chunks": (1000,)}, "the data of points_xc would take"),
+        ({"shape": (10**6,), "dtype": "f8", "chunks": (1000,)}, "points_xc holds 0 of 1000 parts"),
+        ({"data": h5py.Empty("f8")}, "points_xc holds no data"),
+        ({"data": np.zeros(14, "c16")}, "points_xc holds .* complex128, expected"),
+        ({"data": np.zeros(14), "chunks": (14,), "compression": "lzf"}, "run `h5repack -f NONE IN.grid OUT.grid`"),
+    ],
+)
+def test_data_that_are_not_in_the_file(given, said, tmp_path):
+    path = written(hybrid(), tmp_path / "mesh.grid", "hdf5")
+    with h5py.File(path, "r+") as file:
+        del file["points_xc"]
+        if isinstance(given, dict):
+            file.create_dataset("points_xc", **given)
+        else:
+            file["points_xc"] = given
+    with pytest.raises(MeshFileError, match=said):
+        Tau().read(path)
+    complaint(Tau(), path)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"", "this is no netCDF file"), (b"NDIME= 3\n", "this is no netCDF file"),
+        (b"CDF\5" + bytes(64), "CDF-5.*nccopy -k 64-bit-offset"), (b"\x89HDF" + bytes(64), "this is no netCDF file"),
+        (b"CDF\1", "ends within its header"), (b"CDF\1" + bytes(28), "no variable points_xc"),
+        (b"CDF\2" + bytes(4) + b"\0\0\0\x0a\0\1\0\1" + bytes(999), "announces 65537 entries"),
+        (b"CDF\2" + bytes(4) + b"\0\0\0\x0b\0\0\0\1" + bytes(999), "a list of kind 11 where 10 should be"),
+        (b"CDF\2" + bytes(4) + b"\x0a\0\0\0\1\0\0\0" + bytes(999), "announces|a list of kind"),
+        (b"CDF\1" + bytes(12) + b"\0\0\0\x0c\0\0\0\1\0\0\0\0\0\0\0\6\x7f\xff\xff\xff" + bytes(99), "within its header"),
+    ],
+)  # fmt: skip
+def test_other_files(data, said, tmp_path):
+    (tmp_path / "mesh.grid").write_bytes(data)
+    with pytest.raises(MeshFileError, match=said):
+        Tau().read(tmp_path / "mesh.grid")
+    complaint(Tau(), tmp_path / "mesh.grid")
+
+
+def test_a_single_left_handed_block_is_turned(tmp_path):
+    mesh = hybrid()
+    path = written(mesh, tmp_path / "mesh.grid")
+    changed(path, points_of_prisms=np.array([[4, 12, 7, 5, 13, 6]], "i4"))
+    assert content(read(path))["cells"] == content(mesh)["cells"]
+    assert isinstance(read(path).cells[1], Cells)
