@@ -226,7 +226,7 @@ def test_the_input_is_never_the_output(files, sdm, tmp_path):
     assert "this is a file that is read" in complaint
 
 
-@pytest.mark.parametrize("name", ["cgns", "gmsh", "su2", "vtu"])
+@pytest.mark.parametrize("name", ["cgns", "gmsh", "su2", "tau", "vtu"])
 def test_a_truncated_file(name, files, sdm, tmp_path):
     data = files[name].read_bytes()
     path = tmp_path / files[name].name

@@ -112,6 +112,18 @@ def vtu(sound: Sound) -> Iterator[Input]:
     yield _with(text, text.main, rb"<VTKFile", b'<!DOCTYPE a [<!ENTITY b "' + b"x" * 999 + b'">]><VTKFile')
 
 
+def tau(sound: Sound) -> Iterator[Input]:
+    """Lengths, counts and offsets that cannot be; names of patches that command a terminal."""
+    tet = sound["tet.grid"]
+    data = tet.files["tet.grid"]
+    for at in range(4, data.index(b"points_zc"), 4):
+        if data[at - 4 : at].isalnum() or not at % 16:
+            yield tet.with_file("tet.grid", data[:at] + b"\x7f\xff\xff\xff" + data[at + 4 :])
+    for start in (b"", b"CDF", b"CDF\1", b"CDF\5", b"\x89HDF\r\n\x1a\n", b"CDF\2" + bytes(28)):
+        yield tet.with_file("tet.grid", start)
+    yield Input({**tet.files, "tet.bmap": b"Markers: 1\nName: \x1b[31mwall\x07\nblock end"})
+
+
 ZONE = "Base/Zone"
 GRID = f"{ZONE}/GridCoordinates"
 AXIS = f"{GRID}/CoordinateX"
@@ -316,6 +328,7 @@ def cache(sound: Sound) -> Iterator[Input]:
 
 
 MAKERS: dict[str, Callable[[Sound], Iterator[Input]]] = {
-    "su2": su2, "gmsh": gmsh, "openfoam": openfoam, "vtu": vtu, "cgns": cgns, "others": others, "tables": tables,
-    "options": options, "settings": settings, "folders": folders, "geometry": geometry, "cache": cache,
+    "su2": su2, "gmsh": gmsh, "tau": tau, "openfoam": openfoam, "vtu": vtu, "cgns": cgns, "others": others,
+    "tables": tables, "options": options, "settings": settings, "folders": folders, "geometry": geometry,
+    "cache": cache,
 }  # fmt: skip

@@ -14,6 +14,7 @@ from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.deform.blocks import block_with_body
 from tests.fuzz.inputs import Input, of_path
 from tests.meshing.formats.examples import grid, hybrid, polyhedral, with_gmsh
+from tests.meshing.formats.netcdf_files import KINDS, written
 
 ARCH = "LSB;label=32;scalar=64"
 
@@ -128,6 +129,15 @@ def gmsh(folder: Path) -> Iterator[Input]:
             yield of_path(path)
     finally:
         library.finalize()
+
+
+def tau(folder: Path) -> Iterator[Input]:
+    """Grids of TAU in every kind of netCDF, with and without a boundary mapping."""
+    yield from of_format("tau", folder)
+    mapping = b" Markers: 1, 2  # both\n Type: viscous wall\n Name: wing\n block end\n"
+    for kind in KINDS:
+        one = of_path(written(mixture(), folder / f"{kind}.grid", kind))
+        yield Input({**one.files, f"{kind}.bmap": mapping})
 
 
 def openfoam(folder: Path) -> Iterator[Input]:
@@ -247,6 +257,9 @@ WORDS: dict[str, tuple[bytes, ...]] = {
              b"$EndElements\n", b"$PhysicalNames\n", b"$Entities\n", b"$Periodic\n", b"$NodeData\n", b"$Comments\n",
              b"$PartitionedEntities\n", b"$ParametricNodes\n", b"0 0 0 0\n", b"1 0 0 0\n", b'2 7 "wing"\n',
              b"4 2 1 1 "),
+    "tau": (b"CDF\1", b"CDF\2", b"CDF\5", b"\0\0\0\x0a", b"\0\0\0\x0b", b"\0\0\0\x0c", b"\x7f\xff\xff\xff",
+            b"\xff\xff\xff\xff", b"points_xc", b"points_of_prisms", b"no_of_elements", b"boundarymarker_of_surfaces",
+            b"marker_1", b"\0\0\0\6", b"Markers: 1", b"Name: ", b"block end", b"#"),
     "openfoam": (b"FoamFile{", b"FoamFile{" * 500, b"format binary;", b"arch \"LSB;label=64;scalar=32\";", b"label=128",
                  b"scalar=8", b"900000000{0}", b"5{0}", b"{{{{", b"}", b"(", b")", b"((((", b"/*", b"*/", b"//", b'"',
                  b"#include \"/etc/passwd\"", b"4(0 1 2 3)", b"type patch;", b"nFaces", b"startFace",

@@ -64,7 +64,7 @@ def in_hdf5(path: Path, names: Any, arrays: Any, dimensions: Any, attributes: An
         for name, length in dimensions.items():
             file.create_dataset(name, shape=(length,), dtype=">f4").make_scale(DIMENSION % length)
         for name, values in arrays.items():
-            sizes = packing | ({"chunks": (5,)} if packing and values.ndim == 1 else {})
+            sizes = packing | ({"chunks": (min(5, len(values)),)} if packing and values.ndim == 1 else {})
             made = file.create_dataset(name, data=values, **sizes)
             for i, dimension in enumerate(names[name]):
                 made.dims[i].attach_scale(file[dimension])
