@@ -88,10 +88,11 @@ def create_sized(parent: Any, name: str, size: int, kind: type[np.generic]) -> A
 
 
 def node_names(names: Iterable[str], taken: Container[str]) -> list[str]:
-    """Names that nodes can have (32 bytes, no slash), distinct from one another and from those that are taken."""
+    """Names that nodes can have (32 bytes, no slash or null), distinct from one another and from those taken."""
     found: list[str] = []
     for name in names:
-        stem = name.replace("/", "_").strip(" .").encode()[:NAME_LENGTH].decode("utf-8", "ignore") or "unnamed"
+        plain = name.replace("/", "_").replace("\0", "_").strip(" .")
+        stem = plain.encode()[:NAME_LENGTH].decode("utf-8", "ignore") or "unnamed"
         fitting, i = stem, 2
         while fitting in found or fitting in taken:
             fitting = f"{stem.encode()[: NAME_LENGTH - 1 - len(str(i))].decode('utf-8', 'ignore')} {i}"

@@ -175,7 +175,8 @@ def _rows(index: IntArray, count: int) -> list[IntArray]:
 def marker_names(file: NetCdf, path: Path, markers: Sequence[int]) -> dict[int, str]:
     """Name of each marker of the grid `path`."""
     mapped = _mapping(path, markers)
-    return {one: mapped.get(one) or file.text(f"marker_{one}") or str(one) for one in markers}
+    given = {one: mapped.get(one) or file.text(f"marker_{one}") for one in markers}
+    return {one: name.replace("\0", "") or str(one) for one, name in given.items()}
 
 
 def _mapping(path: Path, markers: Sequence[int]) -> dict[int, str]:

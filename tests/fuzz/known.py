@@ -121,7 +121,8 @@ def tau(sound: Sound) -> Iterator[Input]:
             yield tet.with_file("tet.grid", data[:at] + b"\x7f\xff\xff\xff" + data[at + 4 :])
     for start in (b"", b"CDF", b"CDF\1", b"CDF\5", b"\x89HDF\r\n\x1a\n", b"CDF\2" + bytes(28)):
         yield tet.with_file("tet.grid", start)
-    yield Input({**tet.files, "tet.bmap": b"Markers: 1\nName: \x1b[31mwall\x07\nblock end"})
+    for name in (b"\x1b[31mwall\x07", b"w\0\0\0"):
+        yield Input({**tet.files, "tet.bmap": b"Markers: 1\nName: " + name + b"\nblock end"})
 
 
 ZONE = "Base/Zone"

@@ -192,6 +192,8 @@ def test_a_mapping_beside_the_grid_names_its_patches(tmp_path):
     (tmp_path / "win.bmap").write_text("Markers: 77\nName: of another grid\nblock end\n" + "#" * 2_000_000)
     (tmp_path / "win.para").write_text("Primary grid filename: win.grid\nblock end\nMarkers: 6\nName: top\n")
     assert read(tmp_path / "win.grid").patches[5].name == "top"
+    (tmp_path / "win.bmap").write_bytes(b"Markers: 6\nName: t\0op\nblock end\nMarkers: 5\nName: \0\0\nblock end")
+    assert [patch.name for patch in read(tmp_path / "win.grid").patches[4:]] == ["5", "top"]
 
 
 def test_markers_without_a_name_are_numbers(tmp_path):
