@@ -15,6 +15,7 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.meshing.formats.openfoam import case_folder
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
+from sdm_deflect.meshing.formats.ugrid_file import ending
 from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.temporary import settle, settle_in
@@ -110,8 +111,8 @@ class Targets:
         return target.is_file() and (target == self.out or (target in self.extra and _is_ours(target)))
 
     def _named(self, tail: str, suffix: str | None = None) -> Path:
-        stem, own = (self.out.name, "") if self._is_folder else (self.out.stem, self.out.suffix)
-        return self.out.with_name(f"{stem}{tail}{own if suffix is None else suffix}")
+        own = "" if self._is_folder else ending(self.out)
+        return self.out.with_name(f"{self.out.name.removesuffix(own)}{tail}{own if suffix is None else suffix}")
 
     @property
     def _is_folder(self) -> bool:
@@ -168,8 +169,9 @@ def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tu
 def _beside(source: Path) -> Path:
     known = format_of(source)
     if known is not FORMATS["openfoam"]:
-        suffix = source.suffix if source.suffix.lower() in known.suffixes else known.suffixes[0]
-        return source.with_name(f"{source.stem}-deflected{suffix}")
+        own = ending(source)
+        suffix = own if source.suffix.lower() in known.suffixes else known.suffixes[0]
+        return source.with_name(f"{source.name.removesuffix(own)}-deflected{suffix}")
     folder = case_folder(source)
     named = folder if folder.name not in ("", "..") else folder.resolve()
     name = f"{named.name}-deflected"

@@ -11,6 +11,7 @@ from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.su2 import Su2
 from sdm_deflect.meshing.formats.tau import Tau
+from sdm_deflect.meshing.formats.ugrid import Ugrid
 from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.temporary import settle_in
 
@@ -22,14 +23,14 @@ SURFACE = "it holds a surface or a geometry; a mesh with volume cells is needed"
 ADVICE = {
     ".cas": FLUENT, ".h5": EXPORT, ".neu": "convert it to an OpenFOAM case: gambitToFoam",
     ".ccm": "convert it to an OpenFOAM case: ccmToFoam", ".ccmg": "convert it to an OpenFOAM case: ccmToFoam",
-    ".med": GMSH, ".unv": GMSH, ".bdf": GMSH, ".nas": GMSH, ".inp": EXPORT, ".ugrid": EXPORT,
+    ".med": GMSH, ".unv": GMSH, ".bdf": GMSH, ".nas": GMSH, ".inp": EXPORT,
     ".vtk": VTK, ".pvtu": VTK, ".vtm": VTK, ".vtp": SURFACE, ".stl": SURFACE, ".obj": SURFACE, ".ply": SURFACE,
     ".step": SURFACE, ".stp": SURFACE, ".igs": SURFACE, ".iges": SURFACE, ".brep": SURFACE,
 }  # fmt: skip
 """By suffix, in lower case."""
 TAU = Tau()
 FORMATS: dict[str, Format] = {
-    "su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "tau": TAU, "vtu": Vtu(), "openfoam": OpenFoam(),
+    "su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "ugrid": Ugrid(), "tau": TAU, "vtu": Vtu(), "openfoam": OpenFoam(),
 }  # fmt: skip
 """Every format by its name; a format is added here and nowhere else."""
 

@@ -117,19 +117,19 @@ def _zone(mesh: Mesh, names: dict[str, str]) -> Iterator[tuple[str, float]]:
     for block in mesh.cells:
         if isinstance(block, Polyhedra):
             raise MeshFileError(f"SU2 holds no polyhedra, and the mesh has {len(block)}")
-        yield from ((text, 0.7) for text in _table(f"{NUMBERS[block.shape]}", block.nodes, number))
+        yield from ((text, 0.7) for text in table(f"{NUMBERS[block.shape]}", block.nodes, number))
         number += len(block)
     yield f"NPOIN= {len(mesh.points)}\n", 0.7
-    yield from ((text, 0.9) for text in _table("", mesh.points, 0))
+    yield from ((text, 0.9) for text in table("", mesh.points, 0))
     yield f"NMARK= {len(mesh.patches)}\n", 0.9
     for patch in mesh.patches:
         yield f"MARKER_TAG= {names[patch.name]}\nMARKER_ELEMS= {len(patch)}\n", 0.9
         for block in simple_faces(patch):
-            yield from ((text, 0.9) for text in _table(f"{NUMBERS[block.shape]}", block.nodes, None))
+            yield from ((text, 0.9) for text in table(f"{NUMBERS[block.shape]}", block.nodes, None))
     yield "", 1.0
 
 
-def _table(prefix: str, rows: FloatArray | IntArray, number: int | None) -> Iterator[str]:
+def table(prefix: str, rows: FloatArray | IntArray, number: int | None) -> Iterator[str]:
     """Lines of a prefix, the rows' values (floats so that they read back exactly), and the row's number if wanted."""
     words = [prefix] * bool(prefix) + ["%r"] * rows.shape[1] + ["%d"] * (number is not None)
     line = " ".join(words) + "\n"

@@ -1,0 +1,175 @@
+"""UGRID meshes of AFLR3, FUN3D, Flow360 and Pointwise (.ugrid), text and binary."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.meshing.files import fresh
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.polyhedra import standard_cells
+from sdm_deflect.meshing.formats.shapes import MIRRORED, check_faces, oriented, simple_faces
+from sdm_deflect.meshing.formats.ugrid_file import (
+    ORDER,
+    POINTS,
+    SUFFIX,
+    SURFACE,
+    UgridFile,
+    encoding_of,
+    ending,
+    written,
+)
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
+
+FACES, SOLIDS = ("triangle", "quad"), ("tetra", "pyramid", "wedge", "hexahedron")
+TO_VTK = {"pyramid": (1, 0, 3, 4, 2), "wedge": MIRRORED["wedge"]}
+"""Where the nodes of VTK's cell stand in UGRID's: the apex of a pyramid is its third node."""
+FROM_VTK = {shape: tuple(np.argsort(order).tolist()) for shape, order in TO_VTK.items()}
+SURFACES = 10_000
+"""More surfaces than a mesh has."""
+NUMBER, COUNT = re.compile(r"[1-9][0-9]{0,8}"), re.compile(r"[0-9]{1,9}")
+MAPBC = ".mapbc"
+
+
+@dataclass(frozen=True, slots=True)
+class Ugrid:
+    """Points, one block of cells of each shape, and boundary faces with surface ids.
+
+    The word before the suffix says how numbers are stored (`ENCODINGS`); without one the file is text. Patches are
+    named after their ids as FUN3D's ``.mapbc`` beside the file says, ``wing.mapbc`` for ``wing.b8.ugrid``, and by the
+    ids themselves where it says nothing; ids of one name are one patch. It is read and never written. What may follow
+    the cells is no part of the mesh; a rewritten file keeps it.
+    """
+
+    name: str = "ugrid"
+    suffixes: tuple[str, ...] = (SUFFIX,)
+
+    def read(self, path: Path, progress: Progress = silent) -> Mesh:
+        """See `Format.read`; a damaged ``.mapbc`` is a MeshFileError, too."""
+        with about(path), path.open("rb") as file:
+            arrays = UgridFile.opened(file, encoding_of(path), partial(progress, f"reading {path.name}")).arrays()
+            return _mesh(arrays, surface_names(path))
+
+    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        """See `Format.rewrite`; a file of another encoding has the same content but for what follows the cells.
+
+        Of coordinates in text, each that changed is written with as many digits as it needs; single precision stays
+        single.
+        """
+        report = partial(progress, f"writing {out.name}")
+        with fresh(out, source) as beside, about(source), source.open("rb") as file, beside.open("wb") as copy:
+            found = UgridFile.opened(file, encoding_of(source), report)
+            if encoding_of(out) == encoding_of(source):
+                found.copy_moved(points, copy)
+                return
+            check_points(points, found.shapes[POINTS][0])
+            copy.writelines(written(found.arrays() | {POINTS: points}, encoding_of(out)))
+
+    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+        """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
+        progress(f"writing {out.name}", 0.0)
+        ids = _ids(mesh)
+        with fresh(out) as beside, about(out), beside.open("wb") as file:
+            file.writelines(written(_arrays(mesh, ids), encoding_of(out)))
+        lost = [f"patch {patch.name} has no faces and is left out" for patch in mesh.patches if not len(patch)]
+        lost += [f"patch {name} is surface {number}" for name, number in ids.items() if name != str(number)]
+        return (*lost, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []))
+
+
+def surface_names(path: Path) -> dict[int, str]:
+    """Return the names of surface ids in the ``.mapbc`` beside a mesh; none if there is no such file.
+
+    Its lines are the number of surfaces, then id, kind of boundary condition and name of each (FUN3D manual, boundary
+    conditions). MeshFileError if it is damaged.
+    """
+    beside = path.with_name(path.name.removesuffix(ending(path)) + MAPBC)
+    if not beside.is_file():
+        return {}
+    with about(beside):
+        lines = [line.split() for line in beside.read_text("utf-8", "replace").splitlines() if line.strip()]
+        if not lines or not COUNT.fullmatch(lines[0][0]):
+            raise MeshFileError("does not begin with the number of surfaces; correct it, or move it away")
+        count = int(lines[0][0])
+        rows = lines[1 : count + 1]
+        if len(rows) < count:
+            raise MeshFileError(f"should name {count} surfaces, but names {len(rows)}; it is truncated")
+        if bad := [row for row in rows if len(row) < 2 or not COUNT.fullmatch(row[0])]:
+            raise MeshFileError(f"{len(bad)} lines are not a surface id, a boundary condition and a name")
+        if twice := count - len({int(row[0]) for row in rows}):
+            raise MeshFileError(f"{twice} of its {count} surface ids are there twice")
+        return {int(row[0]): row[2] for row in rows if len(row) > 2}
+
+
+def _mesh(arrays: Mapping[str, Any], names: Mapping[int, str]) -> Mesh:
+    points = arrays[POINTS]
+    for shape in (*FACES, *SOLIDS):
+        _count_from_zero(arrays[shape], shape, len(points))
+    cells = [Cells(shape, in_order(arrays[shape], shape, TO_VTK)) for shape in SOLIDS if len(arrays[shape])]
+    mesh = Mesh(points, tuple(oriented(points, block) for block in cells), _patches(arrays, names))
+    check_faces(mesh)
+    return mesh
+
+
+def _count_from_zero(nodes: IntArray, shape: str, points: int) -> None:
+    """Take one off all nodes (M, k); MeshFileError if some are not from 1 to `points`."""
+    if len(nodes) and (nodes.min() < 1 or nodes.max() > points):
+        bad = np.count_nonzero(((nodes < 1) | (nodes > points)).any(axis=1))
+        raise MeshFileError(f"{bad} {shape} elements name points that are not among the {points} (1 to {points})")
+    nodes -= 1
+
+
+def in_order(nodes: IntArray, shape: str, orders: Mapping[str, tuple[int, ...]]) -> IntArray:
+    """Return nodes (M, k) of cells in the order that their shape has in `orders`, if it has one."""
+    return np.take(nodes, orders[shape], axis=1) if shape in orders else nodes
+
+
+def _patches(arrays: Mapping[str, Any], names: Mapping[int, str]) -> tuple[Patch, ...]:
+    """Patches in the order of their least ids."""
+    ids, index = np.unique(arrays[SURFACE].ravel(), return_inverse=True)
+    if len(ids) > SURFACES:
+        raise MeshFileError(f"has {len(ids)} surface ids, more than {SURFACES}; it is damaged")
+    given = set(names.values())
+    found: dict[str, list[Cells]] = {}
+    parts = np.split(index, [len(arrays["triangle"])])
+    blocks = [_by_label(Cells(shape, arrays[shape]), own, len(ids)) for shape, own in zip(FACES, parts, strict=True)]
+    for number, *faces in zip(ids.tolist(), *blocks, strict=True):
+        name = names.get(number, str(number))
+        while number not in names and name in given:
+            name += "_"
+        found.setdefault(name, []).extend(own for own in faces if len(own))
+    return tuple(Patch(name, tuple(faces)) for name, faces in found.items())
+
+
+def _by_label(faces: Cells, labels: IntArray, count: int) -> list[Cells]:
+    """Faces of each label (0 to count - 1), in their order."""
+    order = np.argsort(labels, kind="stable")
+    ends = np.searchsorted(labels, np.arange(1, count), sorter=order)
+    return [Cells(faces.shape, faces.nodes[rows]) for rows in np.split(order, ends)]
+
+
+def _ids(mesh: Mesh) -> dict[str, int]:
+    """Surface id of each patch: its name where all names are numbers, else counted from 1."""
+    if all(NUMBER.fullmatch(name) for name in mesh.names):
+        return {name: int(name) for name in mesh.names}
+    return {name: number for number, name in enumerate(mesh.names, 1)}
+
+
+def _arrays(mesh: Mesh, ids: Mapping[str, int]) -> dict[str, Any]:
+    """The arrays of a file (`UgridFile.arrays`)."""
+    blocks: dict[str, list[IntArray]] = {shape: [np.empty((0, CORNERS[shape]), np.intp)] for shape in (*FACES, *SOLIDS)}
+    surfaces: dict[str, list[IntArray]] = {shape: [np.empty((0, 1), np.intp)] for shape in FACES}
+    for patch in mesh.patches:
+        for faces in simple_faces(patch):
+            blocks[faces.shape].append(faces.nodes + 1)
+            surfaces[faces.shape].append(np.full((len(faces), 1), ids[patch.name]))
+    for cells in standard_cells(mesh):
+        blocks[cells.shape].append(in_order(cells.nodes, cells.shape, FROM_VTK) + 1)
+    found: dict[str, Any] = {shape: np.concatenate(parts) for shape, parts in blocks.items()}
+    found |= {POINTS: mesh.points, SURFACE: np.concatenate([own for shape in FACES for own in surfaces[shape]])}
+    return {name: found[name] for name in ORDER}

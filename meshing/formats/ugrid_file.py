@@ -1,0 +1,315 @@
+"""UGRID files: how their numbers are stored, and the arrays in them.
+
+Source: UG_IO SimSys UGRID 3D Grid File Type and UG_IO File Names (encodings), Mississippi State University.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from sdm_deflect.deform.mesh import CORNERS
+from sdm_deflect.meshing.formats.format import MeshFileError, check_points
+from sdm_deflect.meshing.formats.numbers import Lines, numbers, with_numbers
+from sdm_deflect.meshing.formats.su2 import table
+from sdm_deflect.meshing.formats.su2_read import CHUNK, chunks
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
+
+SUFFIX = ".ugrid"
+POINTS, SURFACE = "points", "surface"
+COUNTED = (POINTS, "triangle", "quad", "tetra", "pyramid", "wedge", "hexahedron")
+"""What the first seven numbers of a file count."""
+ORDER = (POINTS, "triangle", "quad", SURFACE, "tetra", "pyramid", "wedge", "hexahedron")
+"""The arrays after them: coordinates, nodes (from 1) of boundary faces, their surface ids, nodes of cells."""
+MARKER = np.dtype("i4")
+"""Length of a Fortran record, before and after it."""
+LONGEST = 2**31 - 1
+"""Bytes of a record, and numbers, that four bytes can hold."""
+EXACT = 2.0**53
+"""Whole numbers below this one are exact in double precision."""
+ROWS = 1 << 18
+"""Rows read or written at a time."""
+HEADER = re.compile(rb"\s*(\d{1,18})" + rb"\s+(\d{1,18})" * 6 + rb"(?=\s|$)")
+HEAD = 4096
+"""Bytes in which the counts of a text stand."""
+Array = FloatArray | IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Encoding:
+    """How numbers are stored in binary.
+
+    Parameters
+    ----------
+    real : Type of coordinates.
+    whole : Type of all other numbers.
+    records : Whether the counts, and all that follows them, are one Fortran record each.
+    """
+
+    real: np.dtype[Any]
+    whole: np.dtype[Any]
+    records: bool
+
+    @property
+    def begin(self) -> int:
+        """Byte at which the coordinates begin."""
+        return len(COUNTED) * self.whole.itemsize + 3 * MARKER.itemsize * self.records
+
+    def kind(self, name: str) -> np.dtype[Any]:
+        """Return the type of an array's numbers."""
+        return self.real if name == POINTS else self.whole
+
+    def body(self, shapes: Mapping[str, tuple[int, int]]) -> int:
+        """Return the bytes that all arrays take."""
+        return sum(rows * width * self.kind(name).itemsize for name, (rows, width) in shapes.items())
+
+    def size(self, shapes: Mapping[str, tuple[int, int]]) -> int:
+        """Return the bytes of a file with these arrays and nothing else."""
+        return self.begin + self.body(shapes) + MARKER.itemsize * self.records
+
+    def marker(self, length: int) -> bytes:
+        """Return what stands before and after a record of `length` bytes; MeshFileError if it is too long."""
+        if length > LONGEST:
+            raise MeshFileError(
+                f"its record of {length / 1e9:.1f} GB is too long for Fortran; store it as C does, .b8{SUFFIX}"
+            )
+        return np.array(length, MARKER.newbyteorder(self.whole.byteorder)).tobytes() if self.records else b""
+
+
+ENCODINGS = {
+    f"{letter}{kind}": Encoding(
+        np.dtype(f"{order}f{kind[1]}"), np.dtype(f"{order}i{8 if kind[2:] else 4}"), kind[0] == "r"
+    )
+    for letter, order in (("", ">"), ("l", "<"))
+    for kind in ("b8", "b4", "r8", "r4", "b8l")
+}
+"""By the word before the suffix: little-endian (l) or big-endian, as C (b) or Fortran (r) writes it, coordinates of 8 or
+4 bytes, other numbers of 8 (l) or of 4."""
+
+
+def encoding_of(path: Path) -> str:
+    """Return the key in `ENCODINGS` that a file's name says; empty for text."""
+    word = Path(path.stem).suffix[1:].lower()
+    return word if word in ENCODINGS else ""
+
+
+def ending(path: Path) -> str:
+    """Return the suffix of a file, for UGRID with the encoding before it, as in ``.b8.ugrid``."""
+    inner = path.suffix.lower() == SUFFIX and encoding_of(path)
+    return Path(path.stem).suffix + path.suffix if inner else path.suffix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UgridFile:
+    """An open file, its encoding (a key of `ENCODINGS`, empty for text) and the shapes of its arrays."""
+
+    file: BinaryIO = field(repr=False)
+    encoding: str
+    shapes: dict[str, tuple[int, int]]
+    report: Callable[[float], None] = field(repr=False)
+
+    @classmethod
+    def opened(cls, file: BinaryIO, encoding: str, report: Callable[[float], None]) -> UgridFile:
+        """Compare what a file counts with its length.
+
+        MeshFileError if it is too short, damaged, or of another encoding.
+        """
+        size = file.seek(0, 2)
+        shapes = _shapes(file, encoding)
+        needed = _size(shapes, encoding) if shapes else 0
+        if (shapes is None or needed != size) and (other := _fitting(file, size, encoding)):
+            raise MeshFileError(f"is stored as .{other}{SUFFIX} says; give it that name in place of {_named(encoding)}")
+        if shapes is None:
+            raise MeshFileError(f"does not begin with seven counts as {_named(encoding)} says; it is no such mesh")
+        if needed > size:
+            raise MeshFileError(
+                f"should have {needed} bytes or more for {shapes[POINTS][0]} points and its cells, but has {size}; it "
+                f"is truncated, damaged, or stored otherwise than {_named(encoding)} says"
+            )
+        found = cls(file, encoding, shapes, report)
+        found.check_records()
+        return found
+
+    def check_records(self) -> None:
+        """Refuse Fortran records whose lengths are not those that the counts tell, with a MeshFileError."""
+        if not self.encoding or not ENCODINGS[self.encoding].records:
+            return
+        own = ENCODINGS[self.encoding]
+        lengths = (len(COUNTED) * own.whole.itemsize, own.body(self.shapes))
+        at = 0
+        for length in lengths:
+            for place in (at, at + MARKER.itemsize + length):
+                self.file.seek(place)
+                if self.file.read(MARKER.itemsize) != own.marker(length):
+                    raise MeshFileError(f"the Fortran record of {length} bytes has another length; the file is damaged")
+            at += 2 * MARKER.itemsize + length
+
+    def arrays(self) -> dict[str, Any]:
+        """Return all arrays: points (N, 3), and (M, k) whole numbers for each other shape, as they are in the file.
+
+        MeshFileError if a text ends early or holds something else.
+        """
+        found: dict[str, Any] = {
+            name: np.empty(shape, np.float64 if name == POINTS else np.intp) for name, shape in self.shapes.items()
+        }
+        if self.encoding:
+            self._read_binary(found)
+        else:
+            self._read_text(found)
+        return found
+
+    def _read_binary(self, found: Mapping[str, Array]) -> None:
+        own, done = ENCODINGS[self.encoding], 0
+        self.file.seek(own.begin)
+        for name, values in found.items():
+            for start in range(0, len(values), ROWS):
+                rows = values[start : start + ROWS]
+                data = self.file.read(rows.size * own.kind(name).itemsize)
+                rows.ravel()[:] = np.frombuffer(data, own.kind(name))
+                done += len(data)
+                self.report(done / own.body(self.shapes))
+
+    def _read_text(self, found: Mapping[str, Array]) -> None:
+        wanted = len(COUNTED) + sum(values.size for values in found.values())
+        for first, _, lines in self.words():
+            begin = len(COUNTED)
+            for name, values in found.items():
+                own = slice(max(first - begin, 0), max(first + len(lines.values) - begin, 0))
+                part = values.ravel()[own]
+                at = max(begin - first, 0)
+                part[:] = _checked(name, lines.values[at : at + len(part)])
+                begin += values.size
+            self.report(min(1.0, (first + len(lines.values)) / wanted))
+            if first + len(lines.values) >= wanted:
+                return
+        raise MeshFileError(f"{wanted} numbers should be there, but the file ends before them; it is truncated")
+
+    def words(self) -> Iterator[tuple[int, bytes, Lines]]:
+        """Yield the number of words before a piece of text, the piece, and its words."""
+        first = 0
+        for _, text in chunks(self.file, 0, self.file.seek(0, 2)):
+            lines = numbers(text, np.float64)
+            yield first, text, lines
+            first += len(lines.values)
+
+    def copy_moved(self, points: FloatArray, copy: BinaryIO) -> None:
+        """Copy the file with coordinates `points` (N, 3); those that did not change keep their bytes.
+
+        MeshFileError or ValueError for other numbers of points, and coordinates beyond the range of the encoding.
+        """
+        check_points(points, self.shapes[POINTS][0])
+        if not self.encoding:
+            self._copy_text(points.ravel(), copy)
+            return
+        own = ENCODINGS[self.encoding]
+        check_range(points, own.real)
+        self.file.seek(0)
+        shutil.copyfileobj(self.file, copy, CHUNK)
+        for start in range(0, len(points), ROWS):
+            new, place = points[start : start + ROWS], own.begin + start * 3 * own.real.itemsize
+            self.file.seek(place)
+            old = np.frombuffer(self.file.read(new.size * own.real.itemsize), own.real).reshape(new.shape)
+            copy.seek(place)
+            stored = new.astype(own.real)
+            np.copyto(stored, old, where=old == new)
+            copy.write(stored.data)
+            self.report((start + len(new)) / len(points))
+
+    def _copy_text(self, points: FloatArray, copy: BinaryIO) -> None:
+        begin, size = len(COUNTED), 0
+        for first, text, lines in self.words():
+            own = slice(max(begin - first, 0), max(begin + len(points) - first, 0))
+            new = points[max(first - begin, 0) :][: len(lines.values[own])]
+            changed = lines.values[own] != new
+            copy.write(with_numbers(text, lines.begin[own][changed], lines.end[own][changed], new[changed]))
+            size += len(text)
+            self.report(min(1.0, first / (begin + len(points))))
+            if first + len(lines.values) >= begin + len(points):
+                break
+        else:
+            raise MeshFileError("the coordinates end too early; the file is truncated")
+        self.file.seek(size)
+        shutil.copyfileobj(self.file, copy, CHUNK)
+
+
+def check_range(points: FloatArray, kind: np.dtype[Any]) -> None:
+    """Refuse coordinates that are too large for a type, with a ValueError."""
+    if np.abs(points).max(initial=0.0) > np.finfo(kind).max:
+        raise ValueError("coordinates are too large for numbers of 4 bytes; name a file of 8 bytes, such as .b8.ugrid")
+
+
+def written(arrays: Mapping[str, Any], encoding: str) -> Iterator[bytes]:
+    """Yield the bytes of a file with arrays as `UgridFile.arrays` gives them.
+
+    MeshFileError if there are more nodes than whole numbers can tell, or more data than a record can hold.
+    """
+    counts = np.array([[len(arrays[name]) for name in COUNTED]])
+    if not encoding:
+        yield from (text.encode() for values in (counts, *arrays.values()) for text in table("", values, None))
+        return
+    own = ENCODINGS[encoding]
+    if counts.max() > np.iinfo(own.whole).max:
+        raise MeshFileError(f"{counts.max()} points or cells are too many for numbers of {own.whole.itemsize} bytes")
+    check_range(arrays[POINTS], own.real)
+    around = own.marker(counts.size * own.whole.itemsize)
+    yield around + counts.astype(own.whole).tobytes() + around
+    around = own.marker(own.body({name: arrays[name].shape for name in ORDER}) if own.records else 0)
+    yield around
+    for name in ORDER:
+        for start in range(0, len(arrays[name]), ROWS):
+            yield arrays[name][start : start + ROWS].astype(own.kind(name)).tobytes()
+    yield around
+
+
+def _shapes(file: BinaryIO, encoding: str) -> dict[str, tuple[int, int]] | None:
+    """Shapes of all arrays as the counts tell; None if there are no counts."""
+    file.seek(0)
+    head = file.read(HEAD)
+    if not encoding:
+        found = None if b"\0" in head else HEADER.match(head)
+        counts = [int(word) for word in found.groups()] if found else []
+    else:
+        own = ENCODINGS[encoding]
+        at = MARKER.itemsize * own.records
+        data = head[at : at + len(COUNTED) * own.whole.itemsize]
+        counts = np.frombuffer(data, own.whole).tolist() if len(data) == len(COUNTED) * own.whole.itemsize else []
+    if not counts or min(counts) < 0:
+        return None
+    rows = dict(zip(COUNTED, counts, strict=True))
+    rows[SURFACE] = rows["triangle"] + rows["quad"]
+    return {name: (rows[name], {POINTS: 3, SURFACE: 1}.get(name) or CORNERS[name]) for name in ORDER}
+
+
+def _size(shapes: Mapping[str, tuple[int, int]], encoding: str) -> int:
+    """Bytes that a file has at least."""
+    if encoding:
+        return ENCODINGS[encoding].size(shapes)
+    return 2 * (len(COUNTED) + sum(rows * width for rows, width in shapes.values())) - 1
+
+
+def _fitting(file: BinaryIO, size: int, encoding: str) -> str:
+    """The binary encoding, if there is one, in which the counts of a file give its length exactly."""
+    for other in ENCODINGS:
+        shapes = _shapes(file, other) if other != encoding else None
+        if shapes and _size(shapes, other) == size:
+            return other
+    return ""
+
+
+def _named(encoding: str) -> str:
+    return f".{encoding}{SUFFIX}" if encoding else f"{SUFFIX} (text)"
+
+
+def _checked(name: str, values: Array) -> Array:
+    """Whole numbers; MeshFileError if some are not and the array is not that of the coordinates."""
+    if name == POINTS:
+        return values
+    if bad := np.count_nonzero(~(np.abs(values) < EXACT) | (values != np.rint(values))):
+        raise MeshFileError(f"{bad} nodes or surface ids of {name} are no whole numbers; the file is damaged")
+    return values
