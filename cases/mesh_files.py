@@ -15,6 +15,7 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.meshing.formats.openfoam import case_folder
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
+from sdm_deflect.meshing.formats.ugrid import mapbc, stands_otherwise
 from sdm_deflect.meshing.formats.ugrid_file import ending
 from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
@@ -78,8 +79,14 @@ class Targets:
 
     @property
     def extra(self) -> tuple[Path, ...]:
-        """All files beside the meshes."""
+        """Sensitivities beside the meshes."""
         return tuple(path for angle in self.angles for path in self.sensitivity(angle)) if self.sensitive else ()
+
+    @property
+    def tables(self) -> tuple[Path, ...]:
+        """Files with other names of patches where those of UGRID meshes would be."""
+        meshes = [self.mesh(angle) for angle in self.angles] if format_of(self.out) is FORMATS["ugrid"] else []
+        return tuple(mapbc(mesh) for mesh in meshes if stands_otherwise(self.source, mesh))
 
     def check(self, inputs: Sequence[Path] = ()) -> None:
         """Refuse targets that would overwrite an input, one another, or a file that is not of an earlier job.
@@ -89,7 +96,7 @@ class Targets:
         settle_in(self.out.absolute().parent)
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
-        for target in (*meshes, *self.extra):
+        for target in (*meshes, *self.extra, *self.tables):
             if any(target.exists() and given.exists() and target.samefile(given) for given in (self.source, *inputs)):
                 raise InputError(f"{target}: this is a file that is read; name another one in out")
             if target.resolve() in seen:

@@ -18,7 +18,7 @@ FILE = click.Path(path_type=Path)
 SCALES = click.Choice(("small", "medium", "paper"))
 STRATEGIES = click.Choice(("squv", "mv"))
 REPAIRS = click.Choice(("auto", "off", "always"))
-FORMATS = click.Choice(("su2", "cgns", "gmsh", "tau", "vtu", "openfoam"))
+FORMATS = click.Choice(("su2", "cgns", "gmsh", "ugrid", "tau", "vtu", "openfoam"))
 
 Command = Callable[..., Any]
 

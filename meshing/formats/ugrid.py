@@ -1,6 +1,7 @@
 """UGRID meshes of AFLR3, FUN3D, Flow360 and Pointwise (.ugrid), text and binary."""
 
 import re
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -12,7 +13,7 @@ import numpy as np
 from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import MIRRORED, check_faces, oriented, simple_faces
 from sdm_deflect.meshing.formats.ugrid_file import (
@@ -31,10 +32,14 @@ FACES, SOLIDS = ("triangle", "quad"), ("tetra", "pyramid", "wedge", "hexahedron"
 TO_VTK = {"pyramid": (1, 0, 3, 4, 2), "wedge": MIRRORED["wedge"]}
 """Where the nodes of VTK's cell stand in UGRID's: the apex of a pyramid is its third node."""
 FROM_VTK = {shape: tuple(np.argsort(order).tolist()) for shape, order in TO_VTK.items()}
+ELSEWHERE = "move it away, or choose another name"
 SURFACES = 10_000
 """More surfaces than a mesh has."""
 NUMBER, COUNT = re.compile(r"[1-9][0-9]{0,8}"), re.compile(r"[0-9]{1,9}")
-MAPBC = ".mapbc"
+SYMMETRY, VISCOUS = 6661, 4000
+CONDITIONS = ((r"far.?field|freestream|in(let|flow)|out(let|flow)", 5000), (r"symm", SYMMETRY))
+"""FUN3D's boundary condition by the first pattern that is in a patch's name: far field, symmetry in x (then y and z);
+all others are viscous walls."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +48,9 @@ class Ugrid:
 
     The word before the suffix says how numbers are stored (`ENCODINGS`); without one the file is text. Patches are
     named after their ids as FUN3D's ``.mapbc`` beside the file says, ``wing.mapbc`` for ``wing.b8.ugrid``, and by the
-    ids themselves where it says nothing; ids of one name are one patch. It is read and never written. What may follow
-    the cells is no part of the mesh; a rewritten file keeps it.
+    ids themselves where it says nothing; ids of one name are one patch. Every mesh that is written comes with such a
+    file, a copy of the source's if there is one; none that is there is changed. What may follow the cells is no part
+    of the mesh; a rewritten file keeps it.
     """
 
     name: str = "ugrid"
@@ -63,23 +69,55 @@ class Ugrid:
         single.
         """
         report = partial(progress, f"writing {out.name}")
-        with fresh(out, source) as beside, about(source), source.open("rb") as file, beside.open("wb") as copy:
-            found = UgridFile.opened(file, encoding_of(source), report)
-            if encoding_of(out) == encoding_of(source):
-                found.copy_moved(points, copy)
-                return
-            check_points(points, found.shapes[POINTS][0])
-            copy.writelines(written(found.arrays() | {POINTS: points}, encoding_of(out)))
+        if stands_otherwise(source, out):
+            raise MeshFileError(f"{mapbc(out)}: is there and names other surfaces; {ELSEWHERE}")
+        with fresh(out, source) as beside:
+            with about(source), source.open("rb") as file, beside.open("wb") as copy:
+                found = UgridFile.opened(file, encoding_of(source), report)
+                if encoding_of(out) == encoding_of(source):
+                    found.copy_moved(points, copy)
+                else:
+                    check_points(points, found.shapes[POINTS][0])
+                    copy.writelines(written(found.arrays() | {POINTS: points}, encoding_of(out)))
+            if mapbc(source).is_file() and not mapbc(out).exists():
+                with fresh(mapbc(out)) as table:
+                    shutil.copyfile(mapbc(source), table)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
-        """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
+        """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError.
+
+        Names of patches are written to a ``.mapbc``, unless all are numbers. If it is there and names the surfaces
+        otherwise, that is a MeshFileError.
+        """
         progress(f"writing {out.name}", 0.0)
-        ids = _ids(mesh)
-        with fresh(out) as beside, about(out), beside.open("wb") as file:
-            file.writelines(written(_arrays(mesh, ids), encoding_of(out)))
+        names = fitting_names(mesh.names, r"\s")
+        ids, table = _ids(mesh), mapbc(out)
+        named = any(str(number) != name for name, number in ids.items())
+        if named and table.exists() and surface_names(out) != {ids[name]: new for name, new in names.items()}:
+            raise MeshFileError(f"{table}: is there and names other surfaces; {ELSEWHERE}")
+        with fresh(out) as beside:
+            with about(out), beside.open("wb") as file:
+                file.writelines(written(_arrays(mesh, ids), encoding_of(out)))
+            if named and not table.exists():
+                with fresh(table) as text:
+                    text.write_text(_conditions(mesh, ids, names), encoding="utf-8")
         lost = [f"patch {patch.name} has no faces and is left out" for patch in mesh.patches if not len(patch)]
-        lost += [f"patch {name} is surface {number}" for name, number in ids.items() if name != str(number)]
+        lost += [f"patch {name} is called {new}" for name, new in names.items() if name != new]
+        lost += [f"{table.name} tells boundary conditions by the names of patches alone; check them"] * named
         return (*lost, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []))
+
+
+def mapbc(path: Path) -> Path:
+    """Return the file with the names of a mesh's surfaces."""
+    return path.with_name(path.name.removesuffix(ending(path)) + ".mapbc")
+
+
+def stands_otherwise(source: Path, out: Path) -> bool:
+    """Whether a ``.mapbc`` beside `out` is another than the one that a mesh from `source` comes with."""
+    own, table = mapbc(source), mapbc(out)
+    if source.suffix.lower() != SUFFIX:
+        return table.exists()
+    return own.is_file() and table.exists() and table.read_bytes() != own.read_bytes()
 
 
 def surface_names(path: Path) -> dict[int, str]:
@@ -88,7 +126,7 @@ def surface_names(path: Path) -> dict[int, str]:
     Its lines are the number of surfaces, then id, kind of boundary condition and name of each (FUN3D manual, boundary
     conditions). MeshFileError if it is damaged.
     """
-    beside = path.with_name(path.name.removesuffix(ending(path)) + MAPBC)
+    beside = mapbc(path)
     if not beside.is_file():
         return {}
     with about(beside):
@@ -158,6 +196,17 @@ def _ids(mesh: Mesh) -> dict[str, int]:
     if all(NUMBER.fullmatch(name) for name in mesh.names):
         return {name: int(name) for name in mesh.names}
     return {name: number for number, name in enumerate(mesh.names, 1)}
+
+
+def _conditions(mesh: Mesh, ids: Mapping[str, int], names: Mapping[str, str]) -> str:
+    """Text of a ``.mapbc``."""
+    lines = [str(len(ids))]
+    for patch in mesh.patches:
+        kind = next((kind for pattern, kind in CONDITIONS if re.search(pattern, patch.name.lower())), VISCOUS)
+        if kind == SYMMETRY and len(patch):
+            kind += int(np.argmin(np.ptp(mesh.points[patch.nodes], axis=0)))
+        lines.append(f"{ids[patch.name]} {kind} {names[patch.name]}")
+    return "\n".join([*lines, ""])
 
 
 def _arrays(mesh: Mesh, ids: Mapping[str, int]) -> dict[str, Any]:

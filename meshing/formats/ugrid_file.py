@@ -89,8 +89,8 @@ ENCODINGS = {
     for letter, order in (("", ">"), ("l", "<"))
     for kind in ("b8", "b4", "r8", "r4", "b8l")
 }
-"""By the word before the suffix: little-endian (l) or big-endian, as C (b) or Fortran (r) writes it, coordinates of 8 or
-4 bytes, other numbers of 8 (l) or of 4."""
+"""By the word before the suffix: little-endian (l) or big-endian, as C (b) or Fortran (r) writes it, coordinates of 8
+or 4 bytes, other numbers of 8 (l) or of 4."""
 
 
 def encoding_of(path: Path) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats import openfoam_files as foam
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
 from tests.deform.blocks import block_with_body
 from tests.fuzz.inputs import Input, of_path
 from tests.meshing.formats.examples import grid, hybrid, polyhedral, with_gmsh
@@ -131,6 +132,17 @@ def gmsh(folder: Path) -> Iterator[Input]:
         library.finalize()
 
 
+def ugrid(folder: Path) -> Iterator[Input]:
+    """UGRID: text and every binary encoding, with and without names of the surfaces."""
+    for one in of_format("ugrid", folder):
+        text = (folder / one.main.replace(".ugrid", ".mapbc")).read_bytes()
+        yield Input({**one.files, one.main.replace(".ugrid", ".mapbc"): text})
+    for encoding in ENCODINGS:
+        path = folder / f"mix.{encoding}.ugrid"
+        FORMATS["ugrid"].write(mixture(), path)
+        yield of_path(path)
+
+
 def tau(folder: Path) -> Iterator[Input]:
     """Grids of TAU in every kind of netCDF, with and without a boundary mapping."""
     yield from of_format("tau", folder)
@@ -237,7 +249,7 @@ def others(folder: Path) -> Iterator[Input]:
         make(folder / name)
         yield from _with_parts(folder / name)
     plain = meshio.Mesh(tetrahedra().points, [("tetra", tetrahedra().cells[0].nodes)])
-    for name in ("mesh.inp", "mesh.mesh", "mesh.bdf", "mesh.med", "mesh.ugrid"):
+    for name in ("mesh.inp", "mesh.mesh", "mesh.bdf", "mesh.med"):
         meshio.write(folder / name, plain)
         yield of_path(folder / name)
 
@@ -257,6 +269,8 @@ WORDS: dict[str, tuple[bytes, ...]] = {
              b"$EndElements\n", b"$PhysicalNames\n", b"$Entities\n", b"$Periodic\n", b"$NodeData\n", b"$Comments\n",
              b"$PartitionedEntities\n", b"$ParametricNodes\n", b"0 0 0 0\n", b"1 0 0 0\n", b'2 7 "wing"\n',
              b"4 2 1 1 "),
+    "ugrid": (b"5 6 0 2 0 0 0\n", b"0 0 0 0 0 0 0\n", b"1 4000 wall\n", b"-1", b"99999999999", b"nan", b"0.5",
+              b"\0\0\0\x1c", b"\x1c\0\0\0", b"\xff\xff\xff\xff", b"\x7f\xff\xff\xff", b"\0\0\0\x05"),
     "tau": (b"CDF\1", b"CDF\2", b"CDF\5", b"\0\0\0\x0a", b"\0\0\0\x0b", b"\0\0\0\x0c", b"\x7f\xff\xff\xff",
             b"\xff\xff\xff\xff", b"points_xc", b"points_of_prisms", b"no_of_elements", b"boundarymarker_of_surfaces",
             b"marker_1", b"\0\0\0\6", b"Markers: 1", b"Name: ", b"block end", b"#"),

@@ -140,7 +140,7 @@ def inspect_other(folder: Path, given: Input, random: Random) -> None:
     inspect(folder / given.main)
 
 
-SAMPLES = {"su2": 800, "cgns": 250, "gmsh": 500, "tau": 500, "openfoam": 500, "vtu": 700}
+SAMPLES = {"su2": 800, "cgns": 250, "gmsh": 500, "ugrid": 500, "tau": 500, "openfoam": 500, "vtu": 700}
 READERS = tuple(
     Target(name, getattr(meshes, name), read_mesh, meshes.WORDS[name], sample=sample)
     for name, sample in SAMPLES.items()

@@ -195,7 +195,7 @@ def test_many_pieces_of_the_same_bytes_in_vtu(tmp_path):
 
 
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan, 1e300])
-@pytest.mark.parametrize("name", ["su2", "gmsh", "tau", "openfoam", "vtu"])
+@pytest.mark.parametrize("name", ["su2", "gmsh", "ugrid", "tau", "openfoam", "vtu"])
 def test_coordinates_out_of_all_range_are_refused_without_a_warning(name, value, tmp_path):
     form, mesh, mark = FORMATS[name], hybrid(), 12345.6875
     path = tmp_path / ("case" if name == "openfoam" else f"mesh{form.suffixes[0]}")

@@ -14,6 +14,7 @@ from tests.meshing.formats.examples import hybrid
     ("name", "form"),
     [("a.su2", "su2"), ("a.CGNS", "cgns"), ("wing.v2.msh", "gmsh"), ("a.vtu", "vtu"), ("case.foam", "openfoam"),
      ("a.grid", "tau"), ("a.taumesh", "tau"), ("a.NC", "tau"),
+     ("wing.lb8.UGRID", "ugrid"), ("a.ugrid", "ugrid"),
      ("new_case", "openfoam"), ("alpha-12.5", "openfoam"), ("flap_+0.5", "openfoam")],
 )  # fmt: skip
 def test_suffixes(name, form):
@@ -30,7 +31,7 @@ def test_any_folder_is_an_openfoam_case(tmp_path):
     ("name", "said"),
     [("a.cas", "fluentMeshToFoam"), ("a.med", r"gmsh a\.med -save"), ("a.stl", "volume cells"), ("a.vtk", "PyVista"),
      ("a.su2.gz", r"gunzip a\.su2\.gz"),
-     ("a.xyz", r"known are \.cgns, \.foam, \.grid, \.msh, \.nc, \.su2, \.taumesh, \.vtu")],
+     ("a.xyz", r"known are \.cgns, \.foam, \.grid, \.msh, \.nc, \.su2, \.taumesh, \.ugrid, \.vtu")],
 )  # fmt: skip
 def test_other_files_are_refused_with_advice(name, said):
     with pytest.raises(MeshFileError, match=rf"{name}: no mesh format .*{said}"):
