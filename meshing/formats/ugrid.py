@@ -188,7 +188,7 @@ def _by_label(faces: Cells, labels: IntArray, count: int) -> list[Cells]:
     """Faces of each label (0 to count - 1), in their order."""
     order = np.argsort(labels, kind="stable")
     ends = np.searchsorted(labels, np.arange(1, count), sorter=order)
-    return [Cells(faces.shape, faces.nodes[rows]) for rows in np.split(order, ends)]
+    return [Cells(faces.shape, faces.nodes[rows]) for rows in np.split(order, ends)[:count]]
 
 
 def _ids(mesh: Mesh) -> dict[str, int]:
