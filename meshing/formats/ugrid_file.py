@@ -171,7 +171,8 @@ class UgridFile:
             for start in range(0, len(values), ROWS):
                 rows = values[start : start + ROWS]
                 data = self.file.read(rows.size * own.kind(name).itemsize)
-                rows.ravel()[:] = np.frombuffer(data, own.kind(name))
+                with np.errstate(invalid="ignore"):  # `Mesh` refuses coordinates that are not finite
+                    rows.ravel()[:] = np.frombuffer(data, own.kind(name))
                 done += len(data)
                 self.report(done / own.body(self.shapes))
 
@@ -217,7 +218,8 @@ class UgridFile:
             old = np.frombuffer(self.file.read(new.size * own.real.itemsize), own.real).reshape(new.shape)
             copy.seek(place)
             stored = new.astype(own.real)
-            np.copyto(stored, old, where=old == new)
+            with np.errstate(invalid="ignore"):
+                np.copyto(stored, old, where=old == new)
             copy.write(stored.data)
             self.report((start + len(new)) / len(points))
 

@@ -62,6 +62,24 @@ def gmsh(sound: Sound) -> Iterator[Input]:
         yield _with(sound["gmsh410.msh"], "gmsh410.msh", rb"\$Entities\n[^\n]*\n", b"$Entities\n" + numbers + b"\n")
 
 
+def ugrid(sound: Sound) -> Iterator[Input]:
+    """Counts that are huge or negative, a NaN that signals, names of surfaces without end or twice."""
+    for name, order in (("mix.b8.ugrid", "big"), ("mix.lr4.ugrid", "little")):
+        data, first = sound[name].files[name], 4 * ("r" in name)
+        for count in range(7):
+            at = first + 4 * count
+            for number in (-1, 2**31 - 1):
+                word = number.to_bytes(4, order, signed=True)  # type: ignore[arg-type]
+                yield sound[name].with_file(name, data[:at] + word + data[at + 4 :])
+    data = sound["mix.lb4.ugrid"].files["mix.lb4.ugrid"]
+    yield sound["mix.lb4.ugrid"].with_file("mix.lb4.ugrid", data[:28] + b"\1\0\xa0\x7f" + data[32:])
+    tet = sound["tet.ugrid"]
+    for text in (b"", b"-1\n", b"999999999\n", b"9" * 5000, b"2\n1 4000 a\n1 4000 b\n", b"1\n1 4000 \x1b[31m\xff\n"):
+        yield tet.with_file("tet.mapbc", text)
+    for counts in (b"5 6 0 2 0 0", b"-5 6 0 2 0 0 0", b"5 6 0 999999999999999999 0 0 0", b"9" * 5000):
+        yield _with(tet, "tet.ugrid", rb"\A[^\n]*", counts)
+
+
 def openfoam(sound: Sound) -> Iterator[Input]:
     """A list of one value told often, what unpacks to very much, braces without end, types of no length."""
     case = sound["tet"]
@@ -329,7 +347,7 @@ def cache(sound: Sound) -> Iterator[Input]:
 
 
 MAKERS: dict[str, Callable[[Sound], Iterator[Input]]] = {
-    "su2": su2, "gmsh": gmsh, "tau": tau, "openfoam": openfoam, "vtu": vtu, "cgns": cgns, "others": others,
-    "tables": tables, "options": options, "settings": settings, "folders": folders, "geometry": geometry,
-    "cache": cache,
+    "su2": su2, "gmsh": gmsh, "ugrid": ugrid, "tau": tau, "openfoam": openfoam, "vtu": vtu, "cgns": cgns,
+    "others": others, "tables": tables, "options": options, "settings": settings, "folders": folders,
+    "geometry": geometry, "cache": cache,
 }  # fmt: skip
