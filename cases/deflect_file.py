@@ -60,6 +60,7 @@ def planned(source: Path, job: Job, angles: Sequence[float], watch: Stopwatch) -
 def deflect_file(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float = MIN_QUALITY) -> Outcome:
     """Deflect a mesh file to each angle; the files appear together at the end, or none of them."""
     plan = planned(wanted.source, job, wanted.angles, watch)
+    wanted.check_names(plan.mesh)
     found: list[Judged] = []
     names: list[Path] = []
     lost: tuple[str, ...] = ()
@@ -86,6 +87,9 @@ def deflect_file(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float
                     arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))
                     unit = f"mesh length per {job.surfaces[0].motion.unit}"
                     write_sensitivity(plan.mesh, one.points, one.sensitivity(), (arrays, picture), unit)
+        for table in wanted.tables:
+            if table.exists():  # with the same names, and perhaps boundary conditions of its owner's
+                (scratch / table.name).unlink(missing_ok=True)
     return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost)
 
 

@@ -15,8 +15,8 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.meshing.formats.openfoam import case_folder
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
-from sdm_deflect.meshing.formats.ugrid import mapbc, stands_otherwise
-from sdm_deflect.meshing.formats.ugrid_file import ending
+from sdm_deflect.meshing.formats.ugrid import check_names, mapbc, stands_otherwise
+from sdm_deflect.meshing.formats.ugrid_file import SUFFIX, ending
 from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.temporary import settle, settle_in
@@ -84,9 +84,15 @@ class Targets:
 
     @property
     def tables(self) -> tuple[Path, ...]:
-        """Files with other names of patches where those of UGRID meshes would be."""
-        meshes = [self.mesh(angle) for angle in self.angles] if format_of(self.out) is FORMATS["ugrid"] else []
-        return tuple(mapbc(mesh) for mesh in meshes if stands_otherwise(self.source, mesh))
+        """Names of patches beside UGRID meshes, a file for each."""
+        ours = format_of(self.out) is FORMATS["ugrid"]
+        return tuple(mapbc(self.mesh(angle)) for angle in self.angles) if ours else ()
+
+    def check_names(self, mesh: Mesh) -> None:
+        """Refuse names that are there and are not those of the mesh that is to be written, with a MeshFileError."""
+        if self.tables and format_of(self.source) is not FORMATS["ugrid"]:
+            for angle in self.angles:
+                check_names(mesh, self.mesh(angle))
 
     def check(self, inputs: Sequence[Path] = ()) -> None:
         """Refuse targets that would overwrite an input, one another, or a file that is not of an earlier job.
@@ -96,7 +102,8 @@ class Targets:
         settle_in(self.out.absolute().parent)
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
-        for target in (*meshes, *self.extra, *self.tables):
+        others = [table for table in self.tables if stands_otherwise(self.source, table.with_suffix(SUFFIX))]
+        for target in (*meshes, *self.extra, *others):
             if any(target.exists() and given.exists() and target.samefile(given) for given in (self.source, *inputs)):
                 raise InputError(f"{target}: this is a file that is read; name another one in out")
             if target.resolve() in seen:

@@ -90,11 +90,9 @@ class Ugrid:
         otherwise, that is a MeshFileError.
         """
         progress(f"writing {out.name}", 0.0)
-        names = fitting_names(mesh.names, r"\s")
-        ids, table = _ids(mesh), mapbc(out)
+        check_names(mesh, out)
+        ids, names, table = _ids(mesh), fitting_names(mesh.names, r"\s"), mapbc(out)
         named = any(str(number) != name for name, number in ids.items())
-        if named and table.exists() and surface_names(out) != {ids[name]: new for name, new in names.items()}:
-            raise MeshFileError(f"{table}: is there and names other surfaces; {ELSEWHERE}")
         with fresh(out) as beside:
             with about(out), beside.open("wb") as file:
                 file.writelines(written(_arrays(mesh, ids), encoding_of(out)))
@@ -113,11 +111,18 @@ def mapbc(path: Path) -> Path:
 
 
 def stands_otherwise(source: Path, out: Path) -> bool:
-    """Whether a ``.mapbc`` beside `out` is another than the one that a mesh from `source` comes with."""
+    """Whether a ``.mapbc`` beside `out` is another than that of a UGRID mesh `source`."""
     own, table = mapbc(source), mapbc(out)
-    if source.suffix.lower() != SUFFIX:
-        return table.exists()
-    return own.is_file() and table.exists() and table.read_bytes() != own.read_bytes()
+    ours = source.suffix.lower() == SUFFIX and own.is_file()
+    return ours and table.exists() and table.read_bytes() != own.read_bytes()
+
+
+def check_names(mesh: Mesh, out: Path) -> None:
+    """Refuse a ``.mapbc`` beside `out` with other names than a new file of this mesh has, with a MeshFileError."""
+    names = fitting_names(mesh.names, r"\s")
+    wanted = {number: names[name] for name, number in _ids(mesh).items()}
+    if mapbc(out).exists() and any(surface_names(out).get(i, str(i)) != name for i, name in wanted.items()):
+        raise MeshFileError(f"{mapbc(out)}: is there and names other surfaces; {ELSEWHERE}")
 
 
 def surface_names(path: Path) -> dict[int, str]:

@@ -69,6 +69,21 @@ def test_each_format_is_deflected_in_itself_and_the_input_stays(name, files, sdm
     assert not moved[old.on("wing_upper", "far_field")].any()
 
 
+def test_boundary_conditions_of_an_earlier_export_stay(files, sdm, tmp_path):
+    out, table = tmp_path / "wing.lb8.ugrid", tmp_path / "wing.mapbc"
+    words = ["deflect", files["su2"], *TURN, "--out", out, "--quiet"]
+    assert sdm(*words)[0] == 0
+    assert FORMATS["ugrid"].read(out).names == FORMATS["su2"].read(files["su2"]).names
+    table.write_text(table.read_text().replace(" 4000 ", " 3000 "))
+    edited = table.read_bytes()
+    assert sdm(*words)[0] == 0
+    assert table.read_bytes() == edited
+    table.write_bytes(edited.replace(b"wing_upper", b"wing"))
+    code, _, complaint = sdm(*words)
+    assert code == 2
+    assert f"{table}: is there and names other surfaces" in complaint
+
+
 def test_another_format_by_its_suffix(files, sdm, tmp_path):
     code, table, _ = sdm("deflect", files["su2"], *TURN, "--out", tmp_path / "wing.cgns", "--quiet")
     assert code == 0, table

@@ -229,9 +229,12 @@ def test_names_that_are_there_are_not_replaced(tmp_path):
         Ugrid().write(hybrid(), tmp_path / "b.b8.ugrid")
     with pytest.raises(MeshFileError, match=r"b\.mapbc: is there and names other surfaces"):
         Ugrid().rewrite(tmp_path / "a.b8.ugrid", hybrid().points, tmp_path / "b.b8.ugrid")
-    for source in ("a.b8.ugrid", "a.su2"):
-        with pytest.raises(InputError, match=r"b\.mapbc exists already"):
-            Targets.of(tmp_path / source, tmp_path / "b.b8.ugrid", (3.0,)).check()
+    with pytest.raises(InputError, match=r"b\.mapbc exists already"):
+        Targets.of(tmp_path / "a.b8.ugrid", tmp_path / "b.b8.ugrid", (3.0,)).check()
+    elsewhere = Targets.of(tmp_path / "a.su2", tmp_path / "b.b8.ugrid", (3.0,))
+    elsewhere.check()
+    with pytest.raises(MeshFileError, match=r"b\.mapbc: is there and names other surfaces"):
+        elsewhere.check_names(hybrid())
     assert not (tmp_path / "b.b8.ugrid").exists()
     assert (tmp_path / "b.mapbc").read_text() == "0\n"
 
