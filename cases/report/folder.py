@@ -42,6 +42,7 @@ from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surfa
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.meshing.formats.registry import format_of
 from sdm_deflect.meshing.formats.shapes import taken, turned
+from sdm_deflect.meshing.formats.ugrid_file import ending
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.temporary import settle
 
@@ -52,7 +53,7 @@ PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; 
 
 def folder_of(out: Path) -> Path:
     """Return the folder of a deflected mesh file: ``wing-report`` beside ``wing.su2``."""
-    return out.with_name(f"{out.stem}-report")
+    return out.with_name(f"{out.name.removesuffix(ending(out))}-report")
 
 
 def write_run_folder(

@@ -98,7 +98,7 @@ class Ugrid:
                 file.writelines(written(_arrays(mesh, ids), encoding_of(out)))
             if named and not table.exists():
                 with fresh(table) as text:
-                    text.write_text(_conditions(mesh, ids, names), encoding="utf-8")
+                    text.write_text(_conditions(mesh, ids, names), encoding="utf-8", errors="replace")
         lost = [f"patch {patch.name} has no faces and is left out" for patch in mesh.patches if not len(patch)]
         lost += [f"patch {name} is called {new}" for name, new in names.items() if name != new]
         lost += [f"{table.name} tells boundary conditions by the names of patches alone; check them"] * named
@@ -113,8 +113,10 @@ def mapbc(path: Path) -> Path:
 def stands_otherwise(source: Path, out: Path) -> bool:
     """Whether a ``.mapbc`` beside `out` is another than that of a UGRID mesh `source`."""
     own, table = mapbc(source), mapbc(out)
-    ours = source.suffix.lower() == SUFFIX and own.is_file()
-    return ours and table.exists() and table.read_bytes() != own.read_bytes()
+    if source.suffix.lower() != SUFFIX or not own.is_file() or not table.exists():
+        return False
+    with about(table):
+        return table.read_bytes() != own.read_bytes()
 
 
 def check_names(mesh: Mesh, out: Path) -> None:

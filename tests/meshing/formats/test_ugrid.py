@@ -10,6 +10,7 @@ import pytest
 
 import sdm_deflect as sdm
 from sdm_deflect.cases.mesh_files import Targets
+from sdm_deflect.cases.report.folder import folder_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -235,6 +236,9 @@ def test_names_that_are_there_are_not_replaced(tmp_path):
     elsewhere.check()
     with pytest.raises(MeshFileError, match=r"b\.mapbc: is there and names other surfaces"):
         elsewhere.check_names(hybrid())
+    (tmp_path / "c.mapbc").mkdir()
+    with pytest.raises(MeshFileError, match=r"c\.mapbc: Is a directory"):
+        Ugrid().rewrite(tmp_path / "a.b8.ugrid", hybrid().points, tmp_path / "c.b8.ugrid")
     assert not (tmp_path / "b.b8.ugrid").exists()
     assert (tmp_path / "b.mapbc").read_text() == "0\n"
 
@@ -246,7 +250,7 @@ def test_names_of_files_keep_the_encoding(tmp_path):
     assert [several.mesh(angle).name for angle in several.angles] == [
         "wing-deflected_+3.b8.ugrid", "wing-deflected_-12.5.b8.ugrid",
     ]  # fmt: skip
-    assert several.report(3.0).name == "wing-deflected_+3-report"
+    assert several.report(3.0).name == folder_of(several.mesh(3.0)).name == "wing-deflected_+3-report"
     assert several.sensitivity(3.0)[0].name == "wing-deflected_+3-sensitivity.npz"
     assert Targets.of(tmp_path / "wing.v2.ugrid", None, (3.0,)).mesh(3.0).name == "wing.v2-deflected.ugrid"
 
