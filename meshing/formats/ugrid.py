@@ -137,7 +137,10 @@ def surface_names(path: Path) -> dict[int, str]:
     if not beside.is_file():
         return {}
     with about(beside):
-        lines = [line.split() for line in beside.read_text("utf-8", "replace").splitlines() if line.strip()]
+        text = beside.read_text("utf-8", "replace")
+        if "\0" in text:
+            raise MeshFileError("is a binary file; names of surfaces are text")
+        lines = [line.split() for line in text.splitlines() if line.strip()]
         if not lines or not COUNT.fullmatch(lines[0][0]):
             raise MeshFileError("does not begin with the number of surfaces; correct it, or move it away")
         count = int(lines[0][0])

@@ -74,7 +74,15 @@ def ugrid(sound: Sound) -> Iterator[Input]:
     data = sound["mix.lb4.ugrid"].files["mix.lb4.ugrid"]
     yield sound["mix.lb4.ugrid"].with_file("mix.lb4.ugrid", data[:28] + b"\1\0\xa0\x7f" + data[32:])
     tet = sound["tet.ugrid"]
-    for text in (b"", b"-1\n", b"999999999\n", b"9" * 5000, b"2\n1 4000 a\n1 4000 b\n", b"1\n1 4000 \x1b[31m\xff\n"):
+    for text in (
+        b"",
+        b"-1\n",
+        b"999999999\n",
+        b"9" * 5000,
+        b"2\n1 4000 a\n1 4000 b\n",
+        b"1\n1 4000 \x1b[31m\xff\n",
+        b"1\n1 4000 \0a\n",
+    ):
         yield tet.with_file("tet.mapbc", text)
     for counts in (b"5 6 0 2 0 0", b"-5 6 0 2 0 0 0", b"5 6 0 999999999999999999 0 0 0", b"9" * 5000):
         yield _with(tet, "tet.ugrid", rb"\A[^\n]*", counts)

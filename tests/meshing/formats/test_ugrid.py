@@ -194,7 +194,8 @@ def test_names_of_surfaces(tmp_path):
     [("", "does not begin with the number"), ("#Thu\n\n\n", "does not begin with the number"),
      ("3\n7 4000 wing\n", "should name 3 surfaces, but names 1"), ("999999999\n", ".*but names 0"),
      ("9" * 5000, "does not begin with"), ("1\nwing 4000 7\n", "1 lines are not a surface id"),
-     ("2\n7 4000 a\n7 4000 b\n", "1 of its 2 surface ids are there twice"), ("1\n7\n", "1 lines are not")],
+     ("2\n7 4000 a\n7 4000 b\n", "1 of its 2 surface ids are there twice"), ("1\n7\n", "1 lines are not"),
+     ("1\n7 4000 \0wing\n", "is a binary file")],
 )  # fmt: skip
 def test_damaged_names(text, said, tmp_path):
     path = tmp_path / "one.b8.ugrid"
