@@ -64,7 +64,7 @@ def repaired(
     found = start = goal.judged(points)
     here, steps = points, 0
     everything = (len(points),)
-    for level in (*(level for level in LEVELS if level < share), share, *BEYOND):
+    for level in (*(level for level in LEVELS if level < share), share, *(level for level in BEYOND if level > share)):
         sizes = (*RINGS, *everything) if level <= share else RINGS[:NEAR]
         there, other, count = _raised(here, found, tetrahedra, freedom, goal, Level(level, sizes, progress))
         steps += count
@@ -108,7 +108,7 @@ def _raised(
     while below.any() and size < len(sizes) and vain < VAIN:
         unknown = freedom.columns.closed(_around(tetrahedra, below, movable, sizes[size]), len(points))
         count = int(below.sum())
-        if len(unknown) < LARGER * last or (sizes[size] < len(points) and count > MANY * len(unknown)):
+        if len(unknown) <= LARGER * last or (sizes[size] < len(points) and count > MANY * len(unknown)):
             size += 1
             continue
         if level and len(unknown) > max(FAR * count, SMALL):

@@ -57,6 +57,18 @@ def test_shuffled_faces_and_edges_find_back(box, freedom, seed):
     assert np.array_equal(found.points[still], box.points[still])
 
 
+def test_where_every_face_is_left_nothing_moves(box, monkeypatch):
+    everywhere = np.ones(len(box.points), dtype=bool)
+    sliding = Freedom.of(box, box.points, everywhere, np.empty(0, dtype=np.intp), {"wall": "plane"})
+    monkeypatch.setattr(Freedom, "left_by", lambda self, start, points: self.slides)
+    points = box.points.copy()
+    points[inner(box)] += np.random.default_rng(0).uniform(-0.3, 0.3, (len(inner(box)), 3))
+    touched = TouchedCells.of(box, np.arange(len(points)))
+    found = repaired(points, touched, sliding, 0.9)
+    assert np.array_equal(found.points, points)
+    assert found.left == found.spoiled > 0
+
+
 def test_a_face_that_a_node_left_is_told(box, freedom):
     assert freedom.left_by(box.points, box.points) == ()
     node = np.flatnonzero(sides(box.points) == 1)[0]
