@@ -20,6 +20,8 @@ WORKER = "sdm_deflect.cases.vtk_worker"
 MEMORY, SECONDS, SPEED = 1 << 29, 20.0, 1e8
 """Bytes and seconds for PyVista itself, and bytes of data that it reads in a second at least."""
 NAMES = {
+    "triangle": "triangles",
+    "quad": "quadrilaterals",
     "tetra": "tetrahedra",
     "hexahedron": "hexahedra",
     "wedge": "prisms",
@@ -31,7 +33,8 @@ NAMES = {
 def inspect(path: Path) -> str:
     """Return what a mesh file holds, in a few lines; errors as in `inspected`."""
     found = inspected(path)
-    lines = [f"{found['file']}: {found['points']} points, {found['cells']} cells"]
+    plane = ", two-dimensional" if found["plane"] else ""
+    lines = [f"{found['file']}: {found['points']} points, {found['cells']} cells{plane}"]
     if len(found["zones"]) > 1:
         lines.append("zones (points): " + _listed(found["zones"]))
     lines += [_quality_line(quality) for quality in found["quality"]]
@@ -48,9 +51,9 @@ def inspected(path: Path) -> Json:
     Returns
     -------
     dict
-        ``file``; ``points`` and ``cells``, how many there are; ``zones``, name: number of points; ``patches``, name:
-        number of faces; ``quality``, the fields of `Quality` for each type of cell; ``left_handed``, whether the file
-        counts the nodes of cells the other way round.
+        ``file``; ``points`` and ``cells``, how many there are; ``plane``, whether the mesh is two-dimensional;
+        ``zones``, name: number of points; ``patches``, name: number of faces; ``quality``, the fields of `Quality` for
+        each type of cell; ``left_handed``, whether the file counts the nodes of cells the other way round.
 
     Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, or holds no cells with a
     volume.
@@ -63,6 +66,7 @@ def inspected(path: Path) -> Json:
         "file": str(path),
         "points": len(mesh.points),
         "cells": sum(len(block) for block in mesh.cells),
+        "plane": mesh.plane,
         "zones": {zone.name: zone.stop - zone.start for zone in mesh.zones},
         "patches": {patch.name: len(patch) for patch in mesh.patches},
         "quality": [asdict(quality) for quality in by_shape(mesh.points, parts)],
@@ -74,7 +78,7 @@ def _read(path: Path) -> Mesh:
     known = known_format(path)
     mesh = known.read(path) if known else _read_other(path)
     if not sum(len(block) for block in mesh.cells):
-        raise InputError(f"{path} holds no tetrahedra, hexahedra, prisms, pyramids or polyhedra")
+        raise InputError(f"{path} holds no tetrahedra, hexahedra, prisms, pyramids or polyhedra, nor plane cells")
     return mesh
 
 

@@ -13,17 +13,18 @@ from sdm_deflect.deform.checks import MIN_QUALITY
 from sdm_deflect.deform.errors import InputError, nearest, shortened
 from sdm_deflect.deform.fitting import LARGEST_ANGLE, Fitting, Repair, RepairMode
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
-from sdm_deflect.deform.volume.box import Automatic, BoxRule, Given
+from sdm_deflect.deform.volume.box import Automatic, BoxRule, Given, Outline
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
 
 Point = tuple[float, float, float]
+Corner = tuple[float, ...]
+"""A point, or two coordinates in a plane mesh."""
 MOST_ANGLES = 1000
-SAME = 1e-6  # of a hinge's length: two hinges nearer to one another are one
+SAME = 1e-6  # two hinges nearer to one another, over a length of one, are one
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +34,8 @@ class SurfaceSettings:
     Attributes
     ----------
     patches : names or wildcards of the patches that move.
-    hinge : two points of the hinge line.
-    angle : degrees, right-handed from the first point to the second.
+    hinge : two points of the hinge line; one point, x and y, in a plane mesh.
+    angle : degrees, right-handed from the first point to the second; about one point counter-clockwise.
     motion : the whole surface rigidly, or blended between nodes that stay and nodes that follow; or a `Motion`.
     held : blended: nodes that stay: patches, a .txt of node indices, the indices, or a `NodeSet`; none: `fixed`.
     driven : blended: nodes that follow: the same, or ``edges:DEG``.
@@ -44,7 +45,7 @@ class SurfaceSettings:
     """
 
     patches: tuple[str, ...]
-    hinge: tuple[Point, Point] | None = None
+    hinge: tuple[Corner, ...] | None = None
     angle: float | None = None
     motion: Literal["rigid", "blended"] | Motion = "rigid"
     held: tuple[str | int, ...] | NodeSet = ()
@@ -63,13 +64,13 @@ class SurfaceSettings:
 
     def _motion(self, fixed: tuple[str, ...]) -> Motion:
         if not isinstance(self.motion, str):
-            if self.hinge and not _is_along(self.motion.axis, np.array(self.hinge)):
+            if self.hinge and not _is_along(self.motion.axis, _rotation(self.hinge).axis):
                 raise InputError(f"hinge = {self.hinge}: the motion has another one; leave hinge out")
             return self.motion
-        hinge = Rotation.about(*np.array(self.hinge)) if self.hinge else None
+        hinge = _rotation(self.hinge) if self.hinge else None
         base: Motion | None = Table.read(Path(self.table), hinge.axis if hinge else None) if self.table else hinge
         if base is None:
-            raise InputError("the hinge is missing: give two points of it, such as 0.7,0,0 and 0.7,1,0")
+            raise InputError("the hinge is missing: give two points of it, such as 0.7,0,0 and 0.7,1,0; in a plane one")
         if self.motion == "rigid":
             return base
         held = _nodes(self.held, "held") if self.held != () else OnPatches(fixed)
@@ -126,7 +127,7 @@ class JobSettings:
     surface: tuple[SurfaceSettings, ...] = ()
     fixed: tuple[str, ...] = ()
     slide: dict[str, Literal["plane", "cylinder", "surface"]] = field(default_factory=dict)
-    box: str | tuple[Point, ...] | BoxRule = "auto"
+    box: str | tuple[Corner, ...] | BoxRule = "auto"
     margin: float = 0.0
     open_faces: tuple[str, ...] = ()
     section: tuple[SectionSettings, ...] = ()
@@ -166,7 +167,7 @@ class JobSettings:
         if isinstance(self.box, str):
             box: BoxRule = Automatic(self.margin) if self.box == "auto" else _box_of(Path(self.box))
         else:
-            box = Given.at(np.array(self.box)) if isinstance(self.box, tuple) else self.box
+            box = _given(self.box) if isinstance(self.box, tuple) else self.box
         if not self.open_faces:
             return box
         if not isinstance(box, Given):
@@ -176,7 +177,7 @@ class JobSettings:
 
 @dataclass(frozen=True, slots=True)
 class _BoxFile:
-    corners: tuple[Point, ...]
+    corners: tuple[Corner, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +194,9 @@ OF_SURFACE = tuple(one.name for one in fields(SurfaceSettings))
 
 def job_settings(nested: Mapping[str, Any]) -> JobSettings:
     """Return the settings that nested tables describe; InputError names the first that does not fit."""
+    surfaces = nested.get("surface")
+    if isinstance(surfaces, list | tuple):
+        nested = {**nested, "surface": [_with_point(one) for one in surfaces]}
     try:
         return structured(nested, JobSettings)
     except InputError as error:
@@ -368,17 +372,41 @@ def _nodes(value: tuple[str | int, ...] | NodeSet, name: str) -> NodeSet:
     return Listed.read(Path(names[0])) if names[0].endswith(".txt") else OnPatches(tuple(names))
 
 
-def _is_along(axis: Axis | None, hinge: FloatArray) -> bool:
-    """Return whether two points (2, 3) lie on an axis, in its direction."""
+def _with_point(surface: Any) -> Any:
+    """Return the table of a surface with a hinge of one point as a list of points."""
+    hinge = surface.get("hinge") if isinstance(surface, Mapping) else None
+    hinge = hinge.tolist() if isinstance(hinge, np.ndarray) else hinge
+    one = isinstance(hinge, list | tuple) and len(hinge) == 2 and not any(isinstance(x, Iterable) for x in hinge)
+    return {**surface, "hinge": [hinge]} if one else surface
+
+
+def _rotation(hinge: tuple[Corner, ...]) -> Rotation:
+    """Return the rotation about two points, or about one of two numbers, which may be there twice."""
+    single = len(hinge[0]) == 2 and hinge[1:] in ((), hinge[:1])
+    if not single and len(hinge) != 2:
+        raise InputError(f"hinge = {shortened(hinge)}: must be two points, or one of two numbers in a plane mesh")
+    return Rotation.about(*hinge[: 1 if single else 2])
+
+
+def _is_along(axis: Axis | None, hinge: Axis) -> bool:
+    """Return whether an axis is the hinge, in its direction."""
     if axis is None:
         return False
-    span = hinge[1] - hinge[0]
-    return bool(np.abs(axis.radial(hinge)).max() <= SAME * np.linalg.norm(span) and span @ axis.direction > 0.0)
+    ends = np.stack([hinge.point, hinge.point + hinge.direction])
+    return bool(np.abs(axis.radial(ends)).max() <= SAME and hinge.direction @ axis.direction > 0.0)
+
+
+def _given(corners: tuple[Corner, ...]) -> BoxRule:
+    """Return the box with these corners; a quadrilateral if they have two coordinates."""
+    try:
+        return (Outline if len(corners[:1][0]) == 2 else Given).at(np.array(corners))
+    except (IndexError, ValueError) as error:
+        raise InputError(f"the box: {error}") from None
 
 
 def _box_of(path: Path) -> BoxRule:
     """Read the corners of a box."""
     try:
-        return Given.at(np.array(structured(read_toml(path), _BoxFile).corners))
+        return _given(structured(read_toml(path), _BoxFile).corners)
     except InputError as error:
         raise InputError(f"box = {path}: {error}") from None

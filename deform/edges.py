@@ -1,10 +1,14 @@
-"""Faces of any shapes: their edges, area vectors and edge lengths, and where two of them meet at an angle."""
+"""Faces of any shapes: their edges, area vectors and edge lengths, and where two of them meet at an angle.
+
+The faces around a plane mesh are lines, which meet in nodes as others do in edges.
+"""
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Faces, FloatArray, IntArray, Polygons
+from sdm_deflect.deform.mesh import BoolArray, Faces, FloatArray, IntArray, Polygons
 
 
 def polygons_of(faces: Sequence[Faces]) -> Polygons:
@@ -15,7 +19,10 @@ def polygons_of(faces: Sequence[Faces]) -> Polygons:
 
 
 def edges_of(faces: Polygons) -> tuple[IntArray, IntArray]:
-    """Return the edges (E, 2) of every face, E of all faces, as node indices, and the face (E,) of each."""
+    """Return the edges (E, 2) of every face, E of all faces, as node indices, and the face (E,) of each.
+
+    A line goes there and back.
+    """
     sizes = np.diff(faces.offsets)
     following = np.arange(1, len(faces.nodes) + 1)
     following[faces.offsets[1:] - 1] = faces.offsets[:-1]
@@ -23,29 +30,77 @@ def edges_of(faces: Polygons) -> tuple[IntArray, IntArray]:
 
 
 def area_vectors(points: FloatArray, faces: Polygons) -> FloatArray:
-    """Return the area vector (F, 3) of each face: half the sum of cross products around its first corner."""
+    """Return the area vector (F, 3) of each face: half the sum of cross products around its first corner.
+
+    That of a line is as long as the line, and points to its right in the plane of constant z.
+    """
     if not len(faces):
         return np.empty((0, 3))
+    if are_lines(faces):
+        way = points[faces.nodes[1::2]] - points[faces.nodes[::2]]
+        return np.column_stack([way[:, 1], -way[:, 0], np.zeros(len(way))])
     edges, face = edges_of(faces)
     origin = points[faces.nodes[faces.offsets[:-1]]][face]
     crosses = np.cross(points[edges[:, 0]] - origin, points[edges[:, 1]] - origin)
     return np.asarray(0.5 * np.add.reduceat(crosses, faces.offsets[:-1], axis=0))
 
 
+def are_lines(faces: Polygons) -> bool:
+    """True if the faces are those around a plane mesh."""
+    return len(faces) > 0 and bool(faces.offsets[1] == 2)
+
+
+class Joints(NamedTuple):
+    """Where two faces meet: the edge (J, 2), which of a node has it twice, the faces (J,), and whether these agree.
+
+    Faces agree in their orientation if they walk along the edge in opposite directions; lines, if one begins where the
+    other ends.
+    """
+
+    edges: IntArray
+    first: IntArray
+    second: IntArray
+    agree: BoolArray
+
+    @classmethod
+    def of(cls, faces: Polygons) -> "Joints":
+        """Find them; of three faces at one edge the first meets the second, and the second the third."""
+        if are_lines(faces):
+            edges, face = np.column_stack([faces.nodes, faces.nodes]), np.arange(len(faces.nodes)) // 2
+            forward = np.arange(len(faces.nodes)) % 2 == 0
+        else:
+            edges, face = edges_of(faces)
+            forward = edges[:, 0] < edges[:, 1]
+        ends = np.sort(edges, axis=1)
+        order = np.lexsort((ends[:, 1], ends[:, 0]))
+        a, b = order[:-1], order[1:]
+        pair = (ends[a] == ends[b]).all(axis=1)
+        a, b = a[pair], b[pair]
+        return cls(ends[a], face[a], face[b], forward[a] != forward[b])
+
+
+def rim(faces: Polygons) -> IntArray:
+    """Return the edges (E, 2) of one face; of lines the nodes of one line, each twice."""
+    both = np.column_stack([faces.nodes, faces.nodes]) if are_lines(faces) else np.sort(edges_of(faces)[0], axis=1)
+    edges, count = np.unique(both, axis=0, return_counts=True)
+    return np.asarray(edges[count == 1])
+
+
 def sharp_edges(points: FloatArray, faces: Polygons, degrees: float) -> IntArray:
-    """Return the edges (E, 2) whose two faces turn by more than `degrees` from one to the other."""
-    edges, face = edges_of(faces)
-    ends = np.sort(edges, axis=1)
-    order = np.lexsort((ends[:, 1], ends[:, 0]))
-    a, b = order[:-1], order[1:]
-    pair = (ends[a] == ends[b]).all(axis=1)
-    a, b = a[pair], b[pair]
-    normal = area_vectors(points, faces)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
-    # The faces agree in their orientation if they walk along the edge in opposite directions.
-    agree = np.where(edges[a, 0] == edges[b, 0], -1.0, 1.0)
-    cosine = agree * np.einsum("ij,ij->i", normal[face[a]], normal[face[b]])
-    return np.asarray(ends[a[cosine < np.cos(np.radians(degrees))]])
+    """Return the edges (E, 2) whose two faces turn by more than `degrees` from one to the other.
+
+    Of lines they are nodes, each twice.
+    """
+    joints = Joints.of(faces)
+    normal = unit(area_vectors(points, faces))
+    cosine = np.einsum("ij,ij->i", normal[joints.first], normal[joints.second])
+    cosine[~joints.agree] *= -1.0
+    return np.asarray(joints.edges[cosine < np.cos(np.radians(degrees))])
+
+
+def unit(vectors: FloatArray) -> FloatArray:
+    """Return vectors (N, 3) of length one; zero where they are."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny))
 
 
 def median_edge(points: FloatArray, faces: Sequence[Faces]) -> float:

@@ -11,12 +11,17 @@ from sdm_deflect.deform.mesh import Cells, IntArray, Patch, Polygons, Polyhedra,
 from sdm_deflect.deform.touched import TouchedCells
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "triangle": ((0, 1), (1, 2), (2, 0)),
+    "quad": ((0, 1), (1, 2), (2, 3), (3, 0)),
     "tetra": ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),
     "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
     "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
 }
-"""Corners of the faces of each shape in VTK's order; normals (right-hand rule) point out of the cell."""
+"""Corners of the faces of each shape in VTK's order; normals (right-hand rule) point out of the cell. Those of a plane
+cell are lines, with the cell on their left."""
+FACE_SHAPES = {2: "line", 3: "triangle", 4: "quad"}
+"""Shape of a face by its number of corners."""
 ROWS = 1 << 18
 """Cells handled at a time, so that temporaries stay small."""
 Keys = NDArray[np.uint64]
@@ -115,7 +120,7 @@ def _faces_of(block: Cells, rows: IntArray) -> Iterator[Cells]:
     for part in rows_of(len(rows), ROWS):
         nodes = block.nodes[rows[part]]
         for face in FACES[block.shape]:
-            yield Cells("triangle" if len(face) == 3 else "quad", nodes[:, list(face)])
+            yield Cells(FACE_SHAPES[len(face)], nodes[:, list(face)])
 
 
 def _nodes_of(touched: TouchedCells, keys: Keys, wanted: Keys) -> IntArray:

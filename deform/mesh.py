@@ -26,6 +26,8 @@ A wedge's first triangle has its normal pointing outwards, opposite to Gmsh and 
 from one to the other.
 """
 VOLUMES = ("tetra", "pyramid", "wedge", "hexahedron")
+PLANE = ("triangle", "quad")
+"""Cells of a plane mesh, whose points have one z; its boundary consists of lines."""
 LARGEST = 1e40
 """Coordinates beyond this would overflow where the sixth power of a length is taken."""
 
@@ -98,7 +100,7 @@ class Cells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Polygons:
-    """Faces of any number of corners, one after another.
+    """Faces of any number of corners, one after another; those of two corners are the lines around a plane mesh.
 
     Parameters
     ----------
@@ -111,8 +113,8 @@ class Polygons:
 
     def __post_init__(self) -> None:
         o = self.offsets
-        if o.ndim != 1 or not len(o) or o[0] != 0 or o[-1] != len(self.nodes) or np.any(np.diff(o) < 3):
-            raise ValueError(f"offsets must rise from 0 to {len(self.nodes)} in steps of 3 or more")
+        if o.ndim != 1 or not len(o) or o[0] != 0 or o[-1] != len(self.nodes) or np.any(np.diff(o) < 2):
+            raise ValueError(f"offsets must rise from 0 to {len(self.nodes)} in steps of 2 or more")
 
     def __len__(self) -> int:
         return len(self.offsets) - 1
@@ -198,10 +200,12 @@ class Zone:
 class Mesh:
     """Points, cells of every type and named boundary patches: all that a deformation needs to know.
 
+    A plane mesh has cells of the shapes `PLANE`, patches of lines, and points of one and the same z.
+
     Parameters
     ----------
     points : (N, 3) node coordinates, in the mesh's own unit of length.
-    cells : Volume cells, in the file's order: blocks of one shape, or polyhedra. There may be none.
+    cells : Volume cells, in the file's order: blocks of one shape, or polyhedra; or plane ones. There may be none.
     patches : Named parts of the boundary; names are distinct.
     zones : Parts with points of their own, which cover all points in order. One unless the file says otherwise.
     name : The file or kind of mesh, for messages.
@@ -231,13 +235,36 @@ class Mesh:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"patch names must be distinct; given twice: {', '.join(twice)}")
+        self._check_nodes()
+        self._check_plane()
+        if not self.zones:
+            object.__setattr__(self, "zones", (Zone("", 0, len(self.points)),))
+
+    def _check_nodes(self) -> None:
         for nodes, what in self._indices():
             if len(nodes) and (nodes.min() < 0 or nodes.max() >= len(self.points)):
                 raise InputError(
                     f"{what}: nodes {nodes.min()} to {nodes.max()}, but there are {len(self.points)} points"
                 )
-        if not self.zones:
-            object.__setattr__(self, "zones", (Zone("", 0, len(self.points)),))
+
+    def _check_plane(self) -> None:
+        """Raise InputError if there are cells of both kinds, or points of a plane mesh have several z."""
+        if not self.plane:
+            return
+        solid = [block for block in self.cells if isinstance(block, Polyhedra) or block.shape not in PLANE]
+        if solid:
+            raise InputError(f"{self.name}: cells are triangles and quads, or volume cells, not both")
+        low, high = self.points[:, 2].min(initial=np.inf), self.points[:, 2].max(initial=-np.inf)
+        if low < high:
+            raise InputError(
+                f"{self.name}: its cells are triangles and quads, so all points must have one z, but they lie between "
+                f"{low:g} and {high:g}; a surface needs volume cells around it"
+            )
+
+    @property
+    def plane(self) -> bool:
+        """True for a two-dimensional mesh: triangles and quads, in a plane of constant z."""
+        return any(isinstance(block, Cells) and block.shape in PLANE for block in self.cells)
 
     def _indices(self) -> list[tuple[NDArray[np.intp], str]]:
         found = []

@@ -1,8 +1,9 @@
 """Shape quality of cells of every type, and which of them are inverted: the one measure of the whole program.
 
 Tetrahedra have the paper's mean ratio; pyramids, wedges and hexahedra the scaled Jacobian of VTK; polyhedra their
-smallest face pyramid over their volume. A tetrahedron is inverted if its signed volume is not positive, another cell
-of fixed shape if the determinant of its edges at some corner is not, a polyhedron if OpenFOAM's checkMesh says so.
+smallest face pyramid over their volume. Of plane cells, triangles have their mean ratio and quads VTK's scaled
+Jacobian. A tetrahedron is inverted if its signed volume is not positive, another cell of fixed shape if the determinant
+of its edges at some corner is not, a polyhedron if OpenFOAM's checkMesh says so.
 """
 
 from collections.abc import Callable, Iterable
@@ -19,6 +20,8 @@ BLOCK = 1 << 13
 """Cells handled at a time: temporaries stay in the processor's cache, and millions of cells in little memory."""
 POLYHEDRON = "polyhedron"
 MEASURES = {
+    "triangle": "mean ratio",
+    "quad": "scaled Jacobian",
     "tetra": "mean ratio",
     "pyramid": "scaled Jacobian",
     "wedge": "scaled Jacobian",
@@ -27,6 +30,8 @@ MEASURES = {
 }
 """What the quality of each type of cell is."""
 CORNERS = {
+    "triangle": ((0, 1, 2, 0),),
+    "quad": ((0, 1, 3, 0), (1, 2, 0, 1), (2, 3, 1, 2), (3, 0, 2, 3)),
     "tetra": ((0, 1, 2, 3),),
     "pyramid": ((0, 1, 3, 4), (1, 2, 0, 4), (2, 3, 1, 4), (3, 0, 2, 4)),
     "wedge": ((0, 2, 1, 3), (1, 0, 2, 4), (2, 1, 0, 5), (3, 4, 5, 0), (4, 5, 3, 1), (5, 3, 4, 2)),
@@ -35,7 +40,10 @@ CORNERS = {
     ),
 }  # fmt: skip
 """A corner and the three others at its edges, right-handed, in VTK's order of nodes (one corner of a tetrahedron
-stands for all; a pyramid's are those of its base)."""
+stands for all; a pyramid's are those of its base). Of a plane cell the third edge is the unit vector along z, and the
+corner itself stands for its end."""
+NORMAL = np.array([[0.0], [0.0], [1.0]])
+"""The third edge at a corner of a plane cell, (3, 1)."""
 AXES = ((0, 3, 7, 4), (1, 2, 6, 5)), ((0, 1, 5, 4), (3, 2, 6, 7)), ((0, 1, 2, 3), (4, 5, 6, 7))
 """Opposite faces of a hexahedron, whose centres its three axes join."""
 TINY = np.finfo(np.float64).tiny
@@ -103,7 +111,7 @@ class Quality:
 
     Attributes
     ----------
-    shape : ``"tetra"``, ``"pyramid"``, ``"wedge"``, ``"hexahedron"`` or ``"polyhedron"``.
+    shape : ``"tetra"``, ``"pyramid"``, ``"wedge"``, ``"hexahedron"``, ``"triangle"``, ``"quad"`` or ``"polyhedron"``.
     measure : what the figures are, a value of `MEASURES`.
     cells : number of cells.
     min, p01, mean : smallest value, the one that 99 % of the cells exceed, average.
@@ -180,9 +188,24 @@ def _blockwise(
 def _determinants(shape: str, p: Corners, orientation: float) -> FloatArray:
     """Return the smallest determinant (1, R) of three edges over the corners of each cell."""
     least = np.full(p.shape[2], np.inf)
-    for a, b, c, d in CORNERS[shape]:
-        np.minimum(least, orientation * _determinant(p[b] - p[a], p[c] - p[a], p[d] - p[a]), out=least)
+    for corner in CORNERS[shape]:
+        np.minimum(least, orientation * _determinant(*_edges(p, *corner)), out=least)
     return least[None]
+
+
+def _edges(p: Corners, o: int, a: int, b: int, c: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the three edges (3, R) at a corner, as `CORNERS` has them."""
+    return p[a] - p[o], p[b] - p[o], NORMAL if c == o else p[c] - p[o]
+
+
+def _triangle(p: Corners, orientation: float) -> FloatArray:
+    """Return the mean ratio 4 sqrt(3) A / (sum of the squared lengths of the edges), and 2 A, (2, R) of triangles.
+
+    As that of tetrahedra it is 1 for the regular one, and 0 for flat and inverted ones.
+    """
+    determinant = orientation * _determinant(*_edges(p, 0, 1, 2, 0))
+    squares = sum(_square(p[i] - p[j]) for i, j in ((1, 0), (2, 1), (0, 2)))
+    return np.stack([2.0 * np.sqrt(3.0) * np.maximum(determinant, 0.0) / np.maximum(squares, TINY), determinant])
 
 
 def _mean_ratio(p: Corners, orientation: float) -> FloatArray:
@@ -225,8 +248,8 @@ def _hexahedron(p: Corners, orientation: float) -> FloatArray:
 def _smallest(shape: str, p: Corners, orientation: float) -> FloatArray:
     """Return the smallest determinant over the edges' lengths, and the smallest determinant (2, R), of all corners."""
     found = np.full((2, p.shape[2]), np.inf)
-    for o, a, b, c in CORNERS[shape]:
-        edges = p[a] - p[o], p[b] - p[o], p[c] - p[o]
+    for corner in CORNERS[shape]:
+        edges = _edges(p, *corner)
         determinant = orientation * _determinant(*edges)
         np.minimum(found[0], determinant / _lengths(*edges), out=found[0])
         np.minimum(found[1], determinant, out=found[1])
@@ -249,7 +272,14 @@ def _square(edge: FloatArray) -> FloatArray:
     return np.asarray(edge[0] * edge[0] + edge[1] * edge[1] + edge[2] * edge[2])
 
 
+def _quad(p: Corners, orientation: float) -> FloatArray:
+    """Return VTK's scaled Jacobian and the smallest determinant (2, R) of quads."""
+    return _smallest("quad", p, orientation)
+
+
 JUDGES: dict[str, Callable[[Corners, float], FloatArray]] = {
+    "triangle": _triangle,
+    "quad": _quad,
     "tetra": _mean_ratio,
     "pyramid": _pyramid,
     "wedge": _wedge,

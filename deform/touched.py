@@ -15,13 +15,14 @@ from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Polyhedra
 from sdm_deflect.deform.quality import Quality, by_shape, inverted_of, oriented
 
 BASES = {
+    "quad": (((0, 1), (3, 2)), ((1, 2), (0, 3)), ((2, 3), (1, 0)), ((3, 0), (2, 1))),
     "wedge": (((0, 1, 2), (3, 4, 5)), ((3, 4, 5), (0, 1, 2))),
     "hexahedron": (
         ((0, 1, 2, 3), (4, 5, 6, 7)), ((4, 5, 6, 7), (0, 1, 2, 3)), ((0, 1, 5, 4), (3, 2, 6, 7)),
         ((3, 2, 6, 7), (0, 1, 5, 4)), ((0, 3, 7, 4), (1, 2, 6, 5)), ((1, 2, 6, 5), (0, 3, 7, 4)),
     ),
 }  # fmt: skip
-"""Faces that may lie on a wall, and the nodes opposite to them."""
+"""Faces (of plane cells: lines) that may lie on a wall, and the nodes opposite to them."""
 BLOCK = 1 << 16
 FLAT = 0.2
 """Height over the longest edge on the wall, below which a cell counts as one of a layer."""

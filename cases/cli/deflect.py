@@ -9,11 +9,11 @@ import click
 from sdm_deflect.cases.cli import options
 
 
-@click.command()
+@click.command(cls=options.WithHinge)
 @click.argument("mesh", type=options.FILE)
 @click.option("--surface", "patches", multiple=True, metavar="NAME", help="Patches that move; repeat, or use commas.")
 @click.option(
-    "--hinge", nargs=2, type=options.Point(), metavar="x0,y0,z0 x1,y1,z1", help="Two points of the hinge line."
+    "--hinge", nargs=2, type=options.Point(), metavar="x0,y0,z0 x1,y1,z1", help="Two points of the hinge line; or x,y."
 )
 @click.option("--angle", type=float, help="Degrees, right-handed from the first hinge point to the second.")
 @click.option("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")

@@ -36,19 +36,31 @@ class CaseName(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
 
 class Point(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """A point ``x,y,z``."""
+    """A point ``x,y,z``; of a plane mesh ``x,y``."""
 
     name = "x,y,z"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return three numbers; a next option in the place of a point is named."""
+        """Return its numbers; a next option in the place of a point is named."""
         try:
             point = tuple(float(number) for number in str(value).split(","))
         except ValueError:
             point = ()
-        if len(point) != 3:
+        if len(point) not in (2, 3):
             self.fail(f"{value!r} is no point: the hinge needs two, such as 0.7,0,0 0.7,1,0", param, ctx)
         return point
+
+
+class WithHinge(click.Command):
+    """A command whose ``--hinge`` takes two points, or one of a plane mesh."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Give a hinge of one point that point twice."""
+        place = args.index("--hinge") + 1 if "--hinge" in args else len(args)
+        one, other = (*args[place : place + 2], "", "")[:2]
+        if one.count(",") == 1 and (other.startswith("--") or "," not in other):
+            args = [*args[: place + 1], one, *args[place + 1 :]]
+        return super().parse_args(ctx, args)
 
 
 angle_option = click.option("--angle", type=float, help="Deflection in degrees; positive is trailing edge down.")

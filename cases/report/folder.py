@@ -215,7 +215,9 @@ def _base(base: Motion, surface: Surface, amount: float, table: Path) -> dict[st
 
 
 def _ends(axis: Axis, points: FloatArray) -> list[list[float]]:
-    """Return two points of a hinge, at the ends of a surface."""
+    """Return two points of a hinge, at the ends of a surface; of a plane one its place."""
+    if not np.ptp(points[:, 2]) and abs(axis.direction[2]) == 1.0:
+        return [axis.point[:2].tolist()]
     along = (points - axis.point) @ axis.direction
     return [(axis.point + station * axis.direction).tolist() for station in (along.min(), along.max())]
 

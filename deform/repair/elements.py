@@ -1,4 +1,8 @@
-"""Cells of every shape as tetrahedra at their corners, each with the shape that it should have."""
+"""Cells of every shape as tetrahedra at their corners, each with the shape that it should have.
+
+At the corner of a plane cell stands a tetrahedron whose third edge is the unit vector along z, wherever the corner
+goes: its last node is its first one again.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +18,12 @@ from sdm_deflect.deform.quality import CORNERS
 
 REGULAR = np.array([[1.0, 0.5, 0.5], [0.0, np.sqrt(3.0) / 2.0, np.sqrt(3.0) / 6.0], [0.0, 0.0, np.sqrt(2.0 / 3.0)]])
 """Edges (columns) of the regular tetrahedron of edge 1."""
+REGULAR_TRIANGLE = np.array([[1.0, 0.5, 0.0], [0.0, np.sqrt(3.0) / 2.0, 0.0], [0.0, 0.0, 1.0]])
+"""Edges (columns) of the regular triangle of edge 1, and of its plane's normal."""
 BITS = 10
 """Of each coordinate along the curve: a thousand places."""
+SIMPLICES = ("tetra", "triangle")
+"""Shapes that have one corner alone, and shall become regular."""
 FLAT = 1e-3
 """A corner whose determinant is a smaller share of the product of its edges' lengths has no shape to keep."""
 HANGING = 0.1
@@ -81,7 +89,7 @@ class Tetrahedra:
 
     Attributes
     ----------
-    nodes : (E, 4) node indices in the mesh, right-handed.
+    nodes : (E, 4) node indices in the mesh, right-handed; of a plane cell the first one is the last one, too.
     cells : (E,) row, among all cells given, of the one that each belongs to.
     regular : (E,) which of them shall become regular; a corner of any other cell shall have its own shape again.
     """
@@ -104,7 +112,7 @@ class Tetrahedra:
             four, own = corners_of(points, block, rows)
             if orientation < 0 and isinstance(block, Cells):
                 four = four[:, [0, 2, 1, 3]]
-            simple = isinstance(block, Cells) and block.shape == "tetra"
+            simple = isinstance(block, Cells) and block.shape in SIMPLICES
             if not simple:
                 keep = _solidity(points, four) > (HANGING if isinstance(block, Polyhedra) else FLAT)
                 four, own = four[keep], own[keep]
@@ -117,12 +125,15 @@ class Tetrahedra:
     def inverse(self, points: FloatArray, rows: IntArray) -> FloatArray:
         """Return the inverses (R, 9) of the matrices of the edges (columns) that some rows should have.
 
-        A regular target has the volume that the tetrahedron has at `points` (N, 3), the mesh before its deflection.
+        A regular target has the volume that the tetrahedron has at `points` (N, 3), the mesh before its deflection;
+        that of a triangle has its area, and the same third edge.
         """
-        edges, regular = _edges(points, self.nodes[rows]), self.regular[rows]
+        edges, regular, flat = _edges(points, self.nodes[rows]), self.regular[rows], _in_plane(self.nodes[rows])
         out = np.empty_like(edges)
-        size = np.cbrt(np.abs(np.linalg.det(edges[regular])) / np.linalg.det(REGULAR))
-        out[regular] = np.linalg.inv(REGULAR) / np.where(size > 0.0, size, 1.0)[:, None, None]
+        for own, target, power in ((regular & ~flat, REGULAR, 3.0), (regular & flat, REGULAR_TRIANGLE, 2.0)):
+            size = (np.abs(np.linalg.det(edges[own])) / np.linalg.det(target)) ** (1.0 / power)
+            out[own] = np.linalg.inv(target)
+            out[own, : int(power)] /= np.where(size > 0.0, size, 1.0)[:, None, None]
         out[~regular] = np.linalg.inv(edges[~regular])
         return out.reshape(-1, 9)
 
@@ -174,4 +185,11 @@ def _along_curve(points: FloatArray, nodes: IntArray) -> IntArray:
 
 def _edges(points: FloatArray, nodes: IntArray) -> FloatArray:
     """Return the edges (E, 3, 3) of tetrahedra (E, 4) from their first nodes, as columns."""
-    return np.asarray(np.moveaxis(points[nodes[:, 1:]] - points[nodes[:, :1]], 1, 2))
+    edges = points[nodes[:, 1:]] - points[nodes[:, :1]]
+    edges[_in_plane(nodes), 2] = 0.0, 0.0, 1.0
+    return np.asarray(np.moveaxis(edges, 1, 2))
+
+
+def _in_plane(nodes: IntArray) -> BoolArray:
+    """Return which tetrahedra (E, 4) stand at the corners of plane cells."""
+    return np.asarray(nodes[:, 3] == nodes[:, 0])

@@ -8,6 +8,9 @@ and d = det J, the energy is
 (Garanzha et al., "Foldover-free maps in 50 lines of code", 2021, eq. 3, to the power 3). For eps = 0 it is the mean
 ratio to the power -3, infinite where the tetrahedron is flat; with eps > 0 it is finite for inverted ones, too,
 and all weights are 1: no cell may be given up while others are untangled.
+
+The third edge at a corner of a plane cell is the unit vector along z. There the energy is that of the right prism over
+the cell, whose height stays: it also weighs how much the area changes.
 """
 
 from collections.abc import Callable
@@ -162,6 +165,8 @@ def _load(points: FloatArray, nodes: IntArray, targets: FloatArray, row: FloatAr
             row[EDGES + k * LANES + i] = points[n1, k] - origin
             row[EDGES + (3 + k) * LANES + i] = points[n2, k] - origin
             row[EDGES + (6 + k) * LANES + i] = points[n3, k] - origin
+        if n3 == n0:  # of a plane cell; slopes by its two ends cancel out
+            row[EDGES + 8 * LANES + i] = 1.0
         for k in range(9):
             row[TARGET + k * LANES + i] = targets[i, k]
         row[SHARE + i] = targets[i, 9]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sdm_deflect.deform.edges import area_vectors, edges_of, polygons_of
+from sdm_deflect.deform.edges import Joints, area_vectors, polygons_of, unit
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Patch, Polygons
 from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.crossing import Crossing
@@ -88,7 +88,7 @@ class Freedom:
         pairs = [np.empty((0, 2), dtype=np.intp)]
         for patch in mesh.patches:
             if inside[patch.nodes].any():
-                pairs += _pieces(patch, mesh.points, points, inside, shapes.get(patch.name), pieces)
+                pairs += _pieces(mesh, patch, points, inside, shapes.get(patch.name), pieces)
         found = np.unique(np.concatenate(pairs), axis=0)
         nodes, first, count = np.unique(found[:, 0], return_index=True, return_counts=True)
         rim = np.array([piece.edges for piece in pieces], dtype=np.bool_)
@@ -99,7 +99,7 @@ class Freedom:
             for k, piece in enumerate(pieces)
             if piece.shape is not None and (same & (found[first, 1] == k)).any()
         ]
-        edge = (count == 2) & ~same
+        edge = (count == 2) & ~same & (not mesh.plane)  # where two lines meet is a corner
         for k, other in np.unique(np.column_stack([found[first, 1], found[last, 1]])[edge], axis=0):
             shape = Crossing.of(pieces[k].shape, pieces[other].shape)
             if shape is not None:
@@ -147,8 +147,8 @@ class Freedom:
 
 
 def _pieces(
+    mesh: Mesh,
     patch: Patch,
-    before: FloatArray,
     points: FloatArray,
     inside: BoolArray,
     shape: SlidingSurface | str | None,
@@ -157,20 +157,21 @@ def _pieces(
     """Add the faces of a patch to `pieces`; return which of its nodes inside are on which, as pairs (P, 2)."""
     if shape in TURNS and patch.faces:
         found = [_on(patch.loose[inside[patch.loose]], pieces, Piece(None))]
-        for part in _parts(patch, before, inside, TURNS[str(shape)]):
+        for part in _parts(patch, mesh.points, inside, TURNS[str(shape)]):
             nodes = np.unique(part.nodes)
-            piece = Piece(Triangulated.of(points, part), True) if shape == SURFACE else _plane(points, part, nodes)
+            piece = Piece(Triangulated.of(points, part), True) if shape == SURFACE else _plane(mesh, points, part)
             found.append(_on(nodes[inside[nodes]], pieces, piece))
         return found
     if isinstance(shape, str):
-        shape = FITTED[shape](points[patch.nodes])
+        shape = FITTED[shape](points[patch.nodes], mesh.plane)
     return [_on(patch.nodes[inside[patch.nodes]], pieces, Piece(shape))]
 
 
-def _plane(points: FloatArray, face: Polygons, nodes: IntArray) -> Piece:
+def _plane(mesh: Mesh, points: FloatArray, face: Polygons) -> Piece:
     """Return a face that was plane before the deflection, of no shape if it is so no more."""
-    plane, size = Plane.fitted(points[nodes]), float(np.ptp(points[nodes], axis=0).max())
-    flat = len(nodes) > 3 and float(np.abs(plane.distance(points[nodes])).max()) <= FLAT * size
+    nodes = np.unique(face.nodes)
+    plane, size = Plane.fitted(points[nodes], mesh.plane), float(np.ptp(points[nodes], axis=0).max())
+    flat = len(nodes) > (2 if mesh.plane else 3) and float(np.abs(plane.distance(points[nodes])).max()) <= FLAT * size
     return Piece(plane, faces=(face,)) if flat else Piece(None)
 
 
@@ -189,9 +190,7 @@ def _on(nodes: IntArray, pieces: list[Piece], piece: Piece) -> IntArray:
 def _parts(patch: Patch, points: FloatArray, inside: BoolArray, turn: float) -> Iterator[Polygons]:
     """Yield the parts of a patch with nodes inside: faces that share edges, beside which normals differ by less."""
     faces = polygons_of(patch.faces)
-    normals = area_vectors(points, faces)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
-    labels = _regions(faces, normals, turn)
+    labels = _regions(faces, unit(area_vectors(points, faces)), turn)
     sizes = np.diff(faces.offsets)
     near = np.unique(labels[np.repeat(np.arange(len(faces)), sizes)[inside[faces.nodes]]])
     for label in near:
@@ -202,11 +201,7 @@ def _parts(patch: Patch, points: FloatArray, inside: BoolArray, turn: float) -> 
 
 def _regions(faces: Polygons, normals: FloatArray, turn: float) -> IntArray:
     """Return a label (F,) for each face: equal for those joined by edges beside which normals (F, 3) differ by less."""
-    edges, face = edges_of(faces)
-    ends = np.sort(edges, axis=1)
-    order = np.lexsort((ends[:, 1], ends[:, 0]))
-    pair = (ends[order[:-1]] == ends[order[1:]]).all(axis=1)
-    a, b = face[order[:-1][pair]], face[order[1:][pair]]
+    _, a, b, _ = Joints.of(faces)
     alike = np.linalg.norm(normals[a] - normals[b], axis=1) < turn
     graph = coo_array((np.ones(int(alike.sum())), (a[alike], b[alike])), shape=(len(faces), len(faces)))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)

@@ -64,7 +64,8 @@ class Motion(Protocol):
 class Rotation:
     """Rigid rotation about a hinge, right-handed from its first point to its second.
 
-    Looking from the first point to the second, a positive angle turns clockwise. `about` makes one of two points.
+    Looking from the first point to the second, a positive angle turns clockwise. `about` makes one of two points; or of
+    one, x and y, about which a plane mesh turns counter-clockwise.
 
     Attributes
     ----------
@@ -78,12 +79,20 @@ class Rotation:
             raise InputError(f"axis = {shortened(self.axis)} is no Axis; Rotation.about(first, second) makes one")
 
     @classmethod
-    def about(cls, first: ArrayLike, second: ArrayLike) -> "Rotation":
-        """Take the hinge through two points (3,), in the mesh's unit; InputError if they coincide or are no points."""
+    def about(cls, first: ArrayLike, second: ArrayLike | None = None) -> "Rotation":
+        """Take the hinge through two points (3,), in the mesh's unit, or that along z through one (2,).
+
+        Raises InputError if the points coincide or are none.
+        """
+        if second is None:
+            a = bounded(first, "hinge")
+            if a.shape != (2,):
+                raise InputError(f"hinge = {shortened(first)}: must be two points of three numbers, or one of two")
+            return cls(Axis(np.append(a, 0.0), np.array([0.0, 0.0, 1.0])))
         a, b = (bounded(point, "hinge") for point in (first, second))
         if a.shape != (3,) or b.shape != (3,):
             given = f"{shortened(first)}, {shortened(second)}"
-            raise InputError(f"hinge = {given}: must be two points of three numbers")
+            raise InputError(f"hinge = {given}: must be two points of three numbers, or one of two")
         if np.linalg.norm(b - a) <= 1e-12 * max(np.abs([a, b]).max(), 1e-300):
             raise InputError(f"the hinge has no length: both its points are at {', '.join(f'{x:g}' for x in a)}")
         return cls(Axis.through(a, b))
@@ -150,6 +159,8 @@ class Table:
     def read(cls, path: str | PathLike[str], hinge: Axis | None = None) -> "Table":
         """Read a .csv of x, y, z, dx, dy, dz with a line of titles, or an .npz with `points` and `vectors`.
 
+        For a plane mesh the .csv may have x, y, dx, dy alone.
+
         Raises InputError if the file cannot be read as one of these.
         """
         if not isinstance(path, str | PathLike):
@@ -161,6 +172,8 @@ class Table:
                 return cls(stored["points"], stored["vectors"], hinge)
             with path.open(encoding="utf-8") as text:
                 rows = np.loadtxt(text, delimiter=",", skiprows=1, ndmin=2)
+            if rows.shape[1] == 4:
+                rows = np.insert(rows, (2, 4), 0.0, axis=1)
             if rows.shape[1] != 6:
                 raise ValueError(f"rows of {rows.shape[1]} numbers instead of x, y, z, dx, dy, dz")
             return cls(rows[:, :3], rows[:, 3:], hinge)

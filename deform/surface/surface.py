@@ -99,7 +99,7 @@ class OnPatches:
 
 @dataclass(frozen=True, slots=True)
 class TrailingEdge:
-    """Sharp edges that run along the hinge, far from it.
+    """Sharp edges that run along the hinge, far from it; in a plane mesh the nodes where lines turn.
 
     Parameters
     ----------
@@ -120,6 +120,7 @@ class TrailingEdge:
         edges = sharp_edges(points, polygons_of(faces), self.dihedral)
         vectors = points[edges[:, 1]] - points[edges[:, 0]]
         along = np.abs(vectors @ hinge.direction) > ALONG * np.linalg.norm(vectors, axis=1)
+        along |= edges[:, 0] == edges[:, 1]  # a node of a plane mesh
         reach = np.linalg.norm(hinge.radial(surface.points), axis=1)
         far = surface.nodes[reach > FAR * reach.max()]
         return np.isin(surface.nodes, np.intersect1d(edges[along], far), assume_unique=True)

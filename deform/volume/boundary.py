@@ -7,6 +7,7 @@ import numpy as np
 
 from sdm_deflect.deform.errors import InputError, nearest
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
+from sdm_deflect.deform.rbf.sites import XYZ
 from sdm_deflect.deform.surface.motions import MotionLaw
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.job import Job
@@ -74,6 +75,11 @@ class Boundary:
         return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, size)
 
     @property
+    def components(self) -> tuple[int, ...]:
+        """Directions in which nodes move: in a plane mesh x and y."""
+        return XYZ[:2] if self.mesh.plane else XYZ
+
+    @property
     def declared(self) -> tuple[str, ...]:
         """Every patch that the job names."""
         moving = tuple(name for surface in self.surfaces for name in surface.patches)
@@ -92,6 +98,12 @@ class Boundary:
             out[self.shared_with_fixed] = 0.0
             for patch, rows in self._on_sliding():
                 out[rows] = self._projected(patch, rows, out[rows])
+            if self.mesh.plane and out[:, 2].any():
+                raise InputError(
+                    f"{self.mesh.name}: the surface would leave the plane of the mesh by "
+                    f"{float(np.abs(out[:, 2]).max()):.4g}; give the hinge as one point, such as 0.7,0, and "
+                    "displacements without z"
+                )
             out.flags.writeable = False
             if len(self._known) >= KEPT:
                 self._known.clear()

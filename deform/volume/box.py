@@ -7,7 +7,7 @@ import numpy as np
 
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.hexahedron import FACES, Hexahedron, box
-from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.mesh import FloatArray, bounded
 from sdm_deflect.deform.surface.axis import Axis
 
 GROWTH = 3.0  # margins are at least this multiple of the largest displacement
@@ -80,6 +80,57 @@ class Given:
         """Return it."""
         del scene
         return Chosen(self.hexahedron, "corners as given", self.open_faces)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """The box of a plane mesh: a convex quadrilateral in its plane.
+
+    Attributes
+    ----------
+    corners : (4, 2), one after another around it.
+    settings : what a user sets to make it larger or smaller.
+    """
+
+    corners: FloatArray = field(repr=False)
+    settings: str = "box"
+
+    @classmethod
+    def at(cls, corners: FloatArray) -> "Outline":
+        """Take four corners (4, 2) in their order, or two opposite ones (2, 2) of a rectangle along the axes."""
+        places = bounded(corners, "the box: corners")
+        if places.shape == (2, 2):
+            (left, low), (right, high) = np.sort(places, axis=0)
+            places = np.array([[left, low], [right, low], [right, high], [left, high]])
+        if places.shape != (4, 2):
+            raise InputError(
+                f"the box: corners {places.shape} must be four points of two numbers, or two opposite ones"
+            )
+        found = cls(places)
+        found.prism(0.0)
+        return found
+
+    def prism(self, z: float) -> Hexahedron:
+        """Return the hexahedron over it, as high as it is large, around a plane of constant z."""
+        places = self.corners
+        if np.cross(np.append(places[2] - places[0], 0.0), np.append(places[3] - places[1], 0.0))[2] < 0.0:
+            places = places[[0, 3, 2, 1]]
+        half = 0.5 * float(np.ptp(places, axis=0).max())
+        rows = places[[0, 1, 3, 2]]
+        try:
+            return Hexahedron(np.vstack([np.column_stack([rows, np.full(4, z + sign * half)]) for sign in (-1.0, 1.0)]))
+        except ValueError as error:
+            raise InputError(f"the box: {error}") from None
+
+    def choose(self, scene: Scene) -> Chosen:
+        """Return the prism around the mesh's plane.
+
+        Raises InputError if the mesh is no plane one.
+        """
+        z = scene.moving[:, 2]
+        if z.min() < z.max():
+            raise InputError("the box: corners of two numbers are for a plane mesh; give three")
+        return Chosen(self.prism(float(z[0])), "corners as given")
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.hexahedron import FACES, polygon_sites
+from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.rbf.points import first_coincident
 from sdm_deflect.deform.rbf.sites import DataSites, pinned
@@ -186,14 +186,14 @@ def _zero_sites(boundary: Boundary, region: Region, known: FloatArray, spacing: 
     All faces of the box carry sites for all directions, but its open ones. On the section of a block's face they are
     for its normal direction alone if nodes slide in its plane (section 5.2).
     """
-    faces = _in_front(boundary, region.hexahedron.face_sites(spacing, skip=region.box.open_faces))
+    faces = _in_front(boundary, _on_box(boundary, region, spacing))
     faces = apart_from(faces, known, APART * spacing)
     if not len(faces) and region.box.open_faces != FACES.keys():
         raise InputError(
             f"spacing = {spacing:.3g} leaves no site on the box that is half of it from the surface; lower it, or "
             f"enlarge the box ({boundary.job.box.settings})"
         )
-    found = [pinned(faces)] if len(faces) else []
+    found = [pinned(faces, boundary.components)] if len(faces) else []
     known = np.vstack([known, faces])
     for section in boundary.job.sections:
         polygon = region.hexahedron.section(section.point, np.eye(3)[section.component])
@@ -201,6 +201,16 @@ def _zero_sites(boundary: Boundary, region: Region, known: FloatArray, spacing: 
         if len(on_block):
             found.append(pinned(on_block, (section.component,) if section.slides else (0, 1, 2)))
     return tuple(found)
+
+
+def _on_box(boundary: Boundary, region: Region, spacing: float) -> FloatArray:
+    """Return points (P, 3) on all faces of the box but its open ones; in a plane mesh on its outline there."""
+    if not boundary.mesh.plane:
+        return region.hexahedron.face_sites(spacing, skip=region.box.open_faces)
+    outline = region.hexahedron.section(boundary.mesh.points[0], np.array([0.0, 0.0, 1.0]))
+    sites = border_sites(outline, spacing)
+    sites[:, 2] = boundary.mesh.points[0, 2]
+    return sites
 
 
 def _in_front(boundary: Boundary, sites: FloatArray) -> FloatArray:

@@ -36,16 +36,19 @@ class SlidingSurface(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """A plane through `point` (3,) with unit `normal` (3,)."""
+    """A plane through `point` (3,) with unit `normal` (3,); in a plane mesh it is a line, whose normal has no z."""
 
     point: FloatArray
     normal: FloatArray
 
     @classmethod
-    def fitted(cls, points: FloatArray) -> "Plane":
-        """Return the least-squares plane of points (N, 3); along coordinate axes where it is so to rounding."""
+    def fitted(cls, points: FloatArray, line: bool = False) -> "Plane":
+        """Return the least-squares plane of points (N, 3), or line; along coordinate axes where that is so."""
         center = points.mean(axis=0)
-        normal = np.linalg.svd(points - center, full_matrices=False)[2][2]
+        if line:
+            normal = np.append(np.linalg.svd((points - center)[:, :2], full_matrices=False)[2][1], 0.0)
+        else:
+            normal = np.linalg.svd(points - center, full_matrices=False)[2][2]
         axis = np.round(normal)
         if np.abs(normal - axis).max() < SNAP:
             normal = axis + 0.0
@@ -67,14 +70,16 @@ class Plane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CylinderWall:
-    """A circular cylinder."""
+    """A circular cylinder; in a plane mesh it is a circle."""
 
     cylinder: Cylinder
 
     @classmethod
-    def fitted(cls, points: FloatArray) -> "CylinderWall":
-        """Return the least-squares cylinder of points (N, 3), started from each principal direction."""
+    def fitted(cls, points: FloatArray, circle: bool = False) -> "CylinderWall":
+        """Return the least-squares cylinder of points (N, 3), started from each principal direction; or circle."""
         some = points[np.linspace(0, len(points) - 1, min(SAMPLE, len(points))).astype(int)]
+        if circle:
+            return cls(_fit_cylinder(some, np.array([0.0, 0.0, 1.0]), slopes=0))
         directions = np.linalg.svd(some - some.mean(axis=0), full_matrices=False)[2]
         fits = [_fit_cylinder(some, direction) for direction in directions]
         return cls(min(fits, key=lambda one: float(np.abs(one.distance(some)).max())))
@@ -105,24 +110,27 @@ class CylinderWall:
         return np.asarray(own / np.linalg.norm(radial, axis=1, keepdims=True))
 
 
-FITTED: dict[str, Callable[[FloatArray], SlidingSurface]] = {"plane": Plane.fitted, "cylinder": CylinderWall.fitted}
-"""How a shape is fitted to the nodes of a patch."""
+FITTED: dict[str, Callable[[FloatArray, bool], SlidingSurface]] = {
+    "plane": Plane.fitted,
+    "cylinder": CylinderWall.fitted,
+}
+"""How a shape is fitted to the nodes of a patch; True: of a plane mesh."""
 SURFACE = "surface"
 """The shape of a patch that is taken as it is."""
 SHAPES = (*FITTED, SURFACE)
 NAMES = f"{', '.join(FITTED)} or {SURFACE}"
 
 
-def fitted(shape: str, points: FloatArray, patch: str) -> SlidingSurface:
-    """Fit a shape to the nodes (N, 3) of a patch and verify it.
+def fitted(shape: str, points: FloatArray, patch: str, plane: bool = False) -> SlidingSurface:
+    """Fit a shape to the nodes (N, 3) of a patch, perhaps of a plane mesh, and verify it.
 
     Raises InputError if the shape is unknown, or the patch is not of that shape.
     """
     if shape not in FITTED:
         raise InputError(f"slide = {patch}:{shape}: the shape must be {NAMES}")
-    if len(points) < 3:
+    if len(points) < (2 if plane and shape == "plane" else 3):
         raise InputError(f"slide = {patch}:{shape}: {len(points)} nodes do not determine a {shape}")
-    surface, size = FITTED[shape](points), float(np.ptp(points, axis=0).max())
+    surface, size = FITTED[shape](points, plane), float(np.ptp(points, axis=0).max())
     off = float(np.abs(surface.distance(points)).max())
     if not off <= RESIDUAL * size:
         raise InputError(
@@ -145,15 +153,15 @@ class SlidingPatch:
         """Fit a shape to a patch, or take its faces; InputError if it has another shape, or no faces."""
         nodes = mesh.patch(name).nodes
         if shape != SURFACE:
-            return cls(name, fitted(shape, mesh.points[nodes], name), nodes)
+            return cls(name, fitted(shape, mesh.points[nodes], name, mesh.plane), nodes)
         faces = polygons_of(mesh.patch(name).faces)
         if len(np.unique(faces.nodes)) < len(nodes) or not len(faces):
             raise InputError(f"slide = {name}:{shape}: the patch needs faces that hold all of its {len(nodes)} nodes")
         return cls(name, Triangulated.of(mesh.points, faces), nodes)
 
 
-def _fit_cylinder(points: FloatArray, direction: FloatArray) -> Cylinder:
-    """Fit axis and radius from a first direction; parameters are slopes and offsets across it."""
+def _fit_cylinder(points: FloatArray, direction: FloatArray, slopes: int = 2) -> Cylinder:
+    """Fit axis and radius from a first direction; parameters are offsets across it, the radius and, if any, slopes."""
     center, size = points.mean(axis=0), float(np.ptp(points, axis=0).max())
     u = np.linalg.svd(direction[None])[2][1]
     v = np.cross(direction, u)
@@ -161,8 +169,8 @@ def _fit_cylinder(points: FloatArray, direction: FloatArray) -> Cylinder:
     x, y, c = np.linalg.lstsq(np.column_stack([2.0 * flat, np.ones(len(flat))]), np.sum(flat**2, axis=1))[0]
 
     def made(p: FloatArray) -> Cylinder:
-        axis = Axis(center + size * (p[0] * u + p[1] * v), direction + p[2] * u + p[3] * v)
-        return Cylinder(axis, size * max(abs(float(p[4])), 1e-12))
+        along = direction + p[3] * u + p[4] * v if slopes else direction
+        return Cylinder(Axis(center + size * (p[0] * u + p[1] * v), along), size * max(abs(float(p[2])), 1e-12))
 
-    first = np.array([x, y, 0.0, 0.0, np.sqrt(max(c + x * x + y * y, 1e-12))])
+    first = np.array([x, y, np.sqrt(max(c + x * x + y * y, 1e-12)), *np.zeros(slopes)])
     return made(least_squares(lambda p: made(p).distance(points) / size, first, xtol=1e-15, ftol=1e-15, gtol=1e-15).x)

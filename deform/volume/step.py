@@ -97,7 +97,7 @@ class StepState:
         certain, places = len(sites.moving) + len(sites.fixed), points[sites.slid]
         nearby = Nearby.of(places, known, [part[part < certain] for part in parts])
         near_sliding = NearWall.of(places, known, nearby, reach)
-        turning = LocalRotation.of(known, sites.edges(boundary), certain)
+        turning = LocalRotation.of(known, sites.edges(boundary), certain, boundary.mesh.plane)
         return cls(boundary, region, sites, points, free, layers, near_wall, near_sliding, turning)
 
     @property
@@ -113,7 +113,8 @@ class StepState:
         sites = self.sites
         slid = [sites.slid[sites.sampled_sliding]] if sliding else []
         nodes = [sites.moving[sites.distinct], sites.fixed[sites.sampled], self.free[self.layers.rows], *slid]
-        moving = DataSites(self.points[np.concatenate(nodes)], values)
+        components = self.boundary.components
+        moving = DataSites(self.points[np.concatenate(nodes)], values[:, components], components)
         return GROUPINGS[self.fitting.strategy]([moving, *sites.zero])
 
     def values(self, move: FloatArray, slid: FloatArray | None = None) -> FloatArray:

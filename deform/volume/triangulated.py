@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.edges import edges_of, sharp_edges
+from sdm_deflect.deform.edges import are_lines, rim, sharp_edges, unit
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Polygons
 from sdm_deflect.deform.volume.closest import Closest, Triangles
 
@@ -34,16 +34,16 @@ class Pieces:
         """Take triangles (T, 3); the tangent plane of a vertex is normal to the mean of its triangles' normals."""
         corners = vertices[triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        across = _dominant(_unit(normals), np.linalg.norm(normals, axis=1), triangles, len(vertices))
+        across = _dominant(unit(normals), np.linalg.norm(normals, axis=1), triangles, len(vertices))
         return cls(triangles, vertices, Triangles.of(corners), np.eye(3) - across[:, :, None] * across[:, None, :])
 
     @classmethod
     def curves(cls, vertices: FloatArray, edges: IntArray) -> "Pieces":
         """Take segments (E, 2); a vertex from which other than two go on, or at a sharp angle, is an end: it stays."""
         vectors = vertices[edges[:, 1]] - vertices[edges[:, 0]]
-        along = _dominant(_unit(vectors), np.ones(len(edges)), edges, len(vertices))
+        along = _dominant(unit(vectors), np.ones(len(edges)), edges, len(vertices))
         projectors = along[:, :, None] * along[:, None, :]
-        projectors[_ends(_unit(vectors), edges, len(vertices))] = 0.0
+        projectors[_ends(unit(vectors), edges, len(vertices))] = 0.0
         return cls(edges[:, [0, 1, 1]], vertices, Triangles.of(vertices[edges[:, [0, 1, 1]]]), projectors)
 
     def rate(self, targets: FloatArray, rate: FloatArray, near: float) -> FloatArray:
@@ -55,11 +55,11 @@ class Pieces:
         hit = self.search.closest(targets)
         corners, off = self.search.corners[hit.rows], hit.weights == 0.0
         on = np.linalg.norm(targets - hit.places, axis=1) <= near
-        normal = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
         out = rate - np.sum(rate * normal, axis=1, keepdims=True) * normal
         rows = np.flatnonzero((off.sum(axis=1) == 1) & ~(on & normal.any(axis=1)))
         first, second = np.where(off[rows, 0], 1, 0), np.where(off[rows, 2], 1, 2)
-        edge = _unit(corners[rows, second] - corners[rows, first])
+        edge = unit(corners[rows, second] - corners[rows, first])
         out[rows] = np.sum(rate[rows] * edge, axis=1, keepdims=True) * edge
         vertex = off.sum(axis=1) == 2
         out[vertex] = np.einsum("nij,nj->ni", self.projectors[self._vertices(hit)[vertex]], rate[vertex])
@@ -82,8 +82,9 @@ class Triangulated:
 
     Attributes
     ----------
-    faces : the patch, cut into triangles.
+    faces : the patch, cut into triangles; or its lines.
     ridges : its edges of one face, or whose faces turn by more than `SHARP` degrees; none if it is closed and smooth.
+        Lines are ridges.
     near : distance within which a point is on them.
     """
 
@@ -97,9 +98,13 @@ class Triangulated:
         used, rows = np.unique(faces.nodes, return_inverse=True)
         own = Polygons(rows.reshape(-1), faces.offsets)
         vertices = np.ascontiguousarray(points[used])
-        sharp = np.concatenate([_rim(own), sharp_edges(vertices, own, SHARP)])
+        near = ON * float(np.ptp(vertices, axis=0).max())
+        if are_lines(faces):
+            curve = Pieces.curves(vertices, own.nodes.reshape(-1, 2))
+            return cls(curve, curve, near)
+        sharp = np.concatenate([rim(own), sharp_edges(vertices, own, SHARP)])
         ridges = Pieces.curves(vertices, sharp) if len(sharp) else None
-        return cls(Pieces.faces(vertices, _cut(own)), ridges, ON * float(np.ptp(vertices, axis=0).max()))
+        return cls(Pieces.faces(vertices, _cut(own)), ridges, near)
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the distance (N,)."""
@@ -140,17 +145,6 @@ def _cut(faces: Polygons) -> IntArray:
         nodes = np.take_along_axis(nodes, (np.argmin(nodes, axis=1)[:, None] + np.arange(size)) % size, axis=1)
         found += [nodes[:, [0, k, k + 1]] for k in range(1, size - 1)]
     return np.concatenate(found)
-
-
-def _rim(faces: Polygons) -> IntArray:
-    """Return the edges (E, 2) of one face."""
-    edges, count = np.unique(np.sort(edges_of(faces)[0], axis=1), axis=0, return_counts=True)
-    return np.asarray(edges[count == 1])
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    """Return vectors (N, 3) of length one; zero where they are."""
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny))
 
 
 def _dominant(directions: FloatArray, weights: FloatArray, nodes: IntArray, count: int) -> FloatArray:

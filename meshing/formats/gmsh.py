@@ -1,7 +1,7 @@
 """Gmsh meshes (.msh), versions 2.2 and 4.1, text and binary."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,8 @@ from sdm_deflect.meshing.mesh import VOLUME, FloatArray, IntArray
 
 SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
 FACES = {2: "triangle", 3: "quad"}
+KINDS = {3: (SOLIDS, FACES), 2: (FACES, {1: "line"})}
+"""Cells and boundary faces, by the mesh's dimension."""
 PHYSICAL = re.compile(rb'^[ \t]*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
 
 
@@ -28,6 +30,8 @@ class Gmsh:
 
     Faces in no group are called ``entity_<tag>`` by their surface of the geometry. Points, lines, groups of volumes,
     data and the geometry are no part of the mesh; a rewritten file keeps them, as it keeps the boxes around entities.
+    A file without volume cells whose points have one z is a plane mesh: its patches are the groups of dimension 1, and
+    ``curve_<tag>`` those without a name.
     Cells are one block of each shape, in the file's order within the shape. Elements with nodes on their edges are
     refused. A new file is of version 2.2 in text.
     """
@@ -65,13 +69,18 @@ def _mesh(file: GmshFile) -> Mesh:
         raise MeshFileError("is partitioned; save it in one part: gmsh -save -part 0")
     tags, found = nodes(file)
     points = found.values
+    every = list(elements(file))
+    plane = len(points) and points[:, 2].min() == points[:, 2].max() and all(b.kind not in SOLIDS for b in every)
+    dimension = 2 if plane else 3
+    solids, faces = KINDS[dimension]
     blocks: dict[int, list[Elements]] = {}
-    for block in (block for block in elements(file) if block.kind in SOLIDS | FACES):
+    for block in (block for block in (elements(file, 1) if plane else every) if block.kind in solids | faces):
         blocks.setdefault(block.kind, []).append(block)
     rows = {kind: _indices(np.concatenate([b.nodes for b in parts]), tags) for kind, parts in blocks.items()}
-    solids = [Cells(SOLIDS[kind], mirrored("wedge", r) if kind == 6 else r) for kind, r in rows.items() if kind > 3]
-    patches = _patches({kind: (rows[kind], blocks[kind]) for kind in rows if kind in FACES}, _names(file))
-    mesh = Mesh(points, tuple(oriented(points, block) for block in solids), patches)
+    inner = {kind: mirrored("wedge", r) if kind == 6 else r for kind, r in rows.items() if kind in solids}
+    own = {kind: (rows[kind], blocks[kind]) for kind in rows if kind in faces}
+    patches = _patches(own, _names(file, dimension - 1), faces)
+    mesh = Mesh(points, tuple(oriented(points, Cells(solids[kind], r)) for kind, r in inner.items()), patches)
     check_faces(mesh)
     return mesh
 
@@ -84,24 +93,27 @@ def _indices(tags: IntArray, known: IntArray) -> IntArray:
     return place
 
 
-def _names(file: GmshFile) -> dict[int, str]:
-    """Names of the physical groups of dimension 2."""
+def _names(file: GmshFile, wanted: int) -> dict[int, str]:
+    """Names of the physical groups of a dimension."""
     found = PHYSICAL.findall(file.content("PhysicalNames")) if "PhysicalNames" in file.sections else []
-    return {int(tag): name.decode("utf-8", "replace") for dimension, tag, name in found if dimension == b"2"}
+    return {int(tag): name.decode("utf-8", "replace") for dimension, tag, name in found if int(dimension) == wanted}
 
 
-def _patches(faces: dict[int, tuple[IntArray, Iterable[Elements]]], names: dict[int, str]) -> tuple[Patch, ...]:
+def _patches(
+    blocks_of: Mapping[int, tuple[IntArray, Iterable[Elements]]], names: dict[int, str], faces: dict[int, str]
+) -> tuple[Patch, ...]:
     """Patches in the order of their tags; groups of one name are one patch."""
     found: dict[tuple[bool, int, int], list[Cells]] = {}
-    for kind, (rows, blocks) in faces.items():
+    for kind, (rows, blocks) in blocks_of.items():
         group, entity = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("group", "entity"))
         pairs = np.column_stack([group == 0, group, np.where(group == 0, entity, 0)])
         labels, index = np.unique(pairs, axis=0, return_inverse=True)
         for i, (free, physical, part) in enumerate(labels.tolist()):
-            found.setdefault((free, physical, part), []).append(Cells(FACES[kind], rows[index.ravel() == i]))
+            found.setdefault((free, physical, part), []).append(Cells(faces[kind], rows[index.ravel() == i]))
     named: dict[str, list[Cells]] = {}
+    nameless = "curve" if "line" in faces.values() else "surface"
     for (free, physical, part), cells in sorted(found.items(), key=lambda item: item[0]):
-        name = f"entity_{part}" if free else names.get(physical, f"surface_{physical}")
+        name = f"entity_{part}" if free else names.get(physical, f"{nameless}_{physical}")
         named.setdefault(name, []).extend(cells)
     return tuple(Patch(name, tuple(cells)) for name, cells in named.items())
 
@@ -118,8 +130,9 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     solids = [(block, len(names) + 1) for block in standard_cells(mesh) if len(block)]
     groups = [np.full(len(block), tag, dtype=np.int32) for block, tag in faces + solids]
     turned = [mirrored("wedge", block.nodes) if block.shape == "wedge" else block.nodes for block, _ in faces + solids]
-    fields = {name: np.array([tag, 2]) for tag, name in enumerate(names, 1)}
-    fields[fitting_names([VOLUME], '"', names)[VOLUME]] = np.array([len(names) + 1, 3])
+    dimension = 2 if mesh.plane else 3
+    fields = {name: np.array([tag, dimension - 1]) for tag, name in enumerate(names, 1)}
+    fields[fitting_names([VOLUME], '"', names)[VOLUME]] = np.array([len(names) + 1, dimension])
     whole = meshio.Mesh(
         mesh.points,
         [(block.shape, nodes) for (block, _), nodes in zip(faces + solids, turned, strict=True)],

@@ -25,15 +25,19 @@ class Elements:
     entity: IntArray = field(repr=False)
 
 
-def elements(file: GmshFile) -> Iterator[Elements]:
-    """Yield the elements in the file's order; those of an entity in several groups once for each group.
+def elements(file: GmshFile, boundary: int = 2) -> Iterator[Elements]:
+    """Yield the elements in the file's order; boundary elements of an entity in several groups once for each group.
+
+    Parameters
+    ----------
+    boundary : Dimension of the boundary: 1 around a plane mesh.
 
     MeshFileError for a type that is not linear, and truncated sections.
     """
     cursor = file.cursor("Elements")
     if file.version == 41:
         groups = _groups(file.cursor("Entities")) if "Entities" in file.sections else {}
-        yield from _elements41(file, cursor, groups)
+        yield from _elements41(file, cursor, groups, boundary)
     elif isinstance(cursor, TextCursor):
         yield from _lines22(cursor.words)
     else:
@@ -48,7 +52,9 @@ def _corners(kind: int, count: int) -> int:
     return CORNERS[kind]
 
 
-def _elements41(file: GmshFile, cursor: Cursor, groups: dict[tuple[int, int], list[int]]) -> Iterator[Elements]:
+def _elements41(
+    file: GmshFile, cursor: Cursor, groups: dict[tuple[int, int], list[int]], boundary: int
+) -> Iterator[Elements]:
     for _ in range(int(cursor.sizes(4)[0])):
         dimension, entity, kind = cursor.ints(3).tolist()
         count = int(cursor.sizes(1)[0])
@@ -56,7 +62,7 @@ def _elements41(file: GmshFile, cursor: Cursor, groups: dict[tuple[int, int], li
         own = cursor.sizes(count * width).reshape(count, width)[:, 1:]
         several = groups.get((dimension, entity)) or [0]
         check_unpacked(own.nbytes * len(several), len(file.data), f"{count} elements in {len(several)} groups")
-        for group in several if dimension == 2 else several[:1]:
+        for group in several if dimension == boundary else several[:1]:
             yield Elements(kind, own, np.full(count, abs(group)), np.full(count, entity))
 
 

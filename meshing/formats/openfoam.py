@@ -14,6 +14,7 @@ from sdm_deflect.meshing.files import copied, fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.openfoam_files import FoamFile, faces, labels, open_foam, parse, vectors
 from sdm_deflect.meshing.formats.openfoam_write import write_mesh, write_system
+from sdm_deflect.meshing.formats.shapes import refuse_plane
 from sdm_deflect.meshing.mesh import FloatArray
 
 MESH = Path("constant", "polyMesh")
@@ -75,6 +76,7 @@ class OpenFoam:
         A name that begins with ``sym`` is a plane of symmetry; one with ``far``, ``inlet``, ``outlet``,
         ``chimera`` or ``overset`` in it a ``patch``; all others are walls.
         """
+        refuse_plane(mesh, "OpenFOAM")
         with fresh_folder(case_folder(out)) as beside, about(out):
             progress(f"writing {out.name}", 0.0)
             lost = write_mesh(mesh, beside / MESH)

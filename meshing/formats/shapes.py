@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.faces import FACES, ROWS, Keys, face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import PLANE, Cells, Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
@@ -68,8 +68,13 @@ def oriented(points: FloatArray, cells: Cells) -> Cells:
 
     Formats that say "VTK's order" are written with wedges (and sometimes all cells) of either hand, and solvers turn
     them as they read. A block is turned as a whole, where most of its cells are left-handed: single inverted cells
-    stay inverted.
+    stay inverted. Plane cells are turned one by one to run counter-clockwise, as solvers do.
     """
+    if cells.shape in PLANE:
+        corners = points[cells.nodes][:, :, :2]
+        across, along = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
+        clockwise = across[:, 0] * along[:, 1] < across[:, 1] * along[:, 0]
+        return replace(cells, nodes=np.where(clockwise[:, None], cells.nodes[:, ::-1], cells.nodes))
     step = max(1, len(cells) // SAMPLE)
     sample = cells.nodes[::step]
     origin = points[sample[:, 0]]
@@ -106,7 +111,8 @@ def chosen(faces: Faces, rows: IntArray) -> Faces:
 def loose_faces(mesh: Mesh) -> dict[str, int]:
     """Count, by patch, the faces that are of no cell (patches without such faces are left out).
 
-    Only cells with three nodes on the boundary are looked at, some at a time: the memory is that of the boundary.
+    Only cells with as many nodes as a face on the boundary are looked at, some at a time: the memory is that of the
+    boundary.
     """
     keys = node_keys(len(mesh.points))
     mine = {patch.name: patch_keys(patch, keys) for patch in mesh.patches}
@@ -131,8 +137,15 @@ def _cell_face_keys(mesh: Mesh, keys: Keys) -> Iterator[Keys]:
             continue
         for start in range(0, len(block), ROWS):
             nodes = block.nodes[start : start + ROWS]
-            own = keys[nodes[sum(on_boundary[corner] for corner in nodes.T) >= 3]]  # much faster than along rows
+            least = min(map(len, FACES[block.shape]))
+            own = keys[nodes[sum(on_boundary[corner] for corner in nodes.T) >= least]]  # much faster than along rows
             yield np.concatenate([own[:, list(face)].sum(axis=1, dtype=np.uint64) for face in FACES[block.shape]])
+
+
+def refuse_plane(mesh: Mesh, format_name: str) -> None:
+    """Refuse a plane mesh, with a MeshFileError, for a format that holds none."""
+    if mesh.plane:
+        raise MeshFileError(f"{format_name} holds no two-dimensional meshes; su2, gmsh and vtu do")
 
 
 def check_faces(mesh: Mesh) -> None:

@@ -1,4 +1,4 @@
-"""SU2 meshes (.su2) in three dimensions."""
+"""SU2 meshes (.su2) in two and three dimensions."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from sdm_deflect.meshing.formats.su2_read import CHUNK, FACES, PARALLEL, SOLIDS,
 from sdm_deflect.meshing.formats.zones import part
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
-NUMBERS = {shape: number for number, shape in (SOLIDS | FACES).items()}
+NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
 ROWS = 1 << 15
 """Lines written at a time."""
 UNFIT = r"[\s(),%=]"
@@ -69,7 +69,7 @@ def copy_moved(source: Su2File, points: FloatArray, out: BinaryIO) -> None:
     for section in tables:
         _copy(source.file, at, section.begin, out)
         for text, lines in source.lines(section, np.float64):
-            out.write(_moved(text, lines, points[start : start + len(lines)]))
+            out.write(_moved(text, lines, points[start : start + len(lines), : source.dimension]))
             start += len(lines)
         at = section.end
     _copy(source.file, at, source.sections[-1].end, out)
@@ -102,7 +102,7 @@ def _copy(file: BinaryIO, begin: int, end: int, out: BinaryIO) -> None:
 
 
 def _moved(text: bytes, lines: Lines, points: FloatArray) -> bytes:
-    index = coordinates(lines)[: len(points)]
+    index = coordinates(lines, points.shape[1])[: len(points)]
     changed = lines.values[index] != points
     if not changed.any():
         return text
@@ -112,7 +112,8 @@ def _moved(text: bytes, lines: Lines, points: FloatArray) -> bytes:
 
 def _zone(mesh: Mesh, names: dict[str, str]) -> Iterator[tuple[str, float]]:
     """Text of one zone, and the fraction of it that is written."""
-    yield f"NDIME= 3\nNELEM= {sum(len(block) for block in mesh.cells)}\n", 0.0
+    dimension = 2 if mesh.plane else 3
+    yield f"NDIME= {dimension}\nNELEM= {sum(len(block) for block in mesh.cells)}\n", 0.0
     number = 0
     for block in mesh.cells:
         if isinstance(block, Polyhedra):
@@ -120,7 +121,7 @@ def _zone(mesh: Mesh, names: dict[str, str]) -> Iterator[tuple[str, float]]:
         yield from ((text, 0.7) for text in table(f"{NUMBERS[block.shape]}", block.nodes, number))
         number += len(block)
     yield f"NPOIN= {len(mesh.points)}\n", 0.7
-    yield from ((text, 0.9) for text in table("", mesh.points, 0))
+    yield from ((text, 0.9) for text in table("", mesh.points[:, :dimension], 0))
     yield f"NMARK= {len(mesh.patches)}\n", 0.9
     for patch in mesh.patches:
         yield f"MARKER_TAG= {names[patch.name]}\nMARKER_ELEMS= {len(patch)}\n", 0.9

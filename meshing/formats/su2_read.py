@@ -19,6 +19,8 @@ CHUNK = 1 << 22
 """Bytes of text handled at a time."""
 SOLIDS = {10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
 FACES = {5: "triangle", 9: "quad"}
+KINDS = {3: (SOLIDS, FACES), 2: (FACES, {3: "line"})}
+"""Cells and boundary faces, by dimension."""
 PARALLEL = "SEND_RECEIVE"
 """Marker of points that other processes hold; it is no boundary."""
 
@@ -83,25 +85,26 @@ def chunks(file: BinaryIO, begin: int, end: int) -> Iterator[tuple[int, bytes]]:
 
 @dataclass(frozen=True, slots=True)
 class Su2File:
-    """An open file and where its sections lie; `report` is told the fraction of the file that has been read."""
+    """An open file, where its sections lie, its dimension; `report` is told the fraction of it that has been read."""
 
     file: BinaryIO
     sections: tuple[Section, ...]
+    dimension: int
     report: Callable[[float], None]
 
     @classmethod
     def opened(cls, file: BinaryIO, report: Callable[[float], None]) -> Su2File:
-        """Find the sections of a file; MeshFileError if it is no SU2 mesh, or not a three-dimensional one."""
+        """Find the sections of a file; MeshFileError if it is no SU2 mesh, or of another dimension than 2 or 3."""
         file.seek(0)
         if b"\0" in file.read(4096):
             raise MeshFileError("this is a binary file; an SU2 mesh is text")
         found = tuple(sections(file))
-        dimensions = [section for section in found if section.keyword == "NDIME"]
+        dimensions = [section.count for section in found if section.keyword == "NDIME"]
         if not dimensions:
             raise MeshFileError("no NDIME= line; this is not an SU2 mesh, or it is truncated")
-        if any(section.count != 3 for section in dimensions):
-            raise MeshFileError("the mesh is two-dimensional (NDIME= 2); only meshes in three dimensions can be read")
-        return cls(file, found, report)
+        if dimensions[0] not in KINDS or len(set(dimensions)) > 1:
+            raise MeshFileError(f"NDIME= {', '.join(map(str, dimensions))}; it must be 2 or 3, the same for all zones")
+        return cls(file, found, dimensions[0], report)
 
     def lines(self, section: Section, kind: type[np.float64 | np.int64]) -> Iterator[tuple[bytes, Lines]]:
         """Yield the text of a section and the numbers on its lines, some at a time.
@@ -121,15 +124,15 @@ class Su2File:
             )
 
 
-def coordinates(lines: Lines) -> IntArray:
-    """Index (L, 3) in `lines.values` of the coordinates on each line: three numbers, or four with the point's own.
+def coordinates(lines: Lines, dimension: int) -> IntArray:
+    """Index (L, d) in `lines.values` of the d coordinates on each line, after which the point's own number may stand.
 
     MeshFileError if a line has another number of numbers.
     """
     sizes = np.diff(lines.first)
-    if bad := np.count_nonzero((sizes != 3) & (sizes != 4)):
-        raise MeshFileError(f"{bad} lines of points have other than 3 coordinates")
-    return lines.first[:-1, None] + np.arange(3)
+    if bad := np.count_nonzero((sizes != dimension) & (sizes != dimension + 1)):
+        raise MeshFileError(f"{bad} lines of points have other than {dimension} coordinates")
+    return lines.first[:-1, None] + np.arange(dimension)
 
 
 def read_zones(source: Su2File) -> Mesh:
@@ -162,7 +165,7 @@ def _zones(found: Sequence[Section]) -> dict[str, list[Section]]:
 
 def _zone(source: Su2File, own: Sequence[Section]) -> Mesh:
     points = _points(source, _only(own, "NPOIN"))
-    cells = _elements(source, _only(own, "NELEM"), SOLIDS, len(points))
+    cells = _elements(source, _only(own, "NELEM"), KINDS[source.dimension][0], len(points))
     mesh = Mesh(points, tuple(oriented(points, block) for block in cells), _patches(source, own, len(points)))
     check_faces(mesh)
     return mesh
@@ -176,12 +179,12 @@ def _only(own: Sequence[Section], keyword: str) -> Section:
 
 
 def _points(source: Su2File, section: Section) -> FloatArray:
-    possible = (section.end - section.begin) // len("0 0 0") + 1
-    points = np.empty((min(section.count, possible), 3))  # a damaged count may be any number
+    possible = (section.end - section.begin) // len("0 0") + 1
+    points = np.zeros((min(section.count, possible), 3))  # a damaged count may be any number
     start = 0
     for _, lines in source.lines(section, np.float64):
-        own = lines.values[coordinates(lines)][: len(points) - start]
-        points[start : start + len(own)] = own
+        own = lines.values[coordinates(lines, source.dimension)][: len(points) - start]
+        points[start : start + len(own), : source.dimension] = own
         start += len(own)
     return points
 
@@ -199,7 +202,7 @@ def _patches(source: Su2File, own: Sequence[Section], points: int) -> tuple[Patc
         if own[i + 1 : i + 2] == [] or own[i + 1].keyword != "MARKER_ELEMS":
             raise MeshFileError(f"marker {name} has no MARKER_ELEMS= line; the file is truncated or damaged")
         try:
-            patches.append(Patch(name, _elements(source, own[i + 1], FACES, points)))
+            patches.append(Patch(name, _elements(source, own[i + 1], KINDS[source.dimension][1], points)))
         except MeshFileError as error:
             raise MeshFileError(f"marker {name}: {error}") from error
     return tuple(patches)

@@ -16,7 +16,7 @@ from sdm_deflect.meshing.formats.cgns_packed import overwrite
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.hdf5 import DAMAGE
 from sdm_deflect.meshing.formats.netcdf import Array, NetCdf, opened
-from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented
+from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, refuse_plane
 from sdm_deflect.meshing.formats.tau_write import AXES, FACES, MARKERS, SOLIDS, write_grid
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
@@ -77,6 +77,7 @@ class Tau:
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
+        refuse_plane(mesh, "TAU")
         progress(f"writing {out.name}", 0.0)
         with fresh(out) as beside, about(out), beside.open("wb") as file:
             return write_grid(mesh, file)

@@ -15,7 +15,7 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
-from sdm_deflect.meshing.formats.shapes import MIRRORED, check_faces, oriented, simple_faces
+from sdm_deflect.meshing.formats.shapes import MIRRORED, check_faces, oriented, refuse_plane, simple_faces
 from sdm_deflect.meshing.formats.ugrid_file import (
     ORDER,
     POINTS,
@@ -89,6 +89,7 @@ class Ugrid:
         Names of patches are written to a ``.mapbc``, unless all are numbers. If it is there and names the surfaces
         otherwise, that is a MeshFileError.
         """
+        refuse_plane(mesh, "UGRID")
         progress(f"writing {out.name}", 0.0)
         check_names(mesh, out)
         ids, names, table = _ids(mesh), fitting_names(mesh.names, r"\s"), mapbc(out)

@@ -23,6 +23,7 @@ FLAT = {TYPES["triangle"]: "triangle", TYPES["quad"]: "quad", PIXEL: "quad"}
 SOLID = {TYPES[shape]: shape for shape in ("tetra", "pyramid", "wedge", "hexahedron")} | {VOXEL: "hexahedron"}
 IMAGES = {VOXEL: [0, 1, 3, 2, 4, 5, 7, 6], PIXEL: [0, 1, 3, 2]}
 """Nodes of cells of image data, in the order of the other cell."""
+LINES = {TYPES["line"]: "line"}
 PASSED = (0, 1, 2, 3, 4)
 """Empty cells, vertices and lines."""
 LABELS = (
@@ -39,8 +40,9 @@ class Vtu:
 
     Labels are the cell array ``patch`` with the names in the field array ``patch_names``, as our runs write them; else
     the first array of a usual name such as ``marker`` or ``CellEntityIds``, whose patches are called ``marker_3``;
-    else all faces are one patch ``boundary``. Points and lines are passed over. Coordinates in single precision stay in
-    single precision.
+    else all faces are one patch ``boundary``. Points and lines are passed over; but without volume cells, if all points
+    have one z, the faces are the cells of a plane mesh, and lines the faces on its boundary. Coordinates in single
+    precision stay in single precision.
     """
 
     name: str = "vtu"
@@ -125,7 +127,7 @@ class _Grid:
 
     def block(self, kind: int, rows: IntArray) -> Cells:
         """Cells of one type."""
-        shape = (SOLID | FLAT)[kind]
+        shape = (SOLID | FLAT | LINES)[kind]
         corners = CORNERS[shape]
         if np.any(np.diff(self.offsets)[rows] != corners):
             raise MeshFileError(f"some cells of type {shape} have other than {corners} nodes; the file is damaged")
@@ -146,13 +148,19 @@ def _mesh(file: VtuFile) -> Mesh:
     other = grid.types[~np.isin(grid.types, [*SOLID, *FLAT, *PASSED, POLYGON, POLYHEDRON])]
     if len(other):
         raise MeshFileError(f"{len(other)} cells are of VTK's type {other[0]}, which is not linear or not known")
+    z = grid.points[:, 2]
+    plane = (
+        bool(z.min(initial=np.inf) == z.max(initial=-np.inf)) and not np.isin(grid.types, [*SOLID, POLYHEDRON]).any()
+    )
+    if plane and POLYGON in grid.types:
+        raise MeshFileError("has polygons; cells of a plane mesh are triangles and quads")
     solids: list[Cells | Polyhedra] = []
     for kind in _kinds(grid.types):
         if kind == POLYHEDRON:
             solids.append(polyhedra(grid.faces, grid.cell, len(grid.points)))
-        elif kind in SOLID:
+        elif kind in (FLAT if plane else SOLID):
             solids.append(oriented(grid.points, grid.block(kind, np.flatnonzero(grid.types == kind))))
-    mesh = Mesh(grid.points, tuple(solids), _patches(file, grid))
+    mesh = Mesh(grid.points, tuple(solids), _patches(file, grid, (*LINES,) if plane else (*FLAT, POLYGON)))
     check_faces(mesh)
     return mesh
 
@@ -163,8 +171,8 @@ def _kinds(types: NDArray[np.uint8]) -> list[int]:
     return [int(kind) for kind in kinds[np.argsort(first)]]
 
 
-def _patches(file: VtuFile, grid: _Grid) -> tuple[Patch, ...]:
-    flat = np.flatnonzero(np.isin(grid.types, [*FLAT, POLYGON]))
+def _patches(file: VtuFile, grid: _Grid, kinds: tuple[int, ...]) -> tuple[Patch, ...]:
+    flat = np.flatnonzero(np.isin(grid.types, kinds))
     labels, names = _labels(file)
     own = labels[flat]
     found: dict[str, list[Cells | Polygons]] = {}

@@ -18,7 +18,7 @@ from sdm_deflect.meshing.mesh import VOLUME, IntArray, TetMesh
 
 Array = NDArray[np.generic]
 
-TYPES = {"triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
+TYPES = {"line": 3, "triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
 """VTK's number of each shape."""
 POLYGON, POLYHEDRON = 7, 42
 FAST = 1

@@ -29,7 +29,8 @@ def complaint(path) -> str:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("NDIME= 3", "NDIME= 2", "two-dimensional"),
+        ("NDIME= 3", "NDIME= 2", "14 lines of points have other than 2 coordinates"),
+        ("NDIME= 3", "NDIME= 4", "NDIME= 4; it must be 2 or 3"),
         ("NDIME= 3", "", "no NDIME="),
         ("NPOIN= 14", "NPOIN= 15", "NPOIN= 15, but 14 lines of numbers follow; the file is truncated or damaged"),
         ("NPOIN= 14", "NPOIN= 13", "NPOIN= 13, but 14 lines"),
