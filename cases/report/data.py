@@ -317,13 +317,22 @@ def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
     figures, courses, stored = read_json(folder), read_courses(folder), read_arrays(folder / "interpolant.npz")
     with damaged(folder, RUN):
         tags = [f"_{name}" if i else "" for i, name in enumerate(courses)]
-        first = [{d: stored[f"centers_{d}{tag}"].astype(np.float64) for d in "xyz"} for tag in tags]
+        courses_and_tags = zip(courses.values(), tags, strict=True)
+        first = [
+            {d: stored[f"centers_{d}{tag}"].astype(np.float64) for d in _directions(own)}
+            for own, tag in courses_and_tags
+        ]
         if any(
             one.ndim != 2 or one.shape[1] != 3 or not np.isfinite(one).all() for own in first for one in own.values()
         ):
             raise ValueError("centres in interpolant.npz are no points")
         fits = [FitRows(tuple(own), by_direction) for own, by_direction in zip(courses.values(), first, strict=True)]
         return figures, tuple(_check(row) for row in figures["validation"]["checks"]), fits
+
+
+def _directions(courses: Sequence[Convergence]) -> list[str]:
+    """Return the directions in which a box was fitted: a plane mesh has no z."""
+    return sorted({direction for course in courses for direction in course.directions})
 
 
 def _course(row: dict[str, str]) -> tuple[str, int, str]:

@@ -221,7 +221,7 @@ class Gallery:
 def drawn(data: ReportData, folder: Path) -> Gallery:
     """Draw every picture that needs no verdict into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    each = [(own, surface) for own in data.boxes for surface in own.surfaces]
+    each = [(own, surface) for own in data.boxes for surface in own.surfaces if not data.mesh.plane]  # slices show all
     pictures = [before_after(data, *one) for one in each]
     missing = ""
     with rendering(tuple(view for picture in pictures for view in picture.views)) as images:

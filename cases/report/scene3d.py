@@ -215,9 +215,11 @@ def by_size(faces: Iterable[Faces]) -> list[IntArray]:
 
 
 def triangles_of(faces: Iterable[Faces]) -> IntArray:
-    """Return faces cut into triangles (T, 3) of the same normals, all from a face's first corner."""
+    """Return faces cut into triangles (T, 3) of the same normals, all from a face's first corner; flat for lines."""
     parts = [np.empty((0, 3), dtype=np.intp)]
     for cells in by_size(faces):
+        if cells.shape[1] == 2:
+            parts.append(cells[:, [0, 1, 1]])
         parts += [cells[:, [0, i, i + 1]] for i in range(1, cells.shape[1] - 1)]
     return np.concatenate(parts)
 

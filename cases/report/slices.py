@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, drawn_quality
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
-from sdm_deflect.deform.edges import edges_of, polygons_of
+from sdm_deflect.deform.edges import are_lines, edges_of, polygons_of
 from sdm_deflect.deform.faces import FACES
-from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Volume
+from sdm_deflect.deform.mesh import PLANE, Cells, FloatArray, IntArray, Mesh, Volume
 
 AXES = "xyz"
 AROUND = 0.06
@@ -63,7 +63,12 @@ def directions(points: FloatArray, surface: MovedSurface) -> tuple[int, int]:
 
 
 def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Plane, Plane]:
-    """The two planes of a surface: a chord at half span; across the chord, close to the inner end."""
+    """The two planes of a surface: a chord at half span; across the chord, close to the inner end.
+
+    In a plane mesh both are its own: all of the hexahedron, and what is around the worst cell of the deflected mesh.
+    """
+    if data.mesh.plane:
+        return _windows(data, box)
     points, corners = data.mesh.points[surface.nodes], box.hexahedron.corners
     span, chord = directions(data.mesh.points, surface)
     size = float(np.ptp(corners, axis=0).max())
@@ -81,10 +86,25 @@ def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Plane, Pl
     )
 
 
+def _windows(data: ReportData, box: Box) -> tuple[Plane, Plane]:
+    """Return the two views of a plane mesh."""
+    corners, z = box.hexahedron.corners, float(data.mesh.points[0, 2])
+    size = float(np.ptp(corners, axis=0).max())
+    worst, place = np.inf, corners.mean(axis=0)
+    for block, rows, sign in zip(data.mesh.cells, box.touched.rows, box.touched.orientation, strict=True):
+        if len(rows) and isinstance(block, Cells):
+            quality = drawn_quality(data.points, block, rows, sign)
+            if quality.min() < worst:
+                worst, place = float(quality.min()), data.points[block.nodes[rows[quality.argmin()]]].mean(axis=0)
+    around = np.array([corners.min(axis=0) - AROUND * size, corners.max(axis=0) + AROUND * size])
+    near = np.array([place - CLOSE * size, place + CLOSE * size])
+    return Plane(2, z, "the plane", around), Plane(2, z, "around the worst cell", near)
+
+
 def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, str]:
     """Draw both planes of a surface before and after the deflection, and say what is seen."""
     figure = Figure(figsize=(9.6, 9.0))
-    figure.subplots_adjust(left=0.08, right=0.85, bottom=0.06, top=0.91, wspace=0.22, hspace=0.25)
+    figure.subplots_adjust(left=0.09, right=0.86, bottom=0.06, top=0.93, wspace=0.28, hspace=0.25)
     axes, texts = figure.subplots(2, 2), []
     for row, plane in zip(axes, planes(data, box, surface), strict=True):
         states = zip(row, (data.mesh.points, data.points), ("undeflected", surface.turned), strict=True)
@@ -123,8 +143,13 @@ def _slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane: Pl
 def cut_cells(
     points: FloatArray, block: Volume, plane: Plane, orientation: float = 1.0
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Polygons (k, 2) in which the plane cuts the cells of its window, and the drawn quality (P,) of those cells."""
+    """Polygons (k, 2) in which the plane cuts the cells of its window, and the drawn quality (P,) of those cells.
+
+    Cells of a plane mesh lie in it.
+    """
     rows = _crossed(points, block, plane)
+    if isinstance(block, Cells) and block.shape in PLANE:
+        return list(points[block.nodes[rows]][:, :, plane.across]), drawn_quality(points, block, rows, orientation)
     cell, edges = cell_edges(block, rows)
     polygons = _cut(points, cell, edges, len(rows), plane)
     kept = [i for i, polygon in enumerate(polygons) if len(polygon) > 2]
@@ -136,6 +161,8 @@ def cut_walls(mesh: Mesh, points: FloatArray, plane: Plane) -> FloatArray:
     faces = polygons_of(tuple(chain.from_iterable(patch.faces for patch in mesh.patches)))
     if not len(faces):
         return np.empty((0, 2, 2))
+    if are_lines(faces):
+        return np.asarray(points[faces.nodes.reshape(-1, 2)][:, :, plane.across])
     edges, face = edges_of(faces)
     heights = points[:, plane.axis] - plane.station
     crossing = (heights[edges[:, 0]] < 0.0) != (heights[edges[:, 1]] < 0.0)
@@ -147,7 +174,7 @@ def _crossed(points: FloatArray, block: Volume, plane: Plane) -> IntArray:
     """Rows of the cells that the plane cuts in its window."""
     above = points[:, plane.axis] >= plane.station
     (right, up), window = plane.across, plane.window
-    beyond = [above, ~above]
+    beyond = [] if isinstance(block, Cells) and block.shape in PLANE else [above, ~above]
     beyond += [points[:, c] > window[0, c] for c in (right, up)] + [points[:, c] < window[1, c] for c in (right, up)]
     return np.flatnonzero(np.all([with_node(block, mask) for mask in beyond], axis=0))
 

@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex
 
 from sdm_deflect.cases.metrics import Json
 from sdm_deflect.cases.report import scene3d
-from sdm_deflect.cases.report.data import ReportData, drawn_measure, drawn_quality
+from sdm_deflect.cases.report.data import Box, ReportData, drawn_measure, drawn_quality
 from sdm_deflect.deform.edges import area_vectors, edges_of, polygons_of, sharp_edges
 from sdm_deflect.deform.faces import FACES
 from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Patch, Polyhedra
@@ -23,13 +23,15 @@ MOST_DOTS = 10_000
 """So many sites or centres of a kind are in the page at most."""
 MARGIN = 0.2
 """Around the hexahedron of a view, by its largest extent."""
+FLAT = 1e-3
+"""Height of what is drawn of the hexahedron around a plane mesh, over its own."""
 SHADES = 9
 CREASE = 20.0
 """Edges at which faces turn by more degrees stay as they are in thinned patches."""
 TABLES = {
     shape: [k for face in faces for i in range(1, len(face) - 1) for k in (face[0], face[i], face[i + 1])]
     for shape, faces in FACES.items()
-}
+} | {"triangle": [0, 1, 2], "quad": [0, 1, 2, 0, 2, 3]}
 """Corners of the triangles on the outside of each shape."""
 
 
@@ -38,12 +40,13 @@ def turnable(data: ReportData) -> Json:
     edges = scene3d.BOX_EDGES
     return {
         "patches": list(patches(data)),
-        "boxes": [{"name": one.name, "segments": single(one.hexahedron.corners[edges])} for one in data.boxes],
+        "boxes": [{"name": one.name, "segments": single(_corners_shown(data, one)[edges])} for one in data.boxes],
         "dots": list(dots(data)),
         "cells": cells(data),
         "views": list(views(data)),
         "colours": {"range": [scene3d.QUALITY_RANGE.vmin, scene3d.QUALITY_RANGE.vmax], "shades": shades()},
         "measure": drawn_measure(data.mesh),
+        "plane": data.mesh.plane,
         "unit": data.length.name,
         "middle": float(data.middle[1]),
     }
@@ -115,8 +118,9 @@ def dots(data: ReportData) -> Iterator[Json]:
     yield _dots("sites", "sites on the surface", sites, scene3d.ORANGE)
     yield _dots("sites", "sites of zero displacement", [one.zero for one in data.boxes], scene3d.BLUE)
     for direction, colour in zip("xyz", (scene3d.BLUE, scene3d.ORANGE, (30, 30, 30)), strict=True):
-        own = [one.fits.centres[direction] for one in data.boxes]
-        yield _dots("centres", f"centres for {direction}", own, colour)
+        own = [one.fits.centres[direction] for one in data.boxes if direction in one.fits.centres]
+        if own:
+            yield _dots("centres", f"centres for {direction}", own, colour)
 
 
 def cells(data: ReportData) -> Json:
@@ -156,10 +160,18 @@ def _corners(block: Cells | Polyhedra, rows: IntArray) -> tuple[Json, IntArray]:
 def views(data: ReportData) -> Iterator[Json]:
     """Yield names and boxes (low, high) of what can be looked at: each hexahedron, then everything."""
     for one in data.boxes:
-        corners = one.hexahedron.corners
+        corners = _corners_shown(data, one)
         yield _view(one.name, corners, MARGIN * float(np.ptp(corners, axis=0).max()))
-    every = [one.hexahedron.corners for one in data.boxes]
+    every = [_corners_shown(data, one) for one in data.boxes]
     yield _view("everything", np.vstack([data.mesh.points[data.mesh.on(*data.drawn)], *every]), 0.0)
+
+
+def _corners_shown(data: ReportData, box: Box) -> FloatArray:
+    """Return the corners (8, 3) of a hexahedron; those around a plane mesh come close to its plane."""
+    corners = box.hexahedron.corners.copy()
+    if data.mesh.plane:
+        corners[:, 2] = data.mesh.points[0, 2] + FLAT * (corners[:, 2] - data.mesh.points[0, 2])
+    return corners
 
 
 def shades() -> list[list[object]]:

@@ -127,14 +127,16 @@
     const span = view.high.map((high, c) => high - view.low[c]), diagonal = Math.hypot(...span);
     const axis = (name, c) => ({
       title: { text: name + ", " + data.unit }, range: [view.low[c], view.high[c]], color: ink, gridcolor: grid, zeroline: false,
-      showbackground: false, nticks: 6, showspikes: false,
+      showbackground: false, nticks: 6, showspikes: false, visible: c < 2 || !data.plane,
     });
+    const above = { eye: { x: 0, y: 0, z: 2 }, up: { x: 0, y: 1, z: 0 }, projection: { type: "orthographic" } };
     const side = view.low[1] + view.high[1] > 2 * data.middle + 1e-3 * span[1] ? -1 : 1;
+    const camera = { eye: { x: 1.1, y: -0.9 * side, z: 0.75 }, projection: { type: "orthographic" } };
     return {
       scene: {
         xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
         aspectratio: { x: SIZE * span[0] / diagonal, y: SIZE * span[1] / diagonal, z: SIZE * span[2] / diagonal },
-        camera: { eye: { x: 1.1, y: -0.9 * side, z: 0.75 }, projection: { type: "orthographic" } }, uirevision: view.name,
+        camera: data.plane ? above : camera, uirevision: view.name,
       },
       margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", font: { family: "system-ui, sans-serif", color: ink },
       legend: { x: 0, xanchor: "left", y: 1, bgcolor: dark() ? "rgba(20,20,20,0.6)" : "rgba(255,255,255,0.7)", itemsizing: "constant", font: { size: 11 } },

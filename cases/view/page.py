@@ -182,8 +182,10 @@ class Page:
         run = self.control.run
         points = run.mesh.points[run.mesh.on(*(name for one in run.surfaces for name in one.patches))]
         low, high = points.min(axis=0), points.max(axis=0)
-        away = np.array(towards) * (1.0, outboard(run), 1.0)
-        self.control.scene.look(0.5 * (low + high), away, float(np.linalg.norm(high - low)))
+        away = np.array((0.0, 0.0, 1.0) if run.mesh.plane else towards) * (1.0, outboard(run), 1.0)
+        up = (0.0, 1.0, 0.0) if run.mesh.plane else (1.0, 0.0, 0.0)
+        size = float(np.linalg.norm(high - low))
+        self.control.scene.look(0.5 * (low + high), away, 2.0 * size if run.mesh.plane else size, up)
 
     def _connected(self, **_: Any) -> None:
         self._new = True

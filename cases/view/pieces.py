@@ -10,10 +10,10 @@ from sdm_deflect.cases.report.data import drawn_quality
 from sdm_deflect.cases.report.scene3d import BOX_EDGES, quality_rgb
 from sdm_deflect.cases.report.slices import cell_edges, section, with_node
 from sdm_deflect.cases.view.run import Frame, InteractiveRun
-from sdm_deflect.deform.edges import edges_of, polygons_of, sharp_edges
-from sdm_deflect.deform.faces import FACES
-from sdm_deflect.deform.mesh import BoolArray, Cells, Faces, FloatArray, IntArray, Mesh, Polygons, Volume
-from sdm_deflect.meshing.formats.shapes import taken
+from sdm_deflect.deform.edges import are_lines, polygons_of, rim, sharp_edges
+from sdm_deflect.deform.faces import FACE_SHAPES, FACES
+from sdm_deflect.deform.mesh import PLANE, BoolArray, Cells, Faces, FloatArray, IntArray, Mesh, Polygons, Volume
+from sdm_deflect.meshing.formats.shapes import chosen, taken
 
 Colours = NDArray[np.uint8]
 
@@ -128,10 +128,21 @@ class Solids:
         return cls(blocks, np.concatenate([none, *cell]), edges)
 
     def cut(self, points: FloatArray, plane: Plane, rgb: IntArray) -> Piece:
-        """Return the section by a plane, with the nodes at points (N, 3), in the colours of the cells (M, 3)."""
+        """Return the section by a plane, with the nodes at points (N, 3), in the colours of the cells (M, 3).
+
+        The cells of a plane mesh are seen whole from in front.
+        """
+        if plane.axis == 2 and self.flat:
+            cells = polygons_of([chosen(block, own) for block, own in self.blocks if isinstance(block, Cells)])
+            return Piece(points, cells.nodes, np.diff(cells.offsets), rgb.astype(np.uint8))
         places, cell = section(points, self.cell, self.edges, plane.axis, plane.position)
         own, sizes = np.unique(cell, return_counts=True)
         return Piece(places, np.arange(len(places)), sizes, rgb[own].astype(np.uint8))
+
+    @property
+    def flat(self) -> bool:
+        """True for the cells of a plane mesh."""
+        return any(isinstance(block, Cells) and block.shape in PLANE for block, _ in self.blocks)
 
     def middles(self, points: FloatArray, rows: IntArray) -> FloatArray:
         """Return the middles (R, 3) of the edges of some cells, with the nodes at points (N, 3)."""
@@ -235,8 +246,8 @@ def outline(run: InteractiveRun) -> Piece:
     mesh, found = run.mesh, []
     for one in run.surfaces:
         faces = polygons_of(mesh.faces_of(one.patches))
-        edges, count = np.unique(np.sort(edges_of(faces)[0], axis=1), axis=0, return_counts=True)
-        found += [edges[count == 1], sharp_edges(mesh.points, faces, SHARP)]
+        bounds_of = [rim(faces), sharp_edges(mesh.points, faces, SHARP)]
+        found += [faces.nodes.reshape(-1, 2)] if are_lines(faces) else bounds_of
     nodes, lines = np.unique(np.vstack(found), return_inverse=True)
     return Piece.alike(mesh.points[nodes], lines.reshape(-1, 2))
 
@@ -271,7 +282,9 @@ def _faces(block: Volume, rows: IntArray) -> list[Faces]:
     """Return the faces of some cells of a block; a face between two of them once or twice."""
     if isinstance(block, Cells):
         corners = block.nodes[rows]
-        return [Cells("quad" if len(face) == 4 else "triangle", corners[:, face]) for face in FACES[block.shape]]
+        if block.shape in PLANE:
+            return [Cells(block.shape, corners)]
+        return [Cells(FACE_SHAPES[len(face)], corners[:, face]) for face in FACES[block.shape]]
     mine: BoolArray = np.isin(block.owner, rows)
     mine[: len(block.neighbour)] |= np.isin(block.neighbour, rows)
     return [taken(block.faces, np.flatnonzero(mine))]

@@ -13,6 +13,7 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkRenderer
 from vtkmodules.vtkRenderingExternal import vtkExternalOpenGLCamera
 from vtkmodules.vtkRenderingOpenGL2 import vtkGenericOpenGLRenderWindow
 
+from sdm_deflect.cases.report.scene3d import Direction
 from sdm_deflect.cases.view.pieces import Piece
 from sdm_deflect.deform.mesh import FloatArray
 
@@ -73,14 +74,17 @@ class Scene:
         for name in names:
             self.actors[name].SetVisibility(False)
 
-    def look(self, focus: FloatArray, towards: FloatArray, height: float) -> None:
-        """Put the eye so that a `height` around the focus (3,) fills the picture, seen from a direction (3,)."""
+    def look(self, focus: FloatArray, towards: FloatArray, height: float, up: Direction = (1.0, 0.0, 0.0)) -> None:
+        """Put the eye so that a `height` around the focus (3,) fills the picture, seen from a direction (3,).
+
+        What is `up` in the picture is said for a direction along z; else it is z.
+        """
         camera = self.renderer.GetActiveCamera()
         away = towards / np.linalg.norm(towards)
         distance = 0.5 * height / np.tan(np.radians(0.5 * camera.GetViewAngle()))
         camera.SetFocalPoint(*focus)
         camera.SetPosition(*(focus + distance * away))
-        camera.SetViewUp(*((1.0, 0.0, 0.0) if abs(away[2]) > 0.9 else (0.0, 0.0, 1.0)))
+        camera.SetViewUp(*(up if abs(away[2]) > 0.9 else (0.0, 0.0, 1.0)))
 
 
 def _actor(look: Look) -> Any:

@@ -120,9 +120,11 @@ def _energies(
             measures[0, begin + i] = energy
             measures[1, begin + i] = row[DETERMINANT + i]
             scale = power * energy
+            edges = 2 if nodes[begin + i, 3] == nodes[begin + i, 0] else 3  # the third of a plane cell stays
             for k in range(3):
                 first = 0.0
-                for c in range(3):
+                out[begin + i, 9 + k] = 0.0
+                for c in range(edges):
                     one = scale * row[SLOPES + (3 * c + k) * LANES + i]
                     out[begin + i, 3 * c + 3 + k] = one
                     first -= one
@@ -151,8 +153,10 @@ def _curvatures(
             energy = float(power)
             for _ in range(power):
                 energy *= row[BASE + i]
+            plane = nodes[begin + i, 3] == nodes[begin + i, 0]  # where z is on its own, and the third edge stays
             for k in range(24):
-                out[begin + i, k] = energy * row[SLOPES + k * LANES + i]
+                apart = plane and (k % 6 == 2 or k % 6 == 4 or k >= 18)
+                out[begin + i, k] = 0.0 if apart else energy * row[SLOPES + k * LANES + i]
 
 
 @compiled_exactly
@@ -165,7 +169,7 @@ def _load(points: FloatArray, nodes: IntArray, targets: FloatArray, row: FloatAr
             row[EDGES + k * LANES + i] = points[n1, k] - origin
             row[EDGES + (3 + k) * LANES + i] = points[n2, k] - origin
             row[EDGES + (6 + k) * LANES + i] = points[n3, k] - origin
-        if n3 == n0:  # of a plane cell; slopes by its two ends cancel out
+        if n3 == n0:  # of a plane cell
             row[EDGES + 8 * LANES + i] = 1.0
         for k in range(9):
             row[TARGET + k * LANES + i] = targets[i, k]

@@ -1,0 +1,77 @@
+"""The guide's plane meshes: a NACA 0012 with a flap, and three elements in one marker; page and view of them."""
+
+import json
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases import cli
+from sdm_deflect.cases.view.pieces import Pieces, Plane, outline
+from sdm_deflect.cases.view.run import InteractiveRun
+from sdm_deflect.deform.quality import inverted_of
+from sdm_deflect.meshing.formats.registry import read
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+
+
+def main(words):
+    """Carry out a command; return its exit code."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["sdm", *words])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+    return end.value.code
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("airfoils")
+    runpy.run_path(str(EXAMPLES / "airfoils.py"))["build"](made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def deflected(folder):
+    """The NACA 0012 with a blended flap of 25 % chord, trailing edge down by 20 degrees, with its report."""
+    words = ["deflect", str(folder / "naca0012.su2"), "--surface", "flap", "--fixed", "wing", "--hinge", "0.75,0"]
+    assert main([*words, "--angle", "-20", "--motion", "blended", "--json", "--quiet"]) == 0
+    return folder / "naca0012-deflected.su2"
+
+
+def test_the_flap_turns_and_its_skins_stay_straight(folder, deflected):
+    old, new = read(folder / "naca0012.su2"), read(deflected)
+    edge = int(np.argmax(old.points[:, 0] * np.isin(np.arange(len(old.points)), old.patch("flap").nodes)))
+    angle = np.radians(-20.0)
+    assert new.points[edge, :2] == pytest.approx([0.75 + 0.25 * np.cos(angle), 0.25 * np.sin(angle)], abs=1e-12)
+    assert new.points[old.patch("wing").nodes].tobytes() == old.points[old.patch("wing").nodes].tobytes()
+    assert not any(inverted_of(new.points, block).any() for block in new.cells)
+
+
+def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
+    report = deflected.with_name("naca0012-deflected-report")
+    figures = json.loads((report / "metrics.json").read_text())
+    assert [check["name"] for check in figures["validation"]["checks"] if not check["passed"]] == []
+    assert next(c["value"] for c in figures["validation"]["checks"] if c["name"] == "first_layer") < 0.01
+    assert {path.name for path in (report / "figures").iterdir()} == {
+        "convergence.png",
+        "quality.png",
+        "slices_flap.png",
+    }
+    again = folder / "again.su2"
+    config = ["--config", str(report / "settings.toml"), "--out", str(again), "--no-report", "--quiet"]
+    assert main(["deflect", str(folder / "naca0012.su2"), *config]) == 0
+    assert again.read_bytes() == deflected.read_bytes()
+    page = (report / "report.html").read_bytes()
+    assert main(["report", str(report), "--quiet"]) == 0
+    assert len((report / "report.html").read_bytes()) == pytest.approx(len(page), rel=0.01)
+    run = InteractiveRun.of(report)
+    pieces, frame = Pieces.of(run), run.at(-20.0)
+    shown = pieces.moving(frame, Plane(2, 0.0), None)
+    assert len(shown["section"].sizes) == run.touched.count
+    assert set(shown["section"].sizes.tolist()) == {3, 4}
+    assert len(outline(run).sizes) == len(run.mesh.patch("flap"))
+    assert frame.verified
+    capsys.readouterr()
