@@ -174,8 +174,11 @@ class Result:
         """
         from sdm_deflect.cases.report.folder import data_of
         from sdm_deflect.cases.report.pictures import figure_of, moved
+        from sdm_deflect.cases.report.slices import slices
 
         data = data_of(self.deflection)
+        if data.mesh.plane:
+            return slices(data, data.boxes[0], data.boxes[0].surfaces[0])[0]
         return figure_of(moved(data, data.boxes[0]))
 
     def to_pyvista(self) -> Any:
@@ -239,7 +242,7 @@ def deflect(
     surfaces : Name of the moving patch, or several; ``*`` stands for any letters. For surfaces with hinges and angles
         of their own, a list of dictionaries with ``patches``, ``hinge``, ``angle`` and, if need be, ``motion`` and what
         belongs to it.
-    hinge : (2, 3) two points of the hinge line, in the mesh's unit of length.
+    hinge : (2, 3) two points of the hinge line, in the mesh's unit of length; in a plane mesh one point (2,).
     angle : Degrees, right-handed from the first hinge point to the second, at most 90 either way; of a `table` its
         share.
     progress : Called with what is being done and the fraction done (0 to 1, or nan).

@@ -1,6 +1,6 @@
 """Meshes of other libraries: what we take of them, and how they get their points back."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells, Mesh, Patch, whole
+from sdm_deflect.deform.mesh import CORNERS, PLANE, VOLUMES, Cells, Mesh, Patch, whole
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -18,7 +18,6 @@ from sdm_deflect.meshing.formats.shapes import simple_faces
 from sdm_deflect.meshing.formats.vtu_write import TYPES, in_memory
 from sdm_deflect.meshing.mesh import TetMesh
 
-FACES = ("triangle", "quad")
 VTK_SHAPES = {kind: shape for shape, kind in TYPES.items()}
 
 
@@ -71,24 +70,36 @@ def _of_meshio(mesh: Any) -> Accepted:
     for block in mesh.cells:
         if block.dim == 3 and block.type not in VOLUMES:
             raise InputError(f"meshio mesh: cells of type {block.type} are not supported")
-    cells = tuple(_cells(block.type, block.data) for block in mesh.cells if block.type in VOLUMES)
-    patches = tuple(Patch(name, faces) for name, faces in _meshio_patches(mesh).items() if faces)
+    shapes, faces = _kinds({block.type for block in mesh.cells})
+    cells = tuple(_cells(block.type, block.data) for block in mesh.cells if block.type in shapes)
+    patches = tuple(Patch(name, own) for name, own in _meshio_patches(mesh, faces).items() if own)
+    points = np.asarray(mesh.points, dtype=np.float64)
+    if points.ndim == 2 and points.shape[1] == 2:
+        points = np.column_stack([points, np.zeros(len(points))])
+    return Accepted(Mesh(points, cells, patches), partial(_moved, mesh))
 
-    return Accepted(Mesh(np.asarray(mesh.points, dtype=np.float64), cells, patches), partial(_moved, mesh))
+
+def _kinds(shapes: Set[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the shapes of cells and of faces: those of a plane mesh where there are no volume cells."""
+    return (VOLUMES, PLANE) if shapes & {*VOLUMES} else (PLANE, ("line",))
 
 
-def _meshio_patches(mesh: Any) -> dict[str, tuple[Cells, ...]]:
+def _meshio_patches(mesh: Any, faces: tuple[str, ...]) -> dict[str, tuple[Cells, ...]]:
     """Return the faces of each cell set; of each physical group where there are no sets."""
     sets = {name: rows for name, rows in mesh.cell_sets.items() if not name.startswith("gmsh:")}
     if not sets and "gmsh:physical" in mesh.cell_data:
         tags = mesh.cell_data["gmsh:physical"]
-        names = {int(tag): name for name, (tag, dimension) in mesh.field_data.items() if dimension == 2}
+        names = {
+            int(tag): name
+            for name, (tag, dimension) in mesh.field_data.items()
+            if dimension == (1 if faces == ("line",) else 2)
+        }
         sets = {name: [np.flatnonzero(own == tag) for own in tags] for tag, name in names.items()}
     return {
         name: tuple(
             _cells(block.type, block.data[np.asarray(own, dtype=np.intp)])
             for block, own in zip(mesh.cells, rows, strict=True)
-            if block.type in FACES and own is not None and len(own)
+            if block.type in faces and own is not None and len(own)
         )
         for name, rows in sets.items()
     }
@@ -103,9 +114,10 @@ def _of_pyvista(mesh: Any) -> Accepted:
     label, names = np.asarray(grid.cell_data["patch"]), [str(name) for name in grid.field_data["patch_names"]]
     nodes = {VTK_SHAPES[int(kind)]: own for kind, own in grid.cells_dict.items()}
     labels = {shape: label[grid.celltypes == kind] for kind, shape in VTK_SHAPES.items()}
-    cells = tuple(_cells(shape, own) for shape, own in nodes.items() if shape in VOLUMES)
+    shapes, faces = _kinds({*nodes})
+    cells = tuple(_cells(shape, own) for shape, own in nodes.items() if shape in shapes)
     patches = [
-        Patch(name, tuple(_cells(shape, nodes[shape][labels[shape] == i]) for shape in FACES if shape in nodes))
+        Patch(name, tuple(_cells(shape, nodes[shape][labels[shape] == i]) for shape in faces if shape in nodes))
         for i, name in enumerate(names)
     ]
 
@@ -115,7 +127,7 @@ def _of_pyvista(mesh: Any) -> Accepted:
 
 def _moved(mesh: Any, points: FloatArray) -> Any:
     copy = mesh.copy()
-    copy.points = points
+    copy.points = points[:, : np.shape(mesh.points)[1]]
     return copy
 
 

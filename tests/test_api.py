@@ -172,7 +172,7 @@ def test_surfaces_with_hinges_of_their_own():
         (((np.eye(3), {"body": "abc"}), "body", HINGE, 5), {}, "patch body must be whole numbers"),
         (((np.eye(3), {"body": [0.5]}), "body", HINGE, 5), {}, "patch body must be whole numbers"),
         ((None, "bdy", HINGE, 5), {}, "'bdy' is no patch; did you mean body?"),
-        ((None, "body", HINGE[:1], 5), {}, "hinge = [[0.0, 0.0, 0.0]] must hold 2 values"),
+        ((None, "body", HINGE[:1], 5), {}, "hinge = ((0.0, 0.0, 0.0),): must be two points"),
         ((None, "body", [HINGE[0], HINGE[0]], 5), {}, "the hinge has no length"),
         ((None, "body", None, 5), {}, "the hinge is missing"),
         ((None, "body", HINGE, None), {}, "the angle of body is missing"),

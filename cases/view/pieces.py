@@ -246,8 +246,10 @@ def outline(run: InteractiveRun) -> Piece:
     mesh, found = run.mesh, []
     for one in run.surfaces:
         faces = polygons_of(mesh.faces_of(one.patches))
-        bounds_of = [rim(faces), sharp_edges(mesh.points, faces, SHARP)]
-        found += [faces.nodes.reshape(-1, 2)] if are_lines(faces) else bounds_of
+        if are_lines(faces):
+            found.append(faces.nodes.reshape(-1, 2))
+        else:
+            found += [rim(faces), sharp_edges(mesh.points, faces, SHARP)]
     nodes, lines = np.unique(np.vstack(found), return_inverse=True)
     return Piece.alike(mesh.points[nodes], lines.reshape(-1, 2))
 

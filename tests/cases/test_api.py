@@ -78,7 +78,7 @@ def test_every_setting_reaches_the_fit(options, block):
     [
         ({"surfaces": "flap"}, "mesh: the surface 'flap' is no patch; the patches are body, x-"),
         ({"surfaces": "boddy"}, r"'boddy' is no patch; did you mean body\?"),
-        ({"hinge": [[0, 0, 0]]}, r"hinge = \[\[0, 0, 0\]\] must hold 2 values"),
+        ({"hinge": [[0, 0, 0]]}, r"hinge = \(\(0.0, 0.0, 0.0\),\): must be two points"),
         ({"hinge": [[1, 2, 3], [1, 2, 3]]}, "the hinge has no length: both its points are at 1, 2, 3"),
         ({"angle": "15"}, "angle = '15' is not a number"),
         ({"angle": 91.0}, "angle = 91"),

@@ -143,6 +143,22 @@ def test_damage_in_su2_is_named(old, new, message, tmp_path):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("library", ["meshio", "pyvista"])
+def test_meshes_of_other_libraries(library):
+    mesh = mixed(0.0 if library == "meshio" else 2.0)
+    result = deflect(mesh, "hole", hinge=[0.1, 0.0], angle=10, box=BOX)
+    still = deflect(mesh, "hole", hinge=[0.1, 0.0], angle=0, box=BOX)
+    theirs = getattr(still, f"to_{library}")()
+    if library == "meshio":
+        theirs.points = theirs.points[:, :2]
+    other = deflect(theirs, "hole", hinge=[0.1, 0.0], angle=10, box=BOX)
+    assert other.plan.mesh.plane
+    assert other.passed
+    assert other.points.tobytes() == result.points.tobytes()
+    assert np.array_equal(np.asarray(other.mesh.points), result.points[:, : 2 if library == "meshio" else 3])
+    assert result.plot().axes
+
+
 def test_a_surface_is_no_plane_mesh(tmp_path):
     mesh = mixed()
     bent = mesh.points + np.outer(mesh.points[:, 0], [0.0, 0.0, 1.0])
