@@ -143,7 +143,7 @@ def slid_nodes(deflection: Deflection) -> IntArray:
     if deflection.repaired is None:
         return np.empty(0, dtype=np.intp)
     found, fixed = deflection.repaired, deflection.plan.sites.fixed
-    return np.intersect1d(fixed, np.intersect1d(found.moved, found.freedom.sliding))
+    return np.intersect1d(fixed, np.intersect1d(found.moved, found.freedom.sliding, True), assume_unique=True)
 
 
 def _slid_on_surfaces(deflection: Deflection, slid: IntArray) -> Check:

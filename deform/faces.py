@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.edges import rows_of
 from sdm_deflect.deform.mesh import Cells, IntArray, Patch, Polygons, Polyhedra, Volume
+from sdm_deflect.deform.sets import distinct, union
 from sdm_deflect.deform.touched import TouchedCells
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
@@ -55,13 +56,13 @@ class Unheld:
         sides = [_keys_of(*part, marked, keys) for part in zip(mesh.cells, touched.rows, strict=True)]
         known, count = np.unique(_joined(sides), return_counts=True)
         held = {patch.name: _patch_keys(patch, keys, marked) for patch in mesh.patches}
-        every = np.unique(_joined(list(held.values())))
+        every = distinct(_joined(list(held.values())))
         missed = np.setdiff1d(known[count == 1], every, assume_unique=True)
         loose = sum(int(np.count_nonzero(~_among(own, known))) for own in held.values())
         inner = sum(int(np.count_nonzero(_among(held[name], known[count > 1]))) for name in moving)
-        free = np.setdiff1d(changed, mesh.on(*mesh.names))
+        free = np.setdiff1d(changed, mesh.on(*mesh.names), assume_unique=True)
         nodes = _nodes_of(touched, keys, missed) if len(missed) else changed[:0]
-        return cls(len(missed), np.intersect1d(nodes, free), loose, inner)
+        return cls(len(missed), np.intersect1d(nodes, free, assume_unique=True), loose, inner)
 
 
 def node_keys(points: int) -> Keys:
@@ -132,4 +133,4 @@ def _nodes_of(touched: TouchedCells, keys: Keys, wanted: Keys) -> IntArray:
             found.append(block.faces.nodes[np.repeat(own, np.diff(block.faces.offsets))])
         else:
             found += [faces.nodes[np.isin(face_keys(faces, keys), wanted)].ravel() for faces in _faces_of(block, rows)]
-    return np.unique(np.concatenate(found))
+    return union(*found)

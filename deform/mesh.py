@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sdm_deflect.deform.errors import InputError, nearest, shortened
+from sdm_deflect.deform.sets import union
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -181,7 +182,7 @@ class Patch:
     @cached_property
     def nodes(self) -> IntArray:
         """Sorted, distinct indices (K,) of its nodes."""
-        return np.unique(np.concatenate([self.loose, *(f.nodes.ravel() for f in self.faces)]))
+        return union(self.loose, *(f.nodes for f in self.faces))
 
     def __len__(self) -> int:
         return sum(len(f) for f in self.faces)
@@ -289,7 +290,7 @@ class Mesh:
 
     def on(self, *names: str) -> IntArray:
         """Sorted, distinct indices (K,) of the nodes on the union of the named patches."""
-        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(self.patch(name).nodes for name in names)]))
+        return union(*(self.patch(name).nodes for name in names))
 
     def faces_of(self, names: Sequence[str]) -> tuple[Faces, ...]:
         """Return the faces on the union of patches."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.sets import distinct
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -65,7 +66,7 @@ class TetMesh:
     def on(self, *names: str) -> IntArray:
         """Sorted, distinct indices (K,) of the nodes on the union of the named patches."""
         wanted = np.isin(self.patch, [self._index(name) for name in names])
-        return np.unique(self.triangles[wanted])
+        return distinct(self.triangles[wanted])
 
     def touching(self, nodes: IntArray) -> BoolArray:
         """True for cells (M,) with any of these nodes (K,)."""

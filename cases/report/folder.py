@@ -35,6 +35,7 @@ from sdm_deflect.deform.fitting import Fitting
 from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polyhedra, Volume
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.deform.reading import damaged
+from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
@@ -258,7 +259,7 @@ def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh
     faces = [[_with_node(block, chosen) for block in patch.faces] for patch in mesh.patches]
     used = [block.faces.nodes if isinstance(block, Polyhedra) else block.nodes.ravel() for block in cells]
     used += [block.nodes.ravel() for patch in faces for block in patch]
-    node, place = np.unique(np.concatenate([nodes, *used])), np.full(len(mesh.points), -1)
+    node, place = union(nodes, *used), np.full(len(mesh.points), -1)
     place[node] = np.arange(len(node))
     named = zip(mesh.patches, faces, strict=True)
     patches = [Patch(patch.name, tuple(_numbered(block, place) for block in own)) for patch, own in named]

@@ -13,6 +13,7 @@ from sdm_deflect.cases.report.data import Box, ReportData, drawn_measure, drawn_
 from sdm_deflect.deform.edges import area_vectors, edges_of, polygons_of, sharp_edges
 from sdm_deflect.deform.faces import FACES
 from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Patch, Polyhedra
+from sdm_deflect.deform.sets import distinct, union
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
 MOST_CELLS = 40_000
@@ -85,7 +86,7 @@ def thinned(mesh: Mesh, patch: Patch, keep: IntArray) -> IntArray:
     triangles, faces = scene3d.triangles_of(patch.faces), polygons_of(patch.faces)
     a, b, c = mesh.points[triangles].transpose(1, 0, 2)
     size = np.sqrt(1.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / MOST_TRIANGLES)
-    nodes = np.unique(triangles)
+    nodes = distinct(triangles)
     place = mesh.points[nodes] / size
     nodes = nodes[np.argsort(np.linalg.norm(place % 1.0 - 0.5, axis=1), kind="stable")]
     stays = np.zeros(len(mesh.points), dtype=bool)
@@ -127,7 +128,7 @@ def cells(data: ReportData) -> Json:
     """Return the worst cells that touch a hexahedron, by their quality before or after, and how many there are."""
     found = []
     for i, block in enumerate(data.mesh.cells):
-        rows = np.unique(np.concatenate([one.touched.rows[i] for one in data.boxes]))
+        rows = union(*(one.touched.rows[i] for one in data.boxes))
         sign = data.boxes[0].touched.orientation[i]
         qualities = [drawn_quality(points, block, rows, sign) for points in (data.mesh.points, data.points)]
         found.append((block, rows, np.array(qualities)))

@@ -9,6 +9,7 @@ from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import BLOCK, block_stations
 from sdm_deflect.deform.checks import Check, worst
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.sets import distinct
 from sdm_deflect.geometry.confinement import gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.mesh import TetMesh
@@ -38,7 +39,7 @@ def orphans(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArr
     """
     outer = block.on(BLOCK)
     off = np.flatnonzero(np.all((background.points > low) & (background.points < high), axis=1))
-    fringe = np.setdiff1d(background.tets[background.touching(off)], off)
+    fringe = np.setdiff1d(distinct(background.tets[background.touching(off)]), off, assume_unique=True)
     found = (has_donor(block.points[outer], background), has_donor(background.points[fringe], block))
     where = (
         f"{len(outer)} nodes of the block's faces in the background, {len(fringe)} of the background around its "

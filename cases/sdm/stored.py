@@ -24,6 +24,7 @@ from sdm_deflect.deform.rbf.interpolant import Interpolant, check_finite
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.reading import damaged, read_arrays
+from sdm_deflect.deform.sets import distinct
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, as_repaired, combined
 from sdm_deflect.deform.volume.step import DIRECTIONS, Fits, carried_out
 from sdm_deflect.geometry.model import CadModel
@@ -191,7 +192,7 @@ def mesh_faults(mesh: TetMesh, model: CadModel) -> list[str]:
     patch_of_face = np.array([*(names.index(face.patch) for face in model.faces), len(names) - 1])
     if mesh.face.max(initial=-1) >= len(model.faces) or (patch_of_face[mesh.face] != mesh.patch).any():
         return ["triangles are on another patch than their CAD face"]
-    unused = len(mesh.points) - len(np.unique(mesh.tets))
+    unused = len(mesh.points) - len(distinct(mesh.tets))
     return [f"{unused} nodes belong to no cell"] if unused else boundary_failures(mesh)
 
 

@@ -82,7 +82,7 @@ class Repairs:
                     held[freedom.nodes] = False
                     slid[freedom.sliding] = True
             slid &= repair.any(axis=1)
-        return cls(np.flatnonzero(held), np.intersect1d(fixed_nodes(mesh, plans), np.flatnonzero(slid)))
+        return cls(np.flatnonzero(held), np.intersect1d(fixed_nodes(mesh, plans), np.flatnonzero(slid), True))
 
 
 def fixed_nodes(mesh: TetMesh, plans: Sequence[Plan]) -> IntArray:

@@ -13,6 +13,7 @@ from sdm_deflect.cases.view.run import Frame, InteractiveRun
 from sdm_deflect.deform.edges import are_lines, polygons_of, rim, sharp_edges
 from sdm_deflect.deform.faces import FACE_SHAPES, FACES
 from sdm_deflect.deform.mesh import PLANE, BoolArray, Cells, Faces, FloatArray, IntArray, Mesh, Polygons, Volume
+from sdm_deflect.deform.sets import union
 from sdm_deflect.meshing.formats.shapes import chosen, taken
 
 Colours = NDArray[np.uint8]
@@ -196,7 +197,7 @@ class Pieces:
             run,
             Skin.of(mesh, dict.fromkeys(still, BODY)),
             Skin.of(mesh, colours),
-            np.unique(np.concatenate([mesh.patch(name).loose for name in moving])),
+            union(*(mesh.patch(name).loose for name in moving)),
             Solids.of(mesh, run.touched.rows),
             Solids.of(mesh, rows),
             quality_rgb(quality),

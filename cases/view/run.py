@@ -14,6 +14,7 @@ from sdm_deflect.deform.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra
 from sdm_deflect.deform.quality import judged
 from sdm_deflect.deform.reading import read_arrays
+from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.surface.surface import TrailingEdge
 from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, mended
@@ -175,7 +176,7 @@ class InteractiveRun:
                 boxes.append(PreparedDeflection.of(plan, plan.angle, found))
             except InputError:
                 raise InputError(f"{folder}: interpolant.npz {foreign}") from None
-        rows = [np.unique(np.concatenate(some)) for some in zip(*(plan.touched.rows for plan in plans), strict=True)]
+        rows = [union(*some) for some in zip(*(plan.touched.rows for plan in plans), strict=True)]
         flat = [FLAT if isinstance(block, Polyhedra) else 1.0 for block in mesh.cells]
         run = cls(
             manner=manner,

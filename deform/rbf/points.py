@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.sets import union
 
 IndexArray = NDArray[np.intp]
 
@@ -24,7 +25,7 @@ def first_coincident(points: FloatArray, tol: float = 0.0) -> IndexArray:
     sorted_key, reach = key[order], tol + 4e-16 * (1.0 + np.abs(key).max(initial=0.0))
     if tol == 0.0:
         near = np.flatnonzero(np.diff(sorted_key) <= reach)
-        rows = np.sort(order[np.union1d(near, near + 1)])
+        rows = np.sort(order[union(near, near + 1)])
         rows = rows[np.lexsort(points[rows].T)]
         heads = np.append(True, (points[rows[1:]] != points[rows[:-1]]).any(axis=1))[: len(rows)]
         first[rows] = rows[heads][np.cumsum(heads) - 1]

@@ -14,6 +14,7 @@ from sdm_deflect.deform.edges import Joints, area_vectors, polygons_of, unit
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Patch, Polygons
 from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.crossing import Crossing
+from sdm_deflect.deform.sets import distinct, union
 from sdm_deflect.deform.volume.sliding import FITTED, SURFACE, Plane, SlidingSurface
 from sdm_deflect.deform.volume.triangulated import SHARP, Triangulated
 
@@ -54,12 +55,12 @@ class Freedom:
     @property
     def nodes(self) -> IntArray:
         """Sorted indices (K,) of all of them."""
-        return np.union1d(self.free, self.sliding)
+        return union(self.free, self.sliding)
 
     @property
     def sliding(self) -> IntArray:
         """Sorted indices (K,) of those on shapes."""
-        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(one.nodes for one in self.slides)]))
+        return union(*(one.nodes for one in self.slides))
 
     @classmethod
     def of(
@@ -158,7 +159,7 @@ def _pieces(
     if shape in TURNS and patch.faces:
         found = [_on(patch.loose[inside[patch.loose]], pieces, Piece(None))]
         for part in _parts(patch, mesh.points, inside, TURNS[str(shape)]):
-            nodes = np.unique(part.nodes)
+            nodes = distinct(part.nodes)
             piece = Piece(Triangulated.of(points, part), True) if shape == SURFACE else _plane(mesh, points, part)
             found.append(_on(nodes[inside[nodes]], pieces, piece))
         return found
@@ -169,7 +170,7 @@ def _pieces(
 
 def _plane(mesh: Mesh, points: FloatArray, face: Polygons) -> Piece:
     """Return a face that was plane before the deflection, of no shape if it is so no more."""
-    nodes = np.unique(face.nodes)
+    nodes = distinct(face.nodes)
     plane, size = Plane.fitted(points[nodes], mesh.plane), float(np.ptp(points[nodes], axis=0).max())
     flat = len(nodes) > (2 if mesh.plane else 3) and float(np.abs(plane.distance(points[nodes])).max()) <= FLAT * size
     return Piece(plane, faces=(face,)) if flat else Piece(None)

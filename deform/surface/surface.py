@@ -12,6 +12,7 @@ from sdm_deflect.deform.edges import polygons_of, sharp_edges
 from sdm_deflect.deform.errors import InputError, shortened
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, whole
 from sdm_deflect.deform.reading import damaged
+from sdm_deflect.deform.sets import distinct
 from sdm_deflect.deform.surface.axis import Axis
 
 FAR = 0.5  # of the largest distance from the hinge: sharp edges beyond are the trailing edge
@@ -123,7 +124,7 @@ class TrailingEdge:
         along |= edges[:, 0] == edges[:, 1]  # a node of a plane mesh
         reach = np.linalg.norm(hinge.radial(surface.points), axis=1)
         far = surface.nodes[reach > FAR * reach.max()]
-        return np.isin(surface.nodes, np.intersect1d(edges[along], far), assume_unique=True)
+        return np.isin(surface.nodes, np.intersect1d(distinct(edges[along]), far, True), assume_unique=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

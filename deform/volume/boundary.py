@@ -8,6 +8,7 @@ import numpy as np
 from sdm_deflect.deform.errors import InputError, nearest
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
 from sdm_deflect.deform.rbf.sites import XYZ
+from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.surface.motions import MotionLaw
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.job import Job
@@ -63,7 +64,7 @@ class Boundary:
                 hint = nearest(section.patch, mesh.names, "the patches are")
                 raise InputError(f"{mesh.name}: section {section.patch!r} is no patch; {hint}")
         laws = tuple(moving.motion.law(surface) for moving, surface in zip(job.surfaces, surfaces, strict=True))
-        nodes = np.unique(np.concatenate([surface.nodes for surface in surfaces]))
+        nodes = union(*(surface.nodes for surface in surfaces))
         sliding = tuple(SlidingPatch.of(mesh, name, shape) for name, shape in slides.items())
         fixed_nodes = np.setdiff1d(mesh.on(*fixed), nodes, assume_unique=True)
         size, far = float(np.ptp(mesh.points[nodes], axis=0).max()), float(np.abs(mesh.points[nodes]).max())

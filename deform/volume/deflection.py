@@ -17,6 +17,7 @@ from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Repaired
 from sdm_deflect.deform.repair.repair import repaired
+from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.boundary import Amounts, Boundary
 from sdm_deflect.deform.volume.job import Job
@@ -59,7 +60,7 @@ class Plan:
         region = Region.of(boundary, ends)
         sites = Sites.of(boundary, region)
         progress("cells", nan)
-        touched = TouchedCells.of(mesh, np.union1d(region.inside, sites.moving))
+        touched = TouchedCells.of(mesh, union(region.inside, sites.moving))
         touched.check(job.allow_inverted)
         return cls(boundary, region, sites, touched, touched.quality(mesh.points), wanted)
 
@@ -96,12 +97,12 @@ class Plan:
     @property
     def walls(self) -> IntArray:
         """Sorted indices of the moving and fixed nodes inside."""
-        return np.union1d(self.sites.moving, self.sites.fixed)
+        return union(self.sites.moving, self.sites.fixed)
 
     @property
     def changed(self) -> IntArray:
         """Sorted indices of all nodes that may move."""
-        return np.union1d(self.region.inside, self.sites.moving)
+        return union(self.region.inside, self.sites.moving)
 
     def freedom(self, points: FloatArray) -> Freedom:
         """Return which nodes a repair may move, with the mesh at `points` (N, 3), and on what they stay.
@@ -121,7 +122,7 @@ class Plan:
         moving, size = self.sites.moving, self.boundary.size
         inside[self.region.inside] = True
         inside[moving] = self.region.hexahedron.contains(mesh.points[moving], ON_FACE * size)
-        inside[np.setdiff1d(self.sites.fixed, mesh.on(*shapes))] = inside[self.unheld.nodes] = False
+        inside[np.setdiff1d(self.sites.fixed, mesh.on(*shapes), assume_unique=True)] = inside[self.unheld.nodes] = False
         free = np.setdiff1d(np.flatnonzero(inside), mesh.on(*mesh.names), assume_unique=True)
         found = Freedom.of(mesh, points, inside, free, shapes)
         return found.with_columns(Columns.of(self.touched, self.walls), points)

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Zone
+from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.volume.boundary import SAME, Amounts, Boundary
 from sdm_deflect.deform.volume.box import Chosen, Scene
 from sdm_deflect.deform.volume.job import Section
@@ -169,7 +170,7 @@ def _check_clear(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray) -
 def _check_interfaces(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray, zones: tuple[Zone, ...]) -> None:
     """Raise if nodes of a zone that stays coincide with nodes inside: zones that fit must deform together."""
     mesh, tol = boundary.mesh, SAME * boundary.size
-    known = np.union1d(boundary.nodes, boundary.fixed_nodes)
+    known = union(boundary.nodes, boundary.fixed_nodes)
     free = np.setdiff1d(inside, known, assume_unique=True)
     for zone in (zone for zone in mesh.zones if zone not in zones):
         near = _inside(mesh, (zone,), hexahedron)
@@ -193,9 +194,9 @@ def _at_rest(boundary: Boundary, inside: IntArray) -> tuple[IntArray, tuple[tupl
     sections = []
     for section in slides:
         own = np.intersect1d(mesh.patch(section.patch).nodes, inside, assume_unique=True)
-        own = np.setdiff1d(own, np.union1d(walls, boundary.nodes), assume_unique=True)
+        own = np.setdiff1d(own, union(walls, boundary.nodes), assume_unique=True)
         sections.append((section, own[_in_plane(mesh.points[own], section, tol)]))
-    fixed = np.setdiff1d(np.intersect1d(mesh.on(*others), inside, assume_unique=True), boundary.nodes)
+    fixed = np.setdiff1d(np.intersect1d(mesh.on(*others), inside, True), boundary.nodes, assume_unique=True)
     for _, own in sections:
         fixed = np.setdiff1d(fixed, own, assume_unique=True)
     return fixed, tuple(sections)

@@ -12,6 +12,7 @@ from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.rbf.points import first_coincident
 from sdm_deflect.deform.rbf.sites import DataSites, pinned
+from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.volume.boundary import SAME, Boundary
 from sdm_deflect.deform.volume.region import Region
 from sdm_deflect.deform.volume.sliding import Plane
@@ -116,7 +117,7 @@ def apart_from(sites: FloatArray, points: FloatArray, distance: float) -> FloatA
 
 
 def _union(sliding: Sequence[IntArray]) -> IntArray:
-    return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *sliding]))
+    return union(*sliding)
 
 
 def _distinct(boundary: Boundary, fixed: IntArray, slid: IntArray) -> tuple[IntArray, IntArray, IntArray]:
@@ -147,7 +148,7 @@ def _sampled(own: BoolArray) -> IntArray:
 
 def _sliding(boundary: Boundary, region: Region) -> tuple[IntArray, ...]:
     """Return the nodes of each sliding patch inside that neither move nor stay."""
-    known = np.union1d(boundary.nodes, region.fixed)
+    known = union(boundary.nodes, region.fixed)
     return tuple(
         np.setdiff1d(np.intersect1d(patch.nodes, region.inside, assume_unique=True), known, assume_unique=True)
         for patch in boundary.sliding

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from sdm_deflect.deform.edges import polygons_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
+from sdm_deflect.deform.sets import distinct
 from sdm_deflect.deform.surface.axis import Axis, Cylinder
 from sdm_deflect.deform.volume.triangulated import Triangulated
 
@@ -155,7 +156,7 @@ class SlidingPatch:
         if shape != SURFACE:
             return cls(name, fitted(shape, mesh.points[nodes], name, mesh.plane), nodes)
         faces = polygons_of(mesh.patch(name).faces)
-        if len(np.unique(faces.nodes)) < len(nodes) or not len(faces):
+        if len(distinct(faces.nodes)) < len(nodes) or not len(faces):
             raise InputError(f"slide = {name}:{shape}: the patch needs faces that hold all of its {len(nodes)} nodes")
         return cls(name, Triangulated.of(mesh.points, faces), nodes)
 

@@ -82,7 +82,7 @@ class StepState:
     @classmethod
     def of(cls, boundary: Boundary, region: Region, sites: Sites, points: FloatArray) -> "StepState":
         """Sort the nodes inside, with the mesh at `points`."""
-        free = np.setdiff1d(region.inside, sites.known)
+        free = np.setdiff1d(region.inside, sites.known, assume_unique=True)
         known = points[sites.known]
         if not boundary.job.near_wall:
             none, no_edges = np.empty((0, 3)), np.empty((0, 2), dtype=np.intp)

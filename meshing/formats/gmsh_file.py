@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sdm_deflect.deform.sets import distinct
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import Lines, Placed, numbers
 from sdm_deflect.meshing.mesh import IntArray
@@ -163,7 +164,7 @@ def nodes(file: GmshFile) -> tuple[IntArray, Placed]:
     """
     cursor = file.cursor("Nodes")
     tags, points = _nodes22(cursor) if file.version == 22 else _nodes41(cursor)
-    if twice := len(tags) - len(np.unique(tags)):
+    if twice := len(tags) - len(distinct(tags)):
         raise MeshFileError(f"{twice} of {len(tags)} nodes have the number of another")
     return tags, points
 

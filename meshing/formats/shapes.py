@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.faces import FACES, ROWS, Keys, face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh import PLANE, Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.sets import distinct
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
@@ -116,7 +117,7 @@ def loose_faces(mesh: Mesh) -> dict[str, int]:
     """
     keys = node_keys(len(mesh.points))
     mine = {patch.name: patch_keys(patch, keys) for patch in mesh.patches}
-    given = np.unique(np.concatenate([np.empty(0, np.uint64), *mine.values()]))
+    given = distinct(np.concatenate([np.empty(0, np.uint64), *mine.values()]))
     seen = np.zeros(len(given), dtype=np.bool_)
     for found in _cell_face_keys(mesh, keys) if len(given) else ():
         place = np.minimum(np.searchsorted(given, found), len(given) - 1)
@@ -138,8 +139,10 @@ def _cell_face_keys(mesh: Mesh, keys: Keys) -> Iterator[Keys]:
         for start in range(0, len(block), ROWS):
             nodes = block.nodes[start : start + ROWS]
             least = min(map(len, FACES[block.shape]))
-            own = keys[nodes[sum(on_boundary[corner] for corner in nodes.T) >= least]]  # much faster than along rows
-            yield np.concatenate([own[:, list(face)].sum(axis=1, dtype=np.uint64) for face in FACES[block.shape]])
+            own = nodes[sum(on_boundary[corner] for corner in nodes.T) >= least]  # much faster than along rows
+            for face in FACES[block.shape]:
+                corners = own[:, list(face)]
+                yield keys[corners[on_boundary[corners].all(axis=1)]].sum(axis=1, dtype=np.uint64)
 
 
 def refuse_plane(mesh: Mesh, format_name: str) -> None:
