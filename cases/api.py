@@ -258,6 +258,12 @@ def deflect(
         - `strip`: of a blended motion, the width beside a closed rib as a share of the span, above 0, at most 1 (0.2).
         - `table`: a .csv or .npz file of displacements instead of a rotation.
 
+        - `select`: parts of patches that become patches of their own: ``{"flap": "wall#2"}`` or ``"flap=wall#2"``, the
+          second connected component of ``wall``; ``wall box:x,y,z,x,y,z`` and ``wall side:x,y,z,nx,ny,nz`` for faces
+          with their centre in a box or in front of a plane; ``wall sharp:40`` for ``flap~1``, ``flap~2``, ... between
+          edges that turn by more than 40 degrees; or the path of a .toml file with a table `select`. ``wall#2`` can
+          stand for a patch everywhere, without being selected.
+
         What stays, and where:
 
         - `fixed`: names of the patches that stay.

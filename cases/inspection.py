@@ -1,21 +1,27 @@
 """Points, cells, patches and quality of any mesh file."""
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sdm_deflect.cases.selections import selection
 from sdm_deflect.deform.errors import InputError, printable
 from sdm_deflect.deform.mesh import VOLUMES, Cells, Mesh
 from sdm_deflect.deform.quality import POLYHEDRON, by_shape, oriented
 from sdm_deflect.deform.reading import RATIO_VARIABLE, unpack_limit
+from sdm_deflect.deform.selection import MARK, Part, selected
 from sdm_deflect.meshing.child import call
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.formats.registry import known_format
 
 Json = dict[str, Any]
 
+NOTHING: Mapping[str, str] = {}
+MOST = 50
+"""Components of a patch that are listed."""
 WORKER = "sdm_deflect.cases.vtk_worker"
 MEMORY, SECONDS, SPEED = 1 << 29, 20.0, 1e8
 """Bytes and seconds for PyVista itself, and bytes of data that it reads in a second at least."""
@@ -30,9 +36,9 @@ NAMES = {
 }
 
 
-def inspect(path: Path) -> str:
+def inspect(path: Path, select: Mapping[str, str] = NOTHING) -> str:
     """Return what a mesh file holds, in a few lines; errors as in `inspected`."""
-    found = inspected(path)
+    found = inspected(path, select)
     plane = ", two-dimensional" if found["plane"] else ""
     lines = [f"{found['file']}: {found['points']} points, {found['cells']} cells{plane}"]
     if len(found["zones"]) > 1:
@@ -42,26 +48,44 @@ def inspect(path: Path) -> str:
         lines.append("the file counts the nodes of cells left-handed; judged accordingly")
     if found["patches"]:
         lines.append("patches (faces): " + _listed(found["patches"]))
+    for name, count in found["components"].items():
+        lines.append(f"{name} has {count} connected components" + (f", the largest {MOST}" if count > MOST else ""))
+    if found["parts"]:
+        lines.append("parts of patches (faces, extent):")
+    lines += [
+        f"  {one['name']} {one['faces']}, {_point(one['low'])} to {_point(one['high'])}" for one in found["parts"]
+    ]
     return "\n".join(printable(line) for line in lines)
 
 
-def inspected(path: Path) -> Json:
+def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
     """Return what a mesh file holds.
+
+    Parameters
+    ----------
+    path : The file, or the folder of an OpenFOAM case.
+    select : Names of further patches, and of which faces of the file's patches they are made.
 
     Returns
     -------
     dict
         ``file``; ``points`` and ``cells``, how many there are; ``plane``, whether the mesh is two-dimensional;
-        ``zones``, name: number of points; ``patches``, name: number of faces; ``quality``, the fields of `Quality` for
-        each type of cell; ``left_handed``, whether the file counts the nodes of cells the other way round.
+        ``zones``, name: number of points; ``patches``, name: number of faces; ``components``, the number of connected
+        components of the patches that have several; ``parts``, of each of these components (`MOST` of a patch) and of
+        each selection the name, the number of ``faces`` and the least and largest coordinates, ``low`` and ``high``;
+        ``quality``, the fields of `Quality` for each type of cell; ``left_handed``, whether the file counts the nodes
+        of cells the other way round.
 
     Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, or holds no cells with a
-    volume.
+    volume, and InputError if a selection does not suit it.
     """
     if not path.exists():
         raise InputError(f"{path} is not a file")
-    mesh = _read(path)
-    parts = [(block, None, oriented(mesh.points, block)[0]) for block in mesh.cells]
+    read = _read(path)
+    mesh = selected(read, [selection(name, text) for name, text in select.items()])
+    blocks = [(block, None, oriented(mesh.points, block)[0]) for block in mesh.cells]
+    components, parts = _components(read)
+    parts += [Part.of(mesh, patch) for patch in mesh.patches if patch.name not in read.names]
     return {
         "file": str(path),
         "points": len(mesh.points),
@@ -69,9 +93,32 @@ def inspected(path: Path) -> Json:
         "plane": mesh.plane,
         "zones": {zone.name: zone.stop - zone.start for zone in mesh.zones},
         "patches": {patch.name: len(patch) for patch in mesh.patches},
-        "quality": [asdict(quality) for quality in by_shape(mesh.points, parts)],
-        "left_handed": min(orientation for _, _, orientation in parts) < 0.0,
+        "components": components,
+        "parts": [_part(part) for part in parts],
+        "quality": [asdict(quality) for quality in by_shape(mesh.points, blocks)],
+        "left_handed": min(orientation for _, _, orientation in blocks) < 0.0,
     }
+
+
+def _components(mesh: Mesh) -> tuple[dict[str, int], list[Part]]:
+    """Return the number of components of the patches that have several, and the components."""
+    counts, found = {}, []
+    for patch in mesh.patches:
+        part = Part.of(mesh, patch)
+        labels = part.components()
+        if (count := int(labels.max(initial=-1)) + 1) > 1:
+            counts[patch.name] = count
+            found += part.cut(labels, MARK, MOST)
+    return counts, found
+
+
+def _part(part: Part) -> Json:
+    low, high = part.extent
+    return {"name": part.name, "faces": len(part), "low": low.tolist(), "high": high.tolist()}
+
+
+def _point(corner: list[float]) -> str:
+    return f"({', '.join(f'{x:.4g}' for x in corner)})"
 
 
 def _read(path: Path) -> Mesh:

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from sdm_deflect.cases.selections import selection, selections_of
 from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, structured
 from sdm_deflect.deform.checks import MIN_QUALITY
 from sdm_deflect.deform.errors import InputError, nearest, shortened
@@ -106,6 +107,7 @@ class JobSettings:
     Attributes
     ----------
     surface : the moving surfaces; angles of a sweep are those of the first one.
+    select : parts of patches that become patches by these names, before all else; see `selections.selection`.
     fixed : names or wildcards of patches that stay.
     slide : patches that stay on their shape.
     box : ``"auto"``, a .toml file with `corners`, the corners, or a `BoxRule`.
@@ -125,6 +127,7 @@ class JobSettings:
     """
 
     surface: tuple[SurfaceSettings, ...] = ()
+    select: dict[str, str] = field(default_factory=dict)
     fixed: tuple[str, ...] = ()
     slide: dict[str, Literal["plane", "cylinder", "surface"]] = field(default_factory=dict)
     box: str | tuple[Corner, ...] | BoxRule = "auto"
@@ -161,6 +164,7 @@ class JobSettings:
             repair=Repair(self.repair, self.repair_share),
             repair_slides=tuple(Sliding(patch, shape) for patch, shape in self.repair_slide.items()),
             allow_inverted=self.allow_inverted,
+            selections=tuple(selection(name, text) for name, text in self.select.items()),
         )
 
     def _box(self) -> BoxRule:
@@ -229,6 +233,8 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
         rest["box"] = Given(rest["box"])
     for kind in {"slide", "repair_slide"} & rest.keys():
         rest[kind] = slides_of(rest[kind], kind)
+    if "select" in rest:
+        rest["select"] = selections_of(rest["select"])
     share = {"amount": own["angle"]} if "angle" in own else {}
     tables = several or [{"patches": surfaces, **own, **share}]
     _check_use(tables, rest)
@@ -288,8 +294,8 @@ def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequen
     """
     given = {key: value for key, value in options.items() if value not in (None, ())}
     own, new = _parted({**given, **assigned(assignments)})
-    slide = {**_table(nested.get("slide")), **_table(new.pop("slide", None))}
-    out = {**nested, **new, **({"slide": slide} if slide else {})}
+    tables = {key: {**_table(nested.get(key)), **_table(new.pop(key, None))} for key in ("select", "slide")}
+    out = {**nested, **new, **{key: table for key, table in tables.items() if table}}
     surfaces = _tables(nested.get("surface"))
     if "patches" in own:
         out["surface"] = [own]

@@ -10,6 +10,9 @@ import numpy as np
 
 from sdm_deflect.deform.mesh import BoolArray, Faces, FloatArray, IntArray, Polygons
 
+ROWS = 1 << 16
+"""Faces handled at a time, so that temporaries stay small."""
+
 
 def polygons_of(faces: Sequence[Faces]) -> Polygons:
     """Return faces of any shapes one after another."""
@@ -34,15 +37,17 @@ def area_vectors(points: FloatArray, faces: Polygons) -> FloatArray:
 
     That of a line is as long as the line, and points to its right in the plane of constant z.
     """
-    if not len(faces):
-        return np.empty((0, 3))
     if are_lines(faces):
         way = points[faces.nodes[1::2]] - points[faces.nodes[::2]]
         return np.column_stack([way[:, 1], -way[:, 0], np.zeros(len(way))])
-    edges, face = edges_of(faces)
-    origin = points[faces.nodes[faces.offsets[:-1]]][face]
-    crosses = np.cross(points[edges[:, 0]] - origin, points[edges[:, 1]] - origin)
-    return np.asarray(0.5 * np.add.reduceat(crosses, faces.offsets[:-1], axis=0))
+    out = np.empty((len(faces), 3))
+    for part in rows_of(len(faces), ROWS):
+        own = faces.rows(part.start, part.stop)
+        edges, face = edges_of(own)
+        origin = points[own.nodes[own.offsets[:-1]]][face]
+        crosses = np.cross(points[edges[:, 0]] - origin, points[edges[:, 1]] - origin)
+        out[part] = 0.5 * np.add.reduceat(crosses, own.offsets[:-1], axis=0)
+    return out
 
 
 def are_lines(faces: Polygons) -> bool:
@@ -71,12 +76,20 @@ class Joints(NamedTuple):
         else:
             edges, face = edges_of(faces)
             forward = edges[:, 0] < edges[:, 1]
-        ends = np.sort(edges, axis=1)
-        order = np.lexsort((ends[:, 1], ends[:, 0]))
-        a, b = order[:-1], order[1:]
-        pair = (ends[a] == ends[b]).all(axis=1)
-        a, b = a[pair], b[pair]
-        return cls(ends[a], face[a], face[b], forward[a] != forward[b])
+        low, high = np.minimum(*edges.T), np.maximum(*edges.T)
+        key = low * (high.max(initial=0) + 1) + high
+        order = np.argsort(key, kind="stable")
+        key = key[order]
+        pair = np.flatnonzero(key[:-1] == key[1:])
+        a, b = order[pair], order[pair + 1]
+        return cls(np.column_stack([low[a], high[a]]), face[a], face[b], forward[a] != forward[b])
+
+    def cosines(self, points: FloatArray, faces: Polygons) -> FloatArray:
+        """Return the cosine (J,) of the angle by which the faces turn from one to the other."""
+        normal = unit(area_vectors(points, faces))
+        cosine = np.einsum("ij,ij->i", normal[self.first], normal[self.second])
+        cosine[~self.agree] *= -1.0
+        return np.asarray(cosine)
 
 
 def rim(faces: Polygons) -> IntArray:
@@ -92,10 +105,7 @@ def sharp_edges(points: FloatArray, faces: Polygons, degrees: float) -> IntArray
     Of lines they are nodes, each twice.
     """
     joints = Joints.of(faces)
-    normal = unit(area_vectors(points, faces))
-    cosine = np.einsum("ij,ij->i", normal[joints.first], normal[joints.second])
-    cosine[~joints.agree] *= -1.0
-    return np.asarray(joints.edges[cosine < np.cos(np.radians(degrees))])
+    return np.asarray(joints.edges[joints.cosines(points, faces) < np.cos(np.radians(degrees))])
 
 
 def unit(vectors: FloatArray) -> FloatArray:

@@ -11,7 +11,14 @@ from sdm_deflect.cases.cli import options
 
 @click.command(cls=options.WithHinge)
 @click.argument("mesh", type=options.FILE)
-@click.option("--surface", "patches", multiple=True, metavar="NAME", help="Patches that move; repeat, or use commas.")
+@options.select_option
+@click.option(
+    "--surface",
+    "patches",
+    multiple=True,
+    metavar="NAME",
+    help="Patches that move; repeat, or use commas. wall#2: a part.",
+)
 @click.option(
     "--hinge", nargs=2, type=options.Point(), metavar="x0,y0,z0 x1,y1,z1", help="Two points of the hinge line; or x,y."
 )
@@ -77,24 +84,27 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
 
 @click.command()
 @click.argument("mesh", type=options.FILE)
+@options.select_option
 @options.json_option
-def quality(mesh: Path, as_json: bool) -> None:
-    """Print points, cells, patches, quality and inverted cells of a mesh file."""
+def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
+    """Print points, cells, patches with their connected components, quality and inverted cells of a mesh file."""
     from sdm_deflect.cases.inspection import inspect, inspected
+    from sdm_deflect.cases.selections import selections_of
 
     if as_json:
-        options.print_json(inspected(mesh))
+        options.print_json(inspected(mesh, selections_of(select)))
     else:
-        click.echo(inspect(mesh))
+        click.echo(inspect(mesh, selections_of(select)))
 
 
 def _tables(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the tables of a configuration file with the options of the command line in their place."""
     from sdm_deflect.cases.job_settings import read_job, slides_of, with_options
+    from sdm_deflect.cases.selections import selections_of
 
     own = dict(given)
     config, assignments, steps = (own.pop(name) for name in ("config", "assignments", "steps"))
-    own["slide"] = slides_of(own["slide"])
+    own["slide"], own["select"] = slides_of(own["slide"]), selections_of(own["select"])
     own["max_steps"] = None if steps in (None, "auto") else _steps(steps)
     return with_options(read_job(config) if config else {}, own, assignments)
 

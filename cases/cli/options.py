@@ -64,6 +64,9 @@ class WithHinge(click.Command):
 
 
 angle_option = click.option("--angle", type=float, help="Deflection in degrees; positive is trailing edge down.")
+select_option = click.option(
+    "--select", multiple=True, metavar="NAME=EXPR|FILE", help="Make a part of a patch a patch, as flap=wall#2; repeat."
+)
 set_option = click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Replace a setting; repeat.")
 repair_option = click.option("--repair", type=REPAIRS, help="auto (default), off or always: whether cells are mended.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON to the standard output, nothing else.")

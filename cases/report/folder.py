@@ -181,6 +181,7 @@ def settings_of(one: Deflection, home: Path, folder: Path) -> dict[str, Any]:
     surfaces = zip(job.surfaces, plan.boundary.surfaces, one.amounts, strict=True)
     return {
         **({"mesh": relpath(source, home)} if source else {}),
+        **({"select": {one.name: one.text for one in job.selections}} if job.selections else {}),
         "fixed": list(plan.boundary.fixed),
         "slide": {name: one.shape for one in job.slides for name in plan.mesh.named([one.patch], "slide")},
         "box": plan.region.hexahedron.corners.tolist(),

@@ -17,6 +17,7 @@ from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Repaired
 from sdm_deflect.deform.repair.repair import repaired
+from sdm_deflect.deform.selection import selected
 from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.boundary import Amounts, Boundary
@@ -50,17 +51,17 @@ class Plan:
     def of(cls, mesh: Mesh, job: Job, angles: Sequence[float] = (), progress: Progress = silent) -> "Plan":
         """Decide motion, box and sites for the job's own angle, or for several, and judge the mesh as it is.
 
-        Raises InputError if the job does not suit the mesh.
+        The plan's mesh has the selections of the job as patches. Raises InputError if the job does not suit the mesh.
         """
         wanted = tuple(angles) or (job.angle,)
         progress("surfaces", nan)
-        boundary = Boundary.of(mesh, job)
+        boundary = Boundary.of(selected(mesh, job.selections, job.names), job)
         progress("box", nan)
         ends = tuple(dict.fromkeys(job.amounts_at(angle) for angle in (min(wanted), max(wanted))))
         region = Region.of(boundary, ends)
         sites = Sites.of(boundary, region)
         progress("cells", nan)
-        touched = TouchedCells.of(mesh, union(region.inside, sites.moving))
+        touched = TouchedCells.of(boundary.mesh, union(region.inside, sites.moving))
         touched.check(job.allow_inverted)
         return cls(boundary, region, sites, touched, touched.quality(mesh.points), wanted)
 

@@ -5,7 +5,10 @@ from dataclasses import dataclass, field, replace
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting, Repair
 from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.selection import Selection
+from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving
+from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.box import Automatic, BoxRule
 from sdm_deflect.deform.volume.sliding import NAMES, SHAPES
 
@@ -66,6 +69,7 @@ class Job:
     repair_slides : further patches whose nodes may slide while cells are mended: moving ones too, where they then are.
         A ``"plane"`` is each plane face of the patch.
     allow_inverted : whether a mesh that has inverted cells is taken.
+    selections : parts of patches that become patches, before all else.
     """
 
     surfaces: tuple[Moving, ...]
@@ -79,6 +83,7 @@ class Job:
     repair: Repair = field(default_factory=Repair)
     repair_slides: tuple[Sliding, ...] = ()
     allow_inverted: bool = False
+    selections: tuple[Selection, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.surfaces:
@@ -88,6 +93,19 @@ class Job:
     def angle(self) -> float:
         """Amount of the first surface."""
         return self.surfaces[0].amount
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every name of a patch in it, and every wildcard."""
+        motions = [moving.motion for moving in self.surfaces if isinstance(moving.motion, Blended)]
+        sets = [nodes for motion in motions for nodes in (motion.held, motion.driven) if isinstance(nodes, OnPatches)]
+        return (
+            *(name for moving in self.surfaces for name in moving.patches),
+            *self.fixed,
+            *(sliding.patch for sliding in (*self.slides, *self.repair_slides)),
+            *(section.patch for section in self.sections),
+            *(name for nodes in sets for name in nodes.names),
+        )
 
     @property
     def amounts(self) -> tuple[float, ...]:

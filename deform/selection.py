@@ -1,0 +1,365 @@
+"""Parts of patches that become patches: connected components, faces in a box, before a plane, or between sharp edges.
+
+A selection begins with the faces of a patch, and each of its tests leaves some of them. Where the faces of a patch are
+lines, those of a mesh in a plane, nodes do for them what edges do for other faces.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from sdm_deflect.deform.edges import Joints
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import BoolArray, Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polygons, meant
+
+MARK, REGION = "#", "~"
+"""Between the name of a patch and the number of its component, and between that of a selection and its region."""
+LISTED = 6
+"""Parts that a message lists."""
+MOST = 1000
+"""Components of a wildcard, and regions of a selection."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Some faces of a patch.
+
+    Attributes
+    ----------
+    name : of the part.
+    points : (N, 3) of the mesh.
+    rows : (F,) which faces they are, counted through the blocks of the patch.
+    nodes : (K,) their nodes, face by face.
+    sizes : (F,) number of nodes of each.
+    """
+
+    name: str
+    points: FloatArray = field(repr=False)
+    rows: IntArray = field(repr=False)
+    nodes: IntArray = field(repr=False)
+    sizes: IntArray = field(repr=False)
+
+    @classmethod
+    def of(cls, mesh: Mesh, patch: Patch) -> "Part":
+        """Return all faces of a patch."""
+        none = np.empty(0, dtype=np.intp)
+        nodes = np.concatenate([none, *(block.nodes.ravel() for block in patch.faces)])
+        sizes = np.concatenate([none, *(_sizes(block) for block in patch.faces)])
+        return cls(patch.name, mesh.points, np.arange(len(sizes)), nodes, sizes)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def some(self, keep: BoolArray, name: str = "") -> "Part":
+        """Return the faces that are marked (F,)."""
+        nodes = self.nodes[np.repeat(keep, self.sizes)]
+        return Part(name or self.name, self.points, self.rows[keep], nodes, self.sizes[keep])
+
+    @property
+    def centres(self) -> FloatArray:
+        """Mean (F, 3) of each face's nodes."""
+        starts = np.cumsum(self.sizes) - self.sizes
+        return np.asarray(np.add.reduceat(self.points[self.nodes], starts, axis=0) / self.sizes[:, None])
+
+    @property
+    def extent(self) -> tuple[FloatArray, FloatArray]:
+        """Least and largest coordinates (3,) of the nodes."""
+        own = self.points[self.nodes]
+        return own.min(axis=0), own.max(axis=0)
+
+    @property
+    def text(self) -> str:
+        """Name, number of faces and extent, for messages."""
+        low, high = map(_placed, self.extent)
+        return f"{self.name} {len(self)} faces from {low} to {high}"
+
+    def components(self) -> IntArray:
+        """Return the connected component (F,) of each face, by shared nodes; 0 has most faces, or the first of them."""
+        if not len(self):
+            return np.empty(0, dtype=np.intp)
+        own = self.nodes - self.nodes.min()
+        used = np.zeros(own.max() + 1, dtype=np.bool_)
+        used[own] = True
+        own = (np.cumsum(used) - 1)[own]
+        first = own[np.cumsum(self.sizes) - self.sizes]
+        return _ranked(_joined(np.repeat(first, self.sizes), own, int(used.sum()))[first])
+
+    def regions(self, degrees: float) -> IntArray:
+        """Return the region (F,) of each face between edges that turn by more than some degrees; 0 is the largest."""
+        faces = Polygons(self.nodes, np.concatenate([[0], np.cumsum(self.sizes)]).astype(np.intp))
+        joints = Joints.of(faces)
+        smooth = ~(joints.cosines(self.points, faces) < np.cos(np.radians(degrees)))
+        return _ranked(_joined(joints.first[smooth], joints.second[smooth], len(self)))
+
+    def cut(self, labels: IntArray, mark: str, most: int = MOST) -> list["Part"]:
+        """Return the parts of equal labels (F,), the first so many of them, numbered from 1 after a mark."""
+        order = np.argsort(labels, kind="stable")
+        ends = np.cumsum(np.bincount(labels))[:most]
+        starts, sizes = (np.cumsum(self.sizes) - self.sizes)[order], self.sizes[order]
+        found = []
+        for number, rows in enumerate(np.split(np.arange(ends[-1]), ends[:-1]) if len(ends) else [], 1):
+            own = sizes[rows]
+            within = np.arange(own.sum()) - np.repeat(np.cumsum(own) - own, own)
+            nodes = self.nodes[np.repeat(starts[rows], own) + within]
+            found.append(Part(f"{self.name}{mark}{number}", self.points, self.rows[order[rows]], nodes, own))
+        return found
+
+
+class Test(Protocol):
+    """Leaves some faces of a part."""
+
+    def of(self, part: Part) -> BoolArray:
+        """Return which of its faces (F,) are meant."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """The faces that hang together by their nodes.
+
+    Attributes
+    ----------
+    number : from 1, by number of faces, the most first.
+    """
+
+    number: int
+
+    def __str__(self) -> str:
+        return f"component {self.number}"
+
+    def of(self, part: Part) -> BoolArray:
+        """Return which faces (F,) are meant; InputError if there is no component of that number."""
+        labels = part.components()
+        if not 1 <= self.number <= labels.max(initial=-1) + 1:
+            raise InputError(f"there is no component {self.number}; there are {listed(part, labels)}")
+        return np.asarray(labels == self.number - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Within:
+    """The faces with their centre in a box along the axes, or on it.
+
+    Attributes
+    ----------
+    low, high : two opposite corners.
+    """
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+
+    def __str__(self) -> str:
+        return f"the box from {_placed(self.low)} to {_placed(self.high)}"
+
+    def of(self, part: Part) -> BoolArray:
+        """Return which faces (F,) are meant."""
+        centres = part.centres
+        return np.asarray(((centres >= self.low) & (centres <= self.high)).all(axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class Before:
+    """The faces with their centre in front of a plane, on the side to which its normal points.
+
+    Attributes
+    ----------
+    point, normal : of the plane.
+    """
+
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+
+    def __str__(self) -> str:
+        return f"the side of the plane through {_placed(self.point)} to which {_placed(self.normal)} points"
+
+    def of(self, part: Part) -> BoolArray:
+        """Return which faces (F,) are meant."""
+        return np.asarray((part.centres - self.point) @ np.array(self.normal) > 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Faces of a patch that become a patch, or several.
+
+    Attributes
+    ----------
+    name : of the new patch; of several the beginning: ``name~1``, ``name~2``, those with most faces first.
+    patch : whose faces they are; ``patch#2`` is its second connected component.
+    tests : each leaves some of the faces that the one before it left.
+    sharp : degrees by which faces turn at an edge that parts one new patch from another; None: a single one.
+    text : how a user writes it.
+    """
+
+    name: str
+    patch: str
+    tests: tuple[Test, ...] = ()
+    sharp: float | None = None
+    text: str = field(default="", compare=False)
+
+    def parts(self, mesh: Mesh) -> tuple[str, list[Part]]:
+        """Return the name of the patch, and the new patches; InputError if they are none, or the patch itself."""
+        what = f"{mesh.name}: {self.name}" + (f" = {self.text}" if self.text and self.text != self.name else "")
+        patch, tests = self._resolved(mesh, what)
+        whole = part = Part.of(mesh, mesh.patch(patch))
+        if not len(whole):
+            raise InputError(f"{what}: patch {patch} has no faces of which some could be chosen")
+        for test in tests:
+            try:
+                left = part.some(test.of(part))
+            except InputError as error:
+                raise InputError(f"{what}: {error}") from None
+            if not len(left):
+                raise InputError(f"{what}: {test} leaves nothing of {part.text}")
+            part = left
+        found = [part] if self.sharp is None else self._regions(part, what)
+        if len(found) == 1 and len(part) == len(whole):
+            raise InputError(f"{what}: these are all {len(whole)} faces of {patch}; name {patch} itself")
+        marks = [""] if self.sharp is None else [f"{REGION}{k + 1}" for k in range(len(found))]
+        return patch, [
+            Part(self.name + mark, one.points, one.rows, one.nodes, one.sizes)
+            for mark, one in zip(marks, found, strict=True)
+        ]
+
+    def _resolved(self, mesh: Mesh, what: str) -> tuple[str, tuple[Test, ...]]:
+        """Return the name of the patch and all tests."""
+        base, mark, number = self.patch.rpartition(MARK)
+        numbered = self.patch not in mesh.names and mark and number.isascii() and number.isdigit()
+        names = mesh.named([base if numbered else self.patch], f"{what}:")
+        if len(names) > 1:
+            raise InputError(f"{what}: {self.patch} stands for several patches, {', '.join(names)}; name one of them")
+        return names[0], ((Component(int(number)), *self.tests) if numbered else self.tests)
+
+    def _regions(self, part: Part, what: str) -> list[Part]:
+        degrees = self.sharp or 0.0
+        labels = part.regions(degrees)
+        if (count := labels.max() + 1) > MOST:
+            raise InputError(f"{what}: {degrees:g} deg cuts {part.text} into {count} regions; choose a larger angle")
+        return part.cut(labels, REGION)
+
+
+def selected(mesh: Mesh, selections: Sequence[Selection], names: Iterable[str] = ()) -> Mesh:
+    """Return a mesh whose selections are patches of their own; the rest of a patch keeps its name.
+
+    Parameters
+    ----------
+    mesh : The mesh as it was read; selections mean its patches.
+    selections : What is chosen.
+    names : Names and wildcards of patches; ``wall#2`` is a patch without being selected, and ``wall#*`` stands for the
+        components of which no selection has a face.
+
+    Raises InputError if a selection is empty or a whole patch, has a face or the name of another, or a name is of none.
+    """
+    found: dict[str, list[Part]] = {}
+    for one in selections:
+        _add(mesh, found, *one.parts(mesh))
+    for text in dict.fromkeys(names):
+        if (
+            MARK in text
+            and text not in _names(found)
+            and not any(text == one or meant(text, one) for one in mesh.names)
+        ):
+            for patch, parts in _numbered(mesh, found, text):
+                _add(mesh, found, patch, parts)
+    if not found:
+        return mesh
+    patches = [piece for patch in mesh.patches for piece in _divided(patch, found.get(patch.name, []))]
+    return Mesh(mesh.points, mesh.cells, tuple(patches), mesh.zones, mesh.name, mesh.source)
+
+
+def listed(part: Part, labels: IntArray) -> str:
+    """Return the first of the connected components (F,) of a part, for messages."""
+    rest = labels.max(initial=-1) + 1 - LISTED
+    return "; ".join(one.text for one in part.cut(labels, MARK, LISTED)) + (f"; and {rest} more" if rest > 0 else "")
+
+
+def _numbered(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Iterator[tuple[str, list[Part]]]:
+    """Yield the components that ``patch#number`` or ``patch#*`` stands for, those without a face of another part."""
+    base, _, which = text.rpartition(MARK)
+    if which.isascii() and which.isdigit():
+        yield Selection(text, text).parts(mesh)
+        return
+    for name in mesh.named([base], f"{text}:"):
+        part = Part.of(mesh, mesh.patch(name))
+        labels, free = part.components(), np.ones(len(part), dtype=np.bool_)
+        if (count := labels.max(initial=-1) + 1) > MOST:
+            raise InputError(f"{mesh.name}: {text} stands for {count} components; name those that are meant")
+        for one in found.get(name, []):
+            free[one.rows] = False
+        parts = part.cut(labels, MARK) if count > 1 else []
+        yield name, [one for one in parts if meant(text, one.name) and free[one.rows].all()]
+
+
+def _add(mesh: Mesh, found: dict[str, list[Part]], patch: str, parts: list[Part]) -> None:
+    """Enter the parts of a patch; InputError if they share a face with earlier ones, or a name with any patch."""
+    taken, earlier = np.zeros(len(mesh.patch(patch)), dtype=np.bool_), tuple(found.get(patch, ()))
+    for new in parts:
+        if new.name in (*mesh.names, *_names(found)):
+            raise InputError(f"{mesh.name}: {new.name} is the name of two patches; choose another one")
+        for old in earlier:
+            taken[old.rows] = True
+            if both := np.count_nonzero(taken[new.rows]):
+                raise InputError(f"{mesh.name}: {old.name} and {new.name} overlap: {both} faces of {patch} are in both")
+            taken[old.rows] = False
+        found.setdefault(patch, []).append(new)
+
+
+def _names(found: dict[str, list[Part]]) -> list[str]:
+    return [part.name for parts in found.values() for part in parts]
+
+
+def _divided(patch: Patch, parts: Sequence[Part]) -> Iterator[Patch]:
+    """Yield the rest of a patch, if there is one, and its parts."""
+    rest = np.ones(len(patch), dtype=np.bool_)
+    for part in parts:
+        rest[part.rows] = False
+    if not parts or rest.any() or len(patch.loose):
+        yield Patch(patch.name, tuple(_some(patch.faces, rest)), patch.loose) if parts else patch
+    for part in parts:
+        own = np.zeros(len(patch), dtype=np.bool_)
+        own[part.rows] = True
+        yield Patch(part.name, tuple(_some(patch.faces, own)))
+
+
+def _some(blocks: Sequence[Faces], keep: BoolArray) -> Iterator[Faces]:
+    """Yield of each block the faces that are marked (F,), counted through all blocks."""
+    start = 0
+    for block in blocks:
+        own = keep[start : start + len(block)]
+        start += len(block)
+        if not own.any():
+            continue
+        if isinstance(block, Cells):
+            yield Cells(block.shape, block.nodes[own])
+        else:
+            sizes = np.diff(block.offsets)
+            offsets = np.concatenate([[0], np.cumsum(sizes[own])]).astype(np.intp)
+            yield Polygons(block.nodes[np.repeat(own, sizes)], offsets)
+
+
+def _placed(point: Iterable[float]) -> str:
+    return f"({', '.join(f'{x:.4g}' for x in point)})"
+
+
+def _sizes(block: Faces) -> IntArray:
+    if isinstance(block, Polygons):
+        return np.diff(block.offsets)
+    return np.full(len(block), block.nodes.shape[1], dtype=np.intp)
+
+
+def _joined(one: IntArray, other: IntArray, count: int) -> IntArray:
+    """Return the component (count,) of each of some things that are joined in pairs (P,)."""
+    links = coo_array((np.ones(len(one), dtype=np.bool_), (one, other)), shape=(count, count))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.intp)
+
+
+def _ranked(labels: IntArray) -> IntArray:
+    """Return labels (F,) counted anew: 0 is the most frequent, of equally frequent ones that which comes first."""
+    count = np.bincount(labels)
+    first = np.zeros(len(count), dtype=np.intp)
+    first[labels[::-1]] = np.arange(len(labels))[::-1]  # of a label that comes again the last one stays
+    rank = np.empty(len(count), dtype=np.intp)
+    rank[np.lexsort((first, -count))] = np.arange(len(count))
+    return np.asarray(rank[labels])
