@@ -7,7 +7,7 @@ import numpy as np
 from cadquery import Edge, Face, Solid
 from numpy.typing import NDArray
 
-from sdm_deflect.geometry.export import tessellate, write_brep, write_step, write_stl
+from sdm_deflect.geometry.export import tessellate, write_binary_stl, write_brep, write_step, write_stl
 from sdm_deflect.geometry.projection import FreeFormSurface, PlaneSurface, curve_of, surface_of
 from sdm_deflect.geometry.sections import FloatArray
 
@@ -128,11 +128,25 @@ class CadModel:
         return found
 
     def write(self, path: Path) -> None:
-        """Write the solid as .step, .brep or .stl; ValueError for any other suffix, OSError if it cannot be written."""
-        writers = {".step": write_step, ".brep": write_brep, ".stl": write_stl}
-        if path.suffix.lower() not in writers:
-            raise ValueError(f"{path} ends in {path.suffix!r}; it must end in {', '.join(writers)}")
-        writers[path.suffix.lower()]((self.solid,), path)
+        """Write the solid by suffix; ValueError for any other than these, OSError if it cannot be written.
+
+        .step has names and colours of patches on the faces, .stl is text with one named solid for each patch; .brep
+        has no names.
+        """
+        faces = {patch: [face.shape for face in self.faces_of(patch)] for patch in self.patches}
+        suffix = path.suffix.lower()
+        if suffix == ".step":
+            write_step(self.solid, faces, path)
+        elif suffix == ".stl":
+            write_stl(self.solid, faces, path)
+        elif suffix == ".brep":
+            write_brep((self.solid,), path)
+        else:
+            raise ValueError(f"{path} ends in {path.suffix!r}; it must end in .step, .brep, .stl")
+
+    def write_binary_stl(self, path: Path) -> None:
+        """Write the solid's triangles without names; OSError if the file cannot be written."""
+        write_binary_stl(self.solid, {"": [face.shape for face in self.faces]}, path)
 
     def write_faces(self, path: Path) -> None:
         """Write faces then sheets, in order, as one .brep whose faces share their edges."""

@@ -71,17 +71,19 @@ def run(
 )
 @options.angle_option
 @options.set_option
+@click.option("--binary", is_flag=True, help="Of an .stl: triangles in binary, without the names of patches.")
 @options.progress_options
-def geometry(
-    out: Path, case: str, angle: float | None, assignments: tuple[str, ...], quiet: bool, verbose: bool
-) -> None:
-    """Write the CAD alone, deflected by --angle (default 0)."""
+def geometry(out: Path, case: str, angle: float | None, binary: bool, **given: Any) -> None:
+    """Write the CAD alone, deflected by --angle (default 0): faces in .step and solids in .stl bear patches' names."""
     from sdm_deflect.cases.sdm.registry import resolve
     from sdm_deflect.deform.errors import InputError
 
     if out.suffix not in (".step", ".brep", ".stl"):
         raise InputError(f"--out {out}: the suffix must be .step, .brep or .stl")
-    resolved = resolve(case, angle=angle or 0.0, assignments=assignments)
+    if binary and out.suffix != ".stl":
+        raise InputError(f"--out {out}: only an .stl can be binary")
+    quiet, verbose = given.pop("quiet"), given.pop("verbose")
+    resolved = resolve(case, angle=angle or 0.0, **given)
 
     from sdm_deflect.cases.sdm.cad import deflected_cad, undeflected_cad
     from sdm_deflect.meshing.files import fresh
@@ -89,7 +91,7 @@ def geometry(
     with options.watched(quiet, verbose) as watch, watch.stage("geometry"):
         model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)
         with fresh(out) as beside:
-            model.write(beside)
+            (model.write_binary_stl if binary else model.write)(beside)
     click.echo(f"{out}: {len(model.faces)} faces, {len(model.edges)} edges")
 
 
