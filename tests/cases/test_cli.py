@@ -49,6 +49,7 @@ def sdm(capsys, monkeypatch, tmp_path):
         (["run", "aileron", "--no-such-option"], "--no-such-option"),
         (["geometry", "--out", "sdm.obj"], "the suffix must be .step, .brep or .stl"),
         (["geometry", "--angle", "5"], "--out"),
+        (["geometry", "--out", "sdm.step", "--binary"], "only an .stl can be binary"),
         (["quality", "missing.vtu"], "missing.vtu is not a file"),
         (["limit", "aileron", "--quality", "2"], "--quality 2 must be between 0 and 1"),
         (["limit", "aileron", "--resolution", "nan"], "--resolution nan must be between 0 and 30"),

@@ -26,6 +26,7 @@ ELSEWHERE = (
     (r"sdm run tail$", "tests/cases/conftest.py", 'case_named("tail")'),
     (r"sdm run rudder$", "tests/cases/view/test_run.py", 'case_named("rudder")'),
     (r"sdm run all$", "tests/cases/view/test_run.py", 'case_named("all")'),
+    (r"(blockMesh|surfaceFeatureExtract|snappyHexMesh) -case sdm-case", "tests/docs/test_meshers.py", "snappyHexMesh"),
     (r"sdm validate", "tests/cases/test_finished.py", "validate_folder(folder)"),
     (r"sdm limit aileron", "tests/cases/sdm/test_limit.py", "limit"),
     (r"sdm study", "tests/cases/test_studies.py", "study"),
