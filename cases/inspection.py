@@ -10,9 +10,10 @@ import numpy as np
 from sdm_deflect.cases.selections import selection
 from sdm_deflect.deform.errors import InputError, printable
 from sdm_deflect.deform.mesh import VOLUMES, Cells, Mesh
+from sdm_deflect.deform.parts import MARK, Part
 from sdm_deflect.deform.quality import POLYHEDRON, by_shape, oriented
 from sdm_deflect.deform.reading import RATIO_VARIABLE, unpack_limit
-from sdm_deflect.deform.selection import MARK, Part, selected
+from sdm_deflect.deform.selection import selected
 from sdm_deflect.meshing.child import call
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.formats.registry import known_format

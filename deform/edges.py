@@ -77,7 +77,7 @@ class Joints(NamedTuple):
             edges, face = edges_of(faces)
             forward = edges[:, 0] < edges[:, 1]
         low, high = np.minimum(*edges.T), np.maximum(*edges.T)
-        key = low * (high.max(initial=0) + 1) + high
+        key = low.astype(np.int64) * (high.max(initial=0) + 1) + high
         order = np.argsort(key, kind="stable")
         key = key[order]
         pair = np.flatnonzero(key[:-1] == key[1:])

@@ -5,108 +5,14 @@ lines, those of a mesh in a plane, nodes do for them what edges do for other fac
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from sdm_deflect.deform.edges import Joints
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import BoolArray, Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polygons, meant
-
-MARK, REGION = "#", "~"
-"""Between the name of a patch and the number of its component, and between that of a selection and its region."""
-LISTED = 6
-"""Parts that a message lists."""
-MOST = 1000
-"""Components of a wildcard, and regions of a selection."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """Some faces of a patch.
-
-    Attributes
-    ----------
-    name : of the part.
-    points : (N, 3) of the mesh.
-    rows : (F,) which faces they are, counted through the blocks of the patch.
-    nodes : (K,) their nodes, face by face.
-    sizes : (F,) number of nodes of each.
-    """
-
-    name: str
-    points: FloatArray = field(repr=False)
-    rows: IntArray = field(repr=False)
-    nodes: IntArray = field(repr=False)
-    sizes: IntArray = field(repr=False)
-
-    @classmethod
-    def of(cls, mesh: Mesh, patch: Patch) -> "Part":
-        """Return all faces of a patch."""
-        none = np.empty(0, dtype=np.intp)
-        nodes = np.concatenate([none, *(block.nodes.ravel() for block in patch.faces)])
-        sizes = np.concatenate([none, *(_sizes(block) for block in patch.faces)])
-        return cls(patch.name, mesh.points, np.arange(len(sizes)), nodes, sizes)
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def some(self, keep: BoolArray, name: str = "") -> "Part":
-        """Return the faces that are marked (F,)."""
-        nodes = self.nodes[np.repeat(keep, self.sizes)]
-        return Part(name or self.name, self.points, self.rows[keep], nodes, self.sizes[keep])
-
-    @property
-    def centres(self) -> FloatArray:
-        """Mean (F, 3) of each face's nodes."""
-        starts = np.cumsum(self.sizes) - self.sizes
-        return np.asarray(np.add.reduceat(self.points[self.nodes], starts, axis=0) / self.sizes[:, None])
-
-    @property
-    def extent(self) -> tuple[FloatArray, FloatArray]:
-        """Least and largest coordinates (3,) of the nodes."""
-        own = self.points[self.nodes]
-        return own.min(axis=0), own.max(axis=0)
-
-    @property
-    def text(self) -> str:
-        """Name, number of faces and extent, for messages."""
-        low, high = map(_placed, self.extent)
-        return f"{self.name} {len(self)} faces from {low} to {high}"
-
-    def components(self) -> IntArray:
-        """Return the connected component (F,) of each face, by shared nodes; 0 has most faces, or the first of them."""
-        if not len(self):
-            return np.empty(0, dtype=np.intp)
-        own = self.nodes - self.nodes.min()
-        used = np.zeros(own.max() + 1, dtype=np.bool_)
-        used[own] = True
-        own = (np.cumsum(used) - 1)[own]
-        first = own[np.cumsum(self.sizes) - self.sizes]
-        return _ranked(_joined(np.repeat(first, self.sizes), own, int(used.sum()))[first])
-
-    def regions(self, degrees: float) -> IntArray:
-        """Return the region (F,) of each face between edges that turn by more than some degrees; 0 is the largest."""
-        faces = Polygons(self.nodes, np.concatenate([[0], np.cumsum(self.sizes)]).astype(np.intp))
-        joints = Joints.of(faces)
-        smooth = ~(joints.cosines(self.points, faces) < np.cos(np.radians(degrees)))
-        return _ranked(_joined(joints.first[smooth], joints.second[smooth], len(self)))
-
-    def cut(self, labels: IntArray, mark: str, most: int = MOST) -> list["Part"]:
-        """Return the parts of equal labels (F,), the first so many of them, numbered from 1 after a mark."""
-        order = np.argsort(labels, kind="stable")
-        ends = np.cumsum(np.bincount(labels))[:most]
-        starts, sizes = (np.cumsum(self.sizes) - self.sizes)[order], self.sizes[order]
-        found = []
-        for number, rows in enumerate(np.split(np.arange(ends[-1]), ends[:-1]) if len(ends) else [], 1):
-            own = sizes[rows]
-            within = np.arange(own.sum()) - np.repeat(np.cumsum(own) - own, own)
-            nodes = self.nodes[np.repeat(starts[rows], own) + within]
-            found.append(Part(f"{self.name}{mark}{number}", self.points, self.rows[order[rows]], nodes, own))
-        return found
+from sdm_deflect.deform.mesh import BoolArray, Cells, Faces, Mesh, Patch, Polygons, meant
+from sdm_deflect.deform.parts import MARK, MOST, REGION, Part, listed, placed
 
 
 class Test(Protocol):
@@ -152,7 +58,7 @@ class Within:
     high: tuple[float, float, float]
 
     def __str__(self) -> str:
-        return f"the box from {_placed(self.low)} to {_placed(self.high)}"
+        return f"the box from {placed(self.low)} to {placed(self.high)}"
 
     def of(self, part: Part) -> BoolArray:
         """Return which faces (F,) are meant."""
@@ -173,7 +79,7 @@ class Before:
     normal: tuple[float, float, float]
 
     def __str__(self) -> str:
-        return f"the side of the plane through {_placed(self.point)} to which {_placed(self.normal)} points"
+        return f"the side of the plane through {placed(self.point)} to which {placed(self.normal)} points"
 
     def of(self, part: Part) -> BoolArray:
         """Return which faces (F,) are meant."""
@@ -208,20 +114,17 @@ class Selection:
             raise InputError(f"{what}: patch {patch} has no faces of which some could be chosen")
         for test in tests:
             try:
-                left = part.some(test.of(part))
+                left = part.some(np.flatnonzero(test.of(part)))
             except InputError as error:
                 raise InputError(f"{what}: {error}") from None
             if not len(left):
                 raise InputError(f"{what}: {test} leaves nothing of {part.text}")
             part = left
+        part = replace(part, name=self.name)
         found = [part] if self.sharp is None else self._regions(part, what)
         if len(found) == 1 and len(part) == len(whole):
             raise InputError(f"{what}: these are all {len(whole)} faces of {patch}; name {patch} itself")
-        marks = [""] if self.sharp is None else [f"{REGION}{k + 1}" for k in range(len(found))]
-        return patch, [
-            Part(self.name + mark, one.points, one.rows, one.nodes, one.sizes)
-            for mark, one in zip(marks, found, strict=True)
-        ]
+        return patch, found
 
     def _resolved(self, mesh: Mesh, what: str) -> tuple[str, tuple[Test, ...]]:
         """Return the name of the patch and all tests."""
@@ -256,23 +159,14 @@ def selected(mesh: Mesh, selections: Sequence[Selection], names: Iterable[str] =
     for one in selections:
         _add(mesh, found, *one.parts(mesh))
     for text in dict.fromkeys(names):
-        if (
-            MARK in text
-            and text not in _names(found)
-            and not any(text == one or meant(text, one) for one in mesh.names)
-        ):
+        known = text in (*mesh.names, *_names(found)) or any(meant(text, name) for name in mesh.names)
+        if MARK in text and not known:
             for patch, parts in _numbered(mesh, found, text):
                 _add(mesh, found, patch, parts)
     if not found:
         return mesh
     patches = [piece for patch in mesh.patches for piece in _divided(patch, found.get(patch.name, []))]
     return Mesh(mesh.points, mesh.cells, tuple(patches), mesh.zones, mesh.name, mesh.source)
-
-
-def listed(part: Part, labels: IntArray) -> str:
-    """Return the first of the connected components (F,) of a part, for messages."""
-    rest = labels.max(initial=-1) + 1 - LISTED
-    return "; ".join(one.text for one in part.cut(labels, MARK, LISTED)) + (f"; and {rest} more" if rest > 0 else "")
 
 
 def _numbered(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Iterator[tuple[str, list[Part]]]:
@@ -337,29 +231,3 @@ def _some(blocks: Sequence[Faces], keep: BoolArray) -> Iterator[Faces]:
             sizes = np.diff(block.offsets)
             offsets = np.concatenate([[0], np.cumsum(sizes[own])]).astype(np.intp)
             yield Polygons(block.nodes[np.repeat(own, sizes)], offsets)
-
-
-def _placed(point: Iterable[float]) -> str:
-    return f"({', '.join(f'{x:.4g}' for x in point)})"
-
-
-def _sizes(block: Faces) -> IntArray:
-    if isinstance(block, Polygons):
-        return np.diff(block.offsets)
-    return np.full(len(block), block.nodes.shape[1], dtype=np.intp)
-
-
-def _joined(one: IntArray, other: IntArray, count: int) -> IntArray:
-    """Return the component (count,) of each of some things that are joined in pairs (P,)."""
-    links = coo_array((np.ones(len(one), dtype=np.bool_), (one, other)), shape=(count, count))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.intp)
-
-
-def _ranked(labels: IntArray) -> IntArray:
-    """Return labels (F,) counted anew: 0 is the most frequent, of equally frequent ones that which comes first."""
-    count = np.bincount(labels)
-    first = np.zeros(len(count), dtype=np.intp)
-    first[labels[::-1]] = np.arange(len(labels))[::-1]  # of a label that comes again the last one stays
-    rank = np.empty(len(count), dtype=np.intp)
-    rank[np.lexsort((first, -count))] = np.arange(len(count))
-    return np.asarray(rank[labels])

@@ -7,7 +7,8 @@ import pytest
 
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons
-from sdm_deflect.deform.selection import Before, Component, Part, Selection, Within, selected
+from sdm_deflect.deform.parts import Part
+from sdm_deflect.deform.selection import Before, Component, Selection, Within, selected
 from tests.deform.blocks import block_with_body, two_bodies
 
 

@@ -1,0 +1,121 @@
+"""Some faces of a patch: how they hang together, and where sharp edges divide them."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from sdm_deflect.deform.edges import Joints, polygons_of
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Patch, Polygons
+
+MARK, REGION = "#", "~"
+"""Between the name of a patch and the number of its component, and between that of a selection and its region."""
+LISTED = 6
+"""Parts that a message lists."""
+MOST = 1000
+"""Components of a wildcard, and regions of a selection."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Some faces of a patch.
+
+    Attributes
+    ----------
+    name : of the part.
+    points : (N, 3) of the mesh.
+    faces : (F,) the faces.
+    rows : (F,) which they are, counted through the blocks of the patch.
+    """
+
+    name: str
+    points: FloatArray = field(repr=False)
+    faces: Polygons = field(repr=False)
+    rows: IntArray = field(repr=False)
+
+    @classmethod
+    def of(cls, mesh: Mesh, patch: Patch) -> "Part":
+        """Return all faces of a patch."""
+        faces = polygons_of(patch.faces)
+        return cls(patch.name, mesh.points, faces, np.arange(len(faces)))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def some(self, chosen: IntArray, name: str = "") -> "Part":
+        """Return some of the faces (R,), counted within the part."""
+        sizes = np.diff(self.faces.offsets)[chosen]
+        offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
+        within = np.arange(offsets[-1]) - np.repeat(offsets[:-1] - self.faces.offsets[chosen], sizes)
+        return Part(name or self.name, self.points, Polygons(self.faces.nodes[within], offsets), self.rows[chosen])
+
+    @property
+    def centres(self) -> FloatArray:
+        """Mean (F, 3) of each face's nodes."""
+        sums = np.add.reduceat(self.points[self.faces.nodes], self.faces.offsets[:-1], axis=0)
+        return np.asarray(sums / np.diff(self.faces.offsets)[:, None])
+
+    @property
+    def extent(self) -> tuple[FloatArray, FloatArray]:
+        """Least and largest coordinates (3,) of the nodes."""
+        own = self.points[self.faces.nodes]
+        return own.min(axis=0), own.max(axis=0)
+
+    @property
+    def text(self) -> str:
+        """Name, number of faces and extent, for messages."""
+        low, high = map(placed, self.extent)
+        return f"{self.name} {len(self)} faces from {low} to {high}"
+
+    def components(self) -> IntArray:
+        """Return the connected component (F,) of each face, by shared nodes; 0 has most faces, or the first of them."""
+        if not len(self):
+            return np.empty(0, dtype=np.intp)
+        own = self.faces.nodes - self.faces.nodes.min()
+        used = np.zeros(own.max() + 1, dtype=np.bool_)
+        used[own] = True
+        own = (np.cumsum(used) - 1)[own]
+        first = own[self.faces.offsets[:-1]]
+        around = np.repeat(first, np.diff(self.faces.offsets))
+        return _ranked(_joined(around, own, int(used.sum()))[first])
+
+    def regions(self, degrees: float) -> IntArray:
+        """Return the region (F,) of each face between edges that turn by more than some degrees; 0 is the largest."""
+        joints = Joints.of(self.faces)
+        smooth = ~(joints.cosines(self.points, self.faces) < np.cos(np.radians(degrees)))
+        return _ranked(_joined(joints.first[smooth], joints.second[smooth], len(self)))
+
+    def cut(self, labels: IntArray, mark: str, most: int = MOST) -> list["Part"]:
+        """Return the parts of equal labels (F,), the first so many of them, numbered from 1 after a mark."""
+        order, ends = np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:most]
+        groups = np.split(order[: ends[-1]], ends[:-1]) if len(ends) else []
+        return [self.some(rows, f"{self.name}{mark}{number}") for number, rows in enumerate(groups, 1)]
+
+
+def listed(part: Part, labels: IntArray) -> str:
+    """Return the first of the connected components (F,) of a part, for messages."""
+    rest = labels.max(initial=-1) + 1 - LISTED
+    return "; ".join(one.text for one in part.cut(labels, MARK, LISTED)) + (f"; and {rest} more" if rest > 0 else "")
+
+
+def placed(point: Iterable[float]) -> str:
+    """Return a point for messages."""
+    return f"({', '.join(f'{x:.4g}' for x in point)})"
+
+
+def _joined(one: IntArray, other: IntArray, count: int) -> IntArray:
+    """Return the component (count,) of each of some things that are joined in pairs (P,)."""
+    links = coo_array((np.ones(len(one), dtype=np.bool_), (one, other)), shape=(count, count))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.intp)
+
+
+def _ranked(labels: IntArray) -> IntArray:
+    """Return labels (F,) counted anew: 0 is the most frequent, of equally frequent ones that which comes first."""
+    count = np.bincount(labels)
+    first = np.zeros(len(count), dtype=np.intp)
+    first[labels[::-1]] = np.arange(len(labels))[::-1]  # of a label that comes again the last one stays
+    rank = np.empty(len(count), dtype=np.intp)
+    rank[np.lexsort((first, -count))] = np.arange(len(count))
+    return np.asarray(rank[labels])
