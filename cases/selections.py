@@ -2,13 +2,16 @@
 
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import isnan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sdm_deflect.cases.settings import read_toml
 from sdm_deflect.deform.errors import InputError, shortened
+from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.selection import Before, Component, Selection, Test, Within
 
 Point = tuple[float, float, float]
@@ -65,19 +68,20 @@ def _test(name: str, word: str) -> Test:
         last = f"; {SHARP}: must come last" if kind == SHARP else ""
         raise InputError(f"select.{name}: {shortened(word)} is unknown{last}; it must be {FORM}")
     numbers = _numbers(rest)
-    if len(numbers) != 6:
-        raise InputError(f"select.{name}: {word} must be {NUMBERS[kind]}")
-    one, other = numbers[:3], numbers[3:]
+    if len(numbers) not in (4, 6):
+        raise InputError(f"select.{name}: {word} must be {NUMBERS[kind]}; of a plane mesh without z")
+    one, other = np.array(numbers).reshape(2, -1)
     if kind == "box":
-        low, high = (tuple(map(choice, one, other)) for choice in (min, max))
-        return Within(*_points(low, high))
-    if not any(other) or not all(abs(x) < float("inf") for x in numbers):
+        return Within(_point(np.minimum(one, other), -np.inf), _point(np.maximum(one, other), np.inf))
+    if not other.any() or not np.isfinite(numbers).all():
         raise InputError(f"select.{name}: {word}: point and normal must be finite, and the normal not zero")
-    return Before(*_points(one, other))
+    return Before(_point(one, 0.0), _point(other, 0.0))
 
 
-def _points(one: Sequence[float], other: Sequence[float]) -> tuple[Point, Point]:
-    return (one[0], one[1], one[2]), (other[0], other[1], other[2])
+def _point(of: FloatArray, z: float) -> Point:
+    """Return a point; of two numbers with that z."""
+    x, y, *rest = of.tolist()
+    return x, y, rest[0] if rest else z
 
 
 def _degrees(name: str, word: str) -> float:
