@@ -1,13 +1,14 @@
 """A job from text or keywords: the settings of `sdm deflect`, of its TOML file and of `deflect` are the same."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from math import inf, isnan
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from sdm_deflect.cases.cpacs import hinge_and_angle
 from sdm_deflect.cases.selections import selection, selections_of
 from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, structured
 from sdm_deflect.deform.checks import MIN_QUALITY
@@ -43,6 +44,8 @@ class SurfaceSettings:
     strip : blended: width beside a closed rib, as a share of the span.
     table : file of displacements instead of a rotation.
     amount : share of the table.
+    cpacs : CPACS file with the hinge line, in the mesh's unit of length, and the angle where none is given.
+    device : uID of a trailing edge device in it; ``uID=step`` for the angle of a step, or between two.
     """
 
     patches: tuple[str, ...]
@@ -54,14 +57,27 @@ class SurfaceSettings:
     strip: float = 0.2
     table: str | None = None
     amount: float = 1.0
+    cpacs: str | None = None
+    device: str | None = None
 
     def moving(self, fixed: tuple[str, ...]) -> Moving:
         """Return the patches with their motion; nodes on `fixed` patches are held if no others are named."""
+        if self.cpacs or self.device:
+            return self._of_cpacs().moving(fixed)
         motion = self._motion(fixed)
         amount = self.angle if motion.unit == "deg" else self.amount
         if amount is None:
             raise InputError(f"the angle of {', '.join(self.patches)} is missing: give it in degrees")
         return Moving(self.patches, motion, amount)
+
+    def _of_cpacs(self) -> "SurfaceSettings":
+        """Return the same with hinge and angle of the device."""
+        if not self.cpacs or not self.device:
+            raise InputError("cpacs and device go together: a CPACS file, and the uID of a trailing edge device in it")
+        if self.hinge:
+            raise InputError(f"hinge = {self.hinge}: that of the device is taken; leave out hinge or cpacs")
+        hinge, angle = hinge_and_angle(Path(self.cpacs), self.device, self.angle if self.table is None else 0.0)
+        return replace(self, hinge=hinge, angle=angle, cpacs=None, device=None)
 
     def _motion(self, fixed: tuple[str, ...]) -> Motion:
         if not isinstance(self.motion, str):
@@ -191,7 +207,11 @@ class _Angles:
 
 IN_PYTHON = {"surface": "surfaces", "patches": "surfaces", "amount": "angle"}
 """Settings of files that are arguments of another name."""
-IDLE = {"rigid": ("held", "driven", "strip"), "blended": (), "own": ("table", "held", "driven", "strip")}
+IDLE = {
+    "rigid": ("held", "driven", "strip"),
+    "blended": (),
+    "own": ("table", "held", "driven", "strip", "cpacs", "device"),
+}
 """Settings of a surface that a motion has no use for."""
 OF_SURFACE = tuple(one.name for one in fields(SurfaceSettings))
 
@@ -280,9 +300,9 @@ def read_job(path: Path) -> Nested:
     nested = read_toml(path)
     nested.pop("mesh", None)  # of the settings beside a report, which the command names itself
     for table in (nested, *_tables(nested.get("surface"))):
-        for key in ("box", "table", "held", "driven"):
+        for key in ("box", "table", "held", "driven", "cpacs"):
             value = table.get(key)
-            if isinstance(value, str) and (key == "table" or value.endswith((".toml", ".txt"))):
+            if isinstance(value, str) and (key in ("table", "cpacs") or value.endswith((".toml", ".txt"))):
                 table[key] = str(path.parent / value)
     return nested
 

@@ -29,6 +29,8 @@ from sdm_deflect.cases.cli import options
 @click.option("--driven", help="blended: nodes that follow: edges[:DEG], patches, or a .txt (default: edges:40).")
 @click.option("--strip", type=float, help="blended: width beside a closed rib, as a share of the span (0.2).")
 @click.option("--table", help="Displacements instead of a hinge: .csv of x,y,z,dx,dy,dz, or .npz.")
+@click.option("--cpacs", metavar="FILE", help="CPACS file with the hinge line and the angle of --device.")
+@click.option("--device", metavar="UID[=STEP]", help="Trailing edge device of --cpacs; a step of its path.")
 @click.option("--fixed", multiple=True, metavar="NAME", help="Patches that stay; wildcards such as 'wing*'.")
 @click.option("--slide", multiple=True, metavar="NAME:plane|cylinder|surface", help="Patches that stay on their shape.")
 @click.option("--zone", "zones", multiple=True, metavar="NAME", help="Further zones that deform; '*' for all.")

@@ -28,6 +28,7 @@ from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.cache import FOLDER_VARIABLE
 from sdm_deflect.meshing.formats.registry import FORMATS
+from tests.cases.cpacs_wing import written
 from tests.fuzz import meshes
 from tests.fuzz.inputs import Input, of_path
 from tests.fuzz.mutation import Damage
@@ -96,6 +97,7 @@ def tables(folder: Path) -> Iterator[Input]:
         "table.npz": (*hinged, "--table", "table.npz"),
         "nodes.txt": (*DRY, "--motion", "blended", "--held", "far", "--driven", "nodes.txt"),
         "box.toml": (*DRY, "--box", "box.toml"),
+        "aircraft.xml": (*hinged, "--cpacs", "aircraft.xml", "--device", "flap=0.5"),
         "job.toml": ("deflect", MESH, "--config", "job.toml", "-q", "--no-report", "--dry-run"),
     }
     for name, words in by_file.items():
@@ -120,7 +122,8 @@ def support(folder: Path) -> dict[str, bytes]:
     np.savetxt(folder / "nodes.txt", mesh.on("body")[:4], fmt="%d")
     (folder / "box.toml").write_text("corners = [[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]]\n")
     (folder / "job.toml").write_text(tomli_w.dumps(JOB))
-    names = (MESH, "table.csv", "table.npz", "nodes.txt", "box.toml", "job.toml")
+    written(folder)
+    names = (MESH, "aircraft.xml", "table.csv", "table.npz", "nodes.txt", "box.toml", "job.toml")
     return {name: (folder / name).read_bytes() for name in names}
 
 
