@@ -256,8 +256,8 @@ def deflect(
           those that follow (default ``"edges:40"``, the sharp edges far from the hinge): names of patches, node indices
           (K,) counted from 0, a .txt file of them, or `OnPatches`, `TrailingEdge`, `Listed`.
         - `strip`: of a blended motion, the width beside a closed rib as a share of the span, above 0, at most 1 (0.2).
-        - `cpacs`, `device`: a CPACS 3 file and the uID of a trailing edge device in it, instead of `hinge`; ``uID=step``
-          has the angle, too.
+        - `cpacs`, `device`: a CPACS 3 file and the uID of a trailing edge device in it, instead of `hinge`; with
+          ``uID=step`` the angle is that of a step.
         - `table`: a .csv or .npz file of displacements instead of a rotation.
 
         - `select`: parts of patches that become patches of their own: ``{"flap": "wall#2"}`` or ``"flap=wall#2"``, the

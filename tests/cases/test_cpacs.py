@@ -131,7 +131,7 @@ def test_settings_take_hinge_and_angle_from_it(tmp_path):
         {"cpacs": "x.xml"},
         {"cpacs": "x.xml", "device": "flap", "hinge": [[0, 0], [1, 0]]},
     ):
-        with pytest.raises(InputError, match="go together|leave out hinge"):
+        with pytest.raises(InputError, match=r"go together|leave out hinge"):
             job_settings({"surface": [{"patches": "a", "angle": 1, **wrong}]}).job()
     with pytest.raises(InputError, match="the angle is given already"):
         hinge_and_angle(tmp_path / "aircraft.xml", "flap=1", 3.0)
