@@ -52,29 +52,15 @@ EXTRACT = "sdm.stl { extractionMethod extractFromSurface; extractFromSurfaceCoef
 CONTROL = "startFrom startTime; startTime 0; stopAt endTime; endTime 1; deltaT 1; writeInterval 1; writePrecision 12;\n"
 
 
-def write_stl(path: Path) -> tuple[str, ...]:
-    """Write the aircraft, one solid for each patch, and return the patches' names."""
-    model = build(Fighter())
-    with path.open("w", encoding="ascii") as out:
-        for patch in model.patches:
-            out.write(f"solid {patch}\n")
-            for face in model.faces_of(patch):
-                points, triangles = face.tessellation(3e-4)
-                for corners in points[triangles]:
-                    loop = "".join("vertex {:.9g} {:.9g} {:.9g}\n".format(*corner) for corner in corners)
-                    out.write(f"facet normal 0 0 0\nouter loop\n{loop}endloop\nendfacet\n")
-            out.write(f"endsolid {patch}\n")
-    return tuple(model.patches)
-
-
 def make(folder: Path) -> None:
     """Make the mesh of a case in a folder that does not exist yet."""
     for name in ("constant/triSurface", "system"):
         (folder / name).mkdir(parents=True)
-    names = write_stl(folder / "constant/triSurface/sdm.stl")
-    levels = ((name, LEVELS.get(name, 4)) for name in names if not name.endswith("_right"))
+    model = build(Fighter())
+    model.write(folder / "constant/triSurface/sdm.stl")
+    levels = ((name, LEVELS.get(name, 4)) for name in model.patches if not name.endswith("_right"))
     regions = {
-        "names": " ".join(f"{name} {{ name {name}; }}" for name in names),
+        "names": " ".join(f"{name} {{ name {name}; }}" for name in model.patches),
         "levels": " ".join(f"{name} {{ level ({n} {n}); patchInfo {{ type wall; }} }}" for name, n in levels),
     }
     schemes = ("ddt", "grad", "div", "laplacian", "interpolation", "snGrad")
