@@ -1,7 +1,7 @@
 """Points, cells, patches and quality of any mesh file."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,7 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
     """
     if not path.exists():
         raise InputError(f"{path} is not a file")
-    read = _read(path)
+    read = replace(_read(path), name=path.name)
     mesh = selected(read, [selection(name, text) for name, text in select.items()])
     blocks = [(block, None, oriented(mesh.points, block)[0]) for block in mesh.cells]
     components, parts = _components(read)

@@ -12,7 +12,7 @@ import numpy as np
 from sdm_deflect.cases.settings import read_toml
 from sdm_deflect.deform.errors import InputError, shortened
 from sdm_deflect.deform.mesh import FloatArray
-from sdm_deflect.deform.selection import Before, Component, Selection, Test, Within
+from sdm_deflect.deform.selection import Before, Component, Condition, Selection, Within
 
 Point = tuple[float, float, float]
 FORM = "NAME=PATCH, then what leaves some of its faces: #NUMBER, box:CORNERS, side:POINT,NORMAL, and last sharp:DEG"
@@ -48,7 +48,7 @@ def selection(name: str, text: str) -> Selection:
     if not words:
         raise InputError(f"select.{name} is empty; it must be {FORM}")
     sharp = _degrees(name, words.pop()) if words[-1].startswith(f"{SHARP}:") and len(words) > 1 else None
-    return Selection(name, words[0], tuple(_test(name, word) for word in words[1:]), sharp, text)
+    return Selection(name, words[0], tuple(_condition(name, word) for word in words[1:]), sharp, text)
 
 
 def _stored(path: Path) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def _stored(path: Path) -> dict[str, Any]:
     return dict(table)
 
 
-def _test(name: str, word: str) -> Test:
+def _condition(name: str, word: str) -> Condition:
     kind, _, rest = word.partition(":")
     if word[0] == "#" and word[1:].isascii() and word[1:].isdigit():
         return Component(int(word[1:]))

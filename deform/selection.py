@@ -1,7 +1,7 @@
 """Parts of patches that become patches: connected components, faces in a box, before a plane, or between sharp edges.
 
-A selection begins with the faces of a patch, and each of its tests leaves some of them. Where the faces of a patch are
-lines, those of a mesh in a plane, nodes do for them what edges do for other faces.
+A selection begins with the faces of a patch, and each of its conditions leaves some of them. Where the faces of a
+patch are lines, those of a mesh in a plane, nodes do for them what edges do for other faces.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,11 +11,11 @@ from typing import Protocol
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import BoolArray, Cells, Faces, Mesh, Patch, Polygons, meant
-from sdm_deflect.deform.parts import MARK, MOST, REGION, Part, listed, placed
+from sdm_deflect.deform.mesh import BoolArray, Cells, Faces, IntArray, Mesh, Patch, meant
+from sdm_deflect.deform.parts import MARK, MOST, REGION, Part, listed, placed, taken
 
 
-class Test(Protocol):
+class Condition(Protocol):
     """Leaves some faces of a part."""
 
     def of(self, part: Part) -> BoolArray:
@@ -94,52 +94,53 @@ class Selection:
     ----------
     name : of the new patch; of several the beginning: ``name~1``, ``name~2``, those with most faces first.
     patch : whose faces they are; ``patch#2`` is its second connected component.
-    tests : each leaves some of the faces that the one before it left.
+    conditions : each leaves some of the faces that the one before it left.
     sharp : degrees by which faces turn at an edge that parts one new patch from another; None: a single one.
     text : how a user writes it.
     """
 
     name: str
     patch: str
-    tests: tuple[Test, ...] = ()
+    conditions: tuple[Condition, ...] = ()
     sharp: float | None = None
     text: str = field(default="", compare=False)
 
     def parts(self, mesh: Mesh) -> tuple[str, list[Part]]:
         """Return the name of the patch, and the new patches; InputError if they are none, or the patch itself."""
-        what = f"{mesh.name}: {self.name}" + (f" = {self.text}" if self.text and self.text != self.name else "")
-        patch, tests = self._resolved(mesh, what)
+        place = f"select {self.name} = {self.text}:" if self.text else f"{self.name}:"
+        what, (patch, conditions) = f"{mesh.name}: {place}", self._resolved(mesh, place)
         whole = part = Part.of(mesh, mesh.patch(patch))
         if not len(whole):
-            raise InputError(f"{what}: patch {patch} has no faces of which some could be chosen")
-        for test in tests:
+            raise InputError(f"{what} patch {patch} has no faces of which some could be chosen")
+        for condition in conditions:
             try:
-                left = part.some(np.flatnonzero(test.of(part)))
+                left = part.some(np.flatnonzero(condition.of(part)))
             except InputError as error:
-                raise InputError(f"{what}: {error}") from None
+                raise InputError(f"{what} {error}") from None
             if not len(left):
-                raise InputError(f"{what}: {test} leaves nothing of {part.text}")
+                raise InputError(f"{what} {condition} leaves nothing of {part.text}")
             part = left
         part = replace(part, name=self.name)
         found = [part] if self.sharp is None else self._regions(part, what)
         if len(found) == 1 and len(part) == len(whole):
-            raise InputError(f"{what}: these are all {len(whole)} faces of {patch}; name {patch} itself")
+            raise InputError(f"{what} these are all {len(whole)} faces of {patch}; name {patch} itself")
         return patch, found
 
-    def _resolved(self, mesh: Mesh, what: str) -> tuple[str, tuple[Test, ...]]:
-        """Return the name of the patch and all tests."""
+    def _resolved(self, mesh: Mesh, place: str) -> tuple[str, tuple[Condition, ...]]:
+        """Return the name of the patch and all conditions."""
         base, mark, number = self.patch.rpartition(MARK)
         numbered = self.patch not in mesh.names and mark and number.isascii() and number.isdigit()
-        names = mesh.named([base if numbered else self.patch], f"{what}:")
+        names = mesh.named([base if numbered else self.patch], place)
         if len(names) > 1:
-            raise InputError(f"{what}: {self.patch} stands for several patches, {', '.join(names)}; name one of them")
-        return names[0], ((Component(int(number)), *self.tests) if numbered else self.tests)
+            several = f"{self.patch} stands for several patches, {', '.join(names)}; name one of them"
+            raise InputError(f"{mesh.name}: {place} {several}")
+        return names[0], ((Component(int(number)), *self.conditions) if numbered else self.conditions)
 
     def _regions(self, part: Part, what: str) -> list[Part]:
         degrees = self.sharp or 0.0
         labels = part.regions(degrees)
         if (count := labels.max() + 1) > MOST:
-            raise InputError(f"{what}: {degrees:g} deg cuts {part.text} into {count} regions; choose a larger angle")
+            raise InputError(f"{what} {degrees:g} deg cuts {part.text} into {count} regions; choose a larger angle")
         return part.cut(labels, REGION)
 
 
@@ -209,25 +210,19 @@ def _divided(patch: Patch, parts: Sequence[Part]) -> Iterator[Patch]:
     rest = np.ones(len(patch), dtype=np.bool_)
     for part in parts:
         rest[part.rows] = False
-    if not parts or rest.any() or len(patch.loose):
-        yield Patch(patch.name, tuple(_some(patch.faces, rest)), patch.loose) if parts else patch
+    if not parts:
+        yield patch
+    elif rest.any() or len(patch.loose):
+        yield Patch(patch.name, tuple(_some(patch.faces, np.flatnonzero(rest))), patch.loose)
     for part in parts:
-        own = np.zeros(len(patch), dtype=np.bool_)
-        own[part.rows] = True
-        yield Patch(part.name, tuple(_some(patch.faces, own)))
+        yield Patch(part.name, tuple(_some(patch.faces, part.rows)))
 
 
-def _some(blocks: Sequence[Faces], keep: BoolArray) -> Iterator[Faces]:
-    """Yield of each block the faces that are marked (F,), counted through all blocks."""
-    start = 0
-    for block in blocks:
-        own = keep[start : start + len(block)]
-        start += len(block)
-        if not own.any():
-            continue
-        if isinstance(block, Cells):
-            yield Cells(block.shape, block.nodes[own])
-        else:
-            sizes = np.diff(block.offsets)
-            offsets = np.concatenate([[0], np.cumsum(sizes[own])]).astype(np.intp)
-            yield Polygons(block.nodes[np.repeat(own, sizes)], offsets)
+def _some(blocks: Sequence[Faces], rows: IntArray) -> Iterator[Faces]:
+    """Yield of each block some faces (R,), in ascending order, counted through all blocks."""
+    starts = np.cumsum([0, *map(len, blocks)])
+    groups = np.split(rows, np.searchsorted(rows, starts[1:-1]))
+    for start, block, group in zip(starts, blocks, groups, strict=False):
+        own = group - start
+        if len(own):
+            yield Cells(block.shape, block.nodes[own]) if isinstance(block, Cells) else taken(block, own)

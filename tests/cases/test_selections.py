@@ -13,6 +13,7 @@ from sdm_deflect.cases.inspection import inspect, inspected
 from sdm_deflect.cases.job_settings import job_settings
 from sdm_deflect.cases.report.folder import read_folder
 from sdm_deflect.cases.selections import selection, selections_of
+from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.selection import Before, Component, Within
@@ -101,6 +102,7 @@ def test_a_report_repeats_the_choice(channel, sdm, tmp_path):
     plan, points = read_folder(settings.parent)
     assert set(plan.mesh.names) == {"wall", "flap", "wall#3"}
     assert (points == read(out).points).all()
+    assert "flap" in InteractiveRun.of(settings.parent).mesh.names
     assert sdm("deflect", channel, "--config", settings, "--out", again, "--no-report", "-q")[0] == 0
     assert again.read_bytes() == out.read_bytes()
     chosen = ["--select", settings, "--surface", "flap", "--fixed", "wall"]
@@ -143,13 +145,16 @@ def test_components_are_meant_wherever_a_patch_is_named():
 def test_expressions_become_tests():
     one = selection("flap", ' "left wall"#2 and box:1,2,3,0,0,-inf   side:0,0,0,0,0,1 #3 sharp:25')
     assert (one.name, one.patch, one.sharp) == ("flap", "left wall#2", 25.0)
-    assert one.tests == (
+    assert one.conditions == (
         Within((0.0, 0.0, -np.inf), (1.0, 2.0, 3.0)),
         Before((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
         Component(3),
     )
     plane = selection("flap", "wall box:1,2,3,0 side:1,2,0,-1")
-    assert plane.tests == (Within((1.0, 0.0, -np.inf), (3.0, 2.0, np.inf)), Before((1.0, 2.0, 0.0), (0.0, -1.0, 0.0)))
+    assert plane.conditions == (
+        Within((1.0, 0.0, -np.inf), (3.0, 2.0, np.inf)),
+        Before((1.0, 2.0, 0.0), (0.0, -1.0, 0.0)),
+    )
 
 
 def test_elements_of_a_plane_mesh_are_components(tmp_path, sdm):
