@@ -82,7 +82,7 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
     """
     if not path.exists():
         raise InputError(f"{path} is not a file")
-    read = replace(_read(path), name=path.name)
+    read = replace(_read(path), name=path.resolve().name)
     mesh = selected(read, [selection(name, text) for name, text in select.items()])
     blocks = [(block, None, oriented(mesh.points, block)[0]) for block in mesh.cells]
     components, parts = _components(read)
