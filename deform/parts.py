@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from sdm_deflect.deform.edges import Joints, polygons_of
@@ -57,7 +57,7 @@ class Part:
     @property
     def extent(self) -> tuple[FloatArray, FloatArray]:
         """Least and largest coordinates (3,) of the nodes."""
-        own = self.points[self.faces.nodes]
+        own = self.points[self._nodes[0]]
         return own.min(axis=0), own.max(axis=0)
 
     @property
@@ -70,19 +70,23 @@ class Part:
         """Return the connected component (F,) of each face, by shared nodes; 0 has most faces, or the first of them."""
         if not len(self):
             return np.empty(0, dtype=np.intp)
-        own = self.faces.nodes - self.faces.nodes.min()
-        used = np.zeros(own.max() + 1, dtype=np.bool_)
-        used[own] = True
-        own = (np.cumsum(used) - 1)[own]
-        first = own[self.faces.offsets[:-1]]
-        around = np.repeat(first, np.diff(self.faces.offsets))
-        return _ranked(_joined(around, own, int(used.sum()))[first])
+        nodes, place = self._nodes
+        return _ranked(_joined(place, self.faces.offsets, len(nodes))[place[self.faces.offsets[:-1]]])
 
     def regions(self, degrees: float) -> IntArray:
         """Return the region (F,) of each face between edges that turn by more than some degrees; 0 is the largest."""
         joints = Joints.of(self.faces)
         smooth = ~(joints.cosines(self.points, self.faces) < np.cos(np.radians(degrees)))
-        return _ranked(_joined(joints.first[smooth], joints.second[smooth], len(self)))
+        pairs = np.column_stack([joints.first[smooth], joints.second[smooth]])
+        return _ranked(_joined(pairs.ravel(), np.arange(0, pairs.size + 1, 2), len(self)))
+
+    @property
+    def _nodes(self) -> tuple[IntArray, IntArray]:
+        """The distinct nodes (N,), sorted, and the place (K,) among them of each node of the faces."""
+        low = self.faces.nodes.min()
+        used = np.zeros(self.faces.nodes.max() - low + 1, dtype=np.bool_)
+        used[self.faces.nodes - low] = True
+        return np.flatnonzero(used) + low, (np.cumsum(used) - 1)[self.faces.nodes - low]
 
     def cut(self, labels: IntArray, mark: str, most: int = MOST) -> list["Part"]:
         """Return the parts of equal labels (F,), the first so many of them, numbered from 1 after a mark."""
@@ -109,10 +113,12 @@ def placed(point: Iterable[float]) -> str:
     return f"({', '.join(f'{x:.4g}' for x in point)})"
 
 
-def _joined(one: IntArray, other: IntArray, count: int) -> IntArray:
-    """Return the component (count,) of each of some things that are joined in pairs (P,)."""
-    links = coo_array((np.ones(len(one), dtype=np.bool_), (one, other)), shape=(count, count))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.intp)
+def _joined(members: IntArray, offsets: IntArray, count: int) -> IntArray:
+    """Return the component (count,) of things of which each group joins some, its members (K,) one after another."""
+    groups = len(offsets) - 1
+    starts = np.concatenate([offsets, np.full(count, len(members))])  # a graph of the groups, and then of the things
+    links = csr_array((np.ones(len(members)), members + groups, starts), shape=(groups + count, groups + count))
+    return np.asarray(connected_components(links, directed=False)[1][groups:], dtype=np.intp)
 
 
 def _ranked(labels: IntArray) -> IntArray:
