@@ -35,6 +35,8 @@ NAMES = {
     "pyramid": "pyramids",
     POLYHEDRON: "polyhedra",
 }
+SHOWN = 20
+"""Names of zones that are listed."""
 
 
 def inspect(path: Path, select: Mapping[str, str] = NOTHING) -> str:
@@ -44,6 +46,9 @@ def inspect(path: Path, select: Mapping[str, str] = NOTHING) -> str:
     lines = [f"{found['file']}: {found['points']} points, {found['cells']} cells{plane}"]
     if len(found["zones"]) > 1:
         lines.append("zones (points): " + _listed(found["zones"]))
+    for name, blocks in found["blocks"].items():
+        shown = ", ".join(blocks[:SHOWN]) + (f" and {len(blocks) - SHOWN} more" if len(blocks) > SHOWN else "")
+        lines.append(f"{len(blocks)} zones of the file fit together{_as(name, found['zones'])}: {shown}")
     lines += [_quality_line(quality) for quality in found["quality"]]
     if found["left_handed"]:
         lines.append("the file counts the nodes of cells left-handed; judged accordingly")
@@ -71,11 +76,11 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
     -------
     dict
         ``file``; ``points`` and ``cells``, how many there are; ``plane``, whether the mesh is two-dimensional;
-        ``zones``, name: number of points; ``patches``, name: number of faces; ``components``, the number of connected
-        components of the patches that have several; ``parts``, of each of these components (`MOST` of a patch) and of
-        each selection the name, the number of ``faces`` and the least and largest coordinates, ``low`` and ``high``;
-        ``quality``, the fields of `Quality` for each type of cell; ``left_handed``, whether the file counts the nodes
-        of cells the other way round.
+        ``zones``, name: number of points; ``blocks``, for a zone that several of the file fit together in, their names;
+        ``patches``, name: number of faces; ``components``, the number of connected components of the patches that have
+        several; ``parts``, of each of these components (`MOST` of a patch) and of each selection the name, the number
+        of ``faces`` and the least and largest coordinates, ``low`` and ``high``; ``quality``, the fields of `Quality`
+        for each type of cell; ``left_handed``, whether the file counts the nodes of cells the other way round.
 
     Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, or holds no cells with a
     volume, and InputError if a selection does not suit it.
@@ -93,6 +98,7 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         "cells": sum(len(block) for block in mesh.cells),
         "plane": mesh.plane,
         "zones": {zone.name: zone.stop - zone.start for zone in mesh.zones},
+        "blocks": {zone.name: list(zone.blocks) for zone in mesh.zones if zone.blocks},
         "patches": {patch.name: len(patch) for patch in mesh.patches},
         "components": components,
         "parts": [_part(part) for part in parts],
@@ -155,6 +161,10 @@ def _quality_line(found: Json) -> str:
     if found["shape"] == POLYHEDRON:  # an ideal cell of many faces is far below 1
         return line
     return f"{line}, {found['below_0_2']:.3%} below 0.2, {found['below_0_4']:.3%} below 0.4"
+
+
+def _as(name: str, zones: Json) -> str:
+    return f" as {name}" if len(zones) > 1 else ""
 
 
 def _listed(counts: dict[str, int]) -> str:

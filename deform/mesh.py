@@ -190,11 +190,15 @@ class Patch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Zone:
-    """A part of a file with points of its own, such as one grid of an overset pair: points start to stop - 1."""
+    """A part of a file with points of its own, such as one grid of an overset pair: points start to stop - 1.
+
+    Where several zones of a file fit together, `blocks` has the names of all, and `name` is that of the first.
+    """
 
     name: str
     start: int
     stop: int
+    blocks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -93,7 +93,7 @@ def shared_depth(a: Hexahedron, b: Hexahedron) -> float:
 def _zones(boundary: Boundary) -> tuple[Zone, ...]:
     """Return the zones that hold moving nodes, and those that the job adds."""
     mesh, wanted = boundary.mesh, boundary.job.zones
-    names = [zone.name for zone in mesh.zones]
+    names = [name for zone in mesh.zones for name in zone.blocks or (zone.name,)]
     for name in wanted:
         if name not in (*names, "*"):
             raise InputError(f"{mesh.name}: zones: {name!r} is no zone; the zones are {', '.join(names)}")
@@ -102,7 +102,9 @@ def _zones(boundary: Boundary) -> tuple[Zone, ...]:
         first, end = np.searchsorted(boundary.nodes, (zone.start, zone.stop))
         return bool(end > first)
 
-    return tuple(z for z in mesh.zones if moves(z) or z.name in wanted or "*" in wanted)
+    return tuple(
+        z for z in mesh.zones if moves(z) or "*" in wanted or any(name in wanted for name in z.blocks or (z.name,))
+    )
 
 
 def _inside(mesh: Mesh, zones: tuple[Zone, ...], hexahedron: Hexahedron) -> IntArray:

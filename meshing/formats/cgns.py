@@ -1,10 +1,10 @@
-"""CGNS meshes (.cgns) in HDF5, of unstructured zones in three dimensions."""
+"""CGNS meshes (.cgns) in HDF5 or ADF, of unstructured zones and of blocks (structured zones)."""
 
 from __future__ import annotations
 
 import io
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -15,32 +15,29 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Polyhedra
+from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
-from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, read_polyhedra, sections
-from sdm_deflect.meshing.formats.cgns_nodes import AXES, Array, child, children, data, integers, text
+from sdm_deflect.meshing.formats import adf
+from sdm_deflect.meshing.formats.cgns_nodes import Array
 from sdm_deflect.meshing.formats.cgns_packed import overwrite
+from sdm_deflect.meshing.formats.cgns_read import base_of, connected, coordinate_data, read_base
 from sdm_deflect.meshing.formats.cgns_write import write_base
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
-from sdm_deflect.meshing.formats.hdf5 import damage, is_real
-from sdm_deflect.meshing.formats.shapes import check_faces, oriented
-from sdm_deflect.meshing.formats.zones import joined
-from sdm_deflect.meshing.mesh import FloatArray
+from sdm_deflect.meshing.formats.hdf5 import damage
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
-ADF = b"ADF Database"
-
 
 @dataclass(frozen=True, slots=True)
 class Cgns:
-    """Zones with cells of every linear shape, or polyhedra; patches are the boundary conditions.
+    """Zones with cells of every linear shape, polyhedra, or blocks of hexahedra; patches are the boundary conditions.
 
-    Everything else in a file (solutions, connections of zones, families, units) is no part of the mesh; a rewritten
-    file keeps it. Coordinates in single precision stay in single precision.
+    Zones that fit together point by point, by the file's interfaces, are one zone of the mesh with one point at each
+    place. Everything else in a file (solutions, families, units) is no part of the mesh; a rewritten file keeps it.
+    Coordinates in single precision stay in single precision, and a file in ADF stays one.
     """
 
     name: str = "cgns"
@@ -49,24 +46,32 @@ class Cgns:
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
         with about(path), _opened(path) as file:
-            return read_base(file, partial(progress, f"reading {path.name}"))
+            return read_base(file, partial(progress, f"reading {path.name}")).mesh
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; only numbers in CoordinateX, CoordinateY and CoordinateZ change."""
         with about(source), _opened(source) as file:
-            stored = [coordinate_data(zone) for _, zone in zones(file)[1]]
-            check_points(points, sum(len(own[0]) for own in stored))
+            base = base_of(file)
+            stored = [coordinate_data(base, name) for name in base.zones]
+            index = first = np.arange(sum(own[0].size for own in stored))
+            if connected(base):
+                found = read_base(file, lambda _: None)
+                index, first = found.index, found.first
+            check_points(points, len(first))
             _check_apart([axis for own in stored for axis in own])
-            moved = list(_moved(stored, points))
-            plain = {axis.id.get_offset(): new for axis, new in moved if axis.id.get_offset()}
-            packed = {axis.name: new for axis, new in moved if not axis.id.get_offset()}
+            moved = list(_moved(stored, points, index, first))
+            plain = [(_pieces(axis), new.tobytes()) for axis, new in moved if _pieces(axis)]
+            packed = {axis.name: new for axis, new in moved if not _pieces(axis)}
         with fresh(out, source) as beside, about(source):
             progress(f"writing {out.name}", 0.0)
             shutil.copyfile(source, beside)
             with beside.open("r+b") as copy:
-                for place, new in plain.items():
-                    copy.seek(place)
-                    copy.write(new.tobytes())
+                for pieces, new in plain:
+                    begin = 0
+                    for place, length in pieces:
+                        copy.seek(place)
+                        copy.write(new[begin : begin + length])
+                        begin += length
             if packed:
                 overwrite(beside, packed)
             progress(f"writing {out.name}", 1.0)
@@ -120,124 +125,46 @@ def _written(path: Path) -> Iterator[Any]:
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     with path.open("rb") as file:
-        head = file.read(64)
+        if adf.MARK in file.read(32):
+            with damage():
+                yield adf.Tree(file).root
+            return
     if not h5py.is_hdf5(path):
-        if ADF in head:
-            raise MeshFileError("this is a CGNS file in ADF; convert it to HDF5 with `cgnsconvert -h IN.cgns OUT.cgns`")
-        raise MeshFileError("this is no CGNS file in HDF5")
+        raise MeshFileError("this is no CGNS file, neither in HDF5 nor in ADF")
     with damage(), h5py.File(path) as opened:
         yield opened
 
 
 def _check_apart(axes: Sequence[Any]) -> None:
     """Refuse (MeshFileError) coordinates that share bytes: one cannot be replaced without the other."""
-    places = sorted((axis.id.get_offset(), axis.nbytes) for axis in axes if axis.id.get_offset())
+    places = sorted(piece for axis in axes for piece in _pieces(axis))
     shared = any(begin + size > after for (begin, size), (after, _) in pairwise(places))
-    if shared or len({h5py.h5o.get_info(axis.id).addr for axis in axes}) < len(axes):
+    packed = {h5py.h5o.get_info(axis.id).addr for axis in axes if not _pieces(axis)}
+    if shared or len(packed) < sum(not _pieces(axis) for axis in axes):
         raise MeshFileError("coordinates of several axes or zones are one and the same data")
 
 
-def _moved(stored: Sequence[Sequence[Any]], points: FloatArray) -> Iterator[tuple[Any, Array]]:
-    """Yield the datasets that change, and their new values; values that do not change keep their bits."""
-    start = 0
-    for own in stored:
-        for column, axis in enumerate(own):
-            old = axis[()]
-            new = points[start : start + len(old), column]
-            changed = old.astype(np.float64) != new
-            if changed.any():
-                yield axis, np.where(changed, new, old).astype(old.dtype)
-        start += len(own[0])
+def _pieces(axis: Any) -> tuple[tuple[int, int], ...]:
+    """Place and length of the bytes that hold data in the file as they are; none if they are packed."""
+    if isinstance(axis, adf.Stored):
+        return axis.pieces
+    return ((axis.id.get_offset(), axis.nbytes),) if axis.id.get_offset() else ()
 
 
-def read_base(file: Any, report: Callable[[float], None]) -> Mesh:
-    """Return the mesh of an open file, its zones one after another.
+def _moved(
+    stored: Sequence[Sequence[Any]], points: FloatArray, index: IntArray, first: IntArray
+) -> Iterator[tuple[Any, Array]]:
+    """Yield the data that change, and their new values; values that do not change keep their bits.
 
-    MeshFileError or ValueError if the file is damaged, or holds what is no unstructured mesh in three dimensions.
+    `index` and `first` are those of `Fitted`: points of several zones that are one get the same values.
     """
-    base, found = zones(file)
-    parts = []
-    for i, (name, zone) in enumerate(found):
-        report(i / len(found))
-        try:
-            parts.append(_zone(base, zone))
-        except (MeshFileError, ValueError) as error:
-            raise MeshFileError(f"zone {name}: {error}") from error
-    report(1.0)
-    return joined([name for name, _ in found], parts)
-
-
-def zones(file: Any) -> tuple[Any, list[tuple[str, Any]]]:
-    """Return the base of a file, and its zones with their names.
-
-    MeshFileError if there is not one base in three dimensions, no zone, or a structured zone.
-    """
-    bases = [base for _, base in children(file, "CGNSBase_t")]
-    if not bases:
-        raise MeshFileError("this HDF5 file has no CGNSBase_t; it is no CGNS file, or it is damaged")
-    solid = [base for base in bases if integers(base).tolist() == [3, 3]]
-    if len(solid) != 1:
-        raise MeshFileError(
-            f"{len(solid)} of {len(bases)} bases have cells and points in three dimensions; one is needed"
-        )
-    found = list(children(solid[0], "Zone_t"))
-    if not found:
-        raise MeshFileError("the file has no zones")
-    if other := [name for name, zone in found if text(child(zone, "ZoneType")) != "Unstructured"]:
-        raise MeshFileError(
-            f"{len(other)} zones are structured ({', '.join(other[:3])}); only unstructured zones can be read: export "
-            "the mesh as unstructured from the program that made it"
-        )
-    return solid[0], found
-
-
-def coordinate_data(zone: Any) -> list[Any]:
-    """Return the datasets (N,) of x, y and z of a zone; MeshFileError if one is missing, or of another length."""
-    grid = child(zone, "GridCoordinates")
-    found = [data(child(grid, axis)) for axis in AXES]
-    sizes = integers(zone)
-    if len(sizes) != 3:
-        raise MeshFileError(f"its size has {len(sizes)} numbers, expected 3; the file is damaged")
-    points = int(sizes[0])
-    for axis, stored in zip(AXES, found, strict=True):
-        if stored.shape != (points,) or stored.dtype.kind != "f":
-            raise MeshFileError(f"{axis} holds {stored.shape} {stored.dtype}, expected ({points},) real numbers")
-        if not is_real(stored):
-            raise MeshFileError(f"{axis} holds real numbers of an unknown kind; the file is damaged")
-    return found
-
-
-def _zone(base: Any, zone: Any) -> Mesh:
-    points = np.stack([axis[()] for axis in coordinate_data(zone)], axis=1).astype(np.float64, copy=False)
-    found = sections(zone)
-    if not found:
-        raise MeshFileError("it has no elements")
-    polyhedral = any(section.kind in (NGON, NFACE) for section in found)
-    cells, faces = (_polyhedral if polyhedral else _shaped)(found, points)
-    named = patches(conditions(base, zone, found[-1].last, len(points)), faces, found[-1].last)
-    mesh = Mesh(points, cells, tuple(named))
-    check_faces(mesh)
-    return mesh
-
-
-def _shaped(found: Sequence[Section], points: FloatArray) -> tuple[tuple[Cells, ...], list[NumberedFaces]]:
-    cells, faces = [], []
-    for section in found:
-        for block, numbers in blocks(section, len(points)):
-            if len(numbers):
-                faces.append(NumberedFaces(section.name, block, numbers))
-            else:
-                cells.append(oriented(points, block))
-    return tuple(cells), faces
-
-
-def _polyhedral(found: Sequence[Section], points: FloatArray) -> tuple[tuple[Polyhedra], list[NumberedFaces]]:
-    if others := [section.name for section in found if section.kind not in (NGON, NFACE)]:
-        raise MeshFileError(f"cells by their faces (NGON_n) and other elements ({', '.join(others)}) in one zone")
-    block, numbers = read_polyhedra(found, len(points))
-    inner = len(block.neighbour)
-    faces = [
-        NumberedFaces(None, block.faces.rows(0, inner), numbers[:inner], outer=False),
-        NumberedFaces(None, block.faces.rows(inner, len(block.faces)), numbers[inner:]),
-    ]
-    return (block,), faces
+    ends = np.cumsum([own[0].size for own in stored])
+    for column in range(points.shape[1]):
+        old = [own[column][()] for own in stored]
+        before = np.concatenate([values.ravel() for values in old]).astype(np.float64, copy=False)[first]
+        new, changed = points[index, column], (before != points[:, column])[index]
+        parts = zip(stored, old, np.split(new, ends[:-1]), np.split(changed, ends[:-1]), strict=True)
+        for own, values, put, moved in parts:
+            if moved.any():
+                now = np.where(moved, put, values.ravel()).astype(values.dtype)
+                yield own[column], now.reshape(values.shape)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Patch, Polygons
-from sdm_deflect.meshing.formats.cgns_nodes import child, children, integers, text
+from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers, text
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import chosen
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
@@ -19,9 +19,13 @@ PLACES = ("PointRange", "PointList", "ElementRange", "ElementList")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Condition:
-    """A boundary condition: the numbers (K,) of its faces, or of its points where it is given by points."""
+    """A boundary condition: the numbers (K,) of its faces, or of its points where it is given by points.
+
+    `of_family` says whether its patch bears the name of a family.
+    """
 
     patch: str
+    of_family: bool
     by_points: bool
     numbers: IntArray = field(repr=False)
 
@@ -46,10 +50,10 @@ def conditions(base: Any, zone: Any, last: int, points: int) -> list[Condition]:
     found = []
     for _, group in children(zone, "ZoneBC_t"):
         for name, node in children(group, "BC_t"):
-            place = next((place for place in PLACES if place in node), None)
+            place = next((place for place in PLACES if has(node, place)), None)
             if place is None:
                 raise MeshFileError(f"boundary condition {name} says not where it is; the file is damaged")
-            where = text(child(node, "GridLocation")) if "GridLocation" in node else "Vertex"
+            where = location(node)
             numbers = integers(child(node, place))
             if where == "EdgeCenter" or not len(numbers):
                 continue
@@ -66,7 +70,7 @@ def conditions(base: Any, zone: Any, last: int, points: int) -> list[Condition]:
                         f"boundary condition {name} has the range {numbers.tolist()}; the file is damaged"
                     )
                 numbers = np.arange(numbers[0], numbers[1] + 1)
-            found.append(Condition(_patch_name(base, name, node), by_points, np.unique(numbers)))
+            found.append(Condition(*patch_name(base, name, node), by_points, np.unique(numbers)))
     return found
 
 
@@ -91,12 +95,21 @@ def patches(found: Sequence[Condition], faces: Sequence[NumberedFaces], last: in
     return [Patch(name, tuple(own)) for name, own in named.items() if own]
 
 
-def _patch_name(base: Any, name: str, node: Any) -> str:
-    if "FamilyName" not in node or text(node) != "FamilySpecified":
-        return name
+def location(node: Any) -> str:
+    """Return where on the mesh a condition or an interface is: ``"Vertex"`` unless it says so."""
+    return text(child(node, "GridLocation")) if has(node, "GridLocation") else "Vertex"
+
+
+def patch_name(base: Any, name: str, node: Any, always: bool = False) -> tuple[str, bool]:
+    """Return the patch that a boundary condition belongs to, and whether that is its family.
+
+    It is if the condition is specified by its family, or if it names one at all where that should `always` do.
+    """
+    if not has(node, "FamilyName") or not (always or text(node) == "FamilySpecified"):
+        return name, False
     family = text(child(node, "FamilyName"))
-    nested = [own for _, own in children(child(base, family), "FamilyName_t")] if family in base else []
-    return text(nested[0]) if nested else family
+    nested = [own for _, own in children(child(base, family), "FamilyName_t")] if has(base, family) else []
+    return (text(nested[0]) if nested else family), True
 
 
 def _by_number(condition: Condition, faces: Sequence[NumberedFaces], last: int) -> list[BoolArray]:

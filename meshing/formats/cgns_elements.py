@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells, Polygons, Polyhedra
-from sdm_deflect.meshing.formats.cgns_nodes import child, children, integers
+from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, taken, turned
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
@@ -86,7 +86,7 @@ def starts(section: Section, stored: IntArray, sizes: dict[int, int] | None) -> 
     Files of CGNS before 3.4 hold no offsets: there each element is headed by its kind, of `sizes` nodes, or by its own
     size where `sizes` is None. MeshFileError if offsets do not fit the connectivity.
     """
-    if "ElementStartOffset" in section.node:
+    if has(section.node, "ElementStartOffset"):
         offsets = integers(child(section.node, "ElementStartOffset"))
     else:
         offsets = np.fromiter(_walk(stored, sizes), dtype=np.intp)
@@ -174,7 +174,7 @@ def _split(section: Section) -> tuple[IntArray, IntArray]:
     """Connectivity without the sizes that old files put before each element, and offsets (M + 1,)."""
     stored = connectivity(section)
     offsets = starts(section, stored, None)
-    if "ElementStartOffset" in section.node:
+    if has(section.node, "ElementStartOffset"):
         return stored, offsets
     return np.delete(stored, offsets[:-1]), offsets - np.arange(len(offsets))
 

@@ -119,7 +119,9 @@ def loose_faces(mesh: Mesh) -> dict[str, int]:
     mine = {patch.name: patch_keys(patch, keys) for patch in mesh.patches}
     given = distinct(np.concatenate([np.empty(0, np.uint64), *mine.values()]))
     seen = np.zeros(len(given), dtype=np.bool_)
-    for found in _cell_face_keys(mesh, keys) if len(given) else ():
+    on_patch = np.zeros(len(mesh.points), dtype=np.bool_)
+    on_patch[mesh.on(*(patch.name for patch in mesh.patches))] = True
+    for found in cell_face_keys(mesh, keys, on_patch) if len(given) else ():
         place = np.minimum(np.searchsorted(given, found), len(given) - 1)
         seen[place[given[place] == found]] = True
         if seen.all():
@@ -129,9 +131,9 @@ def loose_faces(mesh: Mesh) -> dict[str, int]:
     return {name: count for name, count in counts.items() if count}
 
 
-def _cell_face_keys(mesh: Mesh, keys: Keys) -> Iterator[Keys]:
-    on_boundary = np.zeros(len(mesh.points), dtype=np.uint8)
-    on_boundary[mesh.on(*(patch.name for patch in mesh.patches))] = 1
+def cell_face_keys(mesh: Mesh, keys: Keys, marked: BoolArray) -> Iterator[Keys]:
+    """Yield the keys of the faces of cells that have as many marked nodes (N,) as a face has, at least."""
+    among = marked.astype(np.uint8)
     for block in mesh.cells:
         if isinstance(block, Polyhedra):
             yield face_keys(block.faces, keys)
@@ -139,10 +141,10 @@ def _cell_face_keys(mesh: Mesh, keys: Keys) -> Iterator[Keys]:
         for start in range(0, len(block), ROWS):
             nodes = block.nodes[start : start + ROWS]
             least = min(map(len, FACES[block.shape]))
-            own = nodes[sum(on_boundary[corner] for corner in nodes.T) >= least]  # much faster than along rows
+            own = nodes[sum(among[corner] for corner in nodes.T) >= least]  # much faster than along rows
             for face in FACES[block.shape]:
                 corners = own[:, list(face)]
-                yield keys[corners[on_boundary[corners].all(axis=1)]].sum(axis=1, dtype=np.uint64)
+                yield keys[corners[among[corners].all(axis=1)]].sum(axis=1, dtype=np.uint64)
 
 
 def refuse_plane(mesh: Mesh, format_name: str) -> None:

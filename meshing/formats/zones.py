@@ -3,12 +3,15 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone
 from sdm_deflect.meshing.formats.shapes import Faces, chosen, taken
-from sdm_deflect.meshing.mesh import BoolArray
+from sdm_deflect.meshing.mesh import BoolArray, IntArray
+
+Block = TypeVar("Block", bound=Cells | Polygons | Polyhedra)
 
 
 def joined(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:
@@ -83,6 +86,13 @@ def _inside(block: Faces, zone: Zone, what: str) -> Faces:
     if torn := np.count_nonzero(some & ~whole):
         raise ValueError(f"{torn} {what} join zone {zone.name} to another zone")
     return _shifted(block if whole.all() else chosen(block, np.flatnonzero(whole)), -zone.start)
+
+
+def renumbered(block: Block, index: IntArray) -> Block:
+    """Return cells or faces with `index` (N,) of each node in its place."""
+    if isinstance(block, Polyhedra):
+        return replace(block, faces=replace(block.faces, nodes=index[block.faces.nodes]))
+    return replace(block, nodes=index[block.nodes])
 
 
 def _within(faces: Cells | Polygons, zone: Zone) -> BoolArray:

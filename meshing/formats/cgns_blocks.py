@@ -1,0 +1,273 @@
+"""Blocks of a CGNS file: structured zones, their cells and the faces that conditions and interfaces name.
+
+A block has size[d] points along axis d, the first axis fastest. Its faces lie in planes of its grid: all those that
+have one number along an axis. SIDS, sections 6.3 (Zone_t), 8.2 (GridConnectivity1to1_t) and 9.3 (BC_t).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from sdm_deflect.deform.mesh import Cells, Patch
+from sdm_deflect.meshing.formats.cgns_boundary import PLACES, location, patch_name
+from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, children, has, integers
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.mesh import BoolArray, IntArray
+
+Size = tuple[int, ...]
+Indices = Sequence[int] | IntArray
+AXES = "ijk"
+LOCATIONS = {"IFaceCenter": 0, "JFaceCenter": 1, "KFaceCenter": 2}
+"""Axis along which the faces have one number, where a condition says so."""
+SHAPES = {2: ("quad", "line"), 3: ("hexahedron", "quad")}
+"""Cells and faces by the number of axes."""
+CORNERS = {
+    2: ((0, 0), (1, 0), (1, 1), (0, 1)),
+    3: ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)),
+}
+"""Corners of a cell from its first one, in VTK's order; those of a face are the same with one axis less."""
+Sides = dict[tuple[int, int], BoolArray]
+"""By axis and number, which faces of an outer plane are on no patch yet."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """Faces `rows` (R,) of the plane of points with the number `at` along `axis`; the first other axis is fastest."""
+
+    axis: int
+    at: int
+    rows: IntArray = field(repr=False)
+
+
+def size_of(zone: Any, dimensions: int) -> Size:
+    """Return the points of a block along each axis; MeshFileError if it has no volume, or its sizes are damaged."""
+    sizes = integers(zone).tolist()
+    if len(sizes) != 3 * dimensions or min(sizes[:dimensions]) < 0:
+        raise MeshFileError(f"its size {sizes} is none of {dimensions} axes; the file is damaged")
+    size = tuple(sizes[:dimensions])
+    if min(size) < 2:
+        raise MeshFileError(f"its {_times(size)} points hold no cells: 2 are needed along each axis")
+    return size
+
+
+def cells(size: Size) -> Cells:
+    """Return all cells of a block, the first axis fastest."""
+    first = _numbers([np.arange(n - 1) for n in size], size)
+    return Cells(SHAPES[len(size)][0], first[:, None] + _steps(size, range(len(size))))
+
+
+def faces(size: Size, plane: Plane, left_handed: bool) -> Cells:
+    """Return the faces of a plane; on the outside of a block their normals point out of it."""
+    others = [axis for axis in range(len(size)) if axis != plane.axis]
+    places = np.unravel_index(plane.rows, _faces_along(size, plane.axis), order="F")
+    step = strides(size)
+    first = plane.at * step[plane.axis] + sum(at * step[axis] for at, axis in zip(places, others, strict=True))
+    nodes = np.asarray(first, dtype=np.intp)[:, None] + _steps(size, others)
+    forward = (plane.at > 0) ^ (plane.axis == 1) ^ left_handed
+    return Cells(SHAPES[len(size)][1], nodes if forward else nodes[:, ::-1])
+
+
+def block_patches(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[list[Patch], list[Patch], set[str]]:
+    """Return the patches of a block, the faces on no patch by side (``"imin"``), and which patches are families.
+
+    A condition belongs to the patch of its family's name where it names a family, else to one of its own name. A face
+    that several conditions have is of the first. MeshFileError if one is on what the block does not have.
+    """
+    free: Sides = {}
+    for axis, n in enumerate(size):
+        for at in (0, n - 1):
+            free[axis, at] = np.ones(prod(_faces_along(size, axis)), dtype=np.bool_)
+    found: dict[str, list[Cells]] = {}
+    families, numbers = set(), 0
+    for _, group in children(zone, "ZoneBC_t"):
+        for name, node in children(group, "BC_t"):
+            patch, of_family = patch_name(base, name, node, always=True)
+            families |= {patch} if of_family else set()
+            for plane in _planes(name, node, size):
+                numbers += len(plane.rows)
+                check_taken(zone, 64 * numbers, "what its boundary conditions name")
+                rows = _taken(plane, free)
+                if len(rows):
+                    found.setdefault(patch, []).append(faces(size, Plane(plane.axis, plane.at, rows), left_handed))
+    rest = [
+        Patch(f"{AXES[axis]}{'max' if at else 'min'}", (faces(size, Plane(axis, at, rows), left_handed),))
+        for (axis, at), mask in free.items()
+        if len(rows := np.flatnonzero(mask))
+    ]
+    return [Patch(name, tuple(own)) for name, own in found.items()], rest, families
+
+
+def points_in(begin: Indices, end: Indices, size: Size) -> IntArray:
+    """Return the numbers (K,) of the points from `begin` to `end` (counted from 0), the first axis fastest."""
+    return _numbers([_count(a, b) for a, b in zip(begin, end, strict=True)], size)
+
+
+def donors_of(
+    begin: Sequence[int], end: Sequence[int], donor: Sequence[int], turn: Sequence[int], size: Size
+) -> IntArray:
+    """Return the numbers (K,) of the points in another block of `size` that points `begin` to `end` lie on.
+
+    Point `begin` lies on point `donor` of that block; axis a runs along its axis abs(turn[a]) - 1, backward if that is
+    negative. MeshFileError if they are not all in that block.
+    """
+    at: list[Any] = list(donor)
+    shape = [abs(b - a) + 1 for a, b in zip(begin, end, strict=True)]
+    for axis, (a, b, way) in enumerate(zip(begin, end, turn, strict=True)):
+        along = (_count(a, b) - a) * (1 if way > 0 else -1)
+        at[abs(way) - 1] = at[abs(way) - 1] + along.reshape([-1 if d == axis else 1 for d in range(len(shape))])
+    for values, n in zip(at, size, strict=True):
+        if np.min(values) < 0 or np.max(values) >= n:
+            raise MeshFileError(f"it lies on points beyond the {_times(size)} of the other block; the file is damaged")
+    numbers = sum(values * stride for values, stride in zip(at, strides(size), strict=True))
+    return np.asarray(np.broadcast_to(numbers, shape), dtype=np.intp).ravel(order="F")
+
+
+def faces_at(begin: Indices, end: Indices, where: str, size: Size) -> IntArray:
+    """Return the points (K,) of the faces (``FaceCenter``, ``CellCenter``, ...) from `begin` to `end`, repeated."""
+    planes = _plane_of_range(begin, end, where, size)
+    return np.concatenate([np.empty(0, dtype=np.intp), *(faces(size, plane, False).nodes.ravel() for plane in planes)])
+
+
+def bounds(node: Any, place: str, size: Size) -> tuple[list[int], list[int]]:
+    """Return the first and the last indices of a range, counted from 0; MeshFileError if they are not in the block."""
+    values = integers(child(node, place)) - 1
+    if len(values) != 2 * len(size):
+        raise MeshFileError(f"its {place} has {len(values)} numbers, expected {2 * len(size)}; the file is damaged")
+    begin, end = values[: len(size)].tolist(), values[len(size) :].tolist()
+    if min(*begin, *end) < 0 or any(max(a, b) >= n for a, b, n in zip(begin, end, size, strict=True)):
+        raise MeshFileError(
+            f"it is on the points {_listed(begin)} to {_listed(end)} of a block of {_times(size)}; the file is damaged"
+        )
+    return begin, end
+
+
+def _planes(name: str, node: Any, size: Size) -> Iterator[Plane]:
+    """Yield the faces that a boundary condition is on."""
+    place = next((place for place in PLACES if has(node, place)), None)
+    where = location(node)
+    if place is None or place.startswith("Element"):
+        raise MeshFileError(f"boundary condition {name} says not where it is on the block; the file is damaged")
+    if where == "EdgeCenter":
+        return
+    try:
+        if place == "PointRange":
+            yield from _plane_of_range(*bounds(node, place, size), where, size)
+            return
+        values = integers(child(node, place)) - 1
+        if len(values) % len(size):
+            raise MeshFileError(f"its {place} has {len(values)} numbers, no multiple of {len(size)}")
+        at = values.reshape(-1, len(size))
+        if len(at) and (at.min() < 0 or np.any(at >= size)):
+            raise MeshFileError(f"it is on points beyond the {_times(size)} of the block; the file is damaged")
+        yield from _planes_of_points(at, size) if where == "Vertex" else _planes_of_faces(at, where, size)
+    except MeshFileError as error:
+        raise MeshFileError(f"boundary condition {name}: {error}") from error
+
+
+def _plane_of_range(
+    begin: Sequence[int] | IntArray, end: Sequence[int] | IntArray, where: str, size: Size
+) -> Iterator[Plane]:
+    """Yield the faces of a range; none if it is an edge or a point of the block."""
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
+    found = _face_axis(low, high, where, size)
+    if found is None:  # by points, or faces told by the points around them
+        flat = np.flatnonzero(low == high)
+        if not len(flat):
+            raise MeshFileError("its range is no face of the block; the file is damaged")
+        if len(flat) > 1:
+            return
+        axis, at, high = int(flat[0]), int(low[flat[0]]), high - 1
+    else:
+        axis, at = found
+    others = [d for d in range(len(size)) if d != axis]
+    rows = _numbers([np.arange(low[d], high[d] + 1) for d in others], _faces_along(size, axis))
+    yield Plane(axis, at, rows)
+
+
+def _face_axis(low: IntArray, high: IntArray, where: str, size: Size) -> tuple[int, int] | None:
+    """Axis and number of the plane of a range of faces, or of cells at the boundary; None if it is one of points."""
+    if where == "Vertex":
+        return None
+    last = np.array(size) - (2 if where == "CellCenter" else 1)
+    fit = []
+    for axis in [LOCATIONS[where]] if where in LOCATIONS else range(len(size)):
+        others = [d for d in range(len(size)) if d != axis]
+        outer = low[axis] in (0, last[axis]) or where in LOCATIONS
+        if low[axis] == high[axis] and outer and all(high[d] <= size[d] - 2 for d in others):
+            whole = all(low[d] == 0 and high[d] == size[d] - 2 for d in others)
+            fit.append((not whole, axis, size[axis] - 1 if low[axis] == last[axis] > 0 else int(low[axis])))
+    return min(fit)[1:] if fit else None
+
+
+def _planes_of_points(at: IntArray, size: Size) -> Iterator[Plane]:
+    """Yield the faces on the outside of a block all of whose corners are among points (K, axes)."""
+    numbers = np.unique(at @ strides(size))
+    at = np.stack(np.unravel_index(numbers, size, order="F"), axis=1)
+    for axis, n in enumerate(size):
+        others = [d for d in range(len(size)) if d != axis]
+        along = _faces_along(size, axis)
+        for number in (0, n - 1):
+            first = (at[:, axis] == number) & (at[:, others] < along).all(axis=1)
+            corners = numbers[first, None] + _steps(size, others)
+            whole = at[first][np.isin(corners, numbers).all(axis=1)]
+            yield Plane(axis, number, whole[:, others] @ strides(along))
+
+
+def _planes_of_faces(at: IntArray, where: str, size: Size) -> Iterator[Plane]:
+    """Yield the faces at indices (K, axes), which have one number along the axis that is named, or along one."""
+    low, high = at.min(axis=0, initial=max(size)), at.max(axis=0, initial=0)
+    found = _face_axis(low, high, where, size) if len(at) else None
+    if found is None:
+        raise MeshFileError("its list of faces is on no side of the block; give it by ranges, one for each side")
+    axis, number = found
+    others = [d for d in range(len(size)) if d != axis]
+    yield Plane(axis, number, np.unique(at[:, others] @ strides(_faces_along(size, axis))))
+
+
+def _taken(plane: Plane, free: Sides) -> IntArray:
+    """Return the rows of a plane that are free still, and take them; those within a block are always free."""
+    mask = free.get((plane.axis, plane.at))
+    if mask is None:
+        return plane.rows
+    rows = plane.rows[mask[plane.rows]]
+    mask[rows] = False
+    return rows
+
+
+def _count(begin: int, end: int) -> IntArray:
+    return np.arange(begin, end + 1) if end >= begin else np.arange(begin, end - 1, -1)
+
+
+def _faces_along(size: Size, axis: int) -> Size:
+    """Return the number of faces along the other axes in a plane."""
+    return tuple(n - 1 for d, n in enumerate(size) if d != axis)
+
+
+def strides(size: Size) -> IntArray:
+    """Return how far apart in the file points are that are neighbours along each axis."""
+    return np.concatenate([[1], np.cumprod(size[:-1])]).astype(np.intp)
+
+
+def _steps(size: Size, axes: Sequence[int]) -> IntArray:
+    """Return the numbers of the corners of a cell, or of a face along these axes, from that of its first corner."""
+    corners = CORNERS[len(axes)] if len(axes) > 1 else ((0,), (1,))
+    return np.array(corners, dtype=np.intp) @ strides(size)[list(axes)]
+
+
+def _numbers(along: Sequence[IntArray], size: Size) -> IntArray:
+    """Return the numbers of all points whose indices are among those along each axis, the first axis fastest."""
+    total: IntArray = np.zeros(1, dtype=np.intp)
+    for indices, stride in zip(along, strides(size), strict=True):
+        total = (total[None, :] + stride * indices[:, None]).ravel()
+    return total
+
+
+def _times(size: Sequence[int]) -> str:
+    return " x ".join(map(str, size))
+
+
+def _listed(indices: Sequence[int]) -> str:
+    return "(" + ", ".join(str(i + 1) for i in indices) + ")"

@@ -1,0 +1,187 @@
+"""Interfaces of a CGNS file: which points of a zone lie on which of another, or of itself. SIDS, section 8."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sdm_deflect.deform.mesh import Cells
+from sdm_deflect.meshing.formats.cgns_blocks import Size, bounds, donors_of, faces_at, points_in, strides
+from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, location
+from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, children, has, integers, text
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.shapes import places
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
+
+NEAR = 2e-6
+"""Of the distance from the origin: points nearer than this are one, in single precision too."""
+LABELS = ("GridConnectivity1to1_t", "GridConnectivity_t")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Interface:
+    """Where a zone ends at another one.
+
+    Parameters
+    ----------
+    name, donor : its own, and the other zone's.
+    nodes : (K,) its points, in the zone's own numbers.
+    partners : (K,) the points of the other zone that they lie on; None if the file does not pair them.
+    matching : whether every point lies on one of the other zone; else the two only touch along a surface.
+    """
+
+    name: str
+    donor: str
+    nodes: IntArray = field(repr=False)
+    partners: IntArray | None = field(repr=False)
+    matching: bool
+
+
+def interfaces(zone: Any, name: str, sizes: Mapping[str, Size], faces: Sequence[NumberedFaces]) -> list[Interface]:
+    """Return the interfaces of a zone that touch another one; overlapping and periodic ones are none.
+
+    Parameters
+    ----------
+    sizes : Points of each zone by name: along each axis of a block, all of them of an unstructured zone.
+    faces : Faces of an unstructured zone by their numbers.
+
+    Raises MeshFileError if one is on points that are not there, InputError if they name too many for the file.
+    """
+    found, total = [], 0
+    for group in (group for _, group in children(zone, "ZoneGridConnectivity_t")):
+        for own, node in chain(*(children(group, label) for label in LABELS)):
+            try:
+                one = _interface(own, node, sizes[name], sizes, faces)
+            except MeshFileError as error:
+                raise MeshFileError(f"interface {own}: {error}") from error
+            if one is not None:
+                total += len(one.nodes)
+                check_taken(zone, 64 * total, "what its interfaces name")
+                found.append(one)
+    return found
+
+
+def pairs(own: FloatArray, other: FloatArray, interface: Interface) -> IntArray | None:
+    """Return rows (K, 2): points of a zone (N, 3), and those of the other zone (M, 3) that they lie on.
+
+    None if they lie elsewhere: the interface is periodic.
+    """
+    here, partners = own[interface.nodes], interface.partners
+    if partners is None or len(partners) != len(here):
+        _, partners = cKDTree(other).query(here)
+    gap, distance = np.linalg.norm(other[partners] - here, axis=1), np.linalg.norm(here, axis=1)
+    if np.any(gap > NEAR * np.maximum(distance, np.median(distance))):
+        return None
+    return np.stack([interface.nodes, partners], axis=1)
+
+
+def _interface(
+    name: str, node: Any, size: Size, sizes: Mapping[str, Size], faces: Sequence[NumberedFaces]
+) -> Interface | None:
+    donor = text(node).rpartition("/")[2]
+    if donor not in sizes:
+        raise MeshFileError(f"it leads to the zone {donor!r}, which the file does not have")
+    if any(True for _, own in children(node, "GridConnectivityProperty_t") for _ in children(own, "Periodic_t")):
+        return None
+    if has(node, "PointRangeDonor"):
+        return _of_ranges(name, node, donor, size, sizes[donor])
+    kind = text(child(node, "GridConnectivityType")) if has(node, "GridConnectivityType") else "Overset"
+    if kind not in ("Abutting", "Abutting1to1"):
+        return None
+    matching = kind == "Abutting1to1"
+    where = location(node)
+    nodes = _points(node, where, size, faces)
+    if not len(nodes):
+        return None
+    partners = _partners(node, sizes[donor]) if matching and where == "Vertex" else None
+    return Interface(name, donor, nodes, partners, matching)
+
+
+def _of_ranges(name: str, node: Any, donor: str, size: Size, other: Size) -> Interface:
+    begin, end = bounds(node, "PointRange", size)
+    if len(size) > 1 and all(a != b for a, b in zip(begin, end, strict=True)):
+        raise MeshFileError("its range is no face of the block; the file is damaged")
+    if len(size) != len(other):
+        raise MeshFileError(f"the zone {donor} has {len(other)} axes, its own has {len(size)}; the file is damaged")
+    turn = integers(child(node, "Transform")).tolist() if has(node, "Transform") else [1, 2, 3][: len(size)]
+    if sorted(map(abs, turn)) != [1, 2, 3][: len(size)]:
+        raise MeshFileError(f"its Transform {turn} does not name every axis once; the file is damaged")
+    first, _ = bounds(node, "PointRangeDonor", other)
+    return Interface(name, donor, points_in(begin, end, size), donors_of(begin, end, first, turn, other), True)
+
+
+def _points(node: Any, where: str, size: Size, faces: Sequence[NumberedFaces]) -> IntArray:
+    """Points (K,) of an interface that is given by points or by faces."""
+    if has(node, "PointRange"):
+        if len(size) > 1:
+            begin, end = bounds(node, "PointRange", size)
+            if where != "Vertex":
+                return _corners([faces_at(begin, end, where, size)])
+            if all(a != b for a, b in zip(begin, end, strict=True)):
+                raise MeshFileError("its range is no face of the block; the file is damaged")
+            return points_in(begin, end, size)
+        first, last = _two(integers(child(node, "PointRange")))
+        most = max([*size, *(int(part.numbers.max(initial=0)) for part in faces)])
+        if not 1 <= first <= last <= most:
+            raise MeshFileError(f"its range is {first} to {last} of {most}; the file is damaged")
+        values = np.arange(first, last + 1)
+    elif has(node, "PointList"):
+        values = integers(child(node, "PointList"))
+    else:
+        raise MeshFileError("it says not where it is; the file is damaged")
+    if len(size) > 1:
+        at = _triples(values, size)
+        return (
+            _corners([faces_at(at.min(axis=0), at.max(axis=0), where, size)])
+            if where != "Vertex"
+            else at @ strides(size)
+        )
+    return _in_zone(values, size) if where == "Vertex" else _corners(_numbered(values, faces))
+
+
+def _partners(node: Any, size: Size) -> IntArray | None:
+    if not has(node, "PointListDonor"):
+        return None
+    values = integers(child(node, "PointListDonor"))
+    return _triples(values, size) @ strides(size) if len(size) > 1 else _in_zone(values, size)
+
+
+def _triples(values: IntArray, size: Size) -> IntArray:
+    if not len(values) or len(values) % len(size):
+        raise MeshFileError(f"it lists {len(values)} numbers, no multiple of {len(size)}; the file is damaged")
+    at = values.reshape(-1, len(size)) - 1
+    if at.min() < 0 or np.any(at >= size):
+        raise MeshFileError(f"it lists points that are not among the {' x '.join(map(str, size))}; the file is damaged")
+    return at
+
+
+def _in_zone(values: IntArray, size: Size) -> IntArray:
+    if len(values) and (values.min() < 1 or values.max() > size[0]):
+        raise MeshFileError(f"it lists points that are not among the {size[0]}; the file is damaged")
+    return values - 1
+
+
+def _two(values: IntArray) -> tuple[int, int]:
+    if len(values) != 2:
+        raise MeshFileError(f"its range has {len(values)} numbers, expected 2; the file is damaged")
+    return int(values[0]), int(values[1])
+
+
+def _numbered(values: IntArray, faces: Sequence[NumberedFaces]) -> Iterator[IntArray]:
+    """Nodes of the faces of these numbers."""
+    for part in faces:
+        rows, there = places(values, part.numbers)
+        if isinstance(part.faces, Cells):
+            yield part.faces.nodes[rows[there]].ravel()
+        else:
+            offsets = part.faces.offsets
+            own = np.zeros(len(part.faces), dtype=np.bool_)
+            own[rows[there]] = True
+            yield part.faces.nodes[np.repeat(own, np.diff(offsets))]
+
+
+def _corners(parts: Iterator[IntArray] | Sequence[IntArray]) -> IntArray:
+    return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *parts]))

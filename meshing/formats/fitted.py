@@ -1,0 +1,175 @@
+"""Zones that fit together point by point, as one mesh with one point at each place."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from sdm_deflect.deform.faces import face_keys, node_keys
+from sdm_deflect.deform.mesh import Cells, Faces, Mesh, Patch, Volume, Zone
+from sdm_deflect.meshing.formats.shapes import cell_face_keys, chosen, places
+from sdm_deflect.meshing.formats.zones import renumbered
+from sdm_deflect.meshing.mesh import BoolArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A zone by itself.
+
+    Parameters
+    ----------
+    name : the zone's.
+    mesh : its points, counted from 0, cells and patches.
+    families : names of patches that mean the same in all zones.
+    """
+
+    name: str
+    mesh: Mesh
+    families: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """Zones put together.
+
+    Parameters
+    ----------
+    mesh : all of them; zones that touch are one zone, which knows them as its blocks.
+    index : (F,) the point of the mesh that each point of the file is, zone after zone.
+    first : (N,) the first point of the file at each point of the mesh.
+    """
+
+    mesh: Mesh
+    index: IntArray = field(repr=False)
+    first: IntArray = field(repr=False)
+
+
+def fitted(parts: Sequence[Part], touching: Iterable[tuple[int, int]], same: Sequence[IntArray]) -> Fitted:
+    """Put zones together, those that touch beside one another in the order of the first of them.
+
+    A patch keeps its name where no other zone has one of that name, and where it is a family of all touching zones
+    that have it. Otherwise it is ``"zone/patch"``. Faces that lie between two cells are taken from patches.
+
+    Parameters
+    ----------
+    touching : Pairs of zones, by their place in `parts`.
+    same : Rows (K, 2) of points that are one, counted through all zones.
+    """
+    starts = np.cumsum([0, *(len(part.mesh.points) for part in parts)])
+    groups = _groups(len(parts), touching)
+    order = np.concatenate([np.arange(starts[i], starts[i + 1]) for group in groups for i in group])
+    index, first = _welded(order, same)
+    points = np.concatenate([part.mesh.points for part in parts])[first]
+    twice = np.bincount(index, minlength=len(first)) > 1
+    zones, cells, patches, begin = [], [], [], 0
+    common = _common(groups, parts)
+    for group in groups:
+        own = [parts[i] for i in group]
+        numbers = [index[starts[i] : starts[i + 1]] for i in group]
+        end = max(begin, *(int(some.max(initial=-1)) + 1 for some in numbers))
+        zones.append(Zone(own[0].name, begin, end, tuple(part.name for part in own) if len(own) > 1 else ()))
+        cells += list(_cells(own, numbers))
+        patches += [
+            replace(patch, name=f"{own[0].name}/{patch.name}" if patch.name in common else patch.name)
+            for patch in _patches(own, numbers)
+        ]
+        begin = end
+    mesh = Mesh(points, tuple(cells), tuple(patches), tuple(zones))
+    return Fitted(_without_inner(mesh, twice) if twice.any() else mesh, index, first)
+
+
+def _groups(count: int, touching: Iterable[tuple[int, int]]) -> list[list[int]]:
+    """Zones that touch, directly or by way of others, in the order of the first of each."""
+    pairs = np.array(list(touching), dtype=np.intp).reshape(-1, 2)
+    label = _components(count, pairs)
+    return [np.flatnonzero(label == one).tolist() for one in dict.fromkeys(label.tolist())]
+
+
+def _welded(order: IntArray, same: Sequence[IntArray]) -> tuple[IntArray, IntArray]:
+    """Return `Fitted.index` and `Fitted.first` of points of the file that are to come in some order (F,)."""
+    count, place = len(order), np.empty_like(order)
+    place[order] = np.arange(count)
+    if not same:
+        return place, order
+    label = _components(count, place[np.concatenate(same)])
+    least = np.full(count, count)
+    np.minimum.at(least, label, np.arange(count))
+    of = least[label]
+    kept = of == np.arange(count)
+    return (np.cumsum(kept) - 1)[of][place], order[kept]
+
+
+def _components(count: int, pairs: IntArray) -> IntArray:
+    graph = coo_array((np.ones(len(pairs), dtype=np.bool_), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
+
+
+def _common(groups: Sequence[Sequence[int]], parts: Sequence[Part]) -> set[str]:
+    """Names of patches that zones have which do not touch."""
+    names = [{patch.name for i in group for patch in parts[i].mesh.patches} for group in groups]
+    count = Counter(name for own in names for name in own)
+    return {name for name, groups_with in count.items() if groups_with > 1}
+
+
+def _cells(parts: Sequence[Part], numbers: Sequence[IntArray]) -> Iterator[Volume]:
+    """Yield the cells of touching zones in order; blocks of one shape that follow one another are one."""
+    waiting: list[Cells] = []
+    for part, own in zip(parts, numbers, strict=True):
+        for block in part.mesh.cells:
+            new = renumbered(block, own)
+            if waiting and not (isinstance(new, Cells) and new.shape == waiting[-1].shape and len(parts) > 1):
+                yield _one(waiting)
+                waiting = []
+            if isinstance(new, Cells):
+                waiting.append(new)
+            else:
+                yield new
+    if waiting:
+        yield _one(waiting)
+
+
+def _one(blocks: Sequence[Cells]) -> Cells:
+    return blocks[0] if len(blocks) == 1 else Cells(blocks[0].shape, np.concatenate([block.nodes for block in blocks]))
+
+
+def _patches(parts: Sequence[Part], numbers: Sequence[IntArray]) -> list[Patch]:
+    """Return the patches of touching zones; families of all that have them are one patch."""
+    having: dict[str, list[Part]] = {}
+    for part in parts:
+        for patch in part.mesh.patches:
+            having.setdefault(patch.name, []).append(part)
+    found: dict[str, list[Faces]] = {}
+    for part, own in zip(parts, numbers, strict=True):
+        for patch in part.mesh.patches:
+            others = having[patch.name]
+            apart = len(others) > 1 and not all(patch.name in other.families for other in others)
+            name = f"{part.name}/{patch.name}" if apart else patch.name
+            found.setdefault(name, []).extend(renumbered(faces, own) for faces in patch.faces)
+    return [Patch(name, _by_shape(faces) if len(parts) > 1 else tuple(faces)) for name, faces in found.items()]
+
+
+def _by_shape(faces: Sequence[Faces]) -> tuple[Faces, ...]:
+    """Faces of one shape in one block; polygons as they are."""
+    shapes = dict.fromkeys(block.shape for block in faces if isinstance(block, Cells))
+    simple = [_one([b for b in faces if isinstance(b, Cells) and b.shape == shape]) for shape in shapes]
+    return (*simple, *(block for block in faces if not isinstance(block, Cells)))
+
+
+def _without_inner(mesh: Mesh, twice: BoolArray) -> Mesh:
+    """Take from the patches all faces that two cells have, where all their corners (``twice``) are of several zones."""
+    keys = node_keys(len(mesh.points))
+    own = [face_keys(faces, keys) for patch in mesh.patches for faces in patch.faces]
+    given = np.unique(np.concatenate([keys[:0], *own]))
+    count = np.zeros(len(given), dtype=np.intp)
+    for found in cell_face_keys(mesh, keys, twice):
+        rows, there = places(found, given)
+        np.add.at(count, rows[there], 1)
+    inner, patches, each = given[count > 1], [], iter(own)
+    for patch in mesh.patches:
+        kept = [chosen(faces, np.flatnonzero(~np.isin(next(each), inner))) for faces in patch.faces]
+        if any(len(faces) for faces in kept):
+            patches.append(Patch(patch.name, tuple(faces for faces in kept if len(faces)), patch.loose))
+    return replace(mesh, patches=tuple(patches))
