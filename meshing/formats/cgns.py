@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +54,7 @@ class Cgns:
         with about(source), _opened(source) as file:
             base = base_of(file)
             stored = [coordinate_data(base, name) for name in base.zones]
-            index = first = np.arange(sum(own[0].size for own in stored))
+            index = first = np.arange(sum(prod(size) for size in base.sizes.values()))
             if connected(base):
                 found = read_base(file, lambda _: None)
                 index, first = found.index, found.first
@@ -158,7 +159,7 @@ def _moved(
 
     `index` and `first` are those of `Fitted`: points of several zones that are one get the same values.
     """
-    ends = np.cumsum([own[0].size for own in stored])
+    ends = np.cumsum([prod(own[0].shape) for own in stored])
     for column in range(points.shape[1]):
         old = [own[column][()] for own in stored]
         before = np.concatenate([values.ravel() for values in old]).astype(np.float64, copy=False)[first]
