@@ -160,7 +160,7 @@ def _moved(
     `index` and `first` are those of `Fitted`: points of several zones that are one get the same values.
     """
     ends = np.cumsum([prod(own[0].shape) for own in stored])
-    for column in range(points.shape[1]):
+    for column in range(len(stored[0])):
         old = [own[column][()] for own in stored]
         before = np.concatenate([values.ravel() for values in old]).astype(np.float64, copy=False)[first]
         new, changed = points[index, column], (before != points[:, column])[index]

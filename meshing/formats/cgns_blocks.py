@@ -150,7 +150,7 @@ def _planes(name: str, node: Any, size: Size) -> Iterator[Plane]:
     where = location(node)
     if place is None or place.startswith("Element"):
         raise MeshFileError(f"boundary condition {name} says not where it is on the block; the file is damaged")
-    if where == "EdgeCenter":
+    if where == "EdgeCenter" and len(size) > 2:
         return
     try:
         if place == "PointRange":

@@ -40,8 +40,8 @@ class NumberedFaces:
     outer: bool = True
 
 
-def conditions(base: Any, zone: Any, last: int, points: int) -> list[Condition]:
-    """Return the boundary conditions of a zone that are on faces or points.
+def conditions(base: Any, zone: Any, last: int, points: int, dimension: int) -> list[Condition]:
+    """Return the boundary conditions of a zone that are on faces or points; faces of plane cells are edges.
 
     A condition that is specified by its family (FamilySpecified) belongs to the patch of the family's name (of the
     physical group's name in files of Gmsh); any other is a patch of its own name. MeshFileError if one names elements
@@ -55,9 +55,9 @@ def conditions(base: Any, zone: Any, last: int, points: int) -> list[Condition]:
                 raise MeshFileError(f"boundary condition {name} says not where it is; the file is damaged")
             where = location(node)
             numbers = integers(child(node, place))
-            if where == "EdgeCenter" or not len(numbers):
+            if (where == "EdgeCenter" and dimension > 2) or not len(numbers):
                 continue
-            by_points = where not in ON_FACES and place.startswith("Point")
+            by_points = where not in (*ON_FACES, "EdgeCenter") and place.startswith("Point")
             if numbers.min() < 1 or numbers.max() > (points if by_points else last):
                 held, most = ("points", points) if by_points else ("elements", last)
                 raise MeshFileError(

@@ -7,17 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, VOLUMES, Cells, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, taken, turned
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
-SHAPES = {5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
-IGNORED = {2: 1, 3: 2}
-"""Number of nodes of points and edges, which are no cells and no faces."""
+SHAPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
+POINT = 2
+"""A kind of elements that are neither cells nor faces."""
+KINDS = {3: (VOLUMES, ("triangle", "quad")), 2: (PLANE, ("line",))}
+"""Cells and faces by the dimension of cells."""
 MIXED, NGON, NFACE = 20, 22, 23
-SIZES = {number: CORNERS[shape] for number, shape in SHAPES.items()} | IGNORED
+SIZES = {number: CORNERS[shape] for number, shape in SHAPES.items()} | {POINT: 1}
 Sides = tuple[IntArray, IntArray, BoolArray]
 """Owner (F,), neighbour (F,) or -1, and whether the face's normal points into its owner."""
 
@@ -57,11 +59,23 @@ def sections(zone: Any) -> list[Section]:
     return found
 
 
-def blocks(section: Section, points: int) -> Iterator[tuple[Cells, IntArray]]:
+def blocks(section: Section, points: int, dimension: int) -> Iterator[tuple[Cells, IntArray]]:
     """Yield the elements of a section by shape, as shapes first appear, and the numbers (M,) of faces (of cells: none).
 
-    MeshFileError if the section is damaged, or names points beyond the `points` of the zone.
+    Elements of fewer dimensions than the faces of cells of that `dimension` are left out. MeshFileError if the section
+    is damaged, names points beyond the `points` of the zone, or holds cells of more dimensions.
     """
+    cells, faces = KINDS[dimension]
+    for block, numbers in _elements(section, points):
+        if block.shape in cells:
+            yield block, numbers[:0]
+        elif block.shape in faces:
+            yield block, numbers
+        elif block.shape in VOLUMES:
+            raise MeshFileError(f"section {section.name} holds {block.shape} cells in a base of two dimensions")
+
+
+def _elements(section: Section, points: int) -> Iterator[tuple[Cells, IntArray]]:
     if section.kind == MIXED:
         yield from _mixed(section, points)
     elif section.kind in SHAPES:
@@ -130,9 +144,8 @@ def _block(section: Section, kind: int, nodes: IntArray, rows: IntArray | slice,
         )
     nodes -= 1
     shape = SHAPES[kind]
-    if shape in VOLUMES:
-        return Cells(shape, mirrored(shape, nodes) if shape == "wedge" else nodes), np.empty(0, dtype=np.intp)
-    return Cells(shape, nodes), np.arange(section.first, section.last + 1)[rows]
+    own = Cells(shape, mirrored(shape, nodes) if shape == "wedge" else nodes)
+    return own, np.arange(section.first, section.last + 1)[rows]
 
 
 def read_polyhedra(found: Sequence[Section], points: int) -> tuple[Polyhedra, IntArray]:

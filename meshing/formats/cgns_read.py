@@ -21,7 +21,8 @@ from sdm_deflect.meshing.formats.hdf5 import is_real
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
 from sdm_deflect.meshing.mesh import FloatArray
 
-DIMENSIONS = 3
+DIMENSIONS = (3, 3), (2, 2), (2, 3)
+"""Dimensions of the cells and of the points; those of points in a plane mesh may be three, with one z."""
 TYPES = ("Structured", "Unstructured")
 
 
@@ -34,9 +35,13 @@ class Base:
     node : its node.
     zones : its zones by name, in the file's order.
     sizes : by name, the points along each axis of a block, or all points of an unstructured zone.
+    dimension : that of the cells.
+    axes : names of the coordinates.
     """
 
     node: Any = field(repr=False)
+    dimension: int
+    axes: tuple[str, ...]
     zones: dict[str, Any] = field(repr=False)
     sizes: dict[str, Size]
 
@@ -60,24 +65,29 @@ def read_base(file: Any, report: Callable[[float], None]) -> Fitted:
 
 
 def base_of(file: Any) -> Base:
-    """Return the base of a file; MeshFileError if there is not one base in three dimensions, or no zone in it."""
+    """Return the base of a file: the one with volume cells, else the one with plane cells.
+
+    MeshFileError if there are several or none, or no zone in it.
+    """
     bases = [base for _, base in children(file, "CGNSBase_t")]
     if not bases:
         kind = "ADF" if isinstance(file, adf.Node) else "HDF5"
         raise MeshFileError(f"this {kind} file has no CGNSBase_t; it is no CGNS file, or it is damaged")
-    solid = [base for base in bases if integers(base).tolist() == [DIMENSIONS, DIMENSIONS]]
-    if len(solid) != 1:
-        raise MeshFileError(
-            f"{len(solid)} of {len(bases)} bases have cells and points in three dimensions; one is needed"
-        )
-    zones = dict(children(solid[0], "Zone_t"))
+    each = [tuple(integers(base).tolist()) for base in bases]
+    solid = [i for i, own in enumerate(each) if own == (3, 3)]
+    chosen = solid or [i for i, own in enumerate(each) if own in DIMENSIONS]
+    if len(chosen) != 1:
+        held = "cells in three dimensions" if solid else "cells in three dimensions, or in a plane"
+        raise MeshFileError(f"{len(chosen)} of {len(bases)} bases have {held}; one is needed")
+    node, (dimension, axes) = bases[chosen[0]], each[chosen[0]]
+    zones = dict(children(node, "Zone_t"))
     if not zones:
         raise MeshFileError("the file has no zones")
     sizes = {}
     for name, zone in zones.items():
         with _about(name):
-            sizes[name] = _size(zone)
-    return Base(solid[0], zones, sizes)
+            sizes[name] = _size(zone, dimension)
+    return Base(node, dimension, AXES[:axes], zones, sizes)
 
 
 def connected(base: Base) -> bool:
@@ -91,8 +101,8 @@ def coordinate_data(base: Base, name: str) -> list[Any]:
     expected = base.sizes[name][::-1]
     if any(integers(node).any() for _, node in children(grid, "Rind_t")):
         raise MeshFileError("its coordinates have rind planes, which would stay behind; export the mesh without them")
-    found = [data(child(grid, axis)) for axis in AXES]
-    for axis, stored in zip(AXES, found, strict=True):
+    found = [data(child(grid, axis)) for axis in base.axes]
+    for axis, stored in zip(base.axes, found, strict=True):
         if stored.shape != expected or stored.dtype.kind != "f":
             raise MeshFileError(f"{axis} holds {stored.shape} {stored.dtype}, expected {expected} real numbers")
         if not isinstance(stored, adf.Stored) and not is_real(stored):
@@ -109,12 +119,12 @@ def _about(name: str) -> Iterator[None]:
         raise MeshFileError(f"zone {name}: {error}") from error
 
 
-def _size(zone: Any) -> Size:
+def _size(zone: Any, dimension: int) -> Size:
     kind = text(child(zone, "ZoneType"))
     if kind not in TYPES:
         raise MeshFileError(f"it is of type {kind!r}, expected one of {', '.join(TYPES)}")
     if kind == "Structured":
-        return size_of(zone, DIMENSIONS)
+        return size_of(zone, dimension)
     sizes = integers(zone)
     if len(sizes) != 3:
         raise MeshFileError(f"its size has {len(sizes)} numbers, expected 3; the file is damaged")
@@ -139,8 +149,9 @@ def _put_together(parts: Sequence[Part], ends: Sequence[Sequence[Interface]]) ->
 
 def _zone(base: Base, name: str) -> tuple[Part, list[Interface]]:
     size = base.sizes[name]
-    axes = [axis[()].reshape(prod(size)) for axis in coordinate_data(base, name)]
-    points = np.stack(axes, axis=1).astype(np.float64, copy=False)
+    points = np.zeros((prod(size), 3))
+    for column, axis in enumerate(coordinate_data(base, name)):
+        points[:, column] = axis[()].reshape(len(points))
     return (_block if len(size) > 1 else _unstructured)(base, name, points)
 
 
@@ -148,7 +159,8 @@ def _block(base: Base, name: str, points: FloatArray) -> tuple[Part, list[Interf
     zone, size = base.zones[name], base.sizes[name]
     own = cells(size)
     turned = oriented(points, own)
-    named, rest, families = block_patches(base.node, zone, size, turned is not own)
+    left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != own.nodes[:, 1]) > len(own))
+    named, rest, families = block_patches(base.node, zone, size, left_handed)
     part = Part(name, Mesh(points, (turned,), _by_name([*named, *rest])), frozenset(families))
     return part, interfaces(zone, name, base.sizes, ())
 
@@ -159,8 +171,10 @@ def _unstructured(base: Base, name: str, points: FloatArray) -> tuple[Part, list
     if not found:
         raise MeshFileError("it has no elements")
     polyhedral = any(section.kind in (NGON, NFACE) for section in found)
-    volume, faces = (_polyhedral if polyhedral else _shaped)(found, points)
-    named = conditions(base.node, zone, found[-1].last, len(points))
+    if polyhedral and base.dimension == 2:
+        raise MeshFileError("cells by their faces (NGON_n) in two dimensions; triangles and quads can be read")
+    volume, faces = _polyhedral(found, points) if polyhedral else _shaped(found, points, base.dimension)
+    named = conditions(base.node, zone, found[-1].last, len(points), base.dimension)
     mesh = Mesh(points, volume, tuple(patches(named, faces, found[-1].last)))
     check_faces(mesh)
     families = frozenset(one.patch for one in named if one.of_family)
@@ -175,10 +189,12 @@ def _by_name(found: Sequence[Patch]) -> tuple[Patch, ...]:
     return tuple(Patch(name, tuple(own)) for name, own in faces.items())
 
 
-def _shaped(found: Sequence[Section], points: FloatArray) -> tuple[tuple[Cells, ...], list[NumberedFaces]]:
+def _shaped(
+    found: Sequence[Section], points: FloatArray, dimension: int
+) -> tuple[tuple[Cells, ...], list[NumberedFaces]]:
     cells, faces = [], []
     for section in found:
-        for block, numbers in blocks(section, len(points)):
+        for block, numbers in blocks(section, len(points), dimension):
             if len(numbers):
                 faces.append(NumberedFaces(section.name, block, numbers))
             else:

@@ -39,7 +39,9 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
     MeshFileError if a zone has polyhedra beside other cells.
     """
     _write_root(file)
-    base = create(file, "Base", "CGNSBase_t", np.array([3, 3], dtype=np.int32))
+    dimension = 2 if mesh.plane else 3
+    axes = 2 if mesh.plane and not mesh.points[:, 2].any() else 3
+    base = create(file, "Base", "CGNSBase_t", np.array([dimension, axes], dtype=np.int32))
     zones = node_names([zone.name or "Zone" for zone in mesh.zones], ())
     families: dict[str, str] = {}
     lost = []
@@ -47,7 +49,7 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
         own = part(mesh, zone)
         fresh = [patch.name for patch in own.patches if patch.name not in families]
         families |= dict(zip(fresh, node_names(fresh, (*zones, *families.values())), strict=True))
-        lost += _write_zone(base, zone_name, own, families)
+        lost += _write_zone(base, zone_name, own, families, AXES[:axes])
         report((i + 1) / len(zones))
     for name in families.values():
         kind = next((kind for pattern, kind in CONDITIONS if re.search(pattern, name.lower())), "BCWall")
@@ -65,7 +67,7 @@ def _write_root(file: Any) -> None:
     create(file, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([VERSION], dtype=np.float32))
 
 
-def _write_zone(base: Any, name: str, mesh: Mesh, families: dict[str, str]) -> list[str]:
+def _write_zone(base: Any, name: str, mesh: Mesh, families: dict[str, str], axes: tuple[str, ...]) -> list[str]:
     polyhedra = [block for block in mesh.cells if isinstance(block, Polyhedra)]
     if polyhedra and len(mesh.cells) > 1:
         raise MeshFileError(
@@ -78,23 +80,25 @@ def _write_zone(base: Any, name: str, mesh: Mesh, families: dict[str, str]) -> l
     zone = create(base, name, "Zone_t", np.array([[len(mesh.points)], [cells], [0]], dtype=kind))
     create(zone, "ZoneType", "ZoneType_t", "Unstructured")
     grid = create(zone, "GridCoordinates", "GridCoordinates_t")
-    for axis, values in zip(AXES, mesh.points.T, strict=True):
+    for axis, values in zip(axes, mesh.points.T, strict=False):
         create(grid, axis, "DataArray_t", np.ascontiguousarray(values, dtype=np.float64))
     conditions = create(zone, "ZoneBC", "ZoneBC_t")
     faces = write_polyhedra(zone, mesh, polyhedra[0], kind) if polyhedra else write_shapes(zone, mesh, families, kind)
     for patch, numbers in faces.items():
         if len(numbers):
-            _write_condition(conditions, families[patch], numbers.astype(kind))
+            _write_condition(
+                conditions, families[patch], numbers.astype(kind), "EdgeCenter" if mesh.plane else "FaceCenter"
+            )
     return [f"patch {patch} has no faces and is left out" for patch, numbers in faces.items() if not len(numbers)]
 
 
-def _write_condition(conditions: Any, family: str, numbers: IntArray) -> None:
+def _write_condition(conditions: Any, family: str, numbers: IntArray, where: str) -> None:
     condition = create(conditions, family, "BC_t", "FamilySpecified")
     if numbers[-1] - numbers[0] + 1 == len(numbers):
         create(condition, "PointRange", "IndexRange_t", numbers[[0, -1], None])
     else:
         create(condition, "PointList", "IndexArray_t", numbers[:, None])
-    create(condition, "GridLocation", "GridLocation_t", "FaceCenter")
+    create(condition, "GridLocation", "GridLocation_t", where)
     create(condition, "FamilyName", "FamilyName_t", family)
 
 
