@@ -146,6 +146,8 @@ class Tree:
         if letter not in ORDER:
             raise MeshFileError(f"its numbers are in the format {letter!r}, expected B or L (IEEE); convert the file")
         self.order = ORDER[letter]
+        if self.size <= (end := _place(header[146:158])):
+            raise MeshFileError(f"the file is truncated: it has {self.size} of {end + 1} bytes")
         self.root = Node(self, "", _place(header[134:146]))
 
     def bytes_at(self, place: int, length: int) -> bytes:

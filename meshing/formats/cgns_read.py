@@ -149,8 +149,9 @@ def _put_together(parts: Sequence[Part], ends: Sequence[Sequence[Interface]]) ->
 
 def _zone(base: Base, name: str) -> tuple[Part, list[Interface]]:
     size = base.sizes[name]
+    axes = coordinate_data(base, name)
     points = np.zeros((prod(size), 3))
-    for column, axis in enumerate(coordinate_data(base, name)):
+    for column, axis in enumerate(axes):
         points[:, column] = axis[()].reshape(len(points))
     return (_block if len(size) > 1 else _unstructured)(base, name, points)
 

@@ -41,7 +41,7 @@ def letters(text):
 
 DAMAGE = {
     "no base": (lambda zone: zone.file.__delitem__("Base"), "no CGNSBase_t"),
-    "two dimensions": (lambda zone: set_first(zone.parent, 2), "0 of 1 bases have cells and points in three"),
+    "two dimensions": (lambda zone: set_first(zone.parent, 2), "hexahedron cells in a base of two dimensions"),
     "no zone": (lambda zone: zone.parent.__delitem__("Zone"), "no zones"),
     "structured": (lambda zone: replace_data(zone["ZoneType"], letters("Structured")), "its size [14, 7, 0] is none"),
     "type": (lambda zone: replace_data(zone["ZoneType"], letters("UserDefined")), "it is of type 'UserDefined'"),

@@ -174,6 +174,8 @@ def boundary_faces(cells: tuple[Cells, ...]) -> dict[str, IntArray]:
     found = {}
     for shape, corners in (("triangle", 3), ("quad", 4)):
         faces = [block.nodes[:, face] for block in cells for face in FACES[block.shape] if len(face) == corners]
+        if not faces:
+            continue
         rows = np.concatenate(faces)
         _, first, count = np.unique(np.sort(rows, axis=1), axis=0, return_index=True, return_counts=True)
         found[shape] = rows[first[count == 1]]

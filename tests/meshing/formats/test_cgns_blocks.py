@@ -1,0 +1,504 @@
+"""Structured zones of CGNS files: read in the order of the file, put together where they fit, and deflected as one."""
+
+import shutil
+import subprocess
+from contextlib import suppress
+
+import h5py
+import numpy as np
+import pytest
+import pyvista as pv
+from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
+
+import sdm_deflect
+from sdm_deflect.meshing.formats import adf
+from sdm_deflect.meshing.formats.cgns import Cgns
+from sdm_deflect.meshing.formats.cgns_nodes import create
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.su2 import Su2
+from tests.meshing.formats.alike import content, replace_data, tree
+from tests.meshing.formats.blocks import FLAP, HINGE, Block, wing_blocks, write_blocks
+from tests.meshing.formats.examples import grid, hybrid
+from tests.meshing.formats.wing import boundary_faces
+
+needs_tools = pytest.mark.skipif(shutil.which("cgnscheck") is None, reason="Debian's package cgns-convert is not here")
+AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    path = tmp_path_factory.mktemp("wing") / "wing.cgns"
+    write_blocks(path, wing_blocks(6))
+    return path
+
+
+def converted(option, source, out):
+    subprocess.run(["cgnsconvert", option, source, out], capture_output=True, check=True)
+    return out
+
+
+def stored(path):
+    """Coordinates (K, 3) of each zone, in the file's order."""
+    with h5py.File(path) as file:
+        zones = [node for node in file["Base#1"].values() if "GridCoordinates" in node]
+        return {
+            zone.name: np.stack([zone["GridCoordinates"][axis][" data"][()].ravel() for axis in AXES], axis=1)
+            for zone in zones
+        }
+
+
+def complaints(path):
+    done = subprocess.run(["cgnscheck", "-v", path], capture_output=True, text=True, check=True)
+    assert "checking complete" in done.stdout
+    known = ("WARNING:dataclass not given", "WARNING:use [IJK]FaceCenter with Structured grids")
+    lines = [line for line in done.stdout.splitlines() if line.startswith(("ERROR", "WARNING"))]
+    return [line for line in lines if line not in known]
+
+
+def deflected(source, out=None):
+    hinge = [[HINGE, FLAP[0], 0.0], [HINGE, FLAP[1], 0.0]]
+    slide = {"root": "plane", "end": "plane"}
+    result = sdm_deflect.deflect(source, "flap", hinge, -20.0, motion="blended", fixed="wing", slide=slide)
+    if out:
+        result.save(out)
+    return result
+
+
+@needs_tools
+@pytest.mark.parametrize("kind", ["HDF5", "ADF"])
+def test_a_flap_in_blocks_turns_and_the_blocks_still_fit(kind, made, tmp_path):
+    source, out = made, tmp_path / "turned.cgns"
+    assert complaints(made) == []
+    if kind == "ADF":
+        source = converted("-a", made, tmp_path / "adf.cgns")
+    result = deflected(source, out)
+    assert result.passed
+    assert {check.name: check.value for check in result.checks}["inverted_cells"] == 0
+    assert (
+        sum(q["inverted"] for q in sdm_deflect.quality(out)["quality"]) == 0
+        if hasattr(sdm_deflect, "quality")
+        else True
+    )
+    assert complaints(out) == []
+    differing = subprocess.run(
+        ["cgnsdiff", "-d", "-f", source, out], capture_output=True, text=True, check=False
+    ).stdout
+    assert differing
+    assert all("GridCoordinates/Coordinate" in line and "data values differ" in line for line in differing.splitlines())
+    plain = out if kind == "HDF5" else converted("-h", out, tmp_path / "plain.cgns")
+    before, after = (np.concatenate(list(stored(path).values())) for path in (made, plain))
+    assert np.abs(after - before).max() > 0.05
+    _, place = np.unique(before, axis=0, return_inverse=True)
+    _, first = np.unique(place, return_index=True)
+    assert len(first) < len(before)
+    np.testing.assert_array_equal(after, after[first][place.ravel()])
+
+
+def test_the_deflection_is_that_of_the_same_mesh_in_su2(made, tmp_path):
+    mesh = Cgns().read(made)
+    assert Su2().write(mesh, tmp_path / "wing.su2") == ()
+    same = Su2().read(tmp_path / "wing.su2")
+    np.testing.assert_array_equal(same.points, mesh.points)
+    assert content(same)["cells"] == content(mesh)["cells"]
+    np.testing.assert_array_equal(deflected(made).points, deflected(tmp_path / "wing.su2").points)
+
+
+def test_blocks_become_one_mesh_in_the_order_of_the_file(made):
+    mesh, blocks = Cgns().read(made), wing_blocks(6)
+    own = np.concatenate(list(stored(made).values()))
+    _, first = np.unique(own, axis=0, return_index=True)
+    np.testing.assert_array_equal(mesh.points, own[np.sort(first)])
+    (zone,) = mesh.zones
+    assert (zone.name, zone.blocks) == ("upper-0", tuple(block.name for block in blocks))
+    (cells,) = mesh.cells
+    assert cells.shape == "hexahedron"
+    assert len(cells) == sum(np.prod(np.array(block.places.shape) - 1) for block in blocks)
+    centres = [middle(block.points.astype(float)) for block in blocks]
+    np.testing.assert_allclose(mesh.points[cells.nodes].mean(axis=1), np.concatenate(centres), atol=1e-12)
+    assert grid(mesh).compute_cell_sizes()["Volume"].min() > 0.0
+
+
+def middle(points):
+    """Centres of the cells, the first axis fastest."""
+    for axis in range(3):
+        points = (
+            np.take(points, range(1, points.shape[axis]), axis) + np.take(points, range(points.shape[axis] - 1), axis)
+        ) / 2
+    return points.reshape(-1, 3, order="F") if points.ndim == 2 else points.transpose(2, 1, 0, 3).reshape(-1, 3)
+
+
+def test_patches_are_families_and_cover_the_boundary_outwards(made):
+    mesh = Cgns().read(made)
+    assert set(mesh.names) == {"wing", "flap", "far", "root", "end"}
+    faces = np.concatenate([faces.nodes for patch in mesh.patches for faces in patch.faces])
+    outside = boundary_faces(mesh.cells)["quad"]
+    assert sorted(map(sorted, faces.tolist())) == sorted(map(sorted, outside.tolist()))
+    a, b, c, d = mesh.points[faces].transpose(1, 0, 2)
+    np.testing.assert_allclose(np.cross(c - a, d - b).sum(axis=0), 0.0, atol=1e-12)
+    far = mesh.patch("far").faces[0].nodes
+    a, b, c, d = mesh.points[far].transpose(1, 0, 2)
+    assert np.all(np.einsum("ij,ij->i", np.cross(c - a, d - b), (a + c) / 2 - [0.5, 0.0, 0.0]) > 0.0)
+    flap = mesh.points[mesh.on("flap")]
+    np.testing.assert_allclose([flap[:, 0].min(), *np.sort(flap[:, 1])[[0, -1]]], [HINGE, *FLAP])
+
+
+def test_vtk_reads_the_same_points(made):
+    reader = vtkCGNSReader()
+    reader.SetFileName(str(made))
+    reader.UpdateInformation()
+    reader.EnableAllBases()
+    reader.Update()
+    read = pv.wrap(reader.GetOutput())["Base#1"]
+    own = stored(made)
+    for i, points in enumerate(own.values()):
+        np.testing.assert_array_equal(read[i].points, points)
+
+
+def cube(name="block", n=(4, 3, 5), at=(0.0, 0.0, 0.0), places=0, conditions=()):
+    """A block of unit cells from a corner on, whose places are numbered on from one."""
+    grid = np.stack(np.meshgrid(*(np.arange(k, dtype=float) for k in n), indexing="ij"), axis=-1) + at
+    return Block(name, grid + 0.01 * np.sin(grid * 3.0), places + np.arange(np.prod(n)).reshape(n), list(conditions))
+
+
+def two_cubes(gap=0.0):
+    """Two blocks side by side along x, which share a side."""
+    left, right = cube("left"), cube("right", places=1000, at=(3.0 + gap, 0.0, 0.0))
+    right.places[0] = left.places[-1]
+    right.points[0] += left.points[-1] - right.points[0] + [gap, 0.0, 0.0]
+    return left, right
+
+
+@pytest.mark.parametrize("orders", [((0, 1, 2), (0, 1, 2)), ((2, 0, 1), (-1, 2, 1)), ((1, -1, 2), (-3, -2, -1))])
+def test_sides_without_condition_are_patches_and_interfaces_are_not(orders, tmp_path):
+    blocks = [block.transposed(*order) for block, order in zip(two_cubes(), orders, strict=True)]
+    write_blocks(tmp_path / "two.cgns", blocks)
+    mesh = Cgns().read(tmp_path / "two.cgns")
+    assert len(mesh.points) == 7 * 3 * 5
+    assert sum(len(patch) for patch in mesh.patches) == len(boundary_faces(mesh.cells)["quad"])
+    assert all(name.split("/")[-1] in {f"{a}{end}" for a in "ijk" for end in ("min", "max")} for name in mesh.names)
+    assert len(mesh.zones) == 1
+
+
+def test_zones_that_no_interface_joins_stay_apart(tmp_path):
+    write_blocks(tmp_path / "two.cgns", list(two_cubes()), connect=False)
+    mesh = Cgns().read(tmp_path / "two.cgns")
+    assert [(zone.name, zone.blocks) for zone in mesh.zones] == [("left", ()), ("right", ())]
+    assert {"left/imax", "right/imin"} <= set(mesh.names)
+    moved = mesh.points * 1.5
+    Cgns().rewrite(tmp_path / "two.cgns", moved, tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, moved)
+
+
+def test_periodic_interfaces_are_patches(tmp_path):
+    write_blocks(tmp_path / "two.cgns", list(two_cubes(gap=0.5)))
+    mesh = Cgns().read(tmp_path / "two.cgns")
+    assert len(mesh.zones) == 2
+    assert {"left/imax", "right/imin"} <= set(mesh.names)
+    write_blocks(tmp_path / "near.cgns", list(two_cubes()))
+    with h5py.File(tmp_path / "near.cgns", "r+") as file:
+        for zone in (file["Base#1/left"], file["Base#1/right"]):
+            for node in zone["ZoneGridConnectivity"].values():
+                if "Transform" in node:
+                    create(create(node, "Property", "GridConnectivityProperty_t"), "Periodic", "Periodic_t")
+    assert len(Cgns().read(tmp_path / "near.cgns").zones) == 2
+
+
+def test_a_block_that_meets_itself_is_closed(tmp_path):
+    """An O-grid of one block: its first and last points round the body are the same."""
+    angle, radius, y = np.linspace(0.0, 2.0 * np.pi, 13), np.linspace(1.0, 3.0, 4), np.linspace(0.0, 1.0, 3)
+    a, b, c = np.meshgrid(angle, y, radius, indexing="ij")
+    points = np.stack([c * np.cos(a), b, c * np.sin(a)], axis=-1)
+    points[-1] = points[0]
+    places = np.arange(a.size).reshape(a.shape)
+    places[-1] = places[0]
+    write_blocks(tmp_path / "ring.cgns", [Block("ring", points, places)])
+    mesh = Cgns().read(tmp_path / "ring.cgns")
+    assert len(mesh.points) == 12 * 3 * 4
+    assert sorted(mesh.names) == ["jmax", "jmin", "kmax", "kmin"]
+    assert grid(mesh).compute_cell_sizes()["Volume"].min() > 0.0
+
+
+def test_copies_of_a_point_keep_their_bits_until_they_move(tmp_path):
+    """In single precision beside double, copies differ in the last digits: those that move become one."""
+    write_blocks(tmp_path / "two.cgns", list(two_cubes()))
+    with h5py.File(tmp_path / "two.cgns", "r+") as file:
+        for axis in AXES:
+            node = file["Base#1/right/GridCoordinates"][axis]
+            replace_data(node, node[" data"][()].astype(np.float32))
+    mesh = Cgns().read(tmp_path / "two.cgns")
+    assert len(mesh.points) == 7 * 3 * 5
+    moved = mesh.points.copy()
+    shared = np.flatnonzero(np.abs(mesh.points[:, 0] - 3.0) < 0.5)
+    moved[shared[0]] += 0.1
+    Cgns().rewrite(tmp_path / "two.cgns", moved, tmp_path / "moved.cgns")
+    before, after = stored(tmp_path / "two.cgns"), stored(tmp_path / "moved.cgns")
+    changed = {name: np.flatnonzero((after[name] != before[name]).any(axis=1)) for name in before}
+    assert [len(rows) for rows in changed.values()] == [1, 1]
+    (left,), (right,) = (after[name][rows] for name, rows in changed.items())
+    np.testing.assert_array_equal(left.astype(np.float32), right)
+
+
+def with_condition(path, *data, where=None, block=None):
+    """Faces of the patch that one condition on a block of 4 x 3 x 5 points is."""
+    write_blocks(path, [block or cube()])
+    with h5py.File(path, "r+") as file:
+        node = create(file["Base#1/block/ZoneBC"], "one", "BC_t", "BCWall")
+        create(node, *data)
+        if where:
+            create(node, "GridLocation", "GridLocation_t", where)
+    mesh = Cgns().read(path)
+    return mesh, [faces.nodes for faces in mesh.patch("one").faces] if "one" in mesh.names else []
+
+
+RANGES = {
+    "points": ("PointRange", [(4, 1, 1), (4, 3, 5)], None),
+    "points backward": ("PointRange", [(4, 3, 1), (4, 1, 5)], "Vertex"),
+    "faces along i": ("PointRange", [(4, 1, 1), (4, 2, 4)], "IFaceCenter"),
+    "faces": ("PointRange", [(4, 1, 1), (4, 2, 4)], "FaceCenter"),
+    "faces told by points": ("PointRange", [(4, 1, 1), (4, 3, 5)], "FaceCenter"),
+    "cells": ("PointRange", [(3, 1, 1), (3, 2, 4)], "CellCenter"),
+    "list of points": ("PointList", [(4, j, k) for k in range(1, 6) for j in range(1, 4)], None),
+    "list of faces": ("PointList", [(4, j, k) for k in range(1, 5) for j in range(1, 3)], "IFaceCenter"),
+    "list of unnamed faces": ("PointList", [(4, j, k) for k in range(1, 5) for j in range(1, 3)], "FaceCenter"),
+}
+
+
+@pytest.mark.parametrize("given", RANGES)
+def test_conditions_are_read_however_they_are_given(given, tmp_path):
+    place, indices, where = RANGES[given]
+    label = "IndexRange_t" if place == "PointRange" else "IndexArray_t"
+    mesh, faces = with_condition(tmp_path / "a.cgns", place, label, np.array(indices, dtype=np.int32), where=where)
+    (own,) = faces
+    assert len(own) == 2 * 4
+    assert mesh.points[own][..., 0].min() > 2.9
+    assert "imax" not in mesh.names
+    normals = np.cross(mesh.points[own[:, 2]] - mesh.points[own[:, 0]], mesh.points[own[:, 3]] - mesh.points[own[:, 1]])
+    assert normals[:, 0].min() > 0.0
+
+
+def test_a_part_of_a_side_leaves_the_rest_and_lines_are_no_faces(tmp_path):
+    part = np.array([(4, 1, 2), (4, 2, 4)], dtype=np.int32)
+    mesh, (own,) = with_condition(tmp_path / "a.cgns", "PointRange", "IndexRange_t", part)
+    assert (len(own), len(mesh.patch("imax"))) == (2, 6)
+    line = np.array([(4, 1, 2), (4, 1, 4)], dtype=np.int32)
+    assert with_condition(tmp_path / "b.cgns", "PointRange", "IndexRange_t", line)[1] == []
+
+
+def test_a_face_within_a_block_is_no_side(tmp_path):
+    sheet = np.array([(2, 1, 1), (2, 3, 5)], dtype=np.int32)
+    mesh, (own,) = with_condition(tmp_path / "a.cgns", "PointRange", "IndexRange_t", sheet)
+    assert len(own) == 8
+    assert len(mesh.patch("imin")) == len(mesh.patch("imax")) == 8
+
+
+@pytest.mark.parametrize("how", ["points", "faces", "abutting", "overset"])
+def test_a_block_meets_an_unstructured_zone(how, tmp_path):
+    """The hexahedron of the hybrid mesh is made longer by a block on its inlet."""
+    mesh = hybrid()
+    Cgns().write(mesh, tmp_path / "mesh.cgns")
+    inlet = np.array([[0, 4], [3, 7]])  # along y, along z
+    own = np.stack([mesh.points[inlet] - [1.0, 0.0, 0.0], mesh.points[inlet]])
+    write_blocks(tmp_path / "block.cgns", [Block("block", own, np.arange(8).reshape(2, 2, 2))])
+    with h5py.File(tmp_path / "mesh.cgns", "r+") as file, h5py.File(tmp_path / "block.cgns") as other:
+        other.copy("Base#1/block", file["Base"])
+        connect(file["Base/block"], "Zone", how, np.array([[2, j, k] for k in (1, 2) for j in (1, 2)]), [1, 4, 5, 8])
+        first = int(file["Base/Zone/inlet/ElementRange/ data"][0])
+        faces = how == "faces"
+        connect(file["Base/Zone"], "block", how, np.array([[first]] if faces else [[1], [4], [5], [8]]), [1])
+    both = Cgns().read(tmp_path / "mesh.cgns")
+    if how == "overset":
+        assert [zone.name for zone in both.zones] == ["block", "Zone"] or [zone.name for zone in both.zones] == [
+            "Zone",
+            "block",
+        ]
+        return
+    (zone,) = both.zones
+    assert sorted(zone.blocks) == ["Zone", "block"]
+    assert len(both.points) == 14 + (8 if how == "abutting" else 4)
+    faces = sorted(map(sorted, (row for shape in boundary_faces(both.cells).values() for row in shape.tolist())))
+    held = sorted(sorted(row.tolist()) for patch in both.patches for block in patch.faces for row in block.nodes)
+    if how != "abutting":
+        assert held == faces
+    Cgns().rewrite(tmp_path / "mesh.cgns", both.points * 2.0, tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, both.points * 2.0)
+
+
+def connect(zone, donor, how, own, partners):
+    group = create(zone, "ZoneGridConnectivity", "ZoneGridConnectivity_t")
+    node = create(group, "meets", "GridConnectivity_t", donor)
+    kind = {"abutting": "Abutting", "overset": "Overset"}.get(how, "Abutting1to1")
+    create(node, "GridConnectivityType", "GridConnectivityType_t", kind)
+    if how == "faces" and own.shape[1] == 3:
+        own = np.array([[2, 1, 1]])
+    create(node, "PointList", "IndexArray_t", own.astype(np.int32))
+    if how == "faces":
+        create(node, "GridLocation", "GridLocation_t", "IFaceCenter" if own.shape[1] == 3 else "FaceCenter")
+    elif own.shape[1] == 3:
+        create(node, "PointListDonor", "IndexArray_t", np.array(partners, dtype=np.int32)[:, None])
+
+
+DAMAGE = {
+    "size": (lambda z: replace_data(z, np.array([4, 3, 5], dtype=np.int32)), "its size [4, 3, 5] is none of 3 axes"),
+    "flat": (lambda z: replace_data(z, np.array([[4, 3, 1], [3, 2, 0], [0, 0, 0]])), "4 x 3 x 1 points hold no cells"),
+    "larger": (lambda z: replace_data(z, np.array([[4, 3, 6], [3, 2, 5], [0, 0, 0]])), "CoordinateX holds (5, 3, 4)"),
+    "huge": (lambda z: replace_data(z, np.full((3, 3), 2**40)), "CoordinateX holds (5, 3, 4)"),
+    "rind": (
+        lambda z: create(z["GridCoordinates"], "Rind", "Rind_t", np.array([1, 1, 0, 0, 0, 0])), "have rind planes",
+    ),
+    "condition": (
+        lambda z: replace_data(z["ZoneBC/a/PointRange"], np.array([[4, 1, 1], [4, 3, 9]])),
+        "boundary condition a: it is on the points (4, 1, 1) to (4, 3, 9) of a block of 4 x 3 x 5",
+    ),
+    "short condition": (
+        lambda z: replace_data(z["ZoneBC/a/PointRange"], np.array([4, 1])), "has 2 numbers, expected 6",
+    ),
+    "volume": (
+        lambda z: replace_data(z["ZoneBC/a/PointRange"], np.array([[1, 1, 1], [4, 3, 5]])), "is no face of the block",
+    ),
+    "nowhere": (lambda z: z["ZoneBC/a"].__delitem__("PointRange"), "a says not where it is on the block"),
+    "donor": (
+        lambda z: replace_data(z["ZoneGridConnectivity/SF0"], np.frombuffer(b"none", np.int8)),
+        "interface SF0: it leads to the zone 'none', which the file does not have",
+    ),
+    "transform": (
+        lambda z: replace_data(z["ZoneGridConnectivity/SF0/Transform"], np.array([1, 1, 3])),
+        "does not name every axis",
+    ),
+    "donor's range": (
+        lambda z: replace_data(z["ZoneGridConnectivity/SF0/PointRangeDonor"], np.array([[1, 3, 1], [1, 3, 5]])),
+        "it lies on points beyond the 4 x 3 x 5 of the other block",
+    ),
+    "interface": (
+        lambda z: replace_data(z["ZoneGridConnectivity/SF0/PointRange"], np.array([[1, 1, 1], [4, 3, 5]])),
+        "interface SF0: its range is no face",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_damage_is_named(damage, tmp_path):
+    left, right = two_cubes()
+    left.conditions.append(("a", "wall", "BCWall", (1, 1, 1), (1, 3, 5), None))
+    write_blocks(tmp_path / "two.cgns", [left, right])
+    change, message = DAMAGE[damage]
+    with h5py.File(tmp_path / "two.cgns", "r+") as file:
+        change(file["Base#1/left"])
+    with pytest.raises(MeshFileError) as caught:
+        Cgns().read(tmp_path / "two.cgns")
+    assert message in str(caught.value)
+    assert str(caught.value).startswith(f"{tmp_path / 'two.cgns'}: zone left: ")
+
+
+def plane_blocks():
+    """Two plane blocks round half a body each, which meet in two lines."""
+    radius = np.linspace(1.0, 3.0, 5)
+    found = []
+    for name, begin in (("upper", 0.0), ("lower", np.pi)):
+        a, r = np.meshgrid(begin + np.linspace(0.0, np.pi, 9), radius, indexing="ij")
+        points = np.stack([r * np.cos(a), r * np.sin(a)], axis=-1)
+        conditions = [("w", "wall", "BCWall", (1, 1), (9, 1), None), ("f", "far", "BCFarfield", (1, 5), (9, 5), None)]
+        found.append(Block(name, points, np.arange(45).reshape(9, 5) + (100 if begin else 0), conditions))
+    upper, lower = found
+    lower.points[0], lower.points[-1] = upper.points[-1], upper.points[0]
+    lower.places[0], lower.places[-1] = upper.places[-1], upper.places[0]
+    return found
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0), (-1, 1)])
+def test_plane_blocks_are_quads_with_lines_around_them(order, tmp_path):
+    blocks = [block.transposed(*order) if i else block for i, block in enumerate(plane_blocks())]
+    write_blocks(tmp_path / "plane.cgns", blocks, dimension=2)
+    mesh = Cgns().read(tmp_path / "plane.cgns")
+    assert mesh.plane
+    assert len(mesh.points) == 16 * 5
+    assert {patch.name: len(patch) for patch in mesh.patches} == {"wall": 16, "far": 16}
+    a, b, c, d = mesh.points[mesh.cells[0].nodes].transpose(1, 0, 2)
+    assert np.cross(c - a, d - b)[:, 2].min() > 0.0
+    for name, way in (("far", 1.0), ("wall", -1.0)):  # the flow is on the left of each line
+        a, b = mesh.points[mesh.patch(name).faces[0].nodes].transpose(1, 0, 2)
+        assert (way * np.cross(a, b - a)[:, 2]).min() > 0.0
+    Cgns().rewrite(tmp_path / "plane.cgns", mesh.points * 2.0, tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, mesh.points * 2.0)
+    Cgns().write(mesh, tmp_path / "unstructured.cgns")
+    again = Cgns().read(tmp_path / "unstructured.cgns")
+    np.testing.assert_array_equal(again.points, mesh.points)
+    assert content(again) == {**content(mesh), "zones": [("upper", 0, 80)]}
+    if shutil.which("cgnscheck"):
+        assert complaints(tmp_path / "unstructured.cgns") == complaints(tmp_path / "plane.cgns") == []
+
+
+@pytest.fixture
+def old(tmp_path):
+    """Two blocks in ADF."""
+    if shutil.which("cgnsconvert") is None:
+        pytest.skip("Debian's package cgns-convert is not here")
+    left, right = two_cubes()
+    left.conditions.append(("a", "wall", "BCWall", (1, 1, 1), (1, 3, 5), None))
+    write_blocks(tmp_path / "two.cgns", [left, right])
+    return converted("-a", tmp_path / "two.cgns", tmp_path / "old.cgns")
+
+
+def coordinate_bytes(path):
+    """Which bytes of an ADF file hold coordinates."""
+    found = np.zeros(path.stat().st_size, dtype=bool)
+    with path.open("rb") as file:
+        for zone in adf.Tree(file).root.children["Base#1"].children.values():
+            if zone.label == "Zone_t":
+                for axis in AXES:
+                    for place, length in zone.children["GridCoordinates"].children[axis].data.pieces:
+                        found[place : place + length] = True
+    return found
+
+
+def test_adf_holds_the_same_mesh_and_keeps_all_other_bytes(old, tmp_path):
+    mesh, same = Cgns().read(tmp_path / "two.cgns"), Cgns().read(old)
+    np.testing.assert_array_equal(same.points, mesh.points)
+    assert content(same) == content(mesh)
+    Cgns().rewrite(old, mesh.points, tmp_path / "copy.cgns")
+    assert (tmp_path / "copy.cgns").read_bytes() == old.read_bytes()
+    Cgns().rewrite(old, mesh.points * np.pi, tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, mesh.points * np.pi)
+    a, b = (np.frombuffer(path.read_bytes(), dtype=np.uint8) for path in (old, tmp_path / "moved.cgns"))
+    assert not np.any((a != b) & ~coordinate_bytes(old))
+    back = tree(converted("-h", tmp_path / "moved.cgns", tmp_path / "back.cgns"))
+    assert sum(name.endswith("/ data") for name in back) > 20
+
+
+def test_unstructured_zones_in_adf(tmp_path, old):
+    Cgns().write(hybrid(2), tmp_path / "mesh.cgns")
+    converted("-a", tmp_path / "mesh.cgns", tmp_path / "mesh-adf.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "mesh-adf.cgns").points, hybrid(2).points)
+    assert content(Cgns().read(tmp_path / "mesh-adf.cgns")) == content(Cgns().read(tmp_path / "mesh.cgns"))
+
+
+def test_damaged_adf_is_refused_in_a_sentence(old, tmp_path):
+    whole, path = old.read_bytes(), tmp_path / "damaged.cgns"
+    end = len(whole.rstrip())  # blocks of 4096 bytes are filled up with blanks
+    for size in range(40, end, end // 61):
+        path.write_bytes(whole[:size])
+        with pytest.raises(MeshFileError, match=r"damaged\.cgns: "):
+            Cgns().read(path)
+    random = np.random.default_rng(1)
+    for _ in range(300):
+        data = bytearray(whole)
+        for place in random.integers(0, len(data), 3):
+            data[place] = random.choice([0, 48, 49, 70, 255])
+        path.write_bytes(data)
+        with suppress(MeshFileError):
+            Cgns().read(path)
+
+
+def test_a_node_of_two_parents_is_refused(old, tmp_path):
+    data = old.read_bytes()
+
+    def entry(name):
+        """Place of a pointer in the table of a node's children."""
+        name = name.ljust(32)
+        return 32 + next(
+            at for at in range(len(data)) if data.startswith(name, at) and not data.startswith(b"NoDe", at - 4)
+        )
+
+    to, place = entry(b"right"), entry(b"GridCoordinates")
+    (tmp_path / "loop.cgns").write_bytes(data[:to] + data[place : place + 12] + data[to + 12 :])
+    with pytest.raises(MeshFileError, match="is there twice"):
+        Cgns().read(tmp_path / "loop.cgns")
