@@ -22,7 +22,7 @@ from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_nodes import Array
 from sdm_deflect.meshing.formats.cgns_packed import overwrite
-from sdm_deflect.meshing.formats.cgns_read import base_of, connected, coordinate_data, read_base
+from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_fit, read_base
 from sdm_deflect.meshing.formats.cgns_write import write_base
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.hdf5 import damage
@@ -55,7 +55,7 @@ class Cgns:
             base = base_of(file)
             stored = [coordinate_data(base, name) for name in base.zones]
             index = first = np.arange(sum(prod(size) for size in base.sizes.values()))
-            if connected(base):
+            if may_fit(base):
                 found = read_base(file, lambda _: None)
                 index, first = found.index, found.first
             check_points(points, len(first))

@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh import Cells, Patch
 from sdm_deflect.meshing.formats.cgns_boundary import PLACES, location, patch_name
 from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, children, has, integers
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.mesh import BoolArray, IntArray
+from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 Size = tuple[int, ...]
 Indices = Sequence[int] | IntArray
@@ -98,6 +98,20 @@ def block_patches(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[
         if len(rows := np.flatnonzero(mask))
     ]
     return [Patch(name, tuple(own)) for name, own in found.items()], rest, families
+
+
+def collapsed(points: FloatArray, size: Size) -> IntArray:
+    """Return pairs (K, 2) of the block's points (N, 3) that are neighbours on a side, and at the same place."""
+    grid = np.arange(len(points)).reshape(size, order="F")
+    pairs = [np.empty((0, 2), dtype=np.intp)]
+    for axis in range(len(size)):
+        for side in (np.take(grid, [0], axis), np.take(grid, [-1], axis)):
+            for along in range(side.ndim):
+                ahead = np.moveaxis(side, along, 0)
+                one, other = ahead[:-1].ravel(), ahead[1:].ravel()
+                same = (points[one] == points[other]).all(axis=1)
+                pairs.append(np.stack([one[same], other[same]], axis=1))
+    return np.concatenate(pairs)
 
 
 def points_in(begin: Indices, end: Indices, size: Size) -> IntArray:

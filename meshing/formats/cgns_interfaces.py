@@ -78,6 +78,25 @@ def pairs(own: FloatArray, other: FloatArray, interface: Interface) -> IntArray 
     return np.stack([interface.nodes, partners], axis=1)
 
 
+def meeting(points: FloatArray, faces: IntArray) -> IntArray:
+    """Return the points (K, 2) that lie at the same places, to the bit, of pairs of the faces (F, k).
+
+    Faces that three or more have in common, and such with less than k places, meet none.
+    """
+    nodes, own = np.unique(faces, return_inverse=True)
+    _, place = np.unique(points[nodes] + 0.0, axis=0, return_inverse=True)  # -0.0 is 0.0
+    corners = place.ravel()[own.reshape(faces.shape)]
+    order = np.argsort(corners, axis=1)
+    rows, each, count = np.unique(
+        np.take_along_axis(corners, order, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    whole = (np.diff(rows, axis=1) > 0).all(axis=1) & (count == 2)
+    found = np.flatnonzero(whole[each.ravel()])
+    found = found[np.argsort(each.ravel()[found], kind="stable")]
+    ranked = np.take_along_axis(faces, order, axis=1)
+    return np.stack([ranked[found[0::2]].ravel(), ranked[found[1::2]].ravel()], axis=1)
+
+
 def _interface(
     name: str, node: Any, size: Size, sizes: Mapping[str, Size], faces: Sequence[NumberedFaces]
 ) -> Interface | None:

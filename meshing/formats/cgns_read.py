@@ -10,19 +10,20 @@ import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polyhedra
 from sdm_deflect.meshing.formats import adf
-from sdm_deflect.meshing.formats.cgns_blocks import Size, block_patches, cells, size_of
+from sdm_deflect.meshing.formats.cgns_blocks import Size, block_patches, cells, collapsed, size_of
 from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, read_polyhedra, sections
-from sdm_deflect.meshing.formats.cgns_interfaces import Interface, interfaces, pairs
+from sdm_deflect.meshing.formats.cgns_interfaces import Interface, interfaces, meeting, pairs
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, integers, text
 from sdm_deflect.meshing.formats.fitted import Fitted, Part, fitted
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import is_real
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
-from sdm_deflect.meshing.mesh import FloatArray
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 DIMENSIONS = (3, 3), (2, 2), (2, 3)
 """Dimensions of the cells and of the points; those of points in a plane mesh may be three, with one z."""
+NONE = np.empty((0, 2), dtype=np.intp)
 TYPES = ("Structured", "Unstructured")
 
 
@@ -46,20 +47,28 @@ class Base:
     sizes: dict[str, Size]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Zone:
+    """A zone by itself, its interfaces, pairs (K, 2) of its points that are one, and its faces (F, k) on nothing."""
+
+    part: Part
+    interfaces: Sequence[Interface]
+    collapsed: IntArray
+    free: IntArray
+
+
 def read_base(file: Any, report: Callable[[float], None]) -> Fitted:
     """Return the mesh of an open file, its zones put together where interfaces say that they fit.
 
     MeshFileError or ValueError if the file is damaged, or holds what is no mesh in three dimensions.
     """
     base = base_of(file)
-    parts, ends = [], []
+    parts = []
     for i, name in enumerate(base.zones):
         report(i / len(base.zones))
         with _about(name):
-            part, own = _zone(base, name)
-        parts.append(part)
-        ends.append(own)
-    found = _put_together(parts, ends)
+            parts.append(_zone(base, name))
+    found = _put_together(parts)
     report(1.0)
     return found
 
@@ -90,9 +99,11 @@ def base_of(file: Any) -> Base:
     return Base(node, dimension, AXES[:axes], zones, sizes)
 
 
-def connected(base: Base) -> bool:
-    """Whether zones have interfaces."""
-    return any(True for zone in base.zones.values() for _ in children(zone, "ZoneGridConnectivity_t"))
+def may_fit(base: Base) -> bool:
+    """Whether points of the file may be one: in blocks, and where zones have interfaces."""
+    return any(len(size) > 1 for size in base.sizes.values()) or any(
+        True for zone in base.zones.values() for _ in children(zone, "ZoneGridConnectivity_t")
+    )
 
 
 def coordinate_data(base: Base, name: str) -> list[Any]:
@@ -131,23 +142,30 @@ def _size(zone: Any, dimension: int) -> Size:
     return (int(sizes[0]),)
 
 
-def _put_together(parts: Sequence[Part], ends: Sequence[Sequence[Interface]]) -> Fitted:
-    number = {part.name: i for i, part in enumerate(parts)}
-    starts = np.cumsum([0, *(len(part.mesh.points) for part in parts)])
+def _put_together(zones: Sequence[_Zone]) -> Fitted:
+    """Join the zones at their interfaces, and blocks where faces without a condition are at the same places."""
+    number = {zone.part.name: i for i, zone in enumerate(zones)}
+    starts = np.cumsum([0, *(len(zone.part.mesh.points) for zone in zones)])
     touching, same = [], []
-    for i, own in enumerate(ends):
-        for interface in own:
+    for i, zone in enumerate(zones):
+        same.append(zone.collapsed + starts[i])
+        for interface in zone.interfaces:
             j = number[interface.donor]
             if interface.matching:
-                rows = pairs(parts[i].mesh.points, parts[j].mesh.points, interface)
+                rows = pairs(zone.part.mesh.points, zones[j].part.mesh.points, interface)
                 if rows is None:
                     continue
                 same.append(rows + np.array([starts[i], starts[j]]))
             touching.append((i, j))
-    return fitted(parts, touching, same)
+    free = [zone.free + starts[i] for i, zone in enumerate(zones) if len(zone.free)]
+    if free:
+        found = meeting(np.concatenate([zone.part.mesh.points for zone in zones]), np.concatenate(free))
+        same.append(found)
+        touching += np.unique(np.searchsorted(starts, found, side="right") - 1, axis=0).tolist()
+    return fitted([zone.part for zone in zones], touching, [rows for rows in same if len(rows)])
 
 
-def _zone(base: Base, name: str) -> tuple[Part, list[Interface]]:
+def _zone(base: Base, name: str) -> _Zone:
     size = base.sizes[name]
     axes = coordinate_data(base, name)
     points = np.zeros((prod(size), 3))
@@ -156,17 +174,19 @@ def _zone(base: Base, name: str) -> tuple[Part, list[Interface]]:
     return (_block if len(size) > 1 else _unstructured)(base, name, points)
 
 
-def _block(base: Base, name: str, points: FloatArray) -> tuple[Part, list[Interface]]:
+def _block(base: Base, name: str, points: FloatArray) -> _Zone:
     zone, size = base.zones[name], base.sizes[name]
     own = cells(size)
     turned = oriented(points, own)
     left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != own.nodes[:, 1]) > len(own))
     named, rest, families = block_patches(base.node, zone, size, left_handed)
-    part = Part(name, Mesh(points, (turned,), _by_name([*named, *rest])), frozenset(families))
-    return part, interfaces(zone, name, base.sizes, ())
+    part = Part(name, Mesh(points, (turned,), _by_name([*named, *rest])), frozenset(families), block=True)
+    free = [faces.nodes for patch in rest for faces in patch.faces]
+    own_interfaces = interfaces(zone, name, base.sizes, ())
+    return _Zone(part, own_interfaces, collapsed(points, size), np.concatenate(free) if free else NONE)
 
 
-def _unstructured(base: Base, name: str, points: FloatArray) -> tuple[Part, list[Interface]]:
+def _unstructured(base: Base, name: str, points: FloatArray) -> _Zone:
     zone = base.zones[name]
     found = sections(zone)
     if not found:
@@ -179,7 +199,7 @@ def _unstructured(base: Base, name: str, points: FloatArray) -> tuple[Part, list
     mesh = Mesh(points, volume, tuple(patches(named, faces, found[-1].last)))
     check_faces(mesh)
     families = frozenset(one.patch for one in named if one.of_family)
-    return Part(name, mesh, families), interfaces(zone, name, base.sizes, faces)
+    return _Zone(Part(name, mesh, families), interfaces(zone, name, base.sizes, faces), NONE, NONE)
 
 
 def _by_name(found: Sequence[Patch]) -> tuple[Patch, ...]:

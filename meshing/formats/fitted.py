@@ -1,7 +1,7 @@
 """Zones that fit together point by point, as one mesh with one point at each place."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,7 +9,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sdm_deflect.deform.faces import face_keys, node_keys
-from sdm_deflect.deform.mesh import Cells, Faces, Mesh, Patch, Volume, Zone
+from sdm_deflect.deform.mesh import Cells, Faces, Mesh, Patch, Polygons, Polyhedra, Volume, Zone
+from sdm_deflect.meshing.formats.collapsed import expanded
 from sdm_deflect.meshing.formats.shapes import cell_face_keys, chosen, places
 from sdm_deflect.meshing.formats.zones import renumbered
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
@@ -24,11 +25,13 @@ class Part:
     name : the zone's.
     mesh : its points, counted from 0, cells and patches.
     families : names of patches that mean the same in all zones.
+    block : whether it is a structured one, whose cells and faces may be collapsed.
     """
 
     name: str
     mesh: Mesh
     families: frozenset[str] = frozenset()
+    block: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,8 +53,9 @@ class Fitted:
 def fitted(parts: Sequence[Part], touching: Iterable[tuple[int, int]], same: Sequence[IntArray]) -> Fitted:
     """Put zones together, those that touch beside one another in the order of the first of them.
 
-    A patch keeps its name where no other zone has one of that name, and where it is a family of all touching zones
-    that have it. Otherwise it is ``"zone/patch"``. Faces that lie between two cells are taken from patches.
+    Cells and faces of blocks become what they are where some of their corners are one point. A patch keeps its name
+    where no other zone has one of that name, and where it is a family of all touching zones that have it. Otherwise it
+    is ``"zone/patch"``. Faces that lie between two cells are taken from patches.
 
     Parameters
     ----------
@@ -64,14 +68,17 @@ def fitted(parts: Sequence[Part], touching: Iterable[tuple[int, int]], same: Seq
     index, first = _welded(order, same)
     points = np.concatenate([part.mesh.points for part in parts])[first]
     twice = np.bincount(index, minlength=len(first)) > 1
-    zones, cells, patches, begin = [], [], [], 0
+    zones: list[Zone] = []
+    cells: list[Volume] = []
+    patches: list[Patch] = []
+    begin = 0
     common = _common(groups, parts)
     for group in groups:
         own = [parts[i] for i in group]
         numbers = [index[starts[i] : starts[i + 1]] for i in group]
         end = max(begin, *(int(some.max(initial=-1)) + 1 for some in numbers))
         zones.append(Zone(own[0].name, begin, end, tuple(part.name for part in own) if len(own) > 1 else ()))
-        cells += list(_cells(own, numbers))
+        cells += _cells(own, numbers)
         patches += [
             replace(patch, name=f"{own[0].name}/{patch.name}" if patch.name in common else patch.name)
             for patch in _patches(own, numbers)
@@ -114,21 +121,13 @@ def _common(groups: Sequence[Sequence[int]], parts: Sequence[Part]) -> set[str]:
     return {name for name, groups_with in count.items() if groups_with > 1}
 
 
-def _cells(parts: Sequence[Part], numbers: Sequence[IntArray]) -> Iterator[Volume]:
-    """Yield the cells of touching zones in order; blocks of one shape that follow one another are one."""
-    waiting: list[Cells] = []
-    for part, own in zip(parts, numbers, strict=True):
-        for block in part.mesh.cells:
-            new = renumbered(block, own)
-            if waiting and not (isinstance(new, Cells) and new.shape == waiting[-1].shape and len(parts) > 1):
-                yield _one(waiting)
-                waiting = []
-            if isinstance(new, Cells):
-                waiting.append(new)
-            else:
-                yield new
-    if waiting:
-        yield _one(waiting)
+def _cells(parts: Sequence[Part], numbers: Sequence[IntArray]) -> tuple[Volume, ...]:
+    """Return the cells of touching zones in order, a block of each shape."""
+    found = [renumbered(block, own) for part, own in zip(parts, numbers, strict=True) for block in part.mesh.cells]
+    if len(parts) == 1 and not parts[0].block:
+        return tuple(found)
+    simple = [some for block in found if isinstance(block, Cells) for some in expanded(block)]
+    return (*_by_shape(simple), *(block for block in found if isinstance(block, Polyhedra)))
 
 
 def _one(blocks: Sequence[Cells]) -> Cells:
@@ -142,20 +141,26 @@ def _patches(parts: Sequence[Part], numbers: Sequence[IntArray]) -> list[Patch]:
         for patch in part.mesh.patches:
             having.setdefault(patch.name, []).append(part)
     found: dict[str, list[Faces]] = {}
-    for part, own in zip(parts, numbers, strict=True):
+    for part, index in zip(parts, numbers, strict=True):
         for patch in part.mesh.patches:
             others = having[patch.name]
             apart = len(others) > 1 and not all(patch.name in other.families for other in others)
             name = f"{part.name}/{patch.name}" if apart else patch.name
-            found.setdefault(name, []).extend(renumbered(faces, own) for faces in patch.faces)
-    return [Patch(name, _by_shape(faces) if len(parts) > 1 else tuple(faces)) for name, faces in found.items()]
+            for faces in (renumbered(faces, index) for faces in patch.faces):
+                found.setdefault(name, []).extend(expanded(faces) if isinstance(faces, Cells) else [faces])
+    if len(parts) == 1 and not parts[0].block:
+        return [Patch(name, tuple(own)) for name, own in found.items()]
+    patches = []
+    for name, own in found.items():
+        simple = _by_shape([faces for faces in own if isinstance(faces, Cells)])
+        patches.append(Patch(name, (*simple, *(faces for faces in own if isinstance(faces, Polygons)))))
+    return [patch for patch in patches if patch.faces]
 
 
-def _by_shape(faces: Sequence[Faces]) -> tuple[Faces, ...]:
-    """Faces of one shape in one block; polygons as they are."""
-    shapes = dict.fromkeys(block.shape for block in faces if isinstance(block, Cells))
-    simple = [_one([b for b in faces if isinstance(b, Cells) and b.shape == shape]) for shape in shapes]
-    return (*simple, *(block for block in faces if not isinstance(block, Cells)))
+def _by_shape(blocks: Sequence[Cells]) -> tuple[Cells, ...]:
+    """Cells or faces of one shape as one block."""
+    shapes = dict.fromkeys(block.shape for block in blocks)
+    return tuple(_one([block for block in blocks if block.shape == shape]) for shape in shapes)
 
 
 def _without_inner(mesh: Mesh, twice: BoolArray) -> Mesh:

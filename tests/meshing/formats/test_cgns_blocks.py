@@ -179,8 +179,10 @@ def test_sides_without_condition_are_patches_and_interfaces_are_not(orders, tmp_
     assert len(mesh.zones) == 1
 
 
-def test_zones_that_no_interface_joins_stay_apart(tmp_path):
-    write_blocks(tmp_path / "two.cgns", list(two_cubes()), connect=False)
+@pytest.mark.parametrize("connect", [True, False])
+def test_blocks_that_do_not_meet_stay_apart(connect, tmp_path):
+    """An interface between sides that lie elsewhere is periodic."""
+    write_blocks(tmp_path / "two.cgns", list(two_cubes(gap=0.5)), connect=connect)
     mesh = Cgns().read(tmp_path / "two.cgns")
     assert [(zone.name, zone.blocks) for zone in mesh.zones] == [("left", ()), ("right", ())]
     assert {"left/imax", "right/imin"} <= set(mesh.names)
@@ -189,18 +191,62 @@ def test_zones_that_no_interface_joins_stay_apart(tmp_path):
     np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, moved)
 
 
-def test_periodic_interfaces_are_patches(tmp_path):
-    write_blocks(tmp_path / "two.cgns", list(two_cubes(gap=0.5)))
-    mesh = Cgns().read(tmp_path / "two.cgns")
-    assert len(mesh.zones) == 2
-    assert {"left/imax", "right/imin"} <= set(mesh.names)
-    write_blocks(tmp_path / "near.cgns", list(two_cubes()))
+def test_sides_at_the_same_place_are_one_without_an_interface(tmp_path):
+    write_blocks(tmp_path / "told.cgns", list(two_cubes()))
+    write_blocks(tmp_path / "two.cgns", list(two_cubes()), connect=False)
+    told, found = (Cgns().read(tmp_path / f"{name}.cgns") for name in ("told", "two"))
+    np.testing.assert_array_equal(found.points, told.points)
+    assert content(found) == content(told)
+
+
+def test_periodic_interfaces_are_patches_however_near(tmp_path):
+    write_blocks(tmp_path / "near.cgns", list(two_cubes(gap=1e-7)))
+    assert len(Cgns().read(tmp_path / "near.cgns").zones) == 1
     with h5py.File(tmp_path / "near.cgns", "r+") as file:
         for zone in (file["Base#1/left"], file["Base#1/right"]):
             for node in zone["ZoneGridConnectivity"].values():
                 if "Transform" in node:
                     create(create(node, "Property", "GridConnectivityProperty_t"), "Periodic", "Periodic_t")
-    assert len(Cgns().read(tmp_path / "near.cgns").zones) == 2
+    mesh = Cgns().read(tmp_path / "near.cgns")
+    assert len(mesh.zones) == 2
+    assert {"left/imax", "right/imin"} <= set(mesh.names)
+
+
+def test_a_block_round_an_axis_has_prisms_there(tmp_path):
+    """A pipe round the y-axis, whose first points outwards are one for all angles."""
+    angle, radius, y = np.linspace(0.0, 2.0 * np.pi, 9), np.linspace(0.0, 1.0, 4), np.linspace(0.0, 1.0, 3)
+    a, b, c = np.meshgrid(angle, y, radius, indexing="ij")
+    points = np.stack([c * np.cos(a), b, c * np.sin(a)], axis=-1)
+    points[-1] = points[0]
+    axis = ("axis", None, "BCDegenerateLine", (1, 1, 1), (9, 3, 1), None)
+    wall = ("wall", None, "BCWall", (1, 1, 4), (9, 3, 4), None)
+    write_blocks(tmp_path / "pipe.cgns", [Block("pipe", points, np.arange(a.size).reshape(a.shape), [axis, wall])])
+    mesh = Cgns().read(tmp_path / "pipe.cgns")
+    assert {block.shape: len(block) for block in mesh.cells} == {"hexahedron": 8 * 2 * 2, "wedge": 8 * 2}
+    assert len(mesh.points) == 3 * (1 + 8 * 3)
+    assert sorted(mesh.names) == ["jmax", "jmin", "wall"]
+    assert {faces.shape: len(faces) for faces in mesh.patch("jmin").faces} == {"quad": 16, "triangle": 8}
+    assert sum(len(patch) for patch in mesh.patches) == sum(map(len, boundary_faces(mesh.cells).values()))
+    volumes = grid(mesh).compute_cell_sizes()["Volume"]
+    assert volumes.min() > 0.0
+    assert volumes.sum() == pytest.approx(4.0 * np.sin(np.pi / 4.0))
+    moved = mesh.points * [1.0, 2.0, 3.0]
+    Cgns().rewrite(tmp_path / "pipe.cgns", moved, tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, moved)
+
+
+@pytest.mark.parametrize(("at_one_point", "shape"), [((4, 5, 6, 7), "pyramid"), ((2, 3), "hexahedron")])
+def test_a_collapsed_cell_is_what_it_is(at_one_point, shape, tmp_path):
+    order = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    points = np.array(order, dtype=float)
+    points[list(at_one_point)] = points[list(at_one_point)].mean(axis=0)
+    own = np.empty((2, 2, 2, 3))
+    for corner, place in zip(order, points, strict=True):
+        own[corner] = place
+    write_blocks(tmp_path / "one.cgns", [Block("one", own, np.arange(8).reshape(2, 2, 2))])
+    mesh = Cgns().read(tmp_path / "one.cgns")
+    assert [block.shape for block in mesh.cells] == [shape]
+    assert grid(mesh).compute_cell_sizes()["Volume"][0] > 0.0
 
 
 def test_a_block_that_meets_itself_is_closed(tmp_path):
