@@ -14,6 +14,8 @@ from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
 from tests.deform.blocks import block_with_body
 from tests.fuzz.inputs import Input, of_path
+from tests.meshing.formats.adf_files import in_adf
+from tests.meshing.formats.blocks import two_blocks, write_blocks
 from tests.meshing.formats.examples import grid, hybrid, polyhedral, with_gmsh
 from tests.meshing.formats.netcdf_files import KINDS, written
 
@@ -71,6 +73,19 @@ def cgns(folder: Path) -> Iterator[Input]:
         yield of_path(folder / f"{title}.cgns")
     yield from mixed(folder)
     yield from stored_otherwise(folder)
+    yield from in_blocks(folder)
+
+
+def in_blocks(folder: Path) -> Iterator[Input]:
+    """Two structured zones with an interface, and plane ones; the same and other files in ADF."""
+    write_blocks(folder / "two.cgns", two_blocks())
+    write_blocks(folder / "plane.cgns", [block.flat() for block in two_blocks()], dimension=2)
+    for name in ("two", "plane"):
+        yield of_path(folder / f"{name}.cgns")
+    for name, order in (("two", "<"), ("tet", ">"), ("polyhedra", "<")):
+        path = folder / f"{name}-adf.cgns"
+        path.write_bytes(in_adf(folder / f"{name}.cgns", order, pieces=2))
+        yield of_path(path)
 
 
 def mixed(folder: Path) -> Iterator[Input]:
@@ -289,7 +304,9 @@ WORDS: dict[str, tuple[bytes, ...]] = {
             b'compressor="vtkLZMADataCompressor"', b'compressor=""', b"&#x0;", b"&amp;", b"<![CDATA[", b"42 42 42",
             b'Name="connectivity"', b'Name="offsets"', b'Name="types"', b'Name="faces"', b'Name="patch"',
             b"<Piece" * 200),
-    "cgns": (b"\x89HDF\r\n\x1a\n", b"LK", b"MT", b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"FRHP", b"BTHD"),
+    "cgns": (b"\x89HDF\r\n\x1a\n", b"LK", b"MT", b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"FRHP", b"BTHD",
+             b"NoDe", b"TaiL", b"SNTb", b"DaTa", b"DCtb", b"dEnD", b"FFFFFFFFFFFF", b"000000000000", b"Structured",
+             b"GridConnectivity1to1_t", b"R4", b"C1"),
     "others": (b"DATASET UNSTRUCTURED_GRID\n", b"CELLS 999999999 9999999999\n", b"POINTS -5 float\n", b"CELL_TYPES 7\n",
                b"POINTS 99999999999 double\n", b"METADATA\n", b"BINARY\n", b"ASCII\n", b"SCALARS a float\n",
                b"FIELD f 1\n",

@@ -48,6 +48,10 @@ class Block:
             conditions.append((name, family, kind, low, high, where))
         return replace(self, points=points, places=places, conditions=conditions)
 
+    def flat(self) -> Block:
+        """The plane block at the third axis' beginning, without conditions."""
+        return replace(self, points=self.points[:, :, 0, :2], places=self.places[:, :, 0], conditions=[])
+
 
 def sides(places: np.ndarray) -> list[tuple[int, int, np.ndarray]]:
     """Axis, index and places of each side of a block."""
@@ -160,3 +164,17 @@ def _block(named: str, points: np.ndarray, places: np.ndarray, cells: int, piece
         name, at = ("root", 1) if piece == 0 else ("end", nj)
         conditions.append((name, name, "BCSymmetryPlane", (1, at, 1), (ni, at, nk), None))
     return Block(named, points, places, conditions)
+
+
+def cube(name: str = "block", n=(4, 3, 5), at=(0.0, 0.0, 0.0), places: int = 0, conditions=()) -> Block:
+    """A block of unit cells from a corner on, whose places are numbered on from one."""
+    grid = np.stack(np.meshgrid(*(np.arange(k, dtype=float) for k in n), indexing="ij"), axis=-1) + at
+    return Block(name, grid + 0.01 * np.sin(grid * 3.0), places + np.arange(np.prod(n)).reshape(n), list(conditions))
+
+
+def two_blocks(gap: float = 0.0) -> list[Block]:
+    """Two blocks side by side along x, which share a side."""
+    left, right = cube("left"), cube("right", places=1000, at=(3.0 + gap, 0.0, 0.0))
+    right.places[0] = left.places[-1]
+    right.points[0] += left.points[-1] - right.points[0] + [gap, 0.0, 0.0]
+    return [left, right]
