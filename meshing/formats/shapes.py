@@ -150,7 +150,7 @@ def cell_face_keys(mesh: Mesh, keys: Keys, marked: BoolArray) -> Iterator[Keys]:
 def refuse_plane(mesh: Mesh, format_name: str) -> None:
     """Refuse a plane mesh, with a MeshFileError, for a format that holds none."""
     if mesh.plane:
-        raise MeshFileError(f"{format_name} holds no two-dimensional meshes; su2, gmsh and vtu do")
+        raise MeshFileError(f"{format_name} holds no two-dimensional meshes; su2, cgns, gmsh and vtu do")
 
 
 def check_faces(mesh: Mesh) -> None:
