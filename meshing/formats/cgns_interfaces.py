@@ -1,6 +1,6 @@
 """Interfaces of a CGNS file: which points of a zone lie on which of another, or of itself. SIDS, section 8."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from sdm_deflect.deform.mesh import Cells
 from sdm_deflect.meshing.formats.cgns_blocks import Size, bounds, donors_of, faces_at, points_in, strides
 from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, location
-from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, children, has, integers, text
+from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, children, has, integers, label_of, text
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import places
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
@@ -64,14 +64,15 @@ def interfaces(zone: Any, name: str, sizes: Mapping[str, Size], faces: Sequence[
     return found
 
 
-def pairs(own: FloatArray, other: FloatArray, interface: Interface) -> IntArray | None:
+def pairs(own: FloatArray, other: FloatArray, interface: Interface, tree: Callable[[], cKDTree]) -> IntArray | None:
     """Return rows (K, 2): points of a zone (N, 3), and those of the other zone (M, 3) that they lie on.
 
-    None if they lie elsewhere: the interface is periodic.
+    Where the file does not pair them they lie on the nearest one, by the other zone's `tree`. None if they lie
+    elsewhere: the interface is periodic.
     """
     here, partners = own[interface.nodes], interface.partners
     if partners is None or len(partners) != len(here):
-        _, partners = cKDTree(other).query(here)
+        _, partners = tree().query(here)
     gap, distance = np.linalg.norm(other[partners] - here, axis=1), np.linalg.norm(here, axis=1)
     if np.any(gap > NEAR * np.maximum(distance, np.median(distance))):
         return None
@@ -100,16 +101,16 @@ def meeting(points: FloatArray, faces: IntArray) -> IntArray:
 def _interface(
     name: str, node: Any, size: Size, sizes: Mapping[str, Size], faces: Sequence[NumberedFaces]
 ) -> Interface | None:
+    if any(True for _, own in children(node, "GridConnectivityProperty_t") for _ in children(own, "Periodic_t")):
+        return None
+    kind = text(child(node, "GridConnectivityType")) if has(node, "GridConnectivityType") else "Overset"
+    if label_of(node) == LABELS[1] and kind not in ("Abutting", "Abutting1to1"):
+        return None
     donor = text(node).rpartition("/")[2]
     if donor not in sizes:
         raise MeshFileError(f"it leads to the zone {donor!r}, which the file does not have")
-    if any(True for _, own in children(node, "GridConnectivityProperty_t") for _ in children(own, "Periodic_t")):
-        return None
     if has(node, "PointRangeDonor"):
         return _of_ranges(name, node, donor, size, sizes[donor])
-    kind = text(child(node, "GridConnectivityType")) if has(node, "GridConnectivityType") else "Overset"
-    if kind not in ("Abutting", "Abutting1to1"):
-        return None
     matching = kind == "Abutting1to1"
     where = location(node)
     nodes = _points(node, where, size, faces)

@@ -3,10 +3,12 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache, partial
 from math import prod
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polyhedra
 from sdm_deflect.meshing.formats import adf
@@ -146,13 +148,14 @@ def _put_together(zones: Sequence[_Zone]) -> Fitted:
     """Join the zones at their interfaces, and blocks where faces without a condition are at the same places."""
     number = {zone.part.name: i for i, zone in enumerate(zones)}
     starts = np.cumsum([0, *(len(zone.part.mesh.points) for zone in zones)])
+    tree = cache(lambda j: cKDTree(zones[j].part.mesh.points))
     touching, same = [], []
     for i, zone in enumerate(zones):
         same.append(zone.collapsed + starts[i])
         for interface in zone.interfaces:
             j = number[interface.donor]
             if interface.matching:
-                rows = pairs(zone.part.mesh.points, zones[j].part.mesh.points, interface)
+                rows = pairs(zone.part.mesh.points, zones[j].part.mesh.points, interface, partial(tree, j))
                 if rows is None:
                     continue
                 same.append(rows + np.array([starts[i], starts[j]]))

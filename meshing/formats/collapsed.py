@@ -12,6 +12,12 @@ from sdm_deflect.deform.mesh import Cells
 from sdm_deflect.meshing.mesh import IntArray
 
 CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
+EDGES = {
+    "quad": ((0, 1), (1, 2), (2, 3), (3, 0)),
+    "hexahedron": (
+        (0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7),
+    ),
+}  # fmt: skip
 FORMS = (
     ("wedge", ((0, 1), (4, 5)), (0, 3, 2, 4, 7, 6)),
     ("pyramid", ((4, 5), (4, 6), (4, 7)), (0, 1, 2, 3, 4)),
@@ -43,10 +49,10 @@ def expanded(block: Cells) -> Iterator[Cells]:
     if block.shape not in ("hexahedron", "quad"):
         yield block
         return
-    distinct = 1 + np.count_nonzero(np.diff(np.sort(block.nodes, axis=1), axis=1), axis=1)
-    if len(block) and distinct.min() == block.nodes.shape[1]:
+    if not any(np.any(block.nodes[:, a] == block.nodes[:, b]) for a, b in EDGES[block.shape]):
         yield block
         return
+    distinct = 1 + np.count_nonzero(np.diff(np.sort(block.nodes, axis=1), axis=1), axis=1)
     for own in _quads(block.nodes, distinct) if block.shape == "quad" else _hexahedra(block.nodes, distinct):
         if len(own):
             yield own

@@ -79,7 +79,8 @@ def read_mesh(folder: Path, given: Input, random: Random) -> None:
         inspect(path)
     if random.random() < 0.5:
         again = out / path.name
-        moved = mesh.points + (0.25, 0.25, 0.0 if mesh.plane else 0.25)
+        shift = [0.25, 0.25, 0.0 if mesh.plane else 0.25]
+        moved = mesh.points + shift
         format_of(path).rewrite(path, moved, again)
         _compare(moved, read(again).points)
     if random.random() < 0.3:

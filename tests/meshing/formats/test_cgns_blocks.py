@@ -11,6 +11,7 @@ import pyvista as pv
 from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
 
 import sdm_deflect
+from sdm_deflect.cases.inspection import inspect, inspected
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import create
@@ -117,6 +118,16 @@ def test_blocks_become_one_mesh_in_the_order_of_the_file(made):
     centres = [middle(block.points.astype(float)) for block in blocks]
     np.testing.assert_allclose(mesh.points[cells.nodes].mean(axis=1), np.concatenate(centres), atol=1e-12)
     assert grid(mesh).compute_cell_sizes()["Volume"].min() > 0.0
+
+
+def test_zones_that_fit_are_listed_and_each_may_be_named(made):
+    assert "9 zones of the file fit together: upper-0, upper-1, upper-2, lower-0" in inspect(made)
+    assert inspected(made)["blocks"] == {"upper-0": [block.name for block in wing_blocks(6)]}
+    settings = {"motion": "blended", "fixed": "wing", "slide": {"root": "plane", "end": "plane"}}
+    hinge = [[HINGE, FLAP[0], 0.0], [HINGE, FLAP[1], 0.0]]
+    assert sdm_deflect.deflect(made, "flap", hinge, 1.0, zones=["lower-2"], **settings).passed
+    with pytest.raises(sdm_deflect.InputError, match="'lower' is no zone; the zones are upper-0, upper-1"):
+        sdm_deflect.deflect(made, "flap", hinge, 1.0, zones=["lower"], **settings)
 
 
 def middle(points):
