@@ -471,6 +471,20 @@ def test_plane_blocks_are_quads_with_lines_around_them(order, tmp_path):
         assert complaints(tmp_path / "unstructured.cgns") == complaints(tmp_path / "plane.cgns") == []
 
 
+def test_plane_blocks_are_deflected_as_in_su2(tmp_path):
+    write_blocks(tmp_path / "plane.cgns", plane_blocks(), dimension=2)
+    Su2().write(Cgns().read(tmp_path / "plane.cgns"), tmp_path / "plane.su2")
+    box = [[-2.05, -2.05], [2.05, 2.05]]
+    own, other = (
+        sdm_deflect.deflect(tmp_path / name, "wall", [[0.0, 0.0]], 3.0, box=box, repair="off")
+        for name in ("plane.cgns", "plane.su2")
+    )
+    assert own.passed
+    np.testing.assert_array_equal(own.points, other.points)
+    own.save(tmp_path / "turned.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "turned.cgns").points, own.points)
+
+
 @pytest.fixture(params=[("<", 1), ("<", 3), (">", 1), (">", 2)], ids=lambda given: f"{given[0]}{given[1]}")
 def old(request, tmp_path):
     """Two blocks in ADF, in an order of bytes, data in some pieces."""
