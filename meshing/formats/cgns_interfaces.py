@@ -108,6 +108,8 @@ def _interface(
         return None
     donor = text(node).rpartition("/")[2]
     if donor not in sizes:
+        donor = donor.replace(" ", "_")  # Gmsh puts them in the names of zones, and not here
+    if donor not in sizes:
         raise MeshFileError(f"it leads to the zone {donor!r}, which the file does not have")
     if has(node, "PointRangeDonor"):
         return _of_ranges(name, node, donor, size, sizes[donor])

@@ -111,3 +111,43 @@ def test_a_file_of_gmsh_is_the_mesh_of_its_su2_file(tmp_path):
 
 def order(mesh):
     return np.lexsort(np.round(mesh.points, 9).T)
+
+
+def test_blocks_of_gmsh_are_the_mesh_of_its_su2_file(tmp_path):
+    """Three boxes in an L, of different numbers of cells."""
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        model, mesh = gmsh.model, gmsh.model.mesh
+        boxes = [(3, model.occ.addBox(*corner, *size)) for corner, size in BOXES]
+        model.occ.fragment(boxes[:1], boxes[1:])
+        model.occ.synchronize()
+        for _, tag in model.getEntities(1):
+            low, high = np.reshape(model.getBoundingBox(1, tag), (2, 3))
+            mesh.setTransfiniteCurve(tag, 3 + int(np.argmax(high - low)))
+        for _, tag in model.getEntities(2):
+            mesh.setTransfiniteSurface(tag)
+            mesh.setRecombine(2, tag)
+        for _, tag in model.getEntities(3):
+            mesh.setTransfiniteVolume(tag)
+        outer = [tag for _, tag in model.getBoundary(model.getEntities(3), oriented=False)]
+        model.addPhysicalGroup(3, [tag for _, tag in model.getEntities(3)], name="fluid")
+        model.addPhysicalGroup(2, outer[:2], name="wall")
+        model.addPhysicalGroup(2, outer[2:], name="far")
+        mesh.generate(3)
+        gmsh.write(str(tmp_path / "boxes.su2"))
+        gmsh.option.setNumber("Mesh.CgnsExportStructured", 1)
+        gmsh.write(str(tmp_path / "boxes.cgns"))
+    finally:
+        gmsh.option.setNumber("Mesh.CgnsExportStructured", 0)
+        gmsh.finalize()
+    text, blocks = Su2().read(tmp_path / "boxes.su2"), Cgns().read(tmp_path / "boxes.cgns")
+    assert len(blocks.zones[0].blocks) == 3
+    np.testing.assert_allclose(blocks.points[order(blocks)], text.points[order(text)], rtol=0, atol=1e-15)
+    for mesh in (text, blocks):
+        assert [block.shape for block in mesh.cells] == ["hexahedron"]
+    assert len(blocks.cells[0]) == len(text.cells[0])
+    assert {patch.name: len(patch) for patch in blocks.patches} == {patch.name: len(patch) for patch in text.patches}
+
+
+BOXES = ((0, 0, 0), (1, 1, 1)), ((1, 0, 0), (2, 1, 1)), ((0, 1, 0), (1, 1, 1))
