@@ -16,7 +16,7 @@ from sdm_deflect.meshing.formats.cgns_blocks import Size, block_patches, cells, 
 from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, read_polyhedra, sections
 from sdm_deflect.meshing.formats.cgns_interfaces import Interface, interfaces, meeting, pairs
-from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, integers, text
+from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, has, integers, text
 from sdm_deflect.meshing.formats.fitted import Fitted, Part, fitted
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import is_real
@@ -133,7 +133,7 @@ def _about(name: str) -> Iterator[None]:
 
 
 def _size(zone: Any, dimension: int) -> Size:
-    kind = text(child(zone, "ZoneType"))
+    kind = text(child(zone, "ZoneType")) if has(zone, "ZoneType") else "Structured"  # files of version 1.0 do not say
     if kind not in TYPES:
         raise MeshFileError(f"it is of type {kind!r}, expected one of {', '.join(TYPES)}")
     if kind == "Structured":

@@ -136,15 +136,12 @@ def _one(blocks: Sequence[Cells]) -> Cells:
 
 def _patches(parts: Sequence[Part], numbers: Sequence[IntArray]) -> list[Patch]:
     """Return the patches of touching zones; families of all that have them are one patch."""
-    having: dict[str, list[Part]] = {}
-    for part in parts:
-        for patch in part.mesh.patches:
-            having.setdefault(patch.name, []).append(part)
+    having = Counter(patch.name for part in parts for patch in part.mesh.patches)
+    families = Counter(name for part in parts for name in part.families.intersection(part.mesh.names))
     found: dict[str, list[Faces]] = {}
     for part, index in zip(parts, numbers, strict=True):
         for patch in part.mesh.patches:
-            others = having[patch.name]
-            apart = len(others) > 1 and not all(patch.name in other.families for other in others)
+            apart = having[patch.name] > max(1, families[patch.name])
             name = f"{part.name}/{patch.name}" if apart else patch.name
             for faces in (renumbered(faces, index) for faces in patch.faces):
                 found.setdefault(name, []).extend(expanded(faces) if isinstance(faces, Cells) else [faces])
