@@ -169,9 +169,9 @@ def _without_inner(mesh: Mesh, twice: BoolArray) -> Mesh:
     for found in cell_face_keys(mesh, keys, twice):
         rows, there = places(found, given)
         np.add.at(count, rows[there], 1)
-    inner, patches, each = given[count > 1], [], iter(own)
+    patches, each = [], iter(own)
     for patch in mesh.patches:
-        kept = [chosen(faces, np.flatnonzero(~np.isin(next(each), inner))) for faces in patch.faces]
+        kept = [chosen(faces, np.flatnonzero(count[np.searchsorted(given, next(each))] < 2)) for faces in patch.faces]
         if any(len(faces) for faces in kept):
             patches.append(Patch(patch.name, tuple(faces for faces in kept if len(faces)), patch.loose))
     return replace(mesh, patches=tuple(patches))
