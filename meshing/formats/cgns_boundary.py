@@ -9,7 +9,7 @@ import numpy as np
 from sdm_deflect.deform.mesh import Cells, Patch, Polygons
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers, text
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import chosen
+from sdm_deflect.meshing.formats.shapes import all_of, chosen
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 ON_FACES = ("FaceCenter", "CellCenter")
@@ -128,10 +128,7 @@ def _on_points(condition: Condition, faces: Sequence[NumberedFaces], free: Seque
     marked[condition.numbers] = True
     rows = []
     for part, left in zip(faces, free, strict=True):
-        on = marked[part.faces.nodes + 1]
-        whole = (
-            on.all(axis=1) if isinstance(part.faces, Cells) else np.logical_and.reduceat(on, part.faces.offsets[:-1])
-        )
+        whole = all_of(marked[1:], part.faces)
         rows.append(whole & left & part.outer)
     if not any(own.any() for own in rows):
         raise MeshFileError(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from math import prod
 from typing import Any
@@ -20,7 +20,7 @@ from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, 
 from sdm_deflect.meshing.formats.fitted import Fitted, Part, fitted
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import is_real
-from sdm_deflect.meshing.formats.shapes import check_faces, oriented
+from sdm_deflect.meshing.formats.shapes import all_of, check_faces, chosen, oriented
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 DIMENSIONS = (3, 3), (2, 2), (2, 3)
@@ -160,12 +160,28 @@ def _put_together(zones: Sequence[_Zone]) -> Fitted:
                     continue
                 same.append(rows + np.array([starts[i], starts[j]]))
             touching.append((i, j))
+    parts = [_without_touching(zone) for zone in zones]
     free = [zone.free + starts[i] for i, zone in enumerate(zones) if len(zone.free)]
     if free:
         found = meeting(np.concatenate([zone.part.mesh.points for zone in zones]), np.concatenate(free))
         same.append(found)
         touching += np.unique(np.searchsorted(starts, found, side="right") - 1, axis=0).tolist()
-    return fitted([zone.part for zone in zones], touching, [rows for rows in same if len(rows)])
+    return fitted(parts, touching, [rows for rows in same if len(rows)])
+
+
+def _without_touching(zone: _Zone) -> Part:
+    """Return a zone's part without the faces, on its patches, that only touch those of another zone."""
+    nodes = [interface.nodes for interface in zone.interfaces if not interface.matching]
+    if not nodes:
+        return zone.part
+    marked = np.zeros(len(zone.part.mesh.points), dtype=np.bool_)
+    marked[np.concatenate(nodes)] = True
+    patches = []
+    for patch in zone.part.mesh.patches:
+        kept = [chosen(faces, np.flatnonzero(~all_of(marked, faces))) for faces in patch.faces]
+        patches.append(replace(patch, faces=tuple(faces for faces in kept if len(faces))))
+    mesh = replace(zone.part.mesh, patches=tuple(patch for patch in patches if patch.faces))
+    return replace(zone.part, mesh=mesh)
 
 
 def _zone(base: Base, name: str) -> _Zone:

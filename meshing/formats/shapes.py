@@ -109,6 +109,14 @@ def chosen(faces: Faces, rows: IntArray) -> Faces:
     return replace(faces, nodes=faces.nodes[rows])
 
 
+def all_of(marked: BoolArray, faces: Cells | Polygons) -> BoolArray:
+    """Return which faces (F,) have none but marked nodes (N,)."""
+    own = marked[faces.nodes]
+    if isinstance(faces, Cells):
+        return np.asarray(own.all(axis=1))
+    return np.asarray(np.logical_and.reduceat(own, faces.offsets[:-1]))
+
+
 def loose_faces(mesh: Mesh) -> dict[str, int]:
     """Count, by patch, the faces that are of no cell (patches without such faces are left out).
 
