@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sdm_deflect.deform.faces import face_keys, node_keys
 from sdm_deflect.deform.mesh import Cells, Faces, Mesh, Patch, Polygons, Polyhedra, Volume, Zone
+from sdm_deflect.deform.sets import distinct
 from sdm_deflect.meshing.formats.collapsed import expanded
 from sdm_deflect.meshing.formats.shapes import cell_face_keys, chosen, places
 from sdm_deflect.meshing.formats.zones import renumbered
@@ -164,7 +165,7 @@ def _without_inner(mesh: Mesh, twice: BoolArray) -> Mesh:
     """Take from the patches all faces that two cells have, where all their corners (``twice``) are of several zones."""
     keys = node_keys(len(mesh.points))
     own = [face_keys(faces, keys) for patch in mesh.patches for faces in patch.faces]
-    given = np.unique(np.concatenate([keys[:0], *own]))
+    given = distinct(np.concatenate([keys[:0], *own]))
     count = np.zeros(len(given), dtype=np.intp)
     for found in cell_face_keys(mesh, keys, twice):
         rows, there = places(found, given)

@@ -478,7 +478,7 @@ def test_plane_blocks_are_deflected_as_in_su2(tmp_path):
     Su2().write(Cgns().read(tmp_path / "plane.cgns"), tmp_path / "plane.su2")
     box = [[-2.05, -2.05], [2.05, 2.05]]
     own, other = (
-        sdm_deflect.deflect(tmp_path / name, "wall", [[0.0, 0.0]], 3.0, box=box, repair="off")
+        sdm_deflect.deflect(tmp_path / name, "wall", [[0.0, 0.0]], 10.0, box=box)
         for name in ("plane.cgns", "plane.su2")
     )
     assert own.passed
