@@ -177,6 +177,32 @@ def test_sides_without_condition_are_patches_and_interfaces_are_not(orders, tmp_
     assert len(mesh.zones) == 1
 
 
+def test_interfaces_may_be_parts_of_sides_and_be_told_by_one_zone(tmp_path):
+    """Copies of a point differ in their last digits: they are found by the interfaces alone."""
+    left, right = two_blocks()
+    noise = 1e-9 * np.sin(np.arange(right.points.size)).reshape(right.points.shape)
+    near = Block("near", (right.points + noise)[:, :2], right.places[:, :2])
+    far = Block("far", right.points[:, 1:], right.places[:, 1:])
+    write_blocks(tmp_path / "three.cgns", [left, near, far], connect=False)
+    with h5py.File(tmp_path / "three.cgns", "r+") as file:
+        for zone, donor, own, other, turn in (
+            ("left", "near", [(4, 1, 1), (4, 2, 5)], [(1, 1, 1), (1, 2, 5)], (1, 2, 3)),
+            ("left", "/Base#1/far", [(4, 3, 1), (4, 2, 5)], [(1, 2, 1), (1, 1, 5)], (1, 2, 3)),
+            ("far", "near", [(4, 1, 5), (1, 1, 1)], [(4, 2, 5), (1, 2, 1)], (1, 2, 3)),
+        ):
+            node = file["Base#1"][zone]
+            group = node.get("ZoneGridConnectivity") or create(node, "ZoneGridConnectivity", "ZoneGridConnectivity_t")
+            meets = create(group, f"to {donor[-4:].strip('/')}", "GridConnectivity1to1_t", donor)
+            for name, values in (("PointRange", own), ("PointRangeDonor", other)):
+                create(meets, name, "IndexRange_t", np.array(values, dtype=np.int32))
+            create(meets, "Transform", '"int[IndexDimension]"', np.array(turn, dtype=np.int32))
+    mesh = Cgns().read(tmp_path / "three.cgns")
+    assert len(mesh.points) == 7 * 3 * 5
+    assert sum(len(patch) for patch in mesh.patches) == len(boundary_faces(mesh.cells)["quad"])
+    (zone,) = mesh.zones
+    assert zone.blocks == ("left", "near", "far")
+
+
 @pytest.mark.parametrize("connect", [True, False])
 def test_blocks_that_do_not_meet_stay_apart(connect, tmp_path):
     """An interface between sides that lie elsewhere is periodic."""
