@@ -38,7 +38,7 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
 
     MeshFileError if a zone has polyhedra beside other cells.
     """
-    _write_root(file)
+    write_root(file)
     dimension = 2 if mesh.plane else 3
     axes = 2 if mesh.plane and not mesh.points[:, 2].any() else 3
     base = create(file, "Base", "CGNSBase_t", np.array([dimension, axes], dtype=np.int32))
@@ -59,7 +59,8 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
     return (*lost, *(f"{what} {old} is named {new}" for what, old, new in renamed if old != new))
 
 
-def _write_root(file: Any) -> None:
+def write_root(file: Any) -> None:
+    """Write what an empty file in HDF5 needs to be one of CGNS."""
     describe(file, "HDF5 MotherNode", "Root Node of HDF5 File", "MT")
     library = "HDF5 Version " + ".".join(map(str, h5py.h5.get_libversion()))
     for name, letters, length in ((" format", "IEEE_LITTLE_32", 15), (" hdf5version", library, 33)):

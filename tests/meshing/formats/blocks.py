@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -9,7 +10,7 @@ import h5py
 import numpy as np
 
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
-from sdm_deflect.meshing.formats.cgns_write import _write_root
+from sdm_deflect.meshing.formats.cgns_write import write_root
 from tests.meshing.formats.wing import _points, _section, _span
 
 HINGE = 0.7
@@ -91,7 +92,7 @@ def _match(own, axis, at, other, to_axis, to):
 def write_blocks(path, blocks: list[Block], kind=np.float64, family_nodes=True, connect=True, dimension=3) -> None:
     """Write a CGNS file in HDF5."""
     with h5py.File(path, "w", track_order=True) as file:
-        _write_root(file)
+        write_root(file)
         base = create(file, "Base#1", "CGNSBase_t", np.array([dimension, dimension], dtype=np.int32))
         for block in blocks:
             size = np.array(block.places.shape)
@@ -178,3 +179,21 @@ def two_blocks(gap: float = 0.0) -> list[Block]:
     right.places[0] = left.places[-1]
     right.points[0] += left.points[-1] - right.points[0] + [gap, 0.0, 0.0]
     return [left, right]
+
+
+def stored(path):
+    """Coordinates (K, 3) of each zone, in the file's order."""
+    with h5py.File(path) as file:
+        zones = [node for node in file["Base#1"].values() if "GridCoordinates" in node]
+        return {
+            zone.name: np.stack([zone["GridCoordinates"][axis][" data"][()].ravel() for axis in AXES], axis=1)
+            for zone in zones
+        }
+
+
+def complaints(path):
+    done = subprocess.run(["cgnscheck", "-v", path], capture_output=True, text=True, check=True)
+    assert "checking complete" in done.stdout
+    known = ("WARNING:dataclass not given", "WARNING:use [IJK]FaceCenter with Structured grids")
+    lines = [line for line in done.stdout.splitlines() if line.startswith(("ERROR", "WARNING"))]
+    return [line for line in lines if line not in known]

@@ -1,0 +1,102 @@
+"""CGNS files in ADF: the same meshes, all bytes but those of coordinates kept, and damage told in a sentence."""
+
+import shutil
+import subprocess
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from sdm_deflect.meshing.formats import adf
+from sdm_deflect.meshing.formats.cgns import Cgns
+from sdm_deflect.meshing.formats.cgns_nodes import AXES
+from sdm_deflect.meshing.formats.format import MeshFileError
+from tests.meshing.formats.adf_files import in_adf
+from tests.meshing.formats.alike import content
+from tests.meshing.formats.blocks import complaints, two_blocks, write_blocks
+from tests.meshing.formats.examples import hybrid, polyhedral
+
+
+@pytest.fixture(params=[("<", 1), ("<", 3), (">", 1), (">", 2)], ids=lambda given: f"{given[0]}{given[1]}")
+def old(request, tmp_path):
+    """Two blocks in ADF, in an order of bytes, data in some pieces."""
+    left, right = two_blocks()
+    left.conditions.append(("a", "wall", "BCWall", (1, 1, 1), (1, 3, 5), None))
+    write_blocks(tmp_path / "two.cgns", [left, right])
+    (tmp_path / "old.cgns").write_bytes(in_adf(tmp_path / "two.cgns", *request.param))
+    return tmp_path / "old.cgns"
+
+
+def coordinate_bytes(path):
+    """Which bytes of an ADF file hold coordinates."""
+    found = np.zeros(path.stat().st_size, dtype=bool)
+    with path.open("rb") as file:
+        for zone in adf.Tree(file).root.children["Base#1"].children.values():
+            if zone.label == "Zone_t":
+                for axis in AXES:
+                    for place, length in zone.children["GridCoordinates"].children[axis].data.pieces:
+                        found[place : place + length] = True
+    return found
+
+
+def test_adf_holds_the_same_mesh_and_keeps_all_other_bytes(old, tmp_path):
+    mesh, same = Cgns().read(tmp_path / "two.cgns"), Cgns().read(old)
+    np.testing.assert_array_equal(same.points, mesh.points)
+    assert content(same) == content(mesh)
+    Cgns().rewrite(old, mesh.points, tmp_path / "copy.cgns")
+    assert (tmp_path / "copy.cgns").read_bytes() == old.read_bytes()
+    Cgns().rewrite(old, mesh.points * np.pi, tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, mesh.points * np.pi)
+    a, b = (np.frombuffer(path.read_bytes(), dtype=np.uint8) for path in (old, tmp_path / "moved.cgns"))
+    assert not np.any((a != b) & ~coordinate_bytes(old))
+    if shutil.which("cgnsdiff"):
+        for path in (old, tmp_path / "copy.cgns"):
+            done = subprocess.run(
+                ["cgnsdiff", "-d", "-f", tmp_path / "two.cgns", path], capture_output=True, text=True, check=False
+            )
+            assert done.stdout.split() == ["/", "<>", "/", ":", "labels", "differ"]
+        assert complaints(tmp_path / "moved.cgns") == []
+
+
+@pytest.mark.parametrize("mesh", [hybrid(2), polyhedral(hybrid())], ids=["shapes", "polyhedra"])
+def test_unstructured_zones_in_adf(mesh, tmp_path):
+    Cgns().write(mesh, tmp_path / "mesh.cgns")
+    (tmp_path / "old.cgns").write_bytes(in_adf(tmp_path / "mesh.cgns"))
+    same, old = Cgns().read(tmp_path / "mesh.cgns"), Cgns().read(tmp_path / "old.cgns")
+    np.testing.assert_array_equal(old.points, mesh.points)
+    assert old.names == same.names
+    assert [len(patch) for patch in old.patches] == [len(patch) for patch in same.patches]
+    assert [len(block) for block in old.cells] == [len(block) for block in same.cells]
+
+
+def test_damaged_adf_is_refused_in_a_sentence(old, tmp_path):
+    whole, path = old.read_bytes(), tmp_path / "damaged.cgns"
+    end = len(whole.rstrip())  # blocks of 4096 bytes are filled up with blanks
+    for size in range(40, end, end // 61):
+        path.write_bytes(whole[:size])
+        with pytest.raises(MeshFileError, match=r"damaged\.cgns: "):
+            Cgns().read(path)
+    random = np.random.default_rng(1)
+    for _ in range(100):
+        data = bytearray(whole)
+        for place in random.integers(0, len(data), 3):
+            data[place] = random.choice([0, 48, 49, 70, 255])
+        path.write_bytes(data)
+        with suppress(MeshFileError):
+            Cgns().read(path)
+
+
+def test_a_node_of_two_parents_is_refused(old, tmp_path):
+    data = old.read_bytes()
+
+    def entry(name):
+        """Place of a pointer in the table of a node's children."""
+        name = name.ljust(32)
+        return 32 + next(
+            at for at in range(len(data)) if data.startswith(name, at) and not data.startswith(b"NoDe", at - 4)
+        )
+
+    to, place = entry(b"right"), entry(b"GridCoordinates")
+    (tmp_path / "loop.cgns").write_bytes(data[:to] + data[place : place + 12] + data[to + 12 :])
+    with pytest.raises(MeshFileError, match="is there twice"):
+        Cgns().read(tmp_path / "loop.cgns")
