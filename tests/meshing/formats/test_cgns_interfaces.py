@@ -135,6 +135,20 @@ def test_a_block_that_meets_itself_is_closed(tmp_path):
     assert grid(mesh).compute_cell_sizes()["Volume"].min() > 0.0
 
 
+def test_packed_coordinates_of_blocks_stay_packed(tmp_path):
+    write_blocks(tmp_path / "two.cgns", two_blocks())
+    with h5py.File(tmp_path / "two.cgns", "r+") as file:
+        node = file["Base#1/right/GridCoordinates/CoordinateX"]
+        values = node[" data"][()]
+        del node[" data"]
+        node.create_dataset(" data", data=values, chunks=(2, 3, 4), compression="gzip")
+    moved = Cgns().read(tmp_path / "two.cgns").points * np.pi
+    Cgns().rewrite(tmp_path / "two.cgns", moved, tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, moved)
+    with h5py.File(tmp_path / "moved.cgns") as file:
+        assert file["Base#1/right/GridCoordinates/CoordinateX/ data"].compression == "gzip"
+
+
 def test_copies_of_a_point_keep_their_bits_until_they_move(tmp_path):
     """In single precision beside double, copies differ in the last digits: those that move become one."""
     write_blocks(tmp_path / "two.cgns", two_blocks())
