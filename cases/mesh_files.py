@@ -13,10 +13,11 @@ from sdm_deflect.deform.errors import InputError, printable
 from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import quality_of
+from sdm_deflect.meshing.formats.format import only_rewritten
 from sdm_deflect.meshing.formats.openfoam import case_folder
-from sdm_deflect.meshing.formats.registry import FORMATS, format_of
+from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, ending, format_of
 from sdm_deflect.meshing.formats.ugrid import check_names, mapbc, stands_otherwise
-from sdm_deflect.meshing.formats.ugrid_file import SUFFIX, ending
+from sdm_deflect.meshing.formats.ugrid_file import SUFFIX
 from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.temporary import settle, settle_in
@@ -51,12 +52,15 @@ class Targets:
     ) -> "Targets":
         """Return the targets of a job; `out` is beside the source if None.
 
-        Raises MeshFileError for an unknown format, InputError for an `out` without a name.
+        Raises MeshFileError for an unknown format, or one in which this mesh cannot be written, InputError for an `out`
+        without a name.
         """
         chosen = out or _beside(source)
         named = case_folder(chosen) if format_of(chosen) is FORMATS["openfoam"] else chosen
         if named.name in ("", "..") and not (named := named.resolve()).name:
             raise InputError(f"{chosen} is no place for a mesh; name a file or a folder in out")
+        if format_of(chosen).name not in WRITTEN and format_of(chosen) is not format_of(source):
+            raise only_rewritten(chosen)
         return cls(source, named, tuple(angles), sensitive, reported)
 
     def mesh(self, angle: float) -> Path:
@@ -184,7 +188,7 @@ def _beside(source: Path) -> Path:
     known = format_of(source)
     if known is not FORMATS["openfoam"]:
         own = ending(source)
-        suffix = own if source.suffix.lower() in known.suffixes else known.suffixes[0]
+        suffix = own if own.lower().endswith(known.suffixes) else known.suffixes[0]
         return source.with_name(f"{source.name.removesuffix(own)}-deflected{suffix}")
     folder = case_folder(source)
     named = folder if folder.name not in ("", "..") else folder.resolve()

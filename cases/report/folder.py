@@ -41,9 +41,8 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
-from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.formats.registry import ending, format_of
 from sdm_deflect.meshing.formats.shapes import taken, turned
-from sdm_deflect.meshing.formats.ugrid_file import ending
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.temporary import settle
 

@@ -88,3 +88,8 @@ def check_points(points: FloatArray, count: int) -> None:
         raise ValueError(f"the file has {count} points, but coordinates {points.shape} were given")
     if bad := np.count_nonzero(~np.isfinite(points).all(axis=1)):
         raise ValueError(f"{bad} of the {count} points to write are not finite")
+
+
+def only_rewritten(out: Path) -> MeshFileError:
+    """Return the error of writing a mesh from elsewhere in a format of which files are only rewritten."""
+    return MeshFileError(f"{out}: only a mesh of this format can be written in it; name another one, such as .cgns")

@@ -124,8 +124,12 @@ class GmshFile:
 def opened(data: bytes) -> GmshFile:
     """Find the sections of a file; MeshFileError if it is not of Gmsh, of a version that is not read, or truncated."""
     if not NAME.match(data):
-        hint = "; it looks like Fluent's: convert it with fluentMeshToFoam" if data.lstrip()[:2] == b"(0" else ""
-        raise MeshFileError(f"is not a mesh of Gmsh: it does not begin with $MeshFormat{hint}")
+        if data.lstrip()[:1] == b"(":
+            raise MeshFileError(
+                "is a mesh of Fluent, not of Gmsh; write it as .msh.h5 in Fluent, or convert it to an OpenFOAM case: "
+                "fluentMeshToFoam (fluent3DMeshToFoam for hanging nodes)"
+            )
+        raise MeshFileError("is not a mesh of Gmsh: it does not begin with $MeshFormat")
     sections = _sections(data)
     if "MeshFormat" not in sections:
         raise MeshFileError("has no section $MeshFormat; Gmsh's versions before 2 are not read")

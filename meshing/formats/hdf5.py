@@ -1,21 +1,31 @@
-"""Files in HDF5: errors of their damage, and whether they store what they claim."""
+"""Files in HDF5: errors of their damage, whether they store what they claim, and copies with other numbers."""
 
+from __future__ import annotations
+
+import shutil
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import pairwise
 from math import prod
 from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
+from numpy.typing import NDArray
 
 from sdm_deflect.deform.reading import check_unpacked
+from sdm_deflect.meshing.formats.cgns_packed import overwrite
 from sdm_deflect.meshing.formats.format import FULL, MeshFileError
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, zlib.error)
 """What h5py raises for a damaged file."""
 FILTERS = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
 """What may be done to data as they are stored; each only once, and in this order."""
+Array = NDArray[Any]
 
 
 @contextmanager
@@ -75,3 +85,112 @@ def _check_chunks(stored: Any, name: str, length: int) -> None:
             _, packed = stored.id.read_direct_chunk(chunk.chunk_offset)
             if len(zlib.decompressobj().decompress(packed, room + 1)) > room:  # HDF5 unpacks without a limit
                 raise MeshFileError(f"a part of {name} unpacks to more than its {room} bytes; the file is damaged")
+
+
+@contextmanager
+def opened(path: Path, kind: str) -> Iterator[Any]:
+    """Open a file to read; MeshFileError if it is no HDF5, and for whatever of its damage comes up."""
+    with path.open("rb"):  # the system's own words where it cannot be read
+        pass
+    if not h5py.is_hdf5(path):
+        raise MeshFileError(f"this is no file in HDF5, which {kind} is")
+    with damage(), h5py.File(path) as file:
+        yield file
+
+
+def member(group: Any, path: str) -> Any:
+    """Return what a group holds by a path of names; MeshFileError if it is not there, or elsewhere, by a link."""
+    node = group
+    for name in path.split("/"):
+        link = node.get(name, getlink=True) if isinstance(node, h5py.Group) else None
+        if link is None:
+            raise MeshFileError(f"{_named(group, path)} is missing; the file is truncated, damaged, or of another kind")
+        if not isinstance(link, h5py.HardLink):
+            raise MeshFileError(f"{_named(group, path)} is a link; only what lies in the file itself is read")
+        node = node[name]
+    return node
+
+
+def dataset(group: Any, path: str, kinds: str, what: str) -> Any:
+    """Return the dataset at a path, of one of NumPy's kinds of numbers, in words `what`.
+
+    MeshFileError if it is another, holds data in other files or datasets, or would take more memory than data of this
+    file should.
+    """
+    stored, name = member(group, path), _named(group, path)
+    if not isinstance(stored, h5py.Dataset) or stored.shape is None or stored.dtype.kind not in kinds:
+        raise MeshFileError(f"{name} holds no {what}; the file is damaged")
+    if stored.dtype.kind == "f" and not is_real(stored):
+        raise MeshFileError(f"{name} holds real numbers of an unknown kind; the file is damaged")
+    if stored.external or stored.is_virtual:
+        raise MeshFileError(f"{name} holds data of other files or datasets; only what lies in the file itself is read")
+    check_stored(stored, name)
+    return stored
+
+
+def integers(group: Any, path: str) -> IntArray:
+    """Return the whole numbers (K,) at a path, flat; MeshFileError as `dataset`."""
+    stored = dataset(group, path, "iu", "whole numbers")
+    return np.asarray(stored[()], dtype=np.intp).reshape(-1)
+
+
+def number(node: Any, name: str) -> int:
+    """Return a whole number that is an attribute; MeshFileError if it is none."""
+    values = np.asarray(node.attrs.get(name, ())).reshape(-1)
+    if len(values) != 1 or values.dtype.kind not in "iu":
+        raise MeshFileError(f"{node.name.strip('/')} has no number {name}; the file is truncated or damaged")
+    return int(values[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replaced:
+    """New data of some datasets of a file.
+
+    Parameters
+    ----------
+    plain : Data by the byte at which they are stored as they are.
+    packed : Data by the name of the dataset, of all others.
+    """
+
+    plain: dict[int, Array] = field(default_factory=dict, repr=False)
+    packed: dict[str, Array] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, pairs: Sequence[tuple[Any, FloatArray]]) -> Replaced:
+        """Take open datasets of real numbers, each with its new values; what does not change keeps its bits.
+
+        MeshFileError if datasets share their data, or values are too large for their type.
+        """
+        places = sorted((stored.id.get_offset(), stored.nbytes) for stored, _ in pairs if stored.id.get_offset())
+        shared = any(begin + size > after for (begin, size), (after, _) in pairwise(places))
+        if shared or len({h5py.h5o.get_info(stored.id).addr for stored, _ in pairs}) < len(pairs):
+            raise MeshFileError("several of the arrays of coordinates are one and the same data")
+        found = cls()
+        for stored, values in pairs:
+            old = stored[()]
+            changed = old.astype(np.float64) != values
+            if changed.any():
+                with np.errstate(over="ignore"):
+                    new = np.where(changed, values, old).astype(old.dtype)
+                if bad := np.count_nonzero(~np.isfinite(new)):
+                    raise MeshFileError(f"{bad} coordinates are beyond single precision, in which the file has them")
+                at = stored.id.get_offset()
+                if at:
+                    found.plain[at] = new
+                else:
+                    found.packed[stored.name] = new
+        return found
+
+    def copy(self, source: Path, out: Path) -> None:
+        """Write a copy of the file; all but these data stays as it is, but HDF5 may put packed data elsewhere in it."""
+        shutil.copyfile(source, out)
+        with out.open("r+b") as copy:
+            for place, new in self.plain.items():
+                copy.seek(place)
+                copy.write(new.tobytes())
+        if self.packed:
+            overwrite(out, self.packed)
+
+
+def _named(group: Any, path: str) -> str:
+    return f"{group.name}/{path}".strip("/")

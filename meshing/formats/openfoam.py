@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
 from sdm_deflect.deform.mesh import Mesh, Patch, Polyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import copied, fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.openfoam_files import FoamFile, faces, labels, open_foam, parse, vectors
 from sdm_deflect.meshing.formats.openfoam_write import write_mesh, write_system
+from sdm_deflect.meshing.formats.polyhedra import check_cells
 from sdm_deflect.meshing.formats.shapes import refuse_plane
 from sdm_deflect.meshing.mesh import FloatArray
 
@@ -47,7 +46,7 @@ class OpenFoam:
         patches = _stored(folder, "boundary", lambda file: parse(file.text()))
         with about(folder):
             cells = Polyhedra(polygons, owner, neighbour[neighbour >= 0])
-            _check_cells(cells)
+            check_cells(cells)
             named, count = [], len(polygons)
             for patch in patches:
                 first, end = patch.start, patch.start + patch.count
@@ -117,12 +116,3 @@ def _move(mesh: Path, points: FloatArray, out: Path) -> None:
         (out / "points").write_bytes(data)
     else:
         (out / "points.gz").write_bytes(gzip.compress(data, mtime=0))
-
-
-def _check_cells(cells: Polyhedra) -> None:
-    """Refuse cells with fewer than four faces, which damaged labels leave behind."""
-    sides = np.concatenate([cells.owner, cells.neighbour])
-    if not len(sides) or sides.min() < 0 or sides.max() >= len(sides):
-        raise MeshFileError(f"owner and neighbour name cells that {len(cells.faces)} faces cannot bound")
-    if few := np.count_nonzero(np.bincount(sides) < 4):
-        raise MeshFileError(f"{few} of {len(cells)} cells have fewer than four faces; owner or neighbour is damaged")

@@ -6,16 +6,21 @@ from pathlib import Path
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.formats.cgns import Cgns
+from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.format import Format, MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.su2 import Su2
 from sdm_deflect.meshing.formats.tau import Tau
 from sdm_deflect.meshing.formats.ugrid import Ugrid
+from sdm_deflect.meshing.formats.ugrid_file import ending as ugrid_ending
 from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.temporary import settle_in
 
-FLUENT = "convert it to an OpenFOAM case: fluentMeshToFoam (fluent3DMeshToFoam for hanging nodes)"
+FLUENT = (
+    "write it as .cas.h5 in Fluent, or convert it to an OpenFOAM case: fluentMeshToFoam (fluent3DMeshToFoam for "
+    "hanging nodes)"
+)
 GMSH = "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh"
 VTK = 'convert it with PyVista: pyvista.read("FILE").cast_to_unstructured_grid().save("mesh.vtu")'
 EXPORT = "export it from the mesher as CGNS or SU2"
@@ -30,9 +35,12 @@ ADVICE = {
 """By suffix, in lower case."""
 TAU = Tau()
 FORMATS: dict[str, Format] = {
-    "su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "ugrid": Ugrid(), "tau": TAU, "vtu": Vtu(), "openfoam": OpenFoam(),
+    "su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "ugrid": Ugrid(), "tau": TAU, "fluent": Fluent(), "vtu": Vtu(),
+    "openfoam": OpenFoam(),
 }  # fmt: skip
 """Every format by its name; a format is added here and nowhere else."""
+WRITTEN = tuple(name for name in FORMATS if name not in ("fluent",))
+"""Formats in which meshes from elsewhere can be written; files of the others are only rewritten."""
 
 
 def read(path: str | Path, progress: Progress = silent) -> Mesh:
@@ -68,6 +76,12 @@ def known_format(path: Path) -> Format | None:
     if path.is_dir() or not (path.is_file() or path.suffix[1:2].isalpha()):
         return FORMATS["openfoam"]
     for known in FORMATS.values():
-        if path.suffix.lower() in known.suffixes:
+        if path.suffix and path.name.lower().endswith(known.suffixes):
             return known
     return TAU if path.is_file() and TAU.holds(path) else None
+
+
+def ending(path: Path) -> str:
+    """Return the suffix of a mesh file, with the word before it that belongs to it: ``.b8.ugrid``, ``.msh.h5``."""
+    own = Path(path.stem).suffix + path.suffix
+    return own if own.lower() in FORMATS["fluent"].suffixes else ugrid_ending(path)

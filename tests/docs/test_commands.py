@@ -31,6 +31,7 @@ ELSEWHERE = (
     (r"sdm limit aileron", "tests/cases/sdm/test_limit.py", "limit"),
     (r"sdm study", "tests/cases/test_studies.py", "study"),
     (r"sdm report wing-deflected-report", "tests/cases/test_mesh_report.py", "again = report_of_folder(folder)"),
+    (r"sdm deflect wing\.cas\.h5", "tests/cases/test_deflect_command.py", 'folder / "wing.cas.h5"'),
     (r"sdm view", "tests/cases/view", ""),
 )
 """Commands that take long, need a network or wait for a user: a pattern, where they are run, and a text found there."""

@@ -17,6 +17,8 @@ from tests.fuzz.inputs import Input, of_path
 from tests.meshing.formats.adf_files import in_adf
 from tests.meshing.formats.blocks import two_blocks, write_blocks
 from tests.meshing.formats.examples import grid, hybrid, polyhedral, with_gmsh
+from tests.meshing.formats.fluent_files import LAYOUTS
+from tests.meshing.formats.fluent_files import written as fluent_written
 from tests.meshing.formats.netcdf_files import KINDS, written
 
 ARCH = "LSB;label=32;scalar=64"
@@ -167,6 +169,15 @@ def tau(folder: Path) -> Iterator[Input]:
         yield Input({**one.files, f"{kind}.bmap": mapping})
 
 
+def fluent(folder: Path) -> Iterator[Input]:
+    """Fluent's files, as its solver and as its mesher store them, plain and packed."""
+    for layout in LAYOUTS:
+        for title, mesh in (("body", block()), ("tet", tetrahedra()), ("cells", polyhedral(mixture()))):
+            yield of_path(fluent_written(mesh, folder / f"{title}_{layout}.cas.h5", layout))
+        packed = folder / f"packed_{layout}.msh.h5"
+        yield of_path(fluent_written(mixture(), packed, layout, "f4", compression="gzip", chunks=True))
+
+
 def openfoam(folder: Path) -> Iterator[Input]:
     """A case in text, packed, and in binary."""
     for one in of_format("openfoam", folder):
@@ -307,6 +318,7 @@ WORDS: dict[str, tuple[bytes, ...]] = {
     "cgns": (b"\x89HDF\r\n\x1a\n", b"LK", b"MT", b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"FRHP", b"BTHD",
              b"NoDe", b"TaiL", b"SNTb", b"DaTa", b"DCtb", b"dEnD", b"FFFFFFFFFFFF", b"000000000000", b"Structured",
              b"GridConnectivity1to1_t", b"R4", b"C1"),
+    "fluent": (b"\x89HDF\r\n\x1a\n", b"TREE", b"SNOD", b"HEAP", b"OHDR", b"minId", b"nnodes", b"c0", b"zoneType"),
     "others": (b"DATASET UNSTRUCTURED_GRID\n", b"CELLS 999999999 9999999999\n", b"POINTS -5 float\n", b"CELL_TYPES 7\n",
                b"POINTS 99999999999 double\n", b"METADATA\n", b"BINARY\n", b"ASCII\n", b"SCALARS a float\n",
                b"FIELD f 1\n",

@@ -101,9 +101,9 @@ def _compare(wanted, found) -> None:
 
 def _write_elsewhere(mesh, out: Path, random: Random) -> None:
     from sdm_deflect.meshing.formats.format import MeshFileError
-    from sdm_deflect.meshing.formats.registry import FORMATS, read
+    from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, read
 
-    name = random.choice(list(FORMATS))
+    name = random.choice(WRITTEN)
     path = out / f"other{FORMATS[name].suffixes[0] if name != 'openfoam' else ''}"
     try:
         FORMATS[name].write(mesh, path)
@@ -142,7 +142,7 @@ def inspect_other(folder: Path, given: Input, random: Random) -> None:
     inspect(folder / given.main)
 
 
-SAMPLES = {"su2": 800, "cgns": 250, "gmsh": 500, "ugrid": 500, "tau": 500, "openfoam": 500, "vtu": 700}
+SAMPLES = {"su2": 800, "cgns": 250, "gmsh": 500, "ugrid": 500, "tau": 500, "fluent": 250, "openfoam": 500, "vtu": 700}
 READERS = tuple(
     Target(name, getattr(meshes, name), read_mesh, meshes.WORDS[name], sample=sample)
     for name, sample in SAMPLES.items()

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
+from tests.meshing.formats import fluent_files
 from tests.meshing.formats.examples import hybrid
 
 CHILD = """
@@ -35,7 +36,7 @@ def test_writing_beyond_the_limit_fails_instead_of_ending_the_process():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout == b"True\n"
 
 
-@pytest.mark.parametrize("form", [*FORMATS, "tets", "arrays"])
+@pytest.mark.parametrize("form", [*WRITTEN, "fluent", "tets", "arrays"])
 def test_a_full_disk_is_an_error_that_names_the_file_and_keeps_the_old_one(form, tmp_path):
     command = [sys.executable, "-c", CHILD, form, tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
@@ -73,8 +74,12 @@ def work(form: str, folder: Path):
     known = FORMATS[form]
     suffix = "" if form == "openfoam" else known.suffixes[0]
     source, out = folder / f"source{suffix}", folder / f"out{suffix}"
+    rewrite = [lambda: known.rewrite(source, mesh.points * np.pi, out)]
+    if form == "fluent":
+        fluent_files.written(mesh, source)
+        return out, rewrite
     known.write(mesh, source)
-    return out, [lambda: known.write(mesh, out), lambda: known.rewrite(source, mesh.points * np.pi, out)]
+    return out, [lambda: known.write(mesh, out), *rewrite]
 
 
 def content(folder: Path) -> dict[Path, bytes]:

@@ -1,0 +1,226 @@
+"""Meshes of Ansys Fluent in HDF5 (.msh.h5, .cas.h5), of three dimensions.
+
+Source: vtkFLUENTCFFReader (VTK, IO/FLUENTCFF) for the layout; Ansys Fluent User's Guide, appendix Mesh File Format, for
+zones, types and the cells c0 and c1 of a face.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdm_deflect.deform.mesh import Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.polyhedra import face_centres_and_areas
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.meshing.files import fresh
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, only_rewritten
+from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened
+from sdm_deflect.meshing.formats.polyhedra import check_cells
+from sdm_deflect.meshing.formats.shapes import polygons, taken, turned
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
+
+MESH = "meshes/1"
+INTERIOR = 2
+"""Type of a zone of faces that is no boundary."""
+INTERFACES = (
+    "the file holds mesh interfaces that are cut into common faces; delete them in Fluent, write the file, and create "
+    "them anew for the deflected mesh"
+)
+ADAPTED = (
+    "the mesh is adapted with hanging nodes; convert them to polyhedra in Fluent "
+    "(mesh/polyhedra/convert-hanging-nodes) and write the file again"
+)
+REFUSED = (("faces", "interface", INTERFACES), ("faces", "tree", ADAPTED), ("cells", "tree", ADAPTED))
+"""Parts of a file beside which faces and cells are not the mesh alone: where they are, and what to do."""
+KIND = "a mesh of this name"
+
+
+@dataclass(frozen=True, slots=True)
+class Fluent:
+    """Polyhedra by their faces; patches are the zones of faces that are no interior, by name.
+
+    Both layouts are read: that of meshing, which has a section of each array for each zone, and that of the solver, one
+    for all. Zones of cells, settings and results are no part of the mesh; a rewritten file keeps them. Coordinates in
+    single precision stay in single precision. Faces of no cell, such as those of a geometry, are left out.
+    """
+
+    name: str = "fluent"
+    suffixes: tuple[str, ...] = (".msh.h5", ".cas.h5")
+
+    def read(self, path: Path, progress: Progress = silent) -> Mesh:
+        """See `Format.read`."""
+        with about(path), opened(path, KIND) as file:
+            return read_mesh(_group(file), partial(progress, f"reading {path.name}"))
+
+    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        """See `Format.rewrite`; only numbers in ``nodes/coords`` change.
+
+        Where they are packed, HDF5 packs them anew, and may put them elsewhere in the file.
+        """
+        progress(f"writing {out.name}", 0.0)
+        with about(source), opened(source, KIND) as file:
+            stored = coordinates(_group(file))
+            check_points(points, sum(map(len, stored)))
+            new = Replaced.of([(own.node, points[own.first - 1 : own.last]) for own in stored])
+        with fresh(out, source) as beside, about(source):
+            new.copy(source, beside)
+            progress(f"writing {out.name}", 1.0)
+
+    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+        """Refuse it with a MeshFileError: a file of Fluent needs settings that no mesh has."""
+        raise only_rewritten(out)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of an array: the numbers first to last, from 1, in a dataset or a group of datasets."""
+
+    first: int
+    last: int
+    node: Any = field(repr=False)
+
+    def __len__(self) -> int:
+        return self.last - self.first + 1
+
+
+def coordinates(mesh: Any) -> list[Section]:
+    """Return the datasets (K, 3) of the nodes' coordinates, in the order of the nodes.
+
+    MeshFileError if one is missing, or no such dataset.
+    """
+    found = _sections(mesh, "nodes/coords", _count(mesh, "nodeCount"))
+    for own in found:
+        stored = dataset(mesh, _path(mesh, own), "f", "real numbers")
+        if stored.shape != (len(own), 3):
+            raise MeshFileError(f"{_path(mesh, own)} holds {stored.shape} numbers, expected {(len(own), 3)}")
+    return found
+
+
+def read_mesh(mesh: Any, report: Callable[[float], None]) -> Mesh:
+    """Return the mesh of a group such as ``meshes/1``; MeshFileError or ValueError if it is damaged."""
+    report(0.0)
+    points = np.concatenate([own.node[()] for own in coordinates(mesh)]).astype(np.float64, copy=False)
+    faces = _faces(mesh)
+    report(0.5)
+    cells, rows = _polyhedra(points, faces, *(_cells(mesh, name, len(faces)) for name in ("c0", "c1")))
+    if len(cells) != (count := number(mesh, "cellCount")):
+        raise MeshFileError(f"cellCount is {count}, but faces are of {len(cells)} cells; the file is damaged")
+    report(0.9)
+    place = np.full(len(faces), -1, dtype=np.intp)
+    place[rows] = np.arange(len(rows))
+    patches = []
+    for name, zones in _boundary(mesh, len(faces)).items():
+        own = np.concatenate([place[first - 1 : last] for first, last in zones])
+        if (own >= 0).any():
+            patches.append(Patch(name, (taken(cells.faces, own[own >= 0]),)))
+    return Mesh(points, (cells,), tuple(patches))
+
+
+def _group(file: Any) -> Any:
+    """The group of the mesh; MeshFileError for meshes that cannot be read."""
+    mesh = member(file, MESH)
+    if (dimension := number(mesh, "dimension")) != 3:
+        raise MeshFileError(f"the mesh has {dimension} dimensions; only meshes in three dimensions can be read")
+    for kind, part, sentence in REFUSED:
+        if part in member(mesh, kind) and len(member(mesh, f"{kind}/{part}")):
+            raise MeshFileError(sentence)
+    return mesh
+
+
+def _count(mesh: Any, name: str) -> int:
+    if (count := number(mesh, name)) < 1:
+        raise MeshFileError(f"{name} is {count}; the file holds no mesh")
+    return count
+
+
+def _path(mesh: Any, own: Section) -> str:
+    return str(own.node.name).removeprefix(f"{mesh.name}/")
+
+
+def _sections(mesh: Any, path: str, count: int, gaps: bool = False) -> list[Section]:
+    """Sections of an array, rising; MeshFileError if they overlap or do not hold the numbers 1 to `count`."""
+    group = member(mesh, path)
+    nodes = [member(group, name) for name in group if name.isdecimal()]
+    found = [Section(number(node, "minId"), number(node, "maxId"), node) for node in nodes]
+    found = sorted((own for own in found if len(own) > 0), key=lambda own: own.first)
+    after = 1
+    for own in found:
+        if own.first < after or (own.first > after and not gaps):
+            raise MeshFileError(f"{path} goes on with {own.first} to {own.last} at number {after}; the file is damaged")
+        after = own.last + 1
+    if after > count + 1 or (after <= count and not gaps):
+        raise MeshFileError(f"{path} ends at number {after - 1}, expected {count}; the file is truncated or damaged")
+    return found
+
+
+def _faces(mesh: Any) -> Polygons:
+    """All faces, their nodes from 0."""
+    nodes, sizes = [], []
+    for own in _sections(mesh, "faces/nodes", _count(mesh, "faceCount")):
+        corners, flat = integers(own.node, "nnodes"), integers(own.node, "nodes")
+        if len(corners) != len(own) or (corners < 3).any() or corners.sum() != len(flat):
+            raise MeshFileError(
+                f"{_path(mesh, own)} has {len(flat)} nodes of {len(corners)} faces, expected {len(own)} faces of three "
+                "nodes or more; the file is damaged"
+            )
+        nodes.append(flat)
+        sizes.append(corners)
+    return polygons(np.concatenate(nodes) - 1, np.concatenate(sizes))
+
+
+def _cells(mesh: Any, name: str, faces: int) -> IntArray:
+    """The cell (F,) on one side of each face, from 1; 0 where there is none, and where the file says nothing."""
+    found = np.zeros(faces, dtype=np.intp)
+    for own in _sections(mesh, f"faces/{name}", faces, gaps=True):
+        values = integers(mesh, _path(mesh, own))
+        if len(values) != len(own):
+            raise MeshFileError(f"{_path(mesh, own)} holds {len(values)} numbers, expected {len(own)}")
+        found[own.first - 1 : own.last] = values
+    return found
+
+
+def _polyhedra(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArray) -> tuple[Polyhedra, IntArray]:
+    """Cells, and the number in the file (from 0) of each of their faces; faces of no cell are left out.
+
+    A face's normal points into c0. As the manual says c1, and some programs follow it, the volume decides.
+    """
+    inner, outer = np.flatnonzero((c0 > 0) & (c1 > 0)), np.flatnonzero((c0 > 0) != (c1 > 0))
+    rows = np.concatenate([inner, outer])
+    backward = (c0 > 0)[rows]
+    own = turned(taken(faces, rows), backward)
+    if _volume(points, own.rows(len(inner), len(rows))) < 0.0:
+        own = turned(own, np.ones(len(rows), dtype=np.bool_))
+    cells = Polyhedra(own, np.where(c0 > 0, c0, c1)[rows] - 1, c1[inner] - 1)
+    check_cells(cells)
+    return cells, rows
+
+
+def _volume(points: FloatArray, boundary: Polygons) -> float:
+    """Volume within all boundary faces, positive if their normals point outwards."""
+    if len(boundary.nodes) and (boundary.nodes.min() < 0 or boundary.nodes.max() >= len(points)):
+        raise MeshFileError(f"faces name nodes that are not among the {len(points)} (1 to {len(points)})")
+    with np.errstate(all="ignore"):  # `Mesh` refuses coordinates that are not finite
+        centres, areas = face_centres_and_areas(points - points.mean(axis=0), boundary)
+        return float(np.vdot(areas, centres)) / 3.0
+
+
+def _boundary(mesh: Any, faces: int) -> dict[str, list[tuple[int, int]]]:
+    """First and last face of the zones of each name, but for those of the interior."""
+    zones = member(mesh, "faces/zoneTopology")
+    first, last, kinds, numbers = (integers(zones, name) for name in ("minId", "maxId", "zoneType", "id"))
+    text = b";".join(dataset(zones, "name", "S", "names")[()].reshape(-1).tolist())
+    names = text.decode("utf-8", "replace").replace("\0", "").split(";")
+    if not len(first) == len(last) == len(kinds) == len(numbers) <= len(names):
+        raise MeshFileError(f"faces/zoneTopology has {len(first)} first faces and {len(names)} names; it is damaged")
+    found: dict[str, list[tuple[int, int]]] = {}
+    table = np.column_stack([first, last, kinds, numbers]).tolist()
+    for (begin, end, kind, zone), name in zip(table, names, strict=False):  # the names may end with a separator
+        if kind == INTERIOR or end < begin:
+            continue
+        if begin < 1 or end > faces:
+            raise MeshFileError(f"zone {name} has the faces {begin} to {end}, but there are {faces}")
+        found.setdefault(name.strip() or f"zone-{zone}", []).append((begin, end))
+    return found
