@@ -1,6 +1,7 @@
 """Numbers in text and bytes: found, read, and others put in their place."""
 
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -86,10 +87,15 @@ def _not_number(text: bytes, kind: type[np.float64 | np.int64]) -> str:
 
 def with_numbers(data: bytes, begin: IntArray, end: IntArray, values: FloatArray) -> bytes:
     """Return text with numbers `values` (K,) in the bytes begin[i] to end[i] - 1, rising; with the digits they need."""
-    if not len(values):
+    return with_words(data, begin, end, [repr(value).encode() for value in values.tolist()])
+
+
+def with_words(data: bytes, begin: IntArray, end: IntArray, words: Sequence[bytes]) -> bytes:
+    """Return text with K words in the bytes begin[i] to end[i] - 1, rising."""
+    if not words:
         return data
     first, last = begin.tolist(), end.tolist()
     pieces = [b""] * (2 * len(first) + 1)
     pieces[0::2] = [data[a:b] for a, b in zip([0, *last], [*first, len(data)], strict=True)]
-    pieces[1::2] = [repr(value).encode() for value in values.tolist()]
+    pieces[1::2] = words
     return b"".join(pieces)

@@ -10,6 +10,7 @@ from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.format import Format, MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
+from sdm_deflect.meshing.formats.plot3d import Plot3d
 from sdm_deflect.meshing.formats.su2 import Su2
 from sdm_deflect.meshing.formats.tau import Tau
 from sdm_deflect.meshing.formats.ugrid import Ugrid
@@ -35,11 +36,11 @@ ADVICE = {
 """By suffix, in lower case."""
 TAU = Tau()
 FORMATS: dict[str, Format] = {
-    "su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "ugrid": Ugrid(), "tau": TAU, "fluent": Fluent(), "vtu": Vtu(),
-    "openfoam": OpenFoam(),
+    "su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "ugrid": Ugrid(), "tau": TAU, "fluent": Fluent(),
+    "plot3d": Plot3d(), "vtu": Vtu(), "openfoam": OpenFoam(),
 }  # fmt: skip
 """Every format by its name; a format is added here and nowhere else."""
-WRITTEN = tuple(name for name in FORMATS if name not in ("fluent",))
+WRITTEN = tuple(name for name in FORMATS if name not in ("fluent", "plot3d"))
 """Formats in which meshes from elsewhere can be written; files of the others are only rewritten."""
 
 
