@@ -260,7 +260,8 @@ def _sizes(values: IntArray, axes: int, blocks: int, most: int) -> tuple[Size, .
     if len(values) < axes * blocks or values.min() < 1:
         return ()
     rows = values.reshape(blocks, axes)
-    return tuple(map(tuple, rows.tolist())) if rows.astype(np.float64).prod(axis=1).sum() <= most else ()
+    fits = rows.astype(np.float64).prod(axis=1).sum() <= most and (axes > 2 or rows.min() > 1)  # curves are no grids
+    return tuple(map(tuple, rows.tolist())) if fits else ()
 
 
 def _has_markers(file: BinaryIO, layout: Layout) -> bool:

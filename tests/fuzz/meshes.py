@@ -20,7 +20,10 @@ from tests.meshing.formats.examples import grid, hybrid, polyhedral, with_gmsh
 from tests.meshing.formats.fluent_files import LAYOUTS
 from tests.meshing.formats.fluent_files import written as fluent_written
 from tests.meshing.formats.netcdf_files import KINDS, written
+from tests.meshing.formats.plot3d_files import VARIANTS, box, cut, head, ring, whole_face
+from tests.meshing.formats.plot3d_files import written as plot3d_written
 
+HARMLESS = str.maketrans("<>", "lb")
 ARCH = "LSB;label=32;scalar=64"
 
 
@@ -178,6 +181,18 @@ def fluent(folder: Path) -> Iterator[Input]:
         yield of_path(fluent_written(mixture(), packed, layout, "f4", compression="gzip", chunks=True))
 
 
+def plot3d(folder: Path) -> Iterator[Input]:
+    """PLOT3D in every variant, one block and several, with and without a map."""
+    for variant in VARIANTS:
+        yield of_path(
+            plot3d_written(folder / f"box_{variant.translate(HARMLESS)}.p3d", [box((3, 3, 2))], variant, False)
+        )
+        blocks = [*cut(box((5, 3, 3)), 0, 2), ring((5, 3, 2))]
+        one = of_path(plot3d_written(folder / f"cut_{variant.translate(HARMLESS)}.xyz", blocks, variant))
+        lines = [f"wall {whole_face(blocks[1], 2, 'jmin')} # flap", "one_to_one 1 4 1 3 1 3 2 3 1 3 1 3 FALSE", ""]
+        yield Input({**one.files, one.main.replace(".xyz", ".nmf"): (head(blocks) + "\n".join(lines)).encode()})
+
+
 def openfoam(folder: Path) -> Iterator[Input]:
     """A case in text, packed, and in binary."""
     for one in of_format("openfoam", folder):
@@ -319,6 +334,8 @@ WORDS: dict[str, tuple[bytes, ...]] = {
              b"NoDe", b"TaiL", b"SNTb", b"DaTa", b"DCtb", b"dEnD", b"FFFFFFFFFFFF", b"000000000000", b"Structured",
              b"GridConnectivity1to1_t", b"R4", b"C1"),
     "fluent": (b"\x89HDF\r\n\x1a\n", b"TREE", b"SNOD", b"HEAP", b"OHDR", b"minId", b"nnodes", b"c0", b"zoneType"),
+    "plot3d": (b"2\n3 3 2\n", b"1 ", b"-1 ", b"99999999999", b"nan", b"3*0.5", b"1.0D+00", b"\0\0\0\1", b"\1\0\0\0",
+               b"\xff\xff\xff\x7f", b"one_to_one 1 4 1 3 1 3 2 3 1 3 1 3 TRUE\n", b"patched", b"collapsed", b"# wing"),
     "others": (b"DATASET UNSTRUCTURED_GRID\n", b"CELLS 999999999 9999999999\n", b"POINTS -5 float\n", b"CELL_TYPES 7\n",
                b"POINTS 99999999999 double\n", b"METADATA\n", b"BINARY\n", b"ASCII\n", b"SCALARS a float\n",
                b"FIELD f 1\n",

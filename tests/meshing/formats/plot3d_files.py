@@ -58,12 +58,8 @@ def cut(block: Block, axis: int, at: int) -> list[Block]:
 
 def ring(size: tuple[int, int, int] = (17, 4, 3)) -> Block:
     """A block around the z axis whose first and last points along i are at the same places."""
-    angle, radius, height = np.meshgrid(
-        np.linspace(0.0, 2.0 * np.pi, size[0]),
-        np.linspace(1.0, 2.0, size[1]),
-        np.linspace(0.0, 1.0, size[2]),
-        indexing="ij",
-    )
+    along = (np.linspace(0.0, 2.0 * np.pi, size[0]), np.linspace(1.0, 2.0, size[1]), np.linspace(0.0, 1.0, size[2]))
+    angle, radius, height = np.meshgrid(*along, indexing="ij")
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=-1)
     points[-1] = points[0]
     return points
@@ -75,3 +71,25 @@ def with_body(n: int = 6) -> list[Block]:
     whole = 2.0 * box((n + 1, n + 1, n + 1), 0.0) - 1.0
     parts = [(i, j, k) for k in range(3) for j in range(3) for i in range(3) if (i, j, k) != (1, 1, 1)]
     return [whole[tuple(slice(ends[a], ends[a + 1] + 1) for a in part)] for part in parts]
+
+
+FACES = {"kmin": 1, "kmax": 2, "imin": 3, "imax": 4, "jmin": 5, "jmax": 6}
+"""Numbers of a block's faces in a neutral map file."""
+BODY = (
+    ("block5", "kmax"), ("block11", "jmax"), ("block13", "imax"), ("block14", "imin"), ("block16", "jmin"),
+    ("block22", "kmin"),
+)  # fmt: skip
+"""The faces of the blocks of `with_body` that are on the cube."""
+
+
+def head(blocks: list[Block]) -> str:
+    """The sizes of blocks, as a neutral map file begins."""
+    rows = [f"{i} {' '.join(map(str, block.shape[:3]))}" for i, block in enumerate(blocks, 1)]
+    return "# Block# IDIM JDIM KDIM\n\n" + "\n".join([str(len(blocks)), "", *rows, "# Type B1 F1 S1 E1 S2 E2 Swap", ""])
+
+
+def whole_face(block: Block, number: int, face: str) -> str:
+    """The numbers of a block, one of its faces, and the range of all of it."""
+    axis = "ijk".index(face[0])
+    first, second = block.shape[(axis + 1) % 3], block.shape[(axis + 2) % 3]
+    return f"{number} {FACES[face]} 1 {first} 1 {second}"
