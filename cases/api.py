@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
-    """Read a mesh file: SU2, CGNS, Gmsh, UGRID, TAU, Fluent, OpenFOAM, VTK.
+    """Read a mesh file: SU2, CGNS, Gmsh, UGRID, TAU, Fluent, PLOT3D, OpenFOAM, VTK.
 
     Parameters
     ----------
