@@ -108,17 +108,22 @@ class Plot3dFile:
             listed = "; ".join(map(str, fit))
             raise MeshFileError(f"it could be each of these: {listed}; write it with another number of points")
         found = fit[0]
-        if found.axes != max(DIMENSIONS):
-            raise MeshFileError("the grid is two-dimensional; only grids in three dimensions can be read")
-        for number, size in enumerate(found.sizes, 1):
+        opened = cls(file, found, report, values)
+        for number, size in enumerate(opened.sizes, 1):
             if min(size) < 2:
                 sides = " x ".join(map(str, size))
                 raise MeshFileError(f"block {number} of {sides} points has no cells; 2 are needed along each axis")
-        return cls(file, found, report, values)
+        return opened
+
+    @property
+    def sizes(self) -> tuple[Size, ...]:
+        """Points of each block along each axis; along two if the grid has one layer of points."""
+        flat = self.layout.axes == 3 and all(size[2] == 1 for size in self.layout.sizes)
+        return tuple(size[:2] for size in self.layout.sizes) if flat else self.layout.sizes
 
     def points(self) -> FloatArray:
-        """Return the coordinates (F, 3) of all points, block after block."""
-        found = np.empty((sum(map(prod, self.layout.sizes)), self.layout.axes))
+        """Return the coordinates (F, 3) of all points, block after block; z is 0 where the file has none."""
+        found = np.zeros((sum(map(prod, self.layout.sizes)), 3))
         start = 0
         for begin, size in zip(self.layout.begins, self.layout.sizes, strict=False):
             rows = found[start : start + prod(size)]

@@ -27,7 +27,10 @@ NUMBER = re.compile(r"\d{1,9}")
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Points `first` to `last` (counted from 0) of a face of a block; along the face's own axis they are the same."""
+    """Points `first` to `last` (counted from 0) of a face of a block; along the face's own axis they are the same.
+
+    They have three axes even where the block has two, which is one layer then.
+    """
 
     block: int
     first: tuple[int, ...]
@@ -36,7 +39,7 @@ class Range:
 
     def points(self, size: Size) -> IntArray:
         """Return the numbers (K,) of its points in the block."""
-        return points_in(self.first, self.last, size)
+        return points_in(self.first[: len(size)], self.last[: len(size)], size)
 
     def plane(self, size: Size) -> Plane:
         """Return its faces."""
@@ -101,7 +104,7 @@ def entries(text: str, sizes: Sequence[Size]) -> Iterator[Entry]:
 def _check_head(head: Sequence[int], sizes: Sequence[Size]) -> None:
     expected = [len(sizes)]
     for number, size in enumerate(sizes, 1):
-        expected += [number, *size]
+        expected += [number, *size, *[1] * (3 - len(size))]
     if list(head) != expected:
         wanted, given = (" ".join(map(str, numbers[:9])) + " ..." * (len(numbers) > 9) for numbers in (expected, head))
         raise MeshFileError(
@@ -127,11 +130,12 @@ def _range(numbers: Sequence[int], sizes: Sequence[Size]) -> Range:
     block, face, *ends = numbers
     if not 1 <= block <= len(sizes) or face not in FACES:
         raise MeshFileError(f"there is no face {face} of block {block}; there are 6 of {len(sizes)} blocks")
-    size, (axis, far) = sizes[block - 1], FACES[face]
+    size, (axis, far) = (*sizes[block - 1], 1)[:3], FACES[face]
     first, last = [0, 0, 0], [0, 0, 0]
     first[axis] = last[axis] = size[axis] - 1 if far else 0
     for other, begin, end in (((axis + 1) % 3, *ends[:2]), ((axis + 2) % 3, *ends[2:])):
-        if not (1 <= min(begin, end) < max(begin, end) <= size[other]):
+        long_enough = abs(end - begin) + 1 >= min(2, size[other])
+        if min(begin, end) < 1 or max(begin, end) > size[other] or not long_enough:
             raise MeshFileError(f"face {face} of block {block} has points 1 to {size[other]}, but not {begin} to {end}")
         first[other], last[other] = begin - 1, end - 1
     return Range(block - 1, tuple(first), tuple(last), axis)

@@ -18,10 +18,12 @@ BINARY = tuple(
 VARIANTS = (*BINARY, "text", "textb")
 
 
-def written(path: Path, blocks: list[Block], variant: str = "<f8", counted: bool = True, style: str = "%r") -> Path:
-    """Write a grid; `style` is that of the coordinates of a text."""
-    heads = [np.array([len(blocks)])] * counted + [np.array([n for block in blocks for n in block.shape[:3]])]
-    bodies = [[block[..., axis].ravel(order="F") for axis in range(3)] for block in blocks]
+def written(
+    path: Path, blocks: list[Block], variant: str = "<f8", counted: bool = True, style: str = "%r", axes: int = 3
+) -> Path:
+    """Write a grid, of two coordinates if `axes` is 2; `style` is that of the coordinates of a text."""
+    heads = [np.array([len(blocks)])] * counted + [np.array([n for block in blocks for n in block.shape[:axes]])]
+    bodies = [[block[..., axis].ravel(order="F") for axis in range(axes)] for block in blocks]
     for block, body in zip(blocks, bodies, strict=True):
         if variant.endswith("b"):
             body.append(np.arange(block[..., 0].size) % 3 - 1)

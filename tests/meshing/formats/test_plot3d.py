@@ -11,6 +11,7 @@ import pyvista as pv
 import sdm_deflect as sdm
 from sdm_deflect.cases.mesh_files import Targets
 from sdm_deflect.deform.faces import FACES as CORNERS
+from sdm_deflect.deform.quality import inverted_of
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.plot3d import Plot3d
@@ -241,13 +242,10 @@ def test_interfaces_that_are_periodic_or_patched(tmp_path):
     assert {"block1/imin", "block2/imax", "block1/imax", "block2/imin"} <= set(mesh.names)
 
 
-def test_collapsed_faces_are_no_patches(tmp_path):
-    block = ring()
-    block[:, 0, :, :2] = 0.0
-    path = written(tmp_path / "a.p3d", [block])
-    assert "block1/jmin" in read(path).names
-    (tmp_path / "a.nmf").write_text(head([block]) + "pole_dir2 1 5 1 3 1 17\n")
-    assert "block1/jmin" not in read(path).names
+def test_faces_that_the_map_calls_collapsed_are_no_patches(tmp_path):
+    path = written(tmp_path / "a.p3d", [box()])
+    (tmp_path / "a.nmf").write_text(head([box()]) + "pole_dir2 1 5 1 3 1 5\n")
+    assert set(read(path).names) == SIDES - {"block1/jmin"}
 
 
 @pytest.mark.parametrize(
@@ -358,9 +356,8 @@ def test_what_could_be_two_things_is_refused(tmp_path):
     [
         (b"2 2 2 3*0.5 " + b"1 " * 21, "numbers are repeated by counts such as 3*0.5"),
         (b"2 2 2 wing " + b"1 " * 23, "'wing' is not a number"),
-        (b"1\n3 2\n" + b"1.5 " * 12, "the grid is two-dimensional"),
-        (b"1\n3 2 1\n" + b"1.5 " * 18, "block 1 of 3 x 2 x 1 points has no cells"),
-        (struct.pack("<3i36f", 1, 4, 3, *range(24, 60))[:-48], "the grid is two-dimensional"),
+        (b"1\n3 1 2\n" + b"1.5 " * 18, "block 1 of 3 x 1 x 2 points has no cells"),
+        (b"1\n2 2 1\n" + b"1.5 " * 8 + b"1 2 3 4", "all points must have one z, but they lie between 1 and 4"),
         (b"2 2 2 " + b"nan " + b"1 " * 23, "1 points are not finite"),
         (b"", "fits no sizes"), (b"\0" * 4000, "fits no sizes"),
     ],
@@ -388,3 +385,59 @@ def test_a_mesh_from_elsewhere_is_refused_and_other_formats_take_the_blocks(tmp_
     assert Targets.of(path, None, (3.0,)).mesh(3.0).name == "a-deflected.x"
     format_of("c.cgns").write(read(path), tmp_path / "c.cgns")
     assert sum(map(len, read(tmp_path / "c.cgns").patches)) == sum(map(len, read(path).patches))
+
+
+@pytest.mark.parametrize("layers", [False, True])
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_plane_grids(variant, layers, tmp_path):
+    """Of two coordinates, or of three with one layer of points."""
+    flat = [piece[:, :, :1] for piece in cut(box((5, 4, 2), 0.0)[::-1], 0, 2)]
+    for piece in flat:
+        piece[..., 2] = 0.25 if layers else 0.0
+    source, out = tmp_path / "a.p3d", tmp_path / "b.p3d"
+    written(source, flat, variant, axes=3 if layers else 2)
+    mesh = read(source)
+    assert mesh.plane
+    assert [(block.shape, len(block)) for block in mesh.cells] == [("quad", 12)]
+    assert len(mesh.points) == 20
+    assert {p.name: len(p) for p in mesh.patches} == {
+        "block1/imin": 3, "block1/jmin": 2, "block1/jmax": 2, "block2/imax": 3, "block2/jmin": 2, "block2/jmax": 2,
+    }  # fmt: skip
+    assert set(mesh.points[:, 2]) == {0.25 if layers else 0.0}
+    assert not inverted_of(mesh.points, mesh.cells[0]).any()
+    left = {tuple(pair) for row in mesh.cells[0].nodes for pair in zip(row, np.roll(row, -1), strict=True)}
+    assert {tuple(row) for patch in mesh.patches for row in patch.faces[0].nodes} <= left
+    moved = mesh.points.copy()
+    moved[7, :2] += 0.1
+    Plot3d().rewrite(source, moved, out)
+    np.testing.assert_array_equal(read(out).points, moved.astype(precision(variant)))
+
+
+def test_a_plane_grid_with_a_map_turns_about_a_point(tmp_path):
+    whole = 2.0 * box((13, 13, 2), 0.0)[:, :, :1] - 1.0
+    blocks = [whole[a : a + 5, b : b + 5] for b in (0, 4, 8) for a in (0, 4, 8) if (a, b) != (4, 4)]
+    sides = [(2, "jmax"), (4, "imax"), (5, "imin"), (7, "jmin")]
+    lines = [f"wall {whole_face(blocks[i - 1], i, face)} # body" for i, face in sides]
+    lines += [f"symmetry {whole_face(blocks[0], 1, 'kmin')}", ""]
+    source = written(tmp_path / "a.xyz", blocks, "<f8r", axes=2)
+    (tmp_path / "a.nmf").write_text(head(blocks) + "\n".join(lines))
+    mesh = read(source)
+    assert mesh.plane
+    assert len(mesh.patch("body")) == 16
+    result = sdm.deflect(source, "body", hinge=[(0, 0)], angle=10.0, fixed="block*")
+    assert result.save(tmp_path / "b.xyz") == ()
+    assert np.abs(stored(tmp_path / "b.xyz") - stored(source)).max() > 0.01
+    assert len({point.tobytes() for point in stored(tmp_path / "b.xyz")}) == len(mesh.points)
+
+
+def test_singular_lines_make_prisms(tmp_path):
+    block = ring()
+    block[:, 0, :, :2] = 0.0
+    mesh = read(written(tmp_path / "a.p3d", [block]))
+    assert {b.shape: len(b) for b in mesh.cells} == {"hexahedron": 64, "wedge": 32}
+    assert "block1/jmin" not in mesh.names
+    for cells in mesh.cells:
+        assert not inverted_of(mesh.points, cells).any()
+    moved = mesh.points * 1.5
+    Plot3d().rewrite(tmp_path / "a.p3d", moved, tmp_path / "b.p3d")
+    np.testing.assert_array_equal(read(tmp_path / "b.p3d").points, moved)
