@@ -1,4 +1,4 @@
-"""Meshes of Ansys Fluent in HDF5 (.msh.h5, .cas.h5), of three dimensions.
+"""Meshes of Ansys Fluent in HDF5 (.msh.h5, .cas.h5), of two and three dimensions.
 
 Source: vtkFLUENTCFFReader (VTK, IO/FLUENTCFF) for the layout; Ansys Fluent User's Guide, appendix Mesh File Format, for
 zones, types and the cells c0 and c1 of a face.
@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.polyhedra import face_centres_and_areas
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, only_rewritten
 from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened
-from sdm_deflect.meshing.formats.polyhedra import check_cells
-from sdm_deflect.meshing.formats.shapes import polygons, taken, turned
+from sdm_deflect.meshing.formats.polyhedra import check_cells, faces_by_cell
+from sdm_deflect.meshing.formats.shapes import oriented, polygons, taken, turned
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 MESH = "meshes/1"
@@ -40,11 +40,12 @@ KIND = "a mesh of this name"
 
 @dataclass(frozen=True, slots=True)
 class Fluent:
-    """Polyhedra by their faces; patches are the zones of faces that are no interior, by name.
+    """Polyhedra by their faces, in a plane triangles and quadrilaterals; patches are zones of faces, by name.
 
     Both layouts are read: that of meshing, which has a section of each array for each zone, and that of the solver, one
-    for all. Zones of cells, settings and results are no part of the mesh; a rewritten file keeps them. Coordinates in
-    single precision stay in single precision. Faces of no cell, such as those of a geometry, are left out.
+    for all. Zones of the interior are no patches. Zones of cells, settings and results are no part of the mesh; a
+    rewritten file keeps them. Coordinates in single precision stay in single precision. Faces of no cell, such as those
+    of a geometry, are left out.
     """
 
     name: str = "fluent"
@@ -64,7 +65,7 @@ class Fluent:
         with about(source), opened(source, KIND) as file:
             stored = coordinates(_group(file))
             check_points(points, sum(map(len, stored)))
-            new = Replaced.of([(own.node, points[own.first - 1 : own.last]) for own in stored])
+            new = Replaced.of([(own.node, points[own.first - 1 : own.last, : own.node.shape[1]]) for own in stored])
         with fresh(out, source) as beside, about(source):
             new.copy(source, beside)
             progress(f"writing {out.name}", 1.0)
@@ -87,43 +88,47 @@ class Section:
 
 
 def coordinates(mesh: Any) -> list[Section]:
-    """Return the datasets (K, 3) of the nodes' coordinates, in the order of the nodes.
+    """Return the datasets (K, 3), or (K, 2), of the nodes' coordinates, in the order of the nodes.
 
     MeshFileError if one is missing, or no such dataset.
     """
     found = _sections(mesh, "nodes/coords", _count(mesh, "nodeCount"))
     for own in found:
-        stored = dataset(mesh, _path(mesh, own), "f", "real numbers")
-        if stored.shape != (len(own), 3):
-            raise MeshFileError(f"{_path(mesh, own)} holds {stored.shape} numbers, expected {(len(own), 3)}")
+        stored, expected = dataset(mesh, _path(mesh, own), "f", "real numbers"), (len(own), number(mesh, "dimension"))
+        if stored.shape != expected:
+            raise MeshFileError(f"{_path(mesh, own)} holds {stored.shape} numbers, expected {expected}")
     return found
 
 
 def read_mesh(mesh: Any, report: Callable[[float], None]) -> Mesh:
     """Return the mesh of a group such as ``meshes/1``; MeshFileError or ValueError if it is damaged."""
     report(0.0)
-    points = np.concatenate([own.node[()] for own in coordinates(mesh)]).astype(np.float64, copy=False)
+    stored = np.concatenate([own.node[()] for own in coordinates(mesh)])
+    points = np.zeros((len(stored), 3))
+    points[:, : stored.shape[1]] = stored
     faces = _faces(mesh)
     report(0.5)
-    cells, rows = _polyhedra(points, faces, *(_cells(mesh, name, len(faces)) for name in ("c0", "c1")))
+    cells, rows = _bounded(points, faces, *(_cells(mesh, name, len(faces)) for name in ("c0", "c1")))
     if len(cells) != (count := number(mesh, "cellCount")):
         raise MeshFileError(f"cellCount is {count}, but faces are of {len(cells)} cells; the file is damaged")
     report(0.9)
+    plane = stored.shape[1] == 2
     place = np.full(len(faces), -1, dtype=np.intp)
     place[rows] = np.arange(len(rows))
     patches = []
     for name, zones in _boundary(mesh, len(faces)).items():
         own = np.concatenate([place[first - 1 : last] for first, last in zones])
         if (own >= 0).any():
-            patches.append(Patch(name, (taken(cells.faces, own[own >= 0]),)))
-    return Mesh(points, (cells,), tuple(patches))
+            kept = taken(cells.faces, own[own >= 0])
+            patches.append(Patch(name, (Cells("line", kept.nodes.reshape(-1, 2)) if plane else kept,)))
+    return Mesh(points, plane_cells(points, cells) if plane else (cells,), tuple(patches))
 
 
 def _group(file: Any) -> Any:
     """The group of the mesh; MeshFileError for meshes that cannot be read."""
     mesh = member(file, MESH)
-    if (dimension := number(mesh, "dimension")) != 3:
-        raise MeshFileError(f"the mesh has {dimension} dimensions; only meshes in three dimensions can be read")
+    if (dimension := number(mesh, "dimension")) not in (2, 3):
+        raise MeshFileError(f"the mesh has {dimension} dimensions, expected 2 or 3; the file is damaged")
     for kind, part, sentence in REFUSED:
         if part in member(mesh, kind) and len(member(mesh, f"{kind}/{part}")):
             raise MeshFileError(sentence)
@@ -157,14 +162,15 @@ def _sections(mesh: Any, path: str, count: int, gaps: bool = False) -> list[Sect
 
 
 def _faces(mesh: Any) -> Polygons:
-    """All faces, their nodes from 0."""
-    nodes, sizes = [], []
+    """All faces, their nodes from 0; those of a plane mesh are lines."""
+    nodes, sizes, plane = [], [], number(mesh, "dimension") == 2
     for own in _sections(mesh, "faces/nodes", _count(mesh, "faceCount")):
         corners, flat = integers(own.node, "nnodes"), integers(own.node, "nodes")
-        if len(corners) != len(own) or (corners < 3).any() or corners.sum() != len(flat):
+        wrong = (corners != 2) if plane else (corners < 3)
+        if len(corners) != len(own) or wrong.any() or corners.sum() != len(flat):
             raise MeshFileError(
-                f"{_path(mesh, own)} has {len(flat)} nodes of {len(corners)} faces, expected {len(own)} faces of three "
-                "nodes or more; the file is damaged"
+                f"{_path(mesh, own)} has {len(flat)} nodes of {len(corners)} faces, expected {len(own)} faces of "
+                f"{'two nodes' if plane else 'three nodes or more'}; the file is damaged"
             )
         nodes.append(flat)
         sizes.append(corners)
@@ -182,29 +188,58 @@ def _cells(mesh: Any, name: str, faces: int) -> IntArray:
     return found
 
 
-def _polyhedra(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArray) -> tuple[Polyhedra, IntArray]:
+def _bounded(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArray) -> tuple[Polyhedra, IntArray]:
     """Cells, and the number in the file (from 0) of each of their faces; faces of no cell are left out.
 
-    A face's normal points into c0. As the manual says c1, and some programs follow it, the volume decides.
+    Normals point out of owners; lines have them on their left. In the file a face's normal points into c0, which a line
+    has on its left. As the manual says c1, and some programs follow it, the volume decides.
     """
     inner, outer = np.flatnonzero((c0 > 0) & (c1 > 0)), np.flatnonzero((c0 > 0) != (c1 > 0))
     rows = np.concatenate([inner, outer])
-    backward = (c0 > 0)[rows]
-    own = turned(taken(faces, rows), backward)
-    if _volume(points, own.rows(len(inner), len(rows))) < 0.0:
+    own = taken(faces, rows)
+    if len(own.nodes) and (own.nodes.min() < 0 or own.nodes.max() >= len(points)):
+        raise MeshFileError(f"faces name nodes that are not among the {len(points)} (1 to {len(points)})")
+    plane = len(faces.nodes) == 2 * len(faces)
+    own = turned(own, (c0 > 0)[rows] != plane)
+    if _volume(points, own.rows(len(inner), len(rows)), plane) < 0.0:
         own = turned(own, np.ones(len(rows), dtype=np.bool_))
     cells = Polyhedra(own, np.where(c0 > 0, c0, c1)[rows] - 1, c1[inner] - 1)
-    check_cells(cells)
+    check_cells(cells, 3 if plane else 4)
     return cells, rows
 
 
-def _volume(points: FloatArray, boundary: Polygons) -> float:
-    """Volume within all boundary faces, positive if their normals point outwards."""
-    if len(boundary.nodes) and (boundary.nodes.min() < 0 or boundary.nodes.max() >= len(points)):
-        raise MeshFileError(f"faces name nodes that are not among the {len(points)} (1 to {len(points)})")
+def _volume(points: FloatArray, boundary: Polygons, plane: bool) -> float:
+    """Volume, or area, within all boundary faces; positive if the cells are on the side that they should be."""
     with np.errstate(all="ignore"):  # `Mesh` refuses coordinates that are not finite
-        centres, areas = face_centres_and_areas(points - points.mean(axis=0), boundary)
+        middle = points - points.mean(axis=0)
+        if plane:
+            begin, end = middle[boundary.nodes[0::2]], middle[boundary.nodes[1::2]]
+            return float(np.sum(begin[:, 0] * end[:, 1] - end[:, 0] * begin[:, 1])) / 2.0
+        centres, areas = face_centres_and_areas(middle, boundary)
         return float(np.vdot(areas, centres)) / 3.0
+
+
+def plane_cells(points: FloatArray, cells: Polyhedra) -> tuple[Cells, ...]:
+    """Return plane cells that are given by their lines as triangles and quadrilaterals, in their order.
+
+    MeshFileError for cells of more than four sides, and such as are not closed.
+    """
+    lines, cell = faces_by_cell(cells)
+    sides = np.bincount(cell, minlength=len(cells))
+    if more := np.count_nonzero(sides > 4):
+        raise MeshFileError(f"{more} plane cells have more than four sides; triangles and quadrilaterals can be read")
+    found = []
+    for count, shape in ((3, "triangle"), (4, "quad")):
+        own = lines.nodes.reshape(-1, 2)[sides[cell] == count].reshape(-1, count, 2)
+        nodes = [own[:, 0, 0], own[:, 0, 1]]
+        while len(nodes) < count:
+            nodes.append(own[np.arange(len(own)), np.argmax(own[:, :, 0] == nodes[-1][:, None], axis=1), 1])
+        corners = np.stack(nodes, axis=1)
+        if torn := np.count_nonzero((np.sort(corners, axis=1) != np.sort(own[:, :, 0], axis=1)).any(axis=1)):
+            raise MeshFileError(f"the lines of {torn} plane cells do not close; the file is damaged")
+        if len(corners):
+            found.append(oriented(points, Cells(shape, corners)))
+    return tuple(found)
 
 
 def _boundary(mesh: Any, faces: int) -> dict[str, list[tuple[int, int]]]:

@@ -124,13 +124,14 @@ def _patch_of(mesh: Mesh, key: Keys, keys: Keys) -> tuple[IntArray, list[str]]:
     return found, lost
 
 
-def check_cells(cells: Polyhedra) -> None:
-    """Refuse cells with fewer than four faces, which damaged labels leave behind, with a MeshFileError."""
+def check_cells(cells: Polyhedra, least: int = 4) -> None:
+    """Refuse cells with fewer than `least` faces, which damaged labels leave behind, with a MeshFileError."""
     sides = np.concatenate([cells.owner, cells.neighbour])
     if not len(sides) or sides.min() < 0 or sides.max() >= len(sides):
         raise MeshFileError(f"owner and neighbour name cells that {len(cells.faces)} faces cannot bound")
-    if few := np.count_nonzero(np.bincount(sides) < 4):
-        raise MeshFileError(f"{few} of {len(cells)} cells have fewer than four faces; owner or neighbour is damaged")
+    if few := np.count_nonzero(np.bincount(sides) < least):
+        number = {3: "three", 4: "four"}[least]
+        raise MeshFileError(f"{few} of {len(cells)} cells have fewer than {number} faces; the file is damaged")
 
 
 def faces_by_cell(block: Polyhedra) -> tuple[Polygons, IntArray]:

@@ -17,7 +17,7 @@ from tests.fuzz.inputs import Input, of_path
 from tests.meshing.formats.adf_files import in_adf
 from tests.meshing.formats.blocks import two_blocks, write_blocks
 from tests.meshing.formats.examples import grid, hybrid, polyhedral, with_gmsh
-from tests.meshing.formats.fluent_files import LAYOUTS
+from tests.meshing.formats.fluent_files import LAYOUTS, plane_mesh
 from tests.meshing.formats.fluent_files import written as fluent_written
 from tests.meshing.formats.netcdf_files import KINDS, written
 from tests.meshing.formats.plot3d_files import VARIANTS, box, cut, head, ring, whole_face
@@ -177,6 +177,7 @@ def fluent(folder: Path) -> Iterator[Input]:
     for layout in LAYOUTS:
         for title, mesh in (("body", block()), ("tet", tetrahedra()), ("cells", polyhedral(mixture()))):
             yield of_path(fluent_written(mesh, folder / f"{title}_{layout}.cas.h5", layout))
+        yield of_path(fluent_written(plane_mesh(), folder / f"plane_{layout}.cas.h5", layout))
         packed = folder / f"packed_{layout}.msh.h5"
         yield of_path(fluent_written(mixture(), packed, layout, "f4", compression="gzip", chunks=True))
 
@@ -187,6 +188,8 @@ def plot3d(folder: Path) -> Iterator[Input]:
         yield of_path(
             plot3d_written(folder / f"box_{variant.translate(HARMLESS)}.p3d", [box((3, 3, 2))], variant, False)
         )
+        flat = folder / f"flat_{variant.translate(HARMLESS)}.x"
+        yield of_path(plot3d_written(flat, cut(box((5, 3, 1), 0.0), 0, 2), variant, axes=2))
         blocks = [*cut(box((5, 3, 3)), 0, 2), ring((5, 3, 2))]
         one = of_path(plot3d_written(folder / f"cut_{variant.translate(HARMLESS)}.xyz", blocks, variant))
         lines = [f"wall {whole_face(blocks[1], 2, 'jmin')} # flap", "one_to_one 1 4 1 3 1 3 2 3 1 3 1 3 FALSE", ""]

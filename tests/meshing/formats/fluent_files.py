@@ -6,11 +6,11 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh, Polyhedra
-from sdm_deflect.meshing.formats.polyhedra import bounded
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polyhedra
+from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
 from sdm_deflect.meshing.formats.shapes import polygons, turned
 
-TYPES = {"tetra": 2, "hexahedron": 4, "pyramid": 5, "wedge": 6}
+TYPES = {"triangle": 1, "quad": 3, "tetra": 2, "hexahedron": 4, "pyramid": 5, "wedge": 6}
 """Fluent's numbers of the shapes of cells; polyhedra are 7."""
 LAYOUTS = ("solver", "meshing")
 KINDS = {"symmetry": 7, "inlet": 10, "far_field": 9}
@@ -19,8 +19,10 @@ KINDS = {"symmetry": 7, "inlet": 10, "far_field": 9}
 
 def written(mesh: Mesh, path: Path, layout: str = "solver", real: str = "f8", **stored: Any) -> Path:
     """Write a mesh; `stored` says how h5py stores the larger arrays, such as ``compression="gzip"``."""
-    found = bounded(mesh)
-    faces = turned(found.cells.faces, np.ones(len(found.cells.faces), dtype=bool))  # normals into c0
+    found = lines_of(mesh) if mesh.plane else bounded(mesh)
+    faces, dimension = found.cells.faces, 2 if mesh.plane else 3
+    if dimension == 3:
+        faces = turned(faces, np.ones(len(faces), dtype=bool))  # normals into c0
     inner, count = len(found.cells.neighbour), len(faces)
     zones = [("interior-fluid", 0, inner, 2)]
     zones += [(name, first, first + size, KINDS.get(name, 3)) for name, first, size in found.patches]
@@ -36,9 +38,9 @@ def written(mesh: Mesh, path: Path, layout: str = "solver", real: str = "f8", **
             for name, value in (("nodeCount", len(mesh.points)), ("faceCount", count), ("cellCount", len(found.cells)),
                                 ("nodeOffset", 1), ("faceOffset", 1), ("cellOffset", 1))
         })  # fmt: skip
-        root.attrs["dimension"] = np.array([3], "i4")
+        root.attrs["dimension"] = np.array([dimension], "i4")
         spans = [(half, len(mesh.points)), (0, half)] if half else [(0, len(mesh.points))]
-        _nodes(root.create_group("nodes"), mesh.points.astype(real), spans, stored)
+        _nodes(root.create_group("nodes"), mesh.points[:, :dimension].astype(real), spans, stored)
         group = root.create_group("faces")
         _zones(group, zones)
         _faces(group, polygons(faces.nodes + 1, np.diff(faces.offsets)), parts, stored)
@@ -51,6 +53,43 @@ def written(mesh: Mesh, path: Path, layout: str = "solver", real: str = "f8", **
         settings["Thread Variables"] = np.array([b"(39 (2 wall wing)())"])
         settings["Version"].attrs["version"] = np.array([1], "i4")
     return path
+
+
+def plane_mesh() -> Mesh:
+    """Quads around a hole, of which those above are cut into triangles."""
+    lattice = np.arange(36).reshape(6, 6)
+    quads = [
+        lattice[[j, j, j + 1, j + 1], [i, i + 1, i + 1, i]] for j in range(5) for i in range(5) if (i, j) != (2, 2)
+    ]
+    low = np.array([row for row in quads if row[0] < 24])
+    high = np.array([[row[0], row[1], row[2]] for row in quads if row[0] >= 24])
+    high = np.concatenate([high, [[row[0], row[2], row[3]] for row in quads if row[0] >= 24]])
+    x, y = np.meshgrid(np.linspace(-1, 1, 6), np.linspace(-1, 1, 6))
+    points = np.stack([x + 0.05 * np.sin(3 * y), y, 0 * x], axis=-1).reshape(-1, 3)
+    body = np.array([[15, 14], [14, 20], [20, 21], [21, 15]])
+    far = np.concatenate([np.stack([edge[:-1], edge[1:]], axis=1) for edge in (
+        lattice[0], lattice[:, -1], lattice[-1, ::-1], lattice[::-1, 0])])  # fmt: skip
+    patches = (Patch("body", (Cells("line", body),)), Patch("far_field", (Cells("line", far),)))
+    return Mesh(points, (Cells("quad", low), Cells("triangle", high)), patches)
+
+
+def lines_of(mesh: Mesh) -> Bounded:
+    """The lines of a plane mesh, with their cells on the left, as `bounded` has faces."""
+    cells = [row for block in mesh.cells for row in block.nodes.tolist()]
+    pairs: dict[frozenset[int], list[tuple[int, tuple[int, int]]]] = {}
+    for i, row in enumerate(cells):
+        for line in zip(row, [*row[1:], row[0]], strict=True):
+            pairs.setdefault(frozenset(line), []).append((i, line))
+    inner = [both for both in pairs.values() if len(both) == 2]
+    outer, ranges = [], []
+    for patch in mesh.patches:
+        rows = [pairs[frozenset(row)] for faces in patch.faces for row in faces.nodes.tolist()]
+        ranges.append((patch.name, len(inner) + len(outer), len(rows)))
+        outer += rows
+    ordered = [both[0] for both in (*inner, *outer)]
+    lines = polygons(np.array([line for _, line in ordered]).ravel(), np.full(len(ordered), 2))
+    owner, neighbour = np.array([i for i, _ in ordered]), np.array([both[1][0] for both in inner])
+    return Bounded(Polyhedra(lines, owner, neighbour), tuple(ranges), ())
 
 
 def _sections(group: Any, values: Any, parts: Any, stored: Any) -> None:

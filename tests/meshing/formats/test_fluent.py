@@ -22,7 +22,7 @@ from sdm_deflect.meshing.formats.shapes import turned
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats.alike import content, rows, tree
 from tests.meshing.formats.examples import grid, hybrid, polyhedral
-from tests.meshing.formats.fluent_files import LAYOUTS, written
+from tests.meshing.formats.fluent_files import LAYOUTS, plane_mesh, written
 from tests.meshing.formats.test_hostile import complaint
 
 PACKED = {"compression": "gzip", "chunks": True}
@@ -262,7 +262,8 @@ NODES, C0 = "meshes/1/faces/nodes/1", "meshes/1/faces/c0/1"
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (attribute("dimension", 2), "has 2 dimensions"),
+        (attribute("dimension", 4), "has 4 dimensions, expected 2 or 3"),
+        (attribute("dimension", 2), r"coords/1 holds \(14, 3\) numbers, expected \(14, 2\)"),
         (attribute("nodeCount", 15), "coords ends at number 14, expected 15"),
         (attribute("nodeCount", 2**62), r"coords ends at number 14, expected \d+; the file is truncated"),
         (attribute("nodeCount", 0), "nodeCount is 0"),
@@ -353,3 +354,42 @@ def test_an_inner_patch_does_not_hide_the_others(tmp_path):
     mesh = hybrid()
     named = (Patch("all", tuple(faces for patch in mesh.patches for faces in patch.faces)),)
     assert len(read(written(replace(mesh, patches=named), tmp_path / "a.cas.h5")).patch("all")) == 18
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_plane_meshes(layout, tmp_path):
+    source, out = tmp_path / "a.msh.h5", tmp_path / "b.msh.h5"
+    mesh = read(written(plane_mesh(), source, layout))
+    assert mesh.plane
+    np.testing.assert_array_equal(mesh.points, plane_mesh().points)
+    assert sets(mesh) == sets(plane_mesh())
+    assert {b.shape: len(b) for b in mesh.cells} == {"triangle": 10, "quad": 19}
+    wanted = {b.shape: [set(row) for row in b.nodes.tolist()] for b in plane_mesh().cells}
+    assert {b.shape: [set(row) for row in b.nodes.tolist()] for b in mesh.cells} == wanted
+    left = {pair for b in mesh.cells for row in b.nodes.tolist() for pair in zip(row, row[1:] + row[:1], strict=True)}
+    assert {row for patch in mesh.patches for row in rows(patch.faces[0])} <= left
+    result = sdm.deflect(source, "body", hinge=[(0, 0)], angle=8.0, fixed="far_field")
+    result.save(out)
+    moved = read(out)
+    assert np.abs(moved.points - mesh.points)[mesh.on("body")].max() > 0.01
+    assert not any(inverted_of(moved.points, block).any() for block in moved.cells)
+    before, after = tree(source), tree(out)
+    assert {name for name in before if before[name] != after[name]} <= {n for n in before if "nodes/coords/" in n}
+
+
+def test_vtk_sees_a_plane_mesh(tmp_path):
+    seen = cells_of(written(plane_mesh(), tmp_path / "a.cas.h5"))
+    assert np.unique(seen.celltypes, return_counts=True)[1].tolist() == [10, 19]
+    areas = seen.compute_cell_sizes()["Area"]
+    assert areas.sum() == pytest.approx(4.0 - 0.16, rel=0.02)
+
+
+def test_plane_cells_of_five_sides_and_torn_ones(tmp_path):
+    path = written(plane_mesh(), tmp_path / "a.cas.h5")
+    with h5py.File(path, "r+") as file:
+        nodes = file["meshes/1/faces/nodes/1/nodes"][()]
+        file["meshes/1/faces/nodes/1/nodes"][-1] = nodes[0]
+    assert "plane cells do not close" in complaint(Fluent(), path)
+    with h5py.File(path, "r+") as file:
+        file["meshes/1/faces/c0/1"][-1] = 10
+    assert "1 plane cells have more than four sides" in complaint(Fluent(), path)
