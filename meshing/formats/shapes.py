@@ -73,8 +73,9 @@ def oriented(points: FloatArray, cells: Cells) -> Cells:
     """
     if cells.shape in PLANE:
         corners = points[cells.nodes][:, :, :2]
-        across, along = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
-        clockwise = across[:, 0] * along[:, 1] < across[:, 1] * along[:, 0]
+        with np.errstate(all="ignore"):  # `Mesh` refuses coordinates that are not finite
+            across, along = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
+            clockwise = across[:, 0] * along[:, 1] < across[:, 1] * along[:, 0]
         return replace(cells, nodes=np.where(clockwise[:, None], cells.nodes[:, ::-1], cells.nodes))
     step = max(1, len(cells) // SAMPLE)
     sample = cells.nodes[::step]
