@@ -9,6 +9,7 @@ import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -33,7 +34,7 @@ LONGEST = 2**31 - 1
 """Bytes of a record, and numbers, that four bytes can hold."""
 EXACT = 2.0**53
 """Whole numbers below this one are exact in double precision."""
-ROWS = 1 << 18
+ROWS = 1 << 16
 """Rows read or written at a time."""
 HEADER = re.compile(rb"\s*(\d{1,18})" + rb"\s+(\d{1,18})" * 6 + rb"(?=\s|$)")
 HEAD = 4096
@@ -109,13 +110,13 @@ def ending(path: Path) -> str:
 class UgridFile:
     """An open file, its encoding (a key of `ENCODINGS`, empty for text) and the shapes of its arrays."""
 
-    file: BinaryIO = field(repr=False)
+    file: BufferedReader = field(repr=False)
     encoding: str
     shapes: dict[str, tuple[int, int]]
     report: Callable[[float], None] = field(repr=False)
 
     @classmethod
-    def opened(cls, file: BinaryIO, encoding: str, report: Callable[[float], None]) -> UgridFile:
+    def opened(cls, file: BufferedReader, encoding: str, report: Callable[[float], None]) -> UgridFile:
         """Compare what a file counts with its length.
 
         MeshFileError if it is too short, damaged, or of another encoding.
@@ -166,11 +167,13 @@ class UgridFile:
 
     def _read_binary(self, found: Mapping[str, Array]) -> None:
         own, done = ENCODINGS[self.encoding], 0
+        room = memoryview(bytearray(8 * max(CORNERS.values()) * ROWS))  # one for all: new memory is slow at first
         self.file.seek(own.begin)
         for name, values in found.items():
             for start in range(0, len(values), ROWS):
                 rows = values[start : start + ROWS]
-                data = self.file.read(rows.size * own.kind(name).itemsize)
+                data = room[: rows.size * own.kind(name).itemsize]
+                self.file.readinto(data)
                 with np.errstate(invalid="ignore"):  # `Mesh` refuses coordinates that are not finite
                     rows.ravel()[:] = np.frombuffer(data, own.kind(name))
                 done += len(data)
