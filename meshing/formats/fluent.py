@@ -130,7 +130,8 @@ def _group(file: Any) -> Any:
     if (dimension := number(mesh, "dimension")) not in (2, 3):
         raise MeshFileError(f"the mesh has {dimension} dimensions, expected 2 or 3; the file is damaged")
     for kind, part, sentence in REFUSED:
-        if part in member(mesh, kind) and len(member(mesh, f"{kind}/{part}")):
+        own = member(mesh, f"{kind}/{part}") if part in member(mesh, kind) else ()
+        if len(own) and not ("nZones" in own.attrs and number(own, "nZones") == 0):
             raise MeshFileError(sentence)
     return mesh
 
@@ -196,6 +197,8 @@ def _bounded(points: FloatArray, faces: Polygons, c0: IntArray, c1: IntArray) ->
     """
     inner, outer = np.flatnonzero((c0 > 0) & (c1 > 0)), np.flatnonzero((c0 > 0) != (c1 > 0))
     rows = np.concatenate([inner, outer])
+    if not len(rows):
+        raise MeshFileError("there are no volume cells")
     own = taken(faces, rows)
     if len(own.nodes) and (own.nodes.min() < 0 or own.nodes.max() >= len(points)):
         raise MeshFileError(f"faces name nodes that are not among the {len(points)} (1 to {len(points)})")

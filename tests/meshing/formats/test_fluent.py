@@ -256,6 +256,11 @@ def virtual(file):
     file[COORDS].attrs.update({"minId": np.array([1]), "maxId": np.array([14])})
 
 
+def surface_alone(file):
+    for name in ("c0", "c1"):
+        file[f"meshes/1/faces/{name}/1"][...] = 0
+
+
 NODES, C0 = "meshes/1/faces/nodes/1", "meshes/1/faces/c0/1"
 
 
@@ -302,6 +307,7 @@ NODES, C0 = "meshes/1/faces/nodes/1", "meshes/1/faces/c0/1"
         (linked(f"{NODES}/nodes", h5py.SoftLink("/settings/Version")), "nodes/1/nodes is a link"),
         (outside, "holds data of other files"), (virtual, "holds data of other files"),
         (lambda file: file.create_group("meshes/1/faces/interface/5"), "mesh interfaces .* delete them in Fluent"),
+        (surface_alone, "there are no volume cells"),
         (lambda file: file.create_group("meshes/1/faces/tree/1"), "hanging nodes; convert them"),
         (lambda file: file.create_group("meshes/1/cells/tree/1"), "hanging nodes; convert them"),
     ],
@@ -393,3 +399,12 @@ def test_plane_cells_of_five_sides_and_torn_ones(tmp_path):
     with h5py.File(path, "r+") as file:
         file["meshes/1/faces/c0/1"][-1] = 10
     assert "1 plane cells have more than four sides" in complaint(Fluent(), path)
+
+
+def test_a_list_of_interfaces_may_be_empty(tmp_path):
+    path = written(hybrid(), tmp_path / "a.cas.h5")
+    with h5py.File(path, "r+") as file:
+        group = file.create_group("meshes/1/faces/interface")
+        group.attrs["nZones"] = np.array([0], "u8")
+        group["nciTopology"] = np.empty(0, "u8")
+    assert len(read(path).patches) == 6
