@@ -130,7 +130,9 @@ def _group(file: Any) -> Any:
     if (dimension := number(mesh, "dimension")) not in (2, 3):
         raise MeshFileError(f"the mesh has {dimension} dimensions, expected 2 or 3; the file is damaged")
     for kind, part, sentence in REFUSED:
-        own = member(mesh, f"{kind}/{part}") if part in member(mesh, kind) else ()
+        if part not in member(mesh, kind):
+            continue
+        own = member(mesh, f"{kind}/{part}")
         if len(own) and not ("nZones" in own.attrs and number(own, "nZones") == 0):
             raise MeshFileError(sentence)
     return mesh
