@@ -7,6 +7,7 @@ Verification and Validation); the User's Manual is NASA TM 101067.
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ MARKER = 4
 HEAD = 4096
 """Bytes by which text is told from binary."""
 DIMENSIONS = (3, 2)
+EXPONENT = re.compile(rb"[eEdD]")
 LIKE_FORTRAN = bytes.maketrans(b"Dd,", b"Ee ")
 """Exponents and separators that Fortran has beside C's."""
 
@@ -190,9 +192,9 @@ class Plot3dFile:
 
 def styled(word: bytes, value: float) -> bytes:
     """Return a number with all digits that it needs, with an exponent where a word has one, and as wide if it fits."""
-    letter = next((chr(one) for one in word if one in b"eEdD"), "")
-    text = np.format_float_scientific(value, exp_digits=2).replace("e", letter) if letter else repr(value)
-    return text.encode().rjust(len(word))
+    found = EXPONENT.search(word)
+    text = np.format_float_scientific(value, exp_digits=2).encode().replace(b"e", found[0]) if found else b"%r" % value
+    return text.rjust(len(word))
 
 
 def _words(file: BinaryIO) -> Iterator[tuple[int, bytes, Lines]]:
