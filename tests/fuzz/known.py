@@ -88,6 +88,54 @@ def ugrid(sound: Sound) -> Iterator[Input]:
         yield _with(tet, "tet.ugrid", rb"\A[^\n]*", counts)
 
 
+def fluent(sound: Sound) -> Iterator[Input]:
+    """Numbers of cells, faces and nodes that are not there, and ranges of sections that are huge or backward."""
+    for name in ("tet_solver.cas.h5", "plane_meshing.cas.h5"):
+        one = sound[name]
+        for place in (
+            "faces/c0/1",
+            "faces/c1/1",
+            "faces/nodes/1/nodes",
+            "faces/nodes/1/nnodes",
+            "faces/zoneTopology/maxId",
+        ):
+            for number in (0, 99, 2**31 - 1):
+                yield one.with_file(name, _in_hdf5(one.files[name], f"meshes/1/{place}", number))
+        for place in ("nodes/coords/1", "faces/c0/1", "faces/nodes/1"):
+            for key, number in (("maxId", 2**62), ("maxId", 0), ("minId", 2**62), ("minId", 2)):
+                yield one.with_file(name, _in_hdf5(one.files[name], f"meshes/1/{place}", number, key))
+        for key in ("nodeCount", "faceCount", "cellCount"):
+            yield one.with_file(name, _in_hdf5(one.files[name], "meshes/1", 2**62, key))
+
+
+def _in_hdf5(data: bytes, place: str, number: int, attribute: str = "") -> bytes:
+    """Return a file with another number first in a dataset, or as an attribute."""
+    buffer = io.BytesIO(data)
+    with h5py.File(buffer, "r+") as file:
+        if attribute:
+            file[place].attrs[attribute] = np.array([number], "u8")
+        else:
+            file[place][0] = np.array(number).astype(file[place].dtype)
+    return buffer.getvalue()
+
+
+def plot3d(sound: Sound) -> Iterator[Input]:
+    """Plane cells beyond all range, counts that are huge, maps of another grid and without end."""
+    flat, cut, names = sound["flat_text.x"], sound["cut_text.xyz"], "cut_text.nmf"
+    yield _with(flat, "flat_text.x", rb"\n\S+ ", b"\n1e300 ")
+    for number in (b"-1", b"0", b"99999999999", b"1e9", b"nan", b"3*1"):
+        yield _with(cut, "cut_text.xyz", rb"\A\d+", number)
+    for text in (b"", b"\0", b"9" * 5000, b"1\n" * 5000, b"#" * 5000, b"wall " * 5000):
+        yield cut.with_file(names, text)
+    for line in (
+        b"wall 9 1 1 2 1 2",
+        b"wall 1 9 1 2 1 2",
+        b"wall 1 1 0 99999 1 2",
+        b"one_to_one 1 1 1 2 1 2 1 2 1 2 1 2 X",
+    ):
+        yield cut.with_file(names, cut.files[names] + line)
+
+
 def openfoam(sound: Sound) -> Iterator[Input]:
     """A list of one value told often, what unpacks to very much, braces without end, types of no length."""
     case = sound["tet"]
@@ -355,7 +403,8 @@ def cache(sound: Sound) -> Iterator[Input]:
 
 
 MAKERS: dict[str, Callable[[Sound], Iterator[Input]]] = {
-    "su2": su2, "gmsh": gmsh, "ugrid": ugrid, "tau": tau, "openfoam": openfoam, "vtu": vtu, "cgns": cgns,
+    "su2": su2, "gmsh": gmsh, "ugrid": ugrid, "tau": tau, "fluent": fluent, "plot3d": plot3d,
+    "openfoam": openfoam, "vtu": vtu, "cgns": cgns,
     "others": others, "tables": tables, "options": options, "settings": settings, "folders": folders,
     "geometry": geometry, "cache": cache,
 }  # fmt: skip

@@ -9,6 +9,7 @@ import pytest
 import pyvista as pv
 
 import sdm_deflect as sdm
+from sdm_deflect.cases.inspection import inspect
 from sdm_deflect.cases.mesh_files import Targets
 from sdm_deflect.cases.report.folder import folder_of
 from sdm_deflect.deform.mesh import Mesh, Patch
@@ -48,6 +49,13 @@ def test_a_mesh_is_read_from_either_layout(layout, stored, tmp_path):
         grid(hybrid()).compute_cell_sizes()["Volume"].sum()
     )
     assert mesh.name == "wing.v2.msh.h5"
+
+
+def test_what_a_file_holds_is_told(tmp_path):
+    text = inspect(written(hybrid(), tmp_path / "a.msh.h5", "meshing"))
+    assert "14 points, 7 cells" in text
+    assert "7 polyhedra, 0 inverted" in text
+    assert "patches (faces): floor 3, inlet 2, outlet 2, left wall 3, right wall 3, roof 5" in text
 
 
 def test_cells_keep_their_order(tmp_path):

@@ -9,6 +9,7 @@ import pytest
 import pyvista as pv
 
 import sdm_deflect as sdm
+from sdm_deflect.cases.inspection import inspect
 from sdm_deflect.cases.mesh_files import Targets
 from sdm_deflect.deform.faces import FACES as CORNERS
 from sdm_deflect.deform.quality import inverted_of
@@ -154,6 +155,14 @@ def test_part_of_a_face_may_meet_another_block(tmp_path):
     assert count["block1/imax"] == 2 * 3
     assert "block2/imin" not in count
     assert len(mesh.zones) == 1
+
+
+def test_what_a_grid_holds_is_told(tmp_path):
+    text = inspect(written(tmp_path / "a.xyz", cut(box(), 0, 2), "<f4rb"))
+    assert "60 points, 24 cells" in text
+    assert "2 zones of the file fit together: block1, block2" in text
+    assert "24 hexahedra, 0 inverted" in text
+    assert "block1/imin 6" in text
 
 
 def test_blocks_that_do_not_meet_are_zones(tmp_path):
