@@ -2,7 +2,7 @@
 
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -222,7 +222,7 @@ def _conditions(mesh: Mesh, ids: Mapping[str, int], names: Mapping[str, str]) ->
 
 def _arrays(mesh: Mesh, ids: Mapping[str, int]) -> dict[str, Any]:
     """The arrays of a file (`UgridFile.arrays`)."""
-    blocks: dict[str, list[IntArray]] = {shape: [np.empty((0, CORNERS[shape]), np.intp)] for shape in (*FACES, *SOLIDS)}
+    blocks: dict[str, list[IntArray]] = {shape: [] for shape in (*FACES, *SOLIDS)}
     surfaces: dict[str, list[IntArray]] = {shape: [np.empty((0, 1), np.intp)] for shape in FACES}
     for patch in mesh.patches:
         for faces in simple_faces(patch):
@@ -230,6 +230,11 @@ def _arrays(mesh: Mesh, ids: Mapping[str, int]) -> dict[str, Any]:
             surfaces[faces.shape].append(np.full((len(faces), 1), ids[patch.name]))
     for cells in standard_cells(mesh):
         blocks[cells.shape].append(in_order(cells.nodes, cells.shape, FROM_VTK) + 1)
-    found: dict[str, Any] = {shape: np.concatenate(parts) for shape, parts in blocks.items()}
+    found: dict[str, Any] = {shape: _one(parts, CORNERS[shape]) for shape, parts in blocks.items()}
     found |= {POINTS: mesh.points, SURFACE: np.concatenate([own for shape in FACES for own in surfaces[shape]])}
     return {name: found[name] for name in ORDER}
+
+
+def _one(parts: Sequence[IntArray], width: int) -> IntArray:
+    """Nodes (M, width) of all blocks; a single one is not copied."""
+    return parts[0] if len(parts) == 1 else np.concatenate([np.empty((0, width), np.intp), *parts])
