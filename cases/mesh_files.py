@@ -53,14 +53,17 @@ class Targets:
         """Return the targets of a job; `out` is beside the source if None.
 
         Raises MeshFileError for an unknown format, or one in which this mesh cannot be written, InputError for an `out`
-        without a name.
+        without a name, or with another suffix where a file is only rewritten.
         """
         chosen = out or _beside(source)
         named = case_folder(chosen) if format_of(chosen) is FORMATS["openfoam"] else chosen
         if named.name in ("", "..") and not (named := named.resolve()).name:
             raise InputError(f"{chosen} is no place for a mesh; name a file or a folder in out")
-        if format_of(chosen).name not in WRITTEN and format_of(chosen) is not format_of(source):
-            raise only_rewritten(chosen)
+        if format_of(chosen).name not in WRITTEN:
+            if format_of(chosen) is not format_of(source):
+                raise only_rewritten(chosen)
+            if ending(chosen).lower() != (own := ending(source)).lower():
+                raise InputError(f"{chosen}: is to be a copy of a file {own} and must have that suffix")
         return cls(source, named, tuple(angles), sensitive, reported)
 
     def mesh(self, angle: float) -> Path:

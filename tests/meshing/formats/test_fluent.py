@@ -12,6 +12,7 @@ import sdm_deflect as sdm
 from sdm_deflect.cases.inspection import inspect
 from sdm_deflect.cases.mesh_files import Targets
 from sdm_deflect.cases.report.folder import folder_of
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Mesh, Patch
 from sdm_deflect.deform.quality import inverted_of
 from sdm_deflect.meshing.formats.fluent import Fluent
@@ -205,7 +206,9 @@ def test_a_mesh_from_elsewhere_is_refused_before_anything_is_computed(tmp_path):
         Targets.of(tmp_path / "a.su2", tmp_path / "b.msh.h5", (3.0,))
     with pytest.raises(MeshFileError, match=r"b\.cas\.h5: only a mesh of this format"):
         Fluent().write(hybrid(), tmp_path / "b.cas.h5")
-    assert Targets.of(tmp_path / "a.msh.h5", tmp_path / "b.cas.h5", (3.0,)).out.name == "b.cas.h5"
+    assert Targets.of(tmp_path / "a.msh.h5", tmp_path / "b.MSH.h5", (3.0,)).out.name == "b.MSH.h5"
+    with pytest.raises(InputError, match=r"b\.cas\.h5: is to be a copy of a file \.msh\.h5 and must have that suffix"):
+        Targets.of(tmp_path / "a.msh.h5", tmp_path / "b.cas.h5", (3.0,))
     assert list(tmp_path.iterdir()) == []
 
 
