@@ -167,7 +167,7 @@ def test_surfaces_with_hinges_of_their_own():
     ("arguments", "options", "message"),
     [
         (("nosuch.su2", "body", HINGE, 5), {}, "nosuch.su2"),
-        (("mesh.xyz", "body", HINGE, 5), {}, "no mesh format has the suffix '.xyz'"),
+        (("mesh.off", "body", HINGE, 5), {}, "no mesh format has the suffix '.off'"),
         ((5, "body", HINGE, 5), {}, "an object of type int is no mesh"),
         (((np.eye(3), {"body": "abc"}), "body", HINGE, 5), {}, "patch body must be whole numbers"),
         (((np.eye(3), {"body": [0.5]}), "body", HINGE, 5), {}, "patch body must be whole numbers"),

@@ -223,7 +223,7 @@ def test_a_first_surface_that_stays_does_not_keep_the_second_from_moving(sdm, tm
         ([*TURN, "--min-quality", "2"], ["min_quality = 2 must be a share between 0 and 1"]),
         ([*TURN, "--steps", "0"], ["--steps 0"]),
         ([*TURN, "--margin", "-1"], ["margin = -1"]),
-        ([*TURN, "--out", "wing.xyz"], ["no mesh format has the suffix '.xyz'"]),
+        ([*TURN, "--out", "wing.off"], ["no mesh format has the suffix '.off'"]),
     ],
 )
 def test_mistakes_are_one_line_and_exit_code_2(arguments, words, files, sdm, tmp_path, monkeypatch):
