@@ -17,7 +17,7 @@ from sdm_deflect.meshing.formats.cgns_interfaces import NEAR, meeting
 from sdm_deflect.meshing.formats.fitted import Fitted, Part, fitted
 from sdm_deflect.meshing.formats.format import about, check_points, only_rewritten
 from sdm_deflect.meshing.formats.plot3d_file import Plot3dFile
-from sdm_deflect.meshing.formats.plot3d_map import ONE_TO_ONE, PATCHED, SINGULAR, UNPROCESSED, Entry, Range, map_of
+from sdm_deflect.meshing.formats.plot3d_map import ONE_TO_ONE, PATCHED, UNPROCESSED, WITHOUT, Entry, Range, map_of
 from sdm_deflect.meshing.formats.shapes import oriented
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
@@ -28,8 +28,9 @@ class Plot3d:
 
     How a file is stored follows from its counts and its length. Two faces of cells whose corners are at the very same
     places are one face, unless the map says that they are boundaries; so are faces that the map pairs, ``ONE_TO_ONE``,
-    if they are near enough. Patches are named by the map (`map_of`): faces of one name are one patch. All others are
-    ``block1/imin``, ``block1/imax`` and so on. IBLANK is no part of the mesh; a rewritten file keeps it.
+    if they are near enough. Faces that only touch, ``PATCHED``, are on no patch. Patches are named by the map
+    (`map_of`): faces of one name are one patch. All others are ``block1/imin``, ``block1/imax`` and so on. IBLANK is no
+    part of the mesh; a rewritten file keeps it.
     """
 
     name: str = "plot3d"
@@ -97,16 +98,14 @@ def _block(number: int, size: Size, points: FloatArray, said: Sequence[Entry]) -
         for at in (0, size[axis] - 1)
     }
     named: dict[str, list[Cells]] = {}
-    for entry in said:
-        end = entry.ranges[0]
-        if entry.kind in (ONE_TO_ONE, PATCHED, UNPROCESSED) or end.block != number or end.axis >= len(size):
-            continue
-        plane = end.plane(size)
-        mask = free[plane.axis, plane.at]
-        rows = plane.rows[mask[plane.rows]]
-        mask[rows] = False
-        if entry.kind not in SINGULAR and len(rows):
-            named.setdefault(entry.name, []).append(faces(size, Plane(plane.axis, plane.at, rows), left_handed))
+    for entry in (entry for entry in said if entry.kind not in (ONE_TO_ONE, UNPROCESSED)):
+        for end in (end for end in entry.ranges if end.block == number and end.axis < len(size)):
+            plane = end.plane(size)
+            mask = free[plane.axis, plane.at]
+            rows = plane.rows[mask[plane.rows]]
+            mask[rows] = False
+            if entry.kind not in WITHOUT and len(rows):
+                named.setdefault(entry.name, []).append(faces(size, Plane(plane.axis, plane.at, rows), left_handed))
     rest = {
         f"block{number + 1}/{AXES[axis]}{'max' if at else 'min'}": faces(size, Plane(axis, at, rows), left_handed)
         for (axis, at), mask in free.items()

@@ -18,8 +18,8 @@ LONGEST = 1 << 24
 FACES = {1: (2, False), 2: (2, True), 3: (0, False), 4: (0, True), 5: (1, False), 6: (1, True)}
 """Axis along which a face has one number, and whether that is its last one; the two other axes follow it in turn."""
 ONE_TO_ONE, PATCHED, UNPROCESSED = "one_to_one", "patched", "unprocessed"
-SINGULAR = ("collapsed", "pole_dir1", "pole_dir2")
-"""Kinds of faces without an area."""
+WITHOUT = (PATCHED, "collapsed", "pole_dir1", "pole_dir2")
+"""Kinds of faces that are on no patch: those that only touch others, and those without an area."""
 COMMENT = re.compile(r"[#!](.*)")
 ENTRY = re.compile(r"""\s*('[^']*'|"[^"]*"|[^\s\d]\S*)((?:\s+[+-]?\d{1,9}){6,12})\s*(\w*)\s*$""")
 NUMBER = re.compile(r"\d{1,9}")
