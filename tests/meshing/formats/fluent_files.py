@@ -13,6 +13,9 @@ from sdm_deflect.meshing.formats.shapes import polygons, turned
 TYPES = {"triangle": 1, "quad": 3, "tetra": 2, "hexahedron": 4, "pyramid": 5, "wedge": 6}
 """Fluent's numbers of the shapes of cells; polyhedra are 7."""
 LAYOUTS = ("solver", "meshing")
+PACKED = {"compression": "gzip", "chunks": True}
+COORDS = "meshes/1/nodes/coords/1"
+ZONES = "meshes/1/faces/zoneTopology"
 KINDS = {"symmetry": 7, "inlet": 10, "far_field": 9}
 """Types of zones by the name of the patch; all others are walls."""
 

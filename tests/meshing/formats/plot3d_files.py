@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.meshing.formats.plot3d_file import Plot3dFile
+
 Block = NDArray[np.float64]
 """(I, J, K, 3) points of a block."""
 BINARY = tuple(
@@ -75,6 +77,7 @@ def with_body(n: int = 6) -> list[Block]:
     return [whole[tuple(slice(ends[a], ends[a + 1] + 1) for a in part)] for part in parts]
 
 
+SIDES = {f"block1/{axis}{end}" for axis in "ijk" for end in ("min", "max")}
 FACES = {"kmin": 1, "kmax": 2, "imin": 3, "imax": 4, "jmin": 5, "jmax": 6}
 """Numbers of a block's faces in a neutral map file."""
 BODY = (
@@ -95,3 +98,9 @@ def whole_face(block: Block, number: int, face: str) -> str:
     axis = "ijk".index(face[0])
     first, second = block.shape[(axis + 1) % 3], block.shape[(axis + 2) % 3]
     return f"{number} {FACES[face]} 1 {first} 1 {second}"
+
+
+def stored(path: Path) -> NDArray[np.float64]:
+    """Coordinates of all points of a file, block after block."""
+    with path.open("rb") as file:
+        return Plot3dFile.opened(file, lambda _: None).points()

@@ -1,0 +1,92 @@
+"""PLOT3D grids that are truncated, damaged or ambiguous: one sentence, soon."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases.mesh_files import Targets
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.plot3d import Plot3d
+from sdm_deflect.meshing.formats.registry import format_of, read
+from tests.meshing.formats.plot3d_files import VARIANTS, box, cut, written
+from tests.meshing.formats.test_hostile import complaint
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_truncated_files(variant, tmp_path):
+    path = written(tmp_path / "a.p3d", [box()], variant)
+    data = path.read_bytes().rstrip()
+    for length in (0, 1, 4, 12, 20, 200, len(data) // 2, len(data) - 4 - 8 * (variant == "text")):
+        path.write_bytes(data[:length].rpartition(b" ")[0] if variant.startswith("text") else data[:length])
+        assert "fits no sizes of blocks that its first numbers tell" in complaint(Plot3d(), path), length
+    path.write_bytes(data + b" 1.0 " * 3)
+    assert "fits no sizes of blocks" in complaint(Plot3d(), path)
+
+
+@pytest.mark.parametrize("at", [0, 8, 12, 28, 32, -4])
+def test_markers_of_records(at, tmp_path):
+    path = written(tmp_path / "a.p3d", [box()], "<f8r")
+    data = bytearray(path.read_bytes())
+    data[at % len(data)] ^= 64
+    path.write_bytes(bytes(data))
+    assert "fits no sizes of blocks" in complaint(Plot3d(), path)
+
+
+@pytest.mark.parametrize("value", [-1, 0, 2**31 - 1, -(2**31), 10**6])
+@pytest.mark.parametrize("word", range(4))
+@pytest.mark.parametrize("variant", ["<f8", ">f4b", "text"])
+def test_counts_that_the_file_cannot_hold(variant, word, value, tmp_path):
+    path = written(tmp_path / "a.p3d", [box()], variant)
+    if variant == "text":
+        words = path.read_text().split()
+        words[word] = str(value)
+        path.write_text(" ".join(words))
+    else:
+        data = path.read_bytes()
+        path.write_bytes(data[: 4 * word] + struct.pack(f"{variant[0]}i", value) + data[4 * word + 4 :])
+    assert "fits no sizes of blocks" in complaint(Plot3d(), path)
+
+
+def test_what_could_be_two_things_is_refused(tmp_path):
+    """One block of 2 x 2 x 4 points, or two plane ones of 2 x 4 and 3 x 5: 51 numbers either way."""
+    (tmp_path / "a.xyz").write_text(" ".join(["2", "2", "4", "3", "5", *["0.5"] * 46]))
+    assert "it could be each of these: 2 blocks of 2 dimensions (text); one block of 3 dimensions (text)" in complaint(
+        Plot3d(), tmp_path / "a.xyz"
+    )
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"2 2 2 3*0.5 " + b"1 " * 21, "numbers are repeated by counts such as 3*0.5"),
+        (b"2 2 2 wing " + b"1 " * 23, "'wing' is not a number"),
+        (b"1\n3 1 2\n" + b"1.5 " * 18, "block 1 of 3 x 1 x 2 points has no cells"),
+        (b"1\n2 2 1\n" + b"1.5 " * 8 + b"1 2 3 4", "all points must have one z, but they lie between 1 and 4"),
+        (b"2 2 2 " + b"nan " + b"1 " * 23, "1 points are not finite"),
+        (b"", "fits no sizes"), (b"\0" * 4000, "fits no sizes"),
+    ],
+)  # fmt: skip
+def test_other_contents(content, said, tmp_path):
+    (tmp_path / "a.p3d").write_bytes(content)
+    assert said in complaint(Plot3d(), tmp_path / "a.p3d")
+
+
+def test_single_precision_stays_and_has_its_range(tmp_path):
+    source = written(tmp_path / "a.p3d", [box()], ">f4")
+    with pytest.raises(MeshFileError, match=r"too large for numbers of 4 bytes"):
+        Plot3d().rewrite(source, read(source).points * 1e39, tmp_path / "b.p3d")
+    with pytest.raises(MeshFileError, match="the file has 60 points"):
+        Plot3d().rewrite(source, np.zeros((61, 3)), tmp_path / "b.p3d")
+    assert not (tmp_path / "b.p3d").exists()
+
+
+def test_a_mesh_from_elsewhere_is_refused_and_other_formats_take_the_blocks(tmp_path):
+    with pytest.raises(MeshFileError, match=r"b\.p3d: only a mesh of this format can be written in it"):
+        Targets.of(tmp_path / "a.su2", tmp_path / "b.p3d", (3.0,))
+    path = written(tmp_path / "a.x", cut(box(), 0, 2))
+    with pytest.raises(MeshFileError, match=r"b\.g: only a mesh of this format"):
+        Plot3d().write(read(path), tmp_path / "b.g")
+    assert Targets.of(path, None, (3.0,)).mesh(3.0).name == "a-deflected.x"
+    format_of("c.cgns").write(read(path), tmp_path / "c.cgns")
+    assert sum(map(len, read(tmp_path / "c.cgns").patches)) == sum(map(len, read(path).patches))
