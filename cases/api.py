@@ -19,6 +19,7 @@ from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.deflection import sweep as swept
+from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing import adapters
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -105,6 +106,14 @@ class Result:
     def sensitivity(self) -> FloatArray:
         """d(points)/d(angle) (N, 3), in length units per degree, or per whole table; from the same centres."""
         return self.deflection.sensitivity()
+
+    @property
+    def field(self) -> Field:
+        """The deflection as a function of coordinates: `field.apply(points)` moves any part of the mesh, to the bit.
+
+        `save` writes it to a small file, and `Field.load` reads it where the rest of a large mesh lies.
+        """
+        return Field.of(self.deflection)
 
     def figures(self) -> dict[str, Any]:
         """Return all figures, in dictionaries, under the names of metrics.json."""

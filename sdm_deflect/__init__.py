@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from sdm_deflect.deform.surface.blended import Blended
     from sdm_deflect.deform.surface.motions import Rotation, Table
     from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge
+    from sdm_deflect.deform.volume.field import Field
 
     __version__: str
 
@@ -23,6 +24,7 @@ __all__ = [
     "Blended",
     "Cells",
     "Check",
+    "Field",
     "Hexahedron",
     "InputError",
     "Listed",
@@ -50,6 +52,7 @@ _MODULES = {
     "deform.surface.motions": ("Rotation", "Table"),
     "deform.surface.surface": ("Listed", "OnPatches", "TrailingEdge"),
     "deform.hexahedron": ("Hexahedron",),
+    "deform.volume.field": ("Field",),
 }
 
 
