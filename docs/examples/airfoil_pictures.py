@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 import sdm_deflect as sdm
 from sdm_deflect import Result
+from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.deform.quality import quality_of
 
 SHADES = Normalize(0.4, 1.0)
@@ -26,7 +27,7 @@ def deflected(folder: Path) -> dict[str, Result]:
     naca, three = (str(folder / f"{name}.su2") for name in WINDOWS)
     return {
         "naca0012": sdm.deflect(naca, "flap", hinge=[0.75, 0.0], angle=-20, fixed="wing", motion="blended"),
-        "three_elements": sdm.deflect(three, "wall#2", hinge=[0.82, -0.09], angle=-10, fixed="wall"),
+        "three_elements": sdm.deflect(three, "wall#2", hinge=[0.79, -0.055], angle=-10, fixed="wall"),
     }
 
 
@@ -59,4 +60,4 @@ def draw(folder: Path) -> Figure:
 
 
 if __name__ == "__main__":
-    draw(Path(sys.argv[1])).savefig(sys.argv[2], dpi=100)
+    write_png(draw(Path(sys.argv[1])), Path(sys.argv[2]))

@@ -1,4 +1,4 @@
-"""PLOT3D grids (.p3d, .xyz, .x, .g, .ufmt): blocks of hexahedra, or of quadrilaterals in a plane; text and binary."""
+"""PLOT3D grids: blocks of hexahedra, or of quadrilaterals in a plane; text and binary."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Plot3d:
     """
 
     name: str = "plot3d"
-    suffixes: tuple[str, ...] = (".p3d", ".xyz", ".x", ".g", ".ufmt")
+    suffixes: tuple[str, ...] = (".p3d", ".p3dfmt", ".p2d", ".p2dfmt", ".xyz", ".x", ".g", ".ufmt")
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`; a damaged map is a MeshFileError, too."""

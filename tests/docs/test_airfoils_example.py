@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from sdm_deflect.cases import cli
 from sdm_deflect.cases.view.pieces import Pieces, Plane, outline
@@ -75,3 +76,19 @@ def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
     assert len(outline(run).sizes) == len(run.mesh.patch("flap"))
     assert frame.verified
     capsys.readouterr()
+
+
+def test_the_flap_of_one_marker_turns_and_its_slot_stays(folder):
+    """The second component of the marker goes down by 10 degrees, below the main element that it overlaps."""
+    words = ["deflect", str(folder / "three_elements.su2"), "--surface", "wall#2", "--fixed", "wall"]
+    assert main([*words, "--hinge", "0.79,-0.055", "--angle", "-10", "--no-report", "--quiet"]) == 0
+    old, new = read(folder / "three_elements.su2"), read(folder / "three_elements-deflected.su2")
+    assert old.names == new.names == ("wall", "far_field")
+    moved = np.flatnonzero((old.points != new.points).any(axis=1))
+    flap = np.intersect1d(moved, old.patch("wall").nodes)
+    rest = np.setdiff1d(old.patch("wall").nodes, flap)
+    main_element = rest[old.points[rest, 0] > 0.0]
+    assert old.points[flap, 0].min() < old.points[main_element, 0].max() - 0.02, "they overlap"
+    gaps = [cKDTree(mesh.points[main_element]).query(mesh.points[flap])[0].min() for mesh in (old, new)]
+    assert gaps[1] > 0.8 * gaps[0]
+    assert not any(inverted_of(new.points, block).any() for block in new.cells)

@@ -15,7 +15,8 @@ from tests.meshing.formats.examples import hybrid
     [("a.su2", "su2"), ("a.CGNS", "cgns"), ("wing.v2.msh", "gmsh"), ("a.vtu", "vtu"), ("case.foam", "openfoam"),
      ("a.grid", "tau"), ("a.taumesh", "tau"), ("a.NC", "tau"),
      ("wing.lb8.UGRID", "ugrid"), ("a.ugrid", "ugrid"), ("a.msh.h5", "fluent"), ("wing.v2.CAS.H5", "fluent"),
-     ("a.p3d", "plot3d"), ("a.XYZ", "plot3d"), ("a.x", "plot3d"), ("a.g", "plot3d"), ("a.ufmt", "plot3d"),
+     ("a.p3d", "plot3d"), ("n0012.p2dfmt", "plot3d"), ("a.XYZ", "plot3d"), ("a.x", "plot3d"), ("a.g", "plot3d"),
+     ("a.ufmt", "plot3d"),
      ("new_case", "openfoam"), ("alpha-12.5", "openfoam"), ("flap_+0.5", "openfoam")],
 )  # fmt: skip
 def test_suffixes(name, form):
@@ -32,8 +33,8 @@ def test_any_folder_is_an_openfoam_case(tmp_path):
     ("name", "said"),
     [("a.cas", "fluentMeshToFoam"), ("a.med", r"gmsh a\.med -save"), ("a.stl", "volume cells"), ("a.vtk", "PyVista"),
      ("a.su2.gz", r"gunzip a\.su2\.gz"),
-     ("a.off", r"known are \.cas\.h5, \.cgns, \.foam, \.g, \.grid, \.msh, \.msh\.h5, \.nc, \.p3d, \.su2, \.taumesh, "
-      r"\.ufmt, \.ugrid, \.vtu, \.x, \.xyz")],
+     ("a.off", r"known are \.cas\.h5, \.cgns, \.foam, \.g, \.grid, \.msh, \.msh\.h5, \.nc, \.p2d, \.p2dfmt, \.p3d, "
+      r"\.p3dfmt, \.su2, \.taumesh, \.ufmt, \.ugrid, \.vtu, \.x, \.xyz")],
 )  # fmt: skip
 def test_other_files_are_refused_with_advice(name, said):
     with pytest.raises(MeshFileError, match=rf"{name}: no mesh format .*{said}"):
