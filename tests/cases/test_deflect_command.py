@@ -202,7 +202,7 @@ def test_a_first_surface_that_stays_does_not_keep_the_second_from_moving(sdm, tm
         (["--surface", "flapp_upper", *HINGE, "--angle", "3"], ["wing.su2", "did you mean flap_upper"]),
         ([*FLAP, "--angle", "3"], ["the hinge is missing"]),
         ([*FLAP, "--hinge", "0,0,0", "0,0,0", "--angle", "3"], ["the hinge has no length"]),
-        ([*FLAP, "--hinge", "0,0", "0,0,1", "--angle", "3"], ["'0,0' is no point", "the hinge needs two"]),
+        ([*FLAP, "--hinge", "0,0", "0,0,1", "--angle", "3"], ["must be two points of three numbers, or one of two"]),
         ([*FLAP, "--hinge", "0,0,0", "--angle", "3"], ["'--angle' is no point", "the hinge needs two"]),
         ([*FLAP, "--hinge", "0,0,0", "0,nan,0", "--angle", "3"], ["hinge[1][1] = nan is not a finite number"]),
         ([*TURN, "--held", "flap_upper,flap_lower,flap_base"], ["nodes that follow the motion are held as well"]),
