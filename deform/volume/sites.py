@@ -24,6 +24,7 @@ APART = 0.5  # of their spacing: zero sites keep it from the boundary's nodes an
 MOST_FIXED = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
 MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
 MOST_EDGE = 3_000  # of them on an edge of the box, in a box that is like a needle
+HALVINGS = 6  # of the distance of sites on the box at most, while none is left
 FINER = 0.1  # of that distance: sites on the box may not stand closer, even if they shall
 
 
@@ -82,9 +83,8 @@ class Sites:
         if not job.near_wall:
             sampled = sampled[:0]
         edge = _surface_edge(boundary, distinct)
-        spacing = _spacing(region, job.fitting.spacing, job.fitting.spacing_edges * edge)
         known = [boundary.nodes, region.fixed, *sliding] if job.near_wall else [boundary.nodes]
-        zero = _zero_sites(boundary, region, mesh.points[np.concatenate(known)], spacing)
+        spacing, zero = _placed(boundary, region, mesh.points[np.concatenate(known)], edge)
         tolerance = job.fitting.tolerance or TOLERANCE * edge
         return cls(
             boundary.nodes, distinct, region.fixed, sampled, sliding, sampled_sliding, zero, spacing, edge, tolerance
@@ -179,6 +179,21 @@ def _spacing(region: Region, given: float, wanted: float) -> float:
     if 0.0 < given < (least := FINER * usual):
         raise InputError(f"spacing = {given:g} puts too many sites on the box: at least {least:.2g} is possible")
     return given or max(wanted, usual)
+
+
+def _placed(boundary: Boundary, region: Region, known: FloatArray, edge: float) -> tuple[float, tuple[DataSites, ...]]:
+    """Return the distance of the sites on the box, and these, which keep apart from known nodes (K, 3).
+
+    Unless it is given, the distance is halved while no site is left: edges along the span of a mesh of one layer of
+    cells may be as long as the box.
+    """
+    fitting = boundary.job.fitting
+    spacing = _spacing(region, fitting.spacing, fitting.spacing_edges * edge)
+    for _ in range(0 if fitting.spacing else HALVINGS):
+        if len(apart_from(_in_front(boundary, _on_box(boundary, region, spacing)), known, APART * spacing)):
+            break
+        spacing *= 0.5
+    return spacing, _zero_sites(boundary, region, known, spacing)
 
 
 def _zero_sites(boundary: Boundary, region: Region, known: FloatArray, spacing: float) -> tuple[DataSites, ...]:

@@ -197,3 +197,23 @@ def test_corners_and_ends_of_lines():
     lines = polygons_of((Cells("line", np.array([[0, 1], [2, 1], [2, 3]])),))
     assert sharp_edges(points, lines, 40.0).tolist() == [[2, 2]], "one line may run the other way"
     assert rim(lines).tolist() == [[0, 0], [3, 3]]
+
+
+def test_one_layer_of_cells_between_two_planes():
+    """What solvers without plane meshes take: edges along the span are as long as the box, or longer."""
+    flat = ring_mesh()
+    flat = flat.with_points(3.0 * flat.points)
+    count, up = len(flat.points), np.array([0.0, 0.0, 1.0])
+    quads = flat.cells[0].nodes
+    sides = {patch.name: patch.faces[0].nodes for patch in flat.patches}
+    patches = [Patch(name, (Cells("quad", np.hstack([n, n[:, ::-1] + count])),)) for name, n in sides.items()]
+    patches += [Patch("back", (Cells("quad", quads[:, ::-1]),)), Patch("front", (Cells("quad", quads + count),))]
+    cells = (Cells("hexahedron", np.hstack([quads, quads + count])),)
+    mesh = Mesh(np.vstack([flat.points, flat.points + up]), cells, tuple(patches), name="layer")
+    slide = {"front": "plane", "back": "plane"}
+    result = deflect(mesh, "inner", hinge=[[0, 0, 0], [0, 0, 1]], angle=10, slide=slide, fixed="outer", margin=0.85)
+    assert result.passed
+    assert result.plan.sites.zero
+    assert result.plan.sites.spacing < 0.5
+    below, above = result.points[:count], result.points[count:]
+    assert np.abs(above - below - up).max() < 0.05 * np.abs(result.displacement).max()
