@@ -7,8 +7,8 @@ from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh_folder
-from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
-from sdm_deflect.meshing.formats.openfoam_files import open_foam, parse
+from sdm_deflect.meshing.formats.openfoam import OpenFoam
+from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.openfoam_write import header
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import read_vtu

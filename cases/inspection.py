@@ -52,6 +52,7 @@ def inspect(path: Path, select: Mapping[str, str] = NOTHING) -> str:
     lines += [_quality_line(quality) for quality in found["quality"]]
     if found["left_handed"]:
         lines.append("the file counts the nodes of cells left-handed; judged accordingly")
+    lines += found["notes"]
     if found["patches"]:
         lines.append("patches (faces): " + _listed(found["patches"]))
     for name, count in found["components"].items():
@@ -80,7 +81,8 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         ``patches``, name: number of faces; ``components``, the number of connected components of the patches that have
         several; ``parts``, of each of these components (`MOST` of a patch) and of each selection the name, the number
         of ``faces`` and the least and largest coordinates, ``low`` and ``high``; ``quality``, the fields of `Quality`
-        for each type of cell; ``left_handed``, whether the file counts the nodes of cells the other way round.
+        for each type of cell; ``left_handed``, whether the file counts the nodes of cells the other way round;
+        ``notes``, sentences on what may not be expected.
 
     Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, or holds no cells with a
     volume, and InputError if a selection does not suit it.
@@ -104,6 +106,7 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         "parts": [_part(part) for part in parts],
         "quality": [asdict(quality) for quality in by_shape(mesh.points, blocks)],
         "left_handed": min(orientation for _, _, orientation in blocks) < 0.0,
+        "notes": list(mesh.notes),
     }
 
 

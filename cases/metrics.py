@@ -98,7 +98,7 @@ def verdict_figures(checks: Sequence[Check]) -> Json:
 
 def notes_of(plan: Plan) -> tuple[str, ...]:
     """Return sentences on what a user may not expect of a mesh."""
-    notes = []
+    notes = list(plan.mesh.notes)
     if plan.sites.coincident:
         notes.append(f"{plan.sites.coincident} moving nodes coincide with others; they move as one")
     if min(plan.touched.orientation, default=1.0) < 0.0:

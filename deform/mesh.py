@@ -215,6 +215,7 @@ class Mesh:
     zones : Parts with points of their own, which cover all points in order. One unless the file says otherwise.
     name : The file or kind of mesh, for messages.
     source : The file it was read from, if it was.
+    notes : Sentences on what a user may not expect of it.
 
     Raises InputError for coordinates that are not finite or beyond `LARGEST`, indices out of range, names given twice.
     """
@@ -225,6 +226,7 @@ class Mesh:
     zones: tuple[Zone, ...] = ()
     name: str = "mesh"
     source: str = ""
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", real(self.points, "points"))

@@ -1,6 +1,5 @@
 """OpenFOAM cases: the mesh in the folder ``constant/polyMesh``."""
 
-import gzip
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,17 +8,19 @@ from typing import TypeVar
 from sdm_deflect.deform.mesh import Mesh, Patch, Polyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import copied, fresh_folder
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
-from sdm_deflect.meshing.formats.openfoam_files import FoamFile, faces, labels, open_foam, parse, vectors
+from sdm_deflect.meshing.formats.format import MeshFileError, about
+from sdm_deflect.meshing.formats.openfoam_decomposed import homes, is_part, move_points, read_parts, rewrite_parts
+from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamFile, faces, labels, open_foam, parse, vectors
+from sdm_deflect.meshing.formats.openfoam_parts import BETWEEN, CYCLIC
 from sdm_deflect.meshing.formats.openfoam_write import write_mesh, write_system
 from sdm_deflect.meshing.formats.polyhedra import check_cells
 from sdm_deflect.meshing.formats.shapes import refuse_plane
 from sdm_deflect.meshing.mesh import FloatArray
 
-MESH = Path("constant", "polyMesh")
 Read = TypeVar("Read")
 STALE = ("processor*",)
 """Parts of a decomposed case: their meshes would be the old ones, so they are not copied."""
+BESIDE = "the parts of the case are neither read nor copied; name {} in place of the case to deflect them"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,9 @@ class OpenFoam:
     (.gz). Types of patches, zones and sets are no part of the mesh; a rewritten case keeps them, as it keeps every
     file but `points`; only the parts of a decomposed case (``processor0`` and so on) are not copied. Meshes of time
     folders are not looked at. Output is a folder that must not exist, or be empty.
+
+    Where a case has nothing but parts, or a path names one of them (``case/processor0``), all parts are read and
+    rewritten as one mesh, see `openfoam_decomposed`.
     """
 
     name: str = "openfoam"
@@ -37,6 +41,8 @@ class OpenFoam:
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
+        if has_parts(path):
+            return read_parts(case_folder(path), progress)
         folder = mesh_folder(path)
         points = _stored(folder, "points", vectors).values
         progress("reading faces", 0.3)
@@ -49,6 +55,11 @@ class OpenFoam:
             check_cells(cells)
             named, count = [], len(polygons)
             for patch in patches:
+                if patch.type in (BETWEEN, CYCLIC):
+                    raise MeshFileError(
+                        f"patch {patch.name} joins it to other parts of a decomposed case; name the case, or its "
+                        "folder processor0, to read all parts"
+                    )
                 first, end = patch.start, patch.start + patch.count
                 if not 0 <= first <= end <= count:
                     raise MeshFileError(f"patch {patch.name} has the faces {first} to {end - 1}, but there are {count}")
@@ -58,16 +69,19 @@ class OpenFoam:
                         "inside the mesh"
                     )
                 named.append(Patch(patch.name, (polygons.rows(first, end),)))
-            return Mesh(points, (cells,), tuple(named))
+            return Mesh(points, (cells,), tuple(named), notes=_beside(case_folder(path)))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; `out` is a copy of the case (of the folder ``polyMesh`` if `source` is one)."""
+        if has_parts(source):
+            rewrite_parts(case_folder(source), points, case_folder(out), progress)
+            return
         mesh = mesh_folder(source)
         case = mesh if mesh.resolve() == source.resolve() else mesh.parent.parent
         with fresh_folder(case_folder(out), case) as beside:
             copied(case, beside, STALE)
             progress(f"writing {out.name}", 0.5)
-            _move(mesh, points, beside / mesh.relative_to(case))
+            move_points(mesh, beside / mesh.relative_to(case), [points])
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; types of patches follow from their names, the case can be read by checkMesh.
@@ -84,9 +98,22 @@ class OpenFoam:
         return lost
 
 
-def case_folder(out: Path) -> Path:
-    """Return the folder to write: `out`, or the folder that a file ``case.foam`` would lie in."""
-    return out.parent if out.suffix == ".foam" else out
+def case_folder(path: Path) -> Path:
+    """Return the folder of a case: `path`, or the one that a file ``case.foam`` or a part ``processor0`` lies in."""
+    return path.parent if path.suffix == ".foam" or is_part(path) else path
+
+
+def has_parts(path: Path) -> bool:
+    """Whether a path means the parts of a case: it names one, or the case has no mesh beside them."""
+    case = case_folder(path)
+    alone = not any((folder / name).is_file() for folder in (case / MESH, case) for name in ("points", "points.gz"))
+    return (is_part(path) or alone) and bool(homes(case))
+
+
+def _beside(case: Path) -> tuple[str, ...]:
+    """A note on parts that stand beside the mesh of the whole."""
+    parts = sorted(folder for folder in case.glob(STALE[0]) if is_part(folder) and (folder / MESH).is_dir())
+    return (BESIDE.format(parts[0]),) if parts else ()
 
 
 def mesh_folder(path: Path) -> Path:
@@ -103,16 +130,3 @@ def mesh_folder(path: Path) -> Path:
 def _stored(folder: Path, name: str, read: Callable[[FoamFile], Read]) -> Read:
     with about(folder / name):
         return read(open_foam(folder, name))
-
-
-def _move(mesh: Path, points: FloatArray, out: Path) -> None:
-    """Write the file `points` of the folder `out`, as it is in the folder `mesh` but for coordinates that changed."""
-    with about(mesh / "points"):
-        file = open_foam(mesh, "points")
-        old = vectors(file)
-        check_points(points, len(old.values))
-        data = old.replaced(file.data, points, file.kind("scalar") if file.binary else None)
-    if (mesh / "points").is_file():
-        (out / "points").write_bytes(data)
-    else:
-        (out / "points.gz").write_bytes(gzip.compress(data, mtime=0))

@@ -3,7 +3,7 @@
 import gzip
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -17,13 +17,19 @@ from sdm_deflect.meshing.formats.numbers import Placed, numbers
 from sdm_deflect.meshing.formats.shapes import polygons
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
-HEADER = re.compile(rb"FoamFile\s*\{([^{}]{0,10000})\}")
-ENTRY = re.compile(rb"(\w+)\s+(\"[^\"]*\"|[^;]*);")
+MESH = Path("constant", "polyMesh")
+HEADER = re.compile(rb"FoamFile\s*\{([^{}]{0,10000}(?:\{[^{}]{0,1000}\}[^{}]{0,1000}){0,9})\}")
+INNER = re.compile(rb"\w+\s*\{[^{}]*\}")
+ENTRY = re.compile(rb"([\w.]+)\s+(\"[^\"]*\"|[^;]*);")
 COMMENT = re.compile(rb"//[^\n]*|/\*.*?(?:\*/|\Z)", re.DOTALL)
 COUNT = re.compile(rb"\s*(\d+)\s*([({])")
 BINARY_COUNT = re.compile(rb"(?>(?:\s|//[^\n]*|/\*.*?(?:\*/|\Z))*)(\d+)\s*", re.DOTALL)
 FLAT = bytes.maketrans(b"(){}", b"    ")
 WORD = re.compile(rb"\"[^\"]*\"|[{}();]|[^\s{}();\"]+")
+COLLATED = "decomposedBlockData"
+"""Class of a file that holds a file of each part of a decomposed case."""
+HEAD = 10_000
+"""Bytes of a collated block in which its header is looked for."""
 READING, CORNERS, WIDEST = 4, 16, 64
 """Bytes of memory for one of packed text, numbers of a face and bytes of a number in text: seldom more."""
 
@@ -78,8 +84,62 @@ def open_foam(folder: Path, name: str) -> FoamFile:
     header = HEADER.search(data)
     if not header:
         raise MeshFileError(f"{name}: has no FoamFile header; it is truncated, or not a file of OpenFOAM")
-    entries = {key.decode(): value.decode("utf-8", "replace").strip('"') for key, value in ENTRY.findall(header[1])}
-    return FoamFile(data, header.end(), entries, len(stored))
+    return FoamFile(data, header.end(), _header_entries(header[1]), len(stored))
+
+
+def _header_entries(text: bytes) -> dict[str, str]:
+    """Entries of a header without dictionaries in it."""
+    found = ENTRY.findall(INNER.sub(b"", text))
+    return {key.decode(): value.decode("utf-8", "replace").strip('"') for key, value in found}
+
+
+def blocks(file: FoamFile) -> list[FoamFile]:
+    """Return what a collated file holds of each part, in order; MeshFileError if it is no such file, or truncated.
+
+    The first block has the header of all; a later one may have none.
+    """
+    if file.entries.get("class") != COLLATED:
+        raise MeshFileError(f"is a {file.entries.get('class')}, where a collated file of all parts should be")
+    found: list[FoamFile] = []
+    for begin, end in block_ranges(file):
+        data = file.data[begin:end]
+        header = HEADER.search(data, 0, HEAD)
+        if not (header or found):
+            raise MeshFileError("its first block has no FoamFile header; it is truncated or damaged")
+        entries = _header_entries(header[1]) if header else found[0].entries
+        found.append(FoamFile(data, header.end() if header else 0, entries, len(data)))
+    if not found:
+        raise MeshFileError("holds no part; it is truncated or damaged")
+    return found
+
+
+def block_ranges(file: FoamFile) -> list[tuple[int, int]]:
+    """Return where each block of a collated file begins and ends."""
+    found: list[tuple[int, int]] = []
+    at = file.start
+    while count := BINARY_COUNT.match(file.data, at):
+        begin = count.end() + 1
+        at = begin + int(count[1])
+        if file.data[count.end() : begin] != b"(" or file.data[at : at + 1] != b")":
+            raise MeshFileError(
+                f"block {len(found)} should have {int(count[1])} bytes, but the file ends before or goes on; "
+                "it is damaged"
+            )
+        found.append((begin, at))
+        at += 1
+    return found
+
+
+def with_blocks(file: FoamFile, data: Sequence[bytes]) -> bytes:
+    """Return a collated file with other blocks; what stands between them stays but for their lengths."""
+    pieces, last = [], 0
+    for (begin, end), new in zip(block_ranges(file), data, strict=True):
+        old = b"%d" % (end - begin)
+        before = file.data[last:begin]
+        at = before.rindex(old)
+        pieces += [before[:at], b"%d" % len(new), before[at + len(old) :], new]
+        last = end
+    return b"".join([*pieces, file.data[last:]])
 
 
 def _unpacked(packed: bytes) -> bytes:
@@ -185,12 +245,13 @@ def _check(found: int, expected: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class FoamPatch:
-    """A patch: faces start to start + count - 1."""
+    """A patch: faces start to start + count - 1; and all that its dictionary says."""
 
     name: str
     type: str
     count: int
     start: int
+    entries: Mapping[str, str] = field(default_factory=dict, repr=False)
 
 
 def parse(text: bytes) -> list[FoamPatch]:
@@ -209,7 +270,8 @@ def parse(text: bytes) -> list[FoamPatch]:
             name, entries = word.decode("utf-8", "replace").strip('"'), _entries(words)
             if missing := {"type", "nFaces", "startFace"} - entries.keys():
                 raise MeshFileError(f"patch {name} has no {', '.join(sorted(missing))}")
-            patches.append(FoamPatch(name, entries["type"], int(entries["nFaces"]), int(entries["startFace"])))
+            size, first = int(entries["nFaces"]), int(entries["startFace"])
+            patches.append(FoamPatch(name, entries["type"], size, first, entries))
     except (StopIteration, ValueError):
         raise MeshFileError("the list of patches is truncated or damaged") from None
     if len(patches) != count:

@@ -26,18 +26,23 @@ METRICS = {
 """Metrics that checkMesh lists, and how."""
 
 
-def run(program: str, case: Path, *words: str) -> str:
-    """Return what a program of OpenFOAM prints; where it is not installed the test is skipped, but fails under CI."""
-    if shutil.which(program) is None:
-        absent = pytest.fail if os.environ.get("CI") else pytest.skip
-        absent(f"{program} is not installed: apt-get install --no-install-recommends openfoam")
+def run(program: str, case: Path, *words: str, ranks: int = 0) -> str:
+    """Return what a program of OpenFOAM prints, in so many processes if `ranks` is given.
+
+    Where it is not installed the test is skipped, but fails under CI.
+    """
+    parallel = ["mpirun", "--oversubscribe", "-np", str(ranks)] if ranks else []
+    for needed in (*parallel[:1], program):
+        if shutil.which(needed) is None:
+            absent = pytest.fail if os.environ.get("CI") else pytest.skip
+            absent(f"{needed} is not installed: apt-get install --no-install-recommends openfoam")
     own = {
         "WM_PROJECT_DIR": "/usr/share/openfoam",
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     }
     done = subprocess.run(
-        [program, "-case", str(case.resolve()), *words],
+        [*parallel, program, "-case", str(case.resolve()), *(["-parallel"] if ranks else []), *words],
         cwd=case,
         env=own | os.environ,
         capture_output=True,

@@ -33,6 +33,8 @@ ELSEWHERE = (
     (r"sdm report wing-deflected-report", "tests/cases/test_mesh_report.py", "again = report_of_folder(folder)"),
     (r"sdm deflect wing\.cas\.h5", "tests/cases/test_deflect_command.py", 'folder / "wing.cas.h5"'),
     (r"sdm view", "tests/cases/view", ""),
+    (r"sdm (quality|deflect) case", "tests/cases/test_decomposed.py", 'sdm("deflect", case'),
+    (r"mpirun -np 4 checkMesh", "tests/cases/test_decomposed.py", 'foam.run("checkMesh", one, *handler, ranks=4)'),
 )
 """Commands that take long, need a network or wait for a user: a pattern, where they are run, and a text found there."""
 

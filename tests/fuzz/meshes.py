@@ -19,6 +19,7 @@ from tests.meshing.formats.blocks import two_blocks, write_blocks
 from tests.meshing.formats.examples import grid, hybrid, polyhedral, with_gmsh
 from tests.meshing.formats.fluent_files import LAYOUTS, plane_mesh
 from tests.meshing.formats.fluent_files import written as fluent_written
+from tests.meshing.formats.foam_parts import parts_of, write_parts
 from tests.meshing.formats.netcdf_files import KINDS, written
 from tests.meshing.formats.plot3d_files import VARIANTS, box, cut, head, ring, whole_face
 from tests.meshing.formats.plot3d_files import written as plot3d_written
@@ -197,12 +198,19 @@ def plot3d(folder: Path) -> Iterator[Input]:
 
 
 def openfoam(folder: Path) -> Iterator[Input]:
-    """A case in text, packed, and in binary."""
+    """A case in text, packed, and in binary; its parts in text, in binary and collated, with what they are or not."""
     for one in of_format("openfoam", folder):
         slim = Input({name: data for name, data in one.files.items() if "polyMesh" in name})
         yield slim
         yield Input({name: foam_text(name, data) for name, data in slim.files.items()})
         yield Input({f"{name}.gz": gzip.compress(data, 1, mtime=0) for name, data in slim.files.items()})
+    case = FORMATS["openfoam"].read(folder / "mixture")
+    part = np.arange(len(case.cells[0])) % 3
+    for title, binary, collated in (("parts", True, False), ("lines", False, False), ("collated", True, True)):
+        write_parts(folder / title, parts_of(case, part, binary), collated)
+        one = of_path(folder / title)
+        yield one
+        yield Input({name: data for name, data in one.files.items() if "ProcAddressing" not in name})
 
 
 def foam_text(name: str, data: bytes) -> bytes:
