@@ -63,6 +63,10 @@ def fitted(parts: Sequence[Part], touching: Iterable[tuple[int, int]], same: Seq
     touching : Pairs of zones, by their place in `parts`.
     same : Rows (K, 2) of points that are one, counted through all zones.
     """
+    if len(parts) == 1 and not parts[0].block and not same:
+        (one,) = parts
+        every = np.arange(len(one.mesh.points))
+        return Fitted(replace(one.mesh, zones=(Zone(one.name, 0, len(every)),)), every, every)
     starts = np.cumsum([0, *(len(part.mesh.points) for part in parts)])
     groups = _groups(len(parts), touching)
     order = np.concatenate([np.arange(starts[i], starts[i + 1]) for group in groups for i in group])
