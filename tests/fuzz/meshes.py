@@ -50,9 +50,19 @@ def mixture(zones: int = 1) -> Mesh:
     return Mesh(mesh.points, mesh.cells, (mesh.patches[0], walls) if zones == 1 else (), mesh.zones)
 
 
+def plane() -> Mesh:
+    """Two quads and two triangles around a corner, the patch that moves first."""
+    points = np.array([[x, y, 0.0] for y in range(3) for x in range(3)], dtype=np.float64)
+    quads, triangles = np.array([[0, 1, 4, 3], [1, 2, 5, 4]]), np.array([[3, 4, 7], [3, 7, 6]])
+    wall, rest = np.array([[5, 4], [4, 7]]), np.array([[0, 1], [1, 2], [2, 5], [7, 6], [6, 3], [3, 0]])
+    patches = (Patch("body", (Cells("line", wall),)), Patch("far", (Cells("line", rest),)))
+    return Mesh(points[:8], (Cells("quad", quads), Cells("triangle", triangles)), patches)
+
+
 def of_format(name: str, folder: Path) -> Iterator[Input]:
     """Yield meshes as we write them."""
-    for title, mesh in (("body", block()), ("mixture", mixture()), ("tet", tetrahedra())):
+    flat = [("flat", plane())] if name in ("su2", "cgns", "gmsh", "vtu") else []
+    for title, mesh in (*flat, ("body", block()), ("mixture", mixture()), ("tet", tetrahedra())):
         path = folder / (title + (FORMATS[name].suffixes[0] if name != "openfoam" else ""))
         FORMATS[name].write(mesh, path)
         yield of_path(path)
