@@ -32,6 +32,7 @@ ELSEWHERE = (
     (r"sdm study", "tests/cases/test_studies.py", "study"),
     (r"sdm report wing-deflected-report", "tests/cases/test_mesh_report.py", "again = report_of_folder(folder)"),
     (r"sdm deflect wing\.cas\.h5", "tests/cases/test_deflect_command.py", 'folder / "wing.cas.h5"'),
+    (r"sdm deflect wing\.p3d", "tests/meshing/formats/test_plot3d_map.py", "sdm.deflect(path, "),
     (r"sdm view", "tests/cases/view", ""),
     (r"sdm (quality|deflect) case", "tests/cases/test_decomposed.py", 'sdm("deflect", case'),
     (r"mpirun -np 4 checkMesh", "tests/cases/test_decomposed.py", 'foam.run("checkMesh", one, *handler, ranks=4)'),
