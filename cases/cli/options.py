@@ -47,7 +47,11 @@ class Point(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         except ValueError:
             point = ()
         if len(point) not in (2, 3):
-            self.fail(f"{value!r} is no point: the hinge needs two, such as 0.7,0,0 0.7,1,0", param, ctx)
+            self.fail(
+                f"{value!r} is no point: the hinge needs two, such as 0.7,0,0 0.7,1,0; in a plane mesh one, 0.7,0",
+                param,
+                ctx,
+            )
         return point
 
 
@@ -56,6 +60,7 @@ class WithHinge(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Give a hinge of one point that point twice."""
+        args = [word for arg in args for word in (arg.split("=", 1) if arg.startswith("--hinge=") else [arg])]
         place = args.index("--hinge") + 1 if "--hinge" in args else len(args)
         one, other = (*args[place : place + 2], "", "")[:2]
         if one.count(",") == 1 and (other.startswith("--") or "," not in other):

@@ -42,6 +42,13 @@ def deflected(folder):
     return folder / "naca0012-deflected.su2"
 
 
+@pytest.mark.parametrize("hinge", [["--hinge=0.75,0"], ["--hinge", "0.75,0"], ["--hinge", "0.75,0", "0.75,0"]])
+def test_a_hinge_of_one_point(hinge, folder, capsys):
+    words = ["deflect", str(folder / "naca0012.su2"), "--surface", "flap", "--fixed", "wing", "--motion", "blended"]
+    assert main([*words, *hinge, "--angle", "3", "--dry-run", "--quiet"]) == 0
+    capsys.readouterr()
+
+
 def test_the_flap_turns_and_its_skins_stay_straight(folder, deflected):
     old, new = read(folder / "naca0012.su2"), read(deflected)
     edge = int(np.argmax(old.points[:, 0] * np.isin(np.arange(len(old.points)), old.patch("flap").nodes)))
