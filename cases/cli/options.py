@@ -47,11 +47,8 @@ class Point(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         except ValueError:
             point = ()
         if len(point) not in (2, 3):
-            self.fail(
-                f"{value!r} is no point: the hinge needs two, such as 0.7,0,0 0.7,1,0; in a plane mesh one, 0.7,0",
-                param,
-                ctx,
-            )
+            hint = "the hinge needs two, such as 0.7,0,0 0.7,1,0; in a plane mesh one, such as 0.7,0"
+            self.fail(f"{value!r} is no point: {hint}", param, ctx)
         return point
 
 
