@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform import polyhedra
 from sdm_deflect.deform.edges import rows_of
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Polyhedra, Volume
+from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Polyhedra, Volume
 
 BLOCK = 1 << 13
 """Cells handled at a time: temporaries stay in the processor's cache, and millions of cells in little memory."""
+MANY = 1 << 18
+"""Tetrahedra beyond so many are judged by compiled code, to the same bits."""
 POLYHEDRON = "polyhedron"
 MEASURES = {
     "triangle": "mean ratio",
@@ -89,6 +91,8 @@ def inverted_of(
     """Return which cells (R,) of a block, or of R rows of them, are inverted; parameters as in `quality_of`."""
     if isinstance(block, Polyhedra):
         return polyhedra.pyramids_of(points, block, rows, orientation).inverted
+    if _are_many(block, rows):
+        return np.asarray(orientation * _many(points, block, rows)[0] <= 0.0)
     shape = block.shape
     return np.asarray(_blockwise(points, block.nodes, rows, lambda p: _determinants(shape, p, orientation))[0] <= 0.0)
 
@@ -100,6 +104,10 @@ def judged(
     if isinstance(block, Polyhedra):
         pyramids = polyhedra.pyramids_of(points, block, rows, orientation)
         return pyramids.quality, pyramids.inverted
+    if _are_many(block, rows):
+        determinant, squares = _many(points, block, rows)
+        determinant *= orientation
+        return _ratio(determinant, squares), determinant <= 0.0
     measure = JUDGES[block.shape]
     quality, determinant = _blockwise(points, block.nodes, rows, lambda p: measure(p, orientation))
     return quality, determinant <= 0.0
@@ -173,6 +181,18 @@ def by_shape(points: FloatArray, parts: Iterable[tuple[Volume, IntArray | None, 
     return tuple(summarise(np.concatenate(values[shape]), shape, inverted[shape]) for shape in values)
 
 
+def _are_many(block: Cells, rows: IntArray | None) -> bool:
+    """True for so many tetrahedra that compiled code is worth its loading."""
+    return block.shape == "tetra" and len(block if rows is None else rows) > MANY
+
+
+def _many(points: FloatArray, block: Cells, rows: IntArray | None) -> FloatArray:
+    """Return determinants and sums of the edges' squares (2, R) of tetrahedra."""
+    from sdm_deflect.deform.tetrahedra import measured  # loads the compiler
+
+    return measured(points, block.nodes, rows)
+
+
 def _blockwise(
     points: FloatArray, nodes: IntArray, rows: IntArray | None, measure: Callable[[Corners], FloatArray]
 ) -> FloatArray:
@@ -213,8 +233,12 @@ def _mean_ratio(p: Corners, orientation: float) -> FloatArray:
     a, b, c = p[1] - p[0], p[2] - p[0], p[3] - p[0]
     determinant = orientation * _determinant(a, b, c)
     squares = sum(_square(edge) for edge in (a, b, c, b - a, c - a, c - b))
-    ratio = 12.0 * np.cbrt(0.25 * np.maximum(determinant, 0.0) ** 2) / np.maximum(squares, TINY)
-    return np.stack([ratio, determinant])
+    return np.stack([_ratio(determinant, np.asarray(squares)), determinant])
+
+
+def _ratio(determinant: FloatArray, squares: FloatArray) -> FloatArray:
+    """Return the mean ratio (R,), given determinants and the sums of the edges' squares (R,)."""
+    return np.asarray(12.0 * np.cbrt(0.25 * np.maximum(determinant, 0.0) ** 2) / np.maximum(squares, TINY))
 
 
 def _pyramid(p: Corners, orientation: float) -> FloatArray:
