@@ -64,7 +64,7 @@ def test_interpolant_file_alone_gives_the_interior(aileron_run):
             r = np.linalg.norm(x[:, None] - file[f"centers_{d}"], axis=2)
             phi = r**2 * np.log(np.where(r > 0.0, r, 1.0))
             s = np.column_stack([np.ones(len(x)), x]) @ file[f"alpha_{d}"] + phi @ file[f"beta_{d}"]
-            moved = (run.deflected.points - run.mesh.points)[inner, column]
+            moved = (run.deflections[0].interpolated - run.mesh.points)[inner, column]
             np.testing.assert_allclose(s, moved, atol=1e-11)
 
 
@@ -73,7 +73,8 @@ def test_trailing_edge_turns_and_all_else_stays(aileron_run):
     moved = np.any(run.deflected.points != run.mesh.points, axis=1)
     assert set(np.flatnonzero(moved)) <= set(run.deflections[0].plan.region.inside)
     still = run.mesh.on(*(n for n in run.mesh.names[1:] if n != "aileron_left"))
-    assert not moved[still].any()
+    interpolated = run.deflections[0].interpolated  # a repair may move nodes within the planes of the wing
+    assert interpolated[still].tobytes() == run.mesh.points[still].tobytes()
     nodes = run.mesh.on("aileron_left")
     trailing = nodes[run.mesh.points[nodes, 0] > run.case.fighter.wing.x_te - 1e-6]
     outboard = trailing[run.mesh.points[trailing, 1] < -0.15]

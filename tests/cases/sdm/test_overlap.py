@@ -13,7 +13,7 @@ from sdm_deflect.deform.errors import InputError
 
 @pytest.mark.mesher
 def test_all_surfaces_at_once_pass(turned):
-    case = case_named("all")
+    case = replace(case_named("all"), repair="off")  # which may move nodes within the planes of the wing
     mesh, deflected, checks = turned(case)
     assert {c.name for c in checks if not c.passed} == set()
     names = {c.name for c in checks}
