@@ -167,7 +167,7 @@ def selected(mesh: Mesh, selections: Sequence[Selection], names: Iterable[str] =
     if not found:
         return mesh
     patches = [piece for patch in mesh.patches for piece in _divided(patch, found.get(patch.name, []))]
-    return Mesh(mesh.points, mesh.cells, tuple(patches), mesh.zones, mesh.name, mesh.source)
+    return replace(mesh, patches=tuple(patches))
 
 
 def _numbered(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Iterator[tuple[str, list[Part]]]:

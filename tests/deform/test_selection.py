@@ -1,5 +1,6 @@
 """Parts of patches: what hangs together, what is chosen, and what is left."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -181,3 +182,8 @@ def test_too_many_regions_are_refused():
         selected(mesh, (), ["dust#*"])
     with pytest.raises(InputError, match="; and 2994 more"):
         selected(mesh, (), ["dust#3001"])
+
+
+def test_what_a_reader_has_noted_stays():
+    mesh = replace(one_marker(), notes=("parts were joined",))
+    assert selected(mesh, (), ["wall#2"]).notes == mesh.notes
