@@ -33,6 +33,7 @@ from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.deform.edges import area_vectors, polygons_of
 from sdm_deflect.deform.fitting import RepairMode
 from sdm_deflect.deform.mesh import Cells, IntArray, Mesh, Patch
+from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.touched import TouchedCells
@@ -41,7 +42,6 @@ from sdm_deflect.deform.volume.sliding import Plane
 from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.formats.shapes import taken
 from tests.cases import foam, snappy
 
 VERDICT = r"Mesh OK|Failed (\d+) mesh checks"

@@ -33,6 +33,7 @@ from sdm_deflect.deform.checks import MIN_QUALITY, Check
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting
 from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polyhedra, Volume
+from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.deform.reading import damaged
 from sdm_deflect.deform.sets import union
@@ -42,7 +43,7 @@ from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.meshing.formats.registry import ending, format_of
-from sdm_deflect.meshing.formats.shapes import taken, turned
+from sdm_deflect.meshing.formats.shapes import turned
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.temporary import settle
 

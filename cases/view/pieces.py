@@ -13,8 +13,9 @@ from sdm_deflect.cases.view.run import Frame, InteractiveRun
 from sdm_deflect.deform.edges import are_lines, polygons_of, rim, sharp_edges
 from sdm_deflect.deform.faces import FACE_SHAPES, FACES
 from sdm_deflect.deform.mesh import PLANE, BoolArray, Cells, Faces, FloatArray, IntArray, Mesh, Polygons, Volume
+from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.sets import union
-from sdm_deflect.meshing.formats.shapes import chosen, taken
+from sdm_deflect.meshing.formats.shapes import chosen
 
 Colours = NDArray[np.uint8]
 

@@ -4,6 +4,7 @@ What moves a node is where it was before: the box, the interpolants, the boundar
 ends are told outright, by their places. So any part of a mesh can be moved anywhere, in any order, and twice.
 """
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -161,7 +162,7 @@ class Field:
         return np.asarray(self.places.max(axis=0, initial=-np.inf))
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write it to an .npz file; Path of another suffix get that one, too."""
+        """Write it to a file, whole or not at all; Field.load reads it."""
         arrays: dict[str, Any] = {
             "kind": np.array(FILE), "corners": self.box.corners, "places": self.places, "ends": self.ends,
             "planes": self.planes, "steps": np.array(len(self.steps)),
@@ -173,7 +174,12 @@ class Field:
                 "reach": np.array(step.reach),
             }  # fmt: skip
             arrays |= {f"{name}_{i}": values for name, values in own.items()}
-        np.savez_compressed(path, **arrays)
+        beside = Path(path).with_name(f".{Path(path).name}-{os.getpid()}.npz")
+        try:
+            np.savez_compressed(beside, **arrays)
+            beside.replace(path)
+        finally:
+            beside.unlink(missing_ok=True)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "Field":

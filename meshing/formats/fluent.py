@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.polyhedra import face_centres_and_areas
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, only_rewritten
 from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened
 from sdm_deflect.meshing.formats.polyhedra import check_cells, faces_by_cell
-from sdm_deflect.meshing.formats.shapes import oriented, polygons, taken, turned
+from sdm_deflect.meshing.formats.shapes import oriented, polygons, turned
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 MESH = "meshes/1"

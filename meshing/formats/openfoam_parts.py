@@ -13,9 +13,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sdm_deflect.deform.mesh import Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.parts import taken
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
-from sdm_deflect.meshing.formats.shapes import polygons, taken
+from sdm_deflect.meshing.formats.shapes import polygons
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 BETWEEN, CYCLIC = "processor", "processorCyclic"

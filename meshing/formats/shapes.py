@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.faces import FACES, ROWS, Keys, face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh import PLANE, Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.sets import distinct
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
@@ -28,11 +29,6 @@ Whole = TypeVar("Whole", np.intp, np.uint64)
 def polygons(nodes: IntArray, sizes: IntArray) -> Polygons:
     """Return the faces with `sizes` (F,) corners each, whose nodes follow one another in `nodes` (K,)."""
     return Polygons(nodes, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp))
-
-
-def taken(faces: Polygons, rows: IntArray) -> Polygons:
-    """Return the faces `rows` (R,), in that order."""
-    return _gathered(faces, rows, np.zeros(len(rows), dtype=np.bool_))
 
 
 def turned(faces: Polygons, backward: BoolArray) -> Polygons:

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.mesh import CORNERS, Cells, FloatArray, IntArray, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.polyhedra import polyhedra
-from sdm_deflect.meshing.formats.shapes import check_faces, oriented, polygons, taken
+from sdm_deflect.meshing.formats.shapes import check_faces, oriented, polygons
 from sdm_deflect.meshing.formats.vtu_file import Array, DataArray, Piece, VtuFile
 from sdm_deflect.meshing.formats.vtu_write import POLYGON, POLYHEDRON, TYPES, write_vtu
 from sdm_deflect.meshing.mesh import TetMesh

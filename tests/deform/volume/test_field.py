@@ -56,6 +56,21 @@ def test_two_surfaces_and_no_near_wall():
     assert result.field.apply(mesh.points).tobytes() == result.points.tobytes()
 
 
+def test_a_field_that_cannot_be_written_leaves_the_old_file(plan, tmp_path, monkeypatch):
+    path = tmp_path / "field.npz"
+    path.write_text("old")
+
+    def full(beside, **_):
+        beside.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", full)
+    with pytest.raises(OSError, match="No space"):
+        Field.of(carried_out(plan, 12.0)).save(path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_what_is_no_field_is_one_sentence(plan, tmp_path):
     path = tmp_path / "field.npz"
     np.savez(path, kind=np.array("something"))

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.parts import taken
 from sdm_deflect.meshing.formats.openfoam_files import MESH
-from sdm_deflect.meshing.formats.shapes import polygons, taken
+from sdm_deflect.meshing.formats.shapes import polygons
 
 LISTS = ("pointProcAddressing", "faceProcAddressing", "cellProcAddressing", "boundaryProcAddressing")
 HEAD = 'FoamFile\n{{\n    format {};\n    class {};\n    arch "LSB;label=64;scalar=64";\n    object {};\n}}\n'

@@ -5,7 +5,8 @@ import pytest
 
 from sdm_deflect.deform.faces import FACES, face_keys, node_keys
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons
-from sdm_deflect.meshing.formats.shapes import MIRRORED, loose_faces, mirrored, oriented, taken, turned
+from sdm_deflect.deform.parts import taken
+from sdm_deflect.meshing.formats.shapes import MIRRORED, loose_faces, mirrored, oriented, turned
 from sdm_deflect.meshing.formats.zones import joined, part
 from tests.meshing.formats.alike import content
 from tests.meshing.formats.examples import hybrid
