@@ -134,7 +134,7 @@ def _lines(plan: Plan) -> list[str]:
     low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
     return [
         f"box {region.box.why}; from ({low}) to ({high})",
-        f"{len(region.inside)} of {len(plan.mesh.points)} nodes inside, {plan.touched.count} cells touched",
+        f"{len(region.inside)} of {plan.mesh.point_count} nodes inside, {plan.touched.count} cells touched",
         f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
         f"{sum(map(len, sites.zero))} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
         *(f"note: {note}" for note in notes_of(plan)),

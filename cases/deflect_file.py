@@ -1,6 +1,5 @@
 """`sdm deflect` carried out: read, deflect, write, all files or none."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -9,11 +8,18 @@ from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, no
 from sdm_deflect.cases.output import output_files
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
+from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.pieces import Threads
+from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.touched import Layers
 from sdm_deflect.deform.volume.deflection import Plan, sweep
+from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.meshing.formats.registry import read
+from sdm_deflect.meshing.formats.registry import in_pieces, read
+
+LARGE = 1 << 27
+"""Bytes of a file from which on it is read in pieces."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,17 +55,23 @@ class Outcome:
         return all(one.passed for one in self.angles)
 
 
-def planned(source: Path, job: Job, angles: Sequence[float], watch: Stopwatch) -> Plan:
+def needed(wanted: Targets, job: Job, progress: Progress) -> Mesh:
+    """Read what a job needs of a mesh: of a large file an excerpt, if it can be read and written in pieces."""
+    large = in_pieces(wanted.source) if wanted.is_copy and wanted.source.stat().st_size >= LARGE else None
+    return excerpt(large, job, wanted.angles, Threads(), progress) if large else read(wanted.source, progress)
+
+
+def planned(wanted: Targets, job: Job, watch: Stopwatch) -> Plan:
     """Read the mesh and decide everything, but fit and write nothing."""
     with watch.stage("read") as progress:
-        mesh = read(source, progress)
+        mesh = needed(wanted, job, progress)
     with watch.stage("plan") as progress:
-        return Plan.of(mesh, job, angles, progress)
+        return Plan.of(mesh, job, wanted.angles, progress)
 
 
 def deflect_file(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float = MIN_QUALITY) -> Outcome:
     """Deflect a mesh file to each angle; the files appear together at the end, or none of them."""
-    plan = planned(wanted.source, job, wanted.angles, watch)
+    plan = planned(wanted, job, watch)
     wanted.check_names(plan.mesh)
     found: list[Judged] = []
     names: list[Path] = []

@@ -85,6 +85,11 @@ class Targets:
         return tuple(self.report(angle) for angle in self.angles) if self.reported else ()
 
     @property
+    def is_copy(self) -> bool:
+        """Whether no more is written than copies of one file with other coordinates, and reports."""
+        return self.source.is_file() and not self.sensitive and format_of(self.out) is format_of(self.source)
+
+    @property
     def extra(self) -> tuple[Path, ...]:
         """Sensitivities beside the meshes."""
         return tuple(path for angle in self.angles for path in self.sensitivity(angle)) if self.sensitive else ()
@@ -168,6 +173,10 @@ def write_mesh(
     another format shows the point array ``displacement`` and the cell array ``quality``.
     """
     form = format_of(out)
+    if mesh.whole:
+        moved_rows = np.flatnonzero((points != mesh.points).any(axis=1))
+        mesh.whole.pieces.rewrite(mesh.whole.nodes[moved_rows], points[moved_rows], out, progress)
+        return ()
     if source and format_of(source) is form:
         form.rewrite(source, points, out, progress)
         return ()

@@ -17,8 +17,8 @@ def mesh_figures(plan: Plan) -> Json:
     """Return the sizes of a mesh and of its patches."""
     return {
         "name": plan.mesh.name,
-        "points": len(plan.mesh.points),
-        "cells": sum(len(block) for block in plan.mesh.cells),
+        "points": plan.mesh.point_count,
+        "cells": sum(plan.mesh.cell_counts),
         "patches": {patch.name: {"points": len(patch.nodes), "triangles": len(patch)} for patch in plan.mesh.patches},
     }
 

@@ -112,7 +112,9 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
     moved = np.abs(points - mesh.points).max(axis=1)
     outside = np.ones(len(points), dtype=bool)
     outside[plan.region.inside] = outside[plan.sites.moving] = False
-    yield _unmoved("outside_moved", moved[outside], "nodes outside the box")
+    rest = mesh.point_count - len(points)
+    beyond = f", of all {rest + int(outside.sum())}: the others are copied" if rest else ""
+    yield _unmoved("outside_moved", moved[outside], f"nodes outside the box{beyond}")
     slid = slid_nodes(deflection)
     fixed = np.setdiff1d(sites.fixed, slid, assume_unique=True)
     yield _unmoved("fixed_surfaces_moved", moved[fixed], "nodes inside the box")
@@ -160,14 +162,16 @@ def _slid_on_surfaces(deflection: Deflection, slid: IntArray) -> Check:
 def first_inverted(deflection: Deflection) -> str:
     """Say which cell is the first inverted one that was not before, on which patches, and whether it can be mended."""
     plan, mesh, row = deflection.plan, deflection.plan.mesh, 0
-    for block, rows, sign in zip(mesh.cells, plan.touched.rows, plan.touched.orientation, strict=True):
+    numbers = mesh.whole.rows if mesh.whole else tuple(np.arange(len(block)) for block in mesh.cells)
+    for i, (block, rows, sign) in enumerate(zip(mesh.cells, plan.touched.rows, plan.touched.orientation, strict=True)):
         bad = inverted_of(deflection.points, block, rows, sign) & ~inverted_of(mesh.points, block, rows, sign)
         if bad.any():
             cell = int(rows[np.argmax(bad)])
+            number = row + int(numbers[i][cell])
             if isinstance(block, Polyhedra):
-                return cell_text(deflection, row + cell, polyhedra.nodes_of(block, cell), POLYHEDRON)
-            return cell_text(deflection, row + cell, block.nodes[cell], block.shape)
-        row += len(block)
+                return cell_text(deflection, number, polyhedra.nodes_of(block, cell), POLYHEDRON)
+            return cell_text(deflection, number, block.nodes[cell], block.shape)
+        row += mesh.cell_counts[i]
     raise ValueError("no cell is inverted that was not before")
 
 

@@ -1,6 +1,6 @@
 """Faces by their nodes: which of them bound the cells that a deformation may change, and whether patches hold them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -85,6 +85,22 @@ def face_keys(faces: Cells | Polygons, keys: Keys) -> Keys:
 def patch_keys(patch: Patch, keys: Keys) -> Keys:
     """Keys (F,) of all faces of a patch."""
     return _joined([face_keys(faces, keys) for faces in patch.faces])
+
+
+def cell_face_keys(cells: Iterable[Volume], keys: Keys, marked: Marks) -> Iterator[Keys]:
+    """Yield the keys of the faces of cells that have as many marked nodes (N,) as a face has, at least."""
+    among = marked.astype(np.uint8)
+    for block in cells:
+        if isinstance(block, Polyhedra):
+            yield face_keys(block.faces, keys)
+            continue
+        for start in range(0, len(block), ROWS):
+            nodes = block.nodes[start : start + ROWS]
+            least = min(map(len, FACES[block.shape]))
+            own = nodes[sum(among[corner] for corner in nodes.T) >= least]  # much faster than along rows
+            for face in FACES[block.shape]:
+                corners = own[:, list(face)]
+                yield keys[corners[among[corners].all(axis=1)]].sum(axis=1, dtype=np.uint64)
 
 
 def _among(own: Keys, known: Keys) -> Marks:

@@ -6,13 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sdm_deflect.deform.errors import InputError, nearest, shortened
 from sdm_deflect.deform.sets import union
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.pieces import Pieces
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -202,6 +205,25 @@ class Zone:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Whole:
+    """The mesh that an excerpt was taken from, which may be larger than memory.
+
+    Parameters
+    ----------
+    pieces : Its points and cells, in a file.
+    nodes : (N,) rising index in it of each point of the excerpt.
+    rows : For each block, the rising index in it of each cell of the excerpt.
+    orientation, inverted : For each block, those of `TouchedCells`: of all its cells.
+    """
+
+    pieces: Pieces
+    nodes: IntArray = field(repr=False)
+    rows: tuple[IntArray, ...] = field(default=(), repr=False)
+    orientation: tuple[float, ...] = ()
+    inverted: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
     """Points, cells of every type and named boundary patches: all that a deformation needs to know.
 
@@ -216,6 +238,7 @@ class Mesh:
     name : The file or kind of mesh, for messages.
     source : The file it was read from, if it was.
     notes : Sentences on what a user may not expect of it.
+    whole : The mesh that this one is an excerpt of; None if it is whole itself.
 
     Raises InputError for coordinates that are not finite or beyond `LARGEST`, indices out of range, names given twice.
     """
@@ -227,6 +250,7 @@ class Mesh:
     name: str = "mesh"
     source: str = ""
     notes: tuple[str, ...] = ()
+    whole: Whole | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", real(self.points, "points"))
@@ -281,6 +305,22 @@ class Mesh:
         found += [(faces.nodes, f"patch {patch.name}") for patch in self.patches for faces in patch.faces]
         found += [(patch.loose, f"patch {patch.name}") for patch in self.patches]
         return found
+
+    @property
+    def point_count(self) -> int:
+        """Number of points; of an excerpt, those of the whole mesh."""
+        return self.whole.pieces.points if self.whole else len(self.points)
+
+    @property
+    def cell_counts(self) -> tuple[int, ...]:
+        """Number of cells of each block; of an excerpt, those of the whole mesh."""
+        if self.whole:
+            return tuple(count for _, count in self.whole.pieces.blocks)
+        return tuple(len(block) for block in self.cells)
+
+    def numbers(self, nodes: IntArray) -> IntArray:
+        """Return the indices that nodes (K,) have in the file: those in the whole mesh."""
+        return np.asarray(self.whole.nodes[nodes] if self.whole else nodes)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -50,7 +50,9 @@ class TouchedCells:
         """Find the cells that have a node of `inside` (K,), and judge all cells as they are."""
         moved = np.zeros(len(mesh.points), dtype=bool)
         moved[inside] = True
-        rows = tuple(_touching(block, moved) for block in mesh.cells)
+        rows = tuple(touching(block, moved) for block in mesh.cells)
+        if mesh.whole:
+            return cls(mesh, rows, mesh.whole.orientation, mesh.whole.inverted)
         judged = [oriented(mesh.points, block) for block in mesh.cells]
         return cls(mesh, rows, tuple(sign for sign, _ in judged), tuple(count for _, count in judged))
 
@@ -71,11 +73,11 @@ class TouchedCells:
 
     def check(self, allow: bool = False) -> None:
         """Raise InputError if the mesh has inverted cells before anything moves, unless they are allowed."""
-        for block, count in zip(self.mesh.cells, self.inverted, strict=True):
+        for block, size, count in zip(self.mesh.cells, self.mesh.cell_counts, self.inverted, strict=True):
             if count and not allow:
                 shape = "polyhedra" if isinstance(block, Polyhedra) else f"cells ({block.shape})"
                 raise InputError(
-                    f"{self.mesh.name}: {count} of {len(block)} {shape} are inverted in the file already; mend the "
+                    f"{self.mesh.name}: {count} of {size} {shape} are inverted in the file already; mend the "
                     "mesh, or take it as it is (allow_inverted)"
                 )
 
@@ -134,7 +136,7 @@ def layers(touched: TouchedCells, walls: IntArray) -> Iterator[tuple[IntArray, I
         below[ends[new]] = seen[ends[new]] = True
 
 
-def _touching(block: Volume, moved: NDArray[np.bool_]) -> IntArray:
+def touching(block: Volume, moved: NDArray[np.bool_]) -> IntArray:
     """Return the rows of cells with a node in the mask `moved` (N,), block by block, in little memory."""
     if isinstance(block, Polyhedra):
         return polyhedra.touching(block, moved)

@@ -72,7 +72,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     wanted.check((*inputs_of(nested, Path()), *([config] if config else ())))
     with options.watched(quiet or (as_json and not verbose), verbose) as watch:
         if dry_run:
-            plan = planned(mesh, job, wanted.angles, watch)
+            plan = planned(wanted, job, watch)
         else:
             done = deflect_file(wanted, job, watch, settings.min_quality)
     if dry_run:

@@ -234,7 +234,7 @@ def _nodes(nodes: NodeSet, surface: Surface) -> list[str] | list[int]:
 
 def is_small(mesh: Mesh) -> bool:
     """True if the whole mesh is written."""
-    return sum(len(block) for block in mesh.cells) <= MOST_CELLS
+    return mesh.whole is None and sum(mesh.cell_counts) <= MOST_CELLS
 
 
 def write_deflected(path: Path, one: Deflection) -> None:
@@ -246,7 +246,9 @@ def write_deflected(path: Path, one: Deflection) -> None:
     moved, node = plan.mesh.with_points(points), np.arange(len(points))
     if not whole:
         moved, node = part_of(moved, rows, plan.changed)
-    arrays = {"displacement": points[node] - plan.mesh.points[node], **({} if whole else {"node": node})}
+    arrays = {"displacement": points[node] - plan.mesh.points[node]}
+    if not whole:
+        arrays["node"] = plan.mesh.numbers(node)
     if one.repaired is not None:
         arrays["repair"] = one.moved_by_repair[node]
     write_vtu(path, moved, arrays, {"quality": quality})

@@ -152,4 +152,4 @@ class Listed:
     def of(self, surface: Surface, hinge: Axis) -> BoolArray:
         """Return a mask (K,) over the surface's nodes."""
         del hinge
-        return np.isin(surface.nodes, self.nodes)
+        return np.isin(surface.mesh.numbers(surface.nodes), self.nodes)

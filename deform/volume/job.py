@@ -1,5 +1,6 @@
 """A job: one frozen value that says what is to move in a mesh, and how."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from sdm_deflect.deform.errors import InputError
@@ -128,6 +129,10 @@ class Job:
     def amounts_at(self, angle: float) -> tuple[float, ...]:
         """Return the amount of each surface when the first one's is `angle` and the others keep their ratio to it."""
         return self.amounts if angle == self.angle else tuple(angle * ratio for ratio in self.ratios)
+
+    def ends(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
+        """Return the amounts at the least and the largest of the first surface's angles, once if they are equal."""
+        return tuple(dict.fromkeys(self.amounts_at(angle) for angle in (min(angles), max(angles))))
 
     def at(self, angle: float) -> "Job":
         """Return the job with the first surface at `angle`, the others in their proportion to it."""

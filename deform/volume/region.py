@@ -56,8 +56,8 @@ class Region:
         Raises InputError if a moving node leaves the box, or the box contains nodes of a patch that is not declared, or
         cuts a zone from one that fits to it.
         """
-        mesh, zones = boundary.mesh, _zones(boundary)
-        box = boundary.job.box.choose(_scene(boundary, zones, all_amounts))
+        mesh = boundary.mesh
+        zones, box = confined(boundary, all_amounts)
         box.hexahedron.contains(mesh.points[:1])  # loads the compiled test: not part of the filter's time
         start = perf_counter()
         inside = _inside(mesh, zones, box.hexahedron)
@@ -67,6 +67,15 @@ class Region:
         _check_interfaces(boundary, box.hexahedron, inside, zones)
         fixed, sections = _at_rest(boundary, inside)
         return cls(box, inside, tuple(zone.name for zone in zones), fixed, sections, seconds)
+
+
+def confined(boundary: Boundary, all_amounts: Sequence[Amounts]) -> tuple[tuple[Zone, ...], Chosen]:
+    """Return the zones that deform, and the box that holds the motion to all of the given amounts.
+
+    Of the mesh they need no more than its patches.
+    """
+    zones = _zones(boundary)
+    return zones, boundary.job.box.choose(_scene(boundary, zones, all_amounts))
 
 
 def check_disjoint(boxes: Sequence[tuple[str, Hexahedron]], settings: str = "box") -> None:

@@ -17,11 +17,13 @@ import h5py
 import numpy as np
 
 from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_nodes import Array
 from sdm_deflect.meshing.formats.cgns_packed import overwrite
+from sdm_deflect.meshing.formats.cgns_pieces import in_pieces
 from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_fit, read_base
 from sdm_deflect.meshing.formats.cgns_write import write_base
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
@@ -48,6 +50,11 @@ class Cgns:
         """See `Format.read`."""
         with about(path), _opened(path) as file:
             return read_base(file, partial(progress, f"reading {path.name}")).mesh
+
+    def in_pieces(self, path: Path) -> MeshInPieces | None:
+        """See `registry.in_pieces`."""
+        with about(path), _opened(path) as file:
+            return in_pieces(path.resolve(), file)
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; only numbers in CoordinateX, CoordinateY and CoordinateZ change."""

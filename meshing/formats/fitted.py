@@ -8,11 +8,11 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sdm_deflect.deform.faces import face_keys, node_keys
+from sdm_deflect.deform.faces import cell_face_keys, face_keys, node_keys
 from sdm_deflect.deform.mesh import Cells, Faces, Mesh, Patch, Polygons, Polyhedra, Volume, Zone
 from sdm_deflect.deform.sets import distinct
 from sdm_deflect.meshing.formats.collapsed import expanded
-from sdm_deflect.meshing.formats.shapes import cell_face_keys, chosen, places
+from sdm_deflect.meshing.formats.shapes import chosen, places
 from sdm_deflect.meshing.formats.zones import renumbered
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
@@ -171,7 +171,7 @@ def _without_inner(mesh: Mesh, twice: BoolArray) -> Mesh:
     own = [face_keys(faces, keys) for patch in mesh.patches for faces in patch.faces]
     given = distinct(np.concatenate([keys[:0], *own]))
     count = np.zeros(len(given), dtype=np.intp)
-    for found in cell_face_keys(mesh, keys, twice):
+    for found in cell_face_keys(mesh.cells, keys, twice):
         rows, there = places(found, given)
         np.add.at(count, rows[there], 1)
     patches, each = [], iter(own)

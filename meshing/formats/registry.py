@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.fluent import Fluent
@@ -53,6 +54,16 @@ def read(path: str | Path, progress: Progress = silent) -> Mesh:
     settle_in(given.absolute().parent)
     mesh = format_of(given).read(given, progress)
     return replace(mesh, name=given.resolve().name, source=str(given.resolve()))
+
+
+def in_pieces(path: Path) -> MeshInPieces | None:
+    """Return a mesh of which the boundary is read; None if its file must be read as a whole.
+
+    MeshFileError as for `read`.
+    """
+    settle_in(path.absolute().parent)
+    form = format_of(path)
+    return form.in_pieces(path) if isinstance(form, Cgns) else None
 
 
 def format_of(path: str | Path) -> Format:

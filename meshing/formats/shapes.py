@@ -7,8 +7,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.faces import FACES, ROWS, Keys, face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh import PLANE, Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.faces import cell_face_keys, node_keys, patch_keys
+from sdm_deflect.deform.mesh import PLANE, Cells, Mesh, Patch, Polygons
 from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.sets import distinct
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -75,13 +75,17 @@ def oriented(points: FloatArray, cells: Cells) -> Cells:
         return replace(cells, nodes=np.where(clockwise[:, None], cells.nodes[:, ::-1], cells.nodes))
     step = max(1, len(cells) // SAMPLE)
     sample = cells.nodes[::step]
-    origin = points[sample[:, 0]]
-    with np.errstate(all="ignore"):  # `Mesh` refuses coordinates that are not finite
-        a, b, c = (points[sample[:, axis]] - origin for axis in AXES[cells.shape])
-        hands = np.einsum("ij,ij->i", np.cross(a, b), c)
-    if 2 * int(np.count_nonzero(hands < 0.0)) <= len(sample):
+    if not left_handed(points[sample[:, [0, *AXES[cells.shape]]]]):
         return cells
     return replace(cells, nodes=mirrored(cells.shape, cells.nodes))
+
+
+def left_handed(corners: FloatArray) -> bool:
+    """Whether the edges from the first of four corners (M, 4, 3) are left-handed in most cells."""
+    with np.errstate(all="ignore"):  # `Mesh` refuses coordinates that are not finite
+        a, b, c = (corners[:, i] - corners[:, 0] for i in (1, 2, 3))
+        hands = np.einsum("ij,ij->i", np.cross(a, b), c)
+    return 2 * int(np.count_nonzero(hands < 0.0)) > len(corners)
 
 
 def mirrored(shape: str, nodes: IntArray) -> IntArray:
@@ -126,7 +130,7 @@ def loose_faces(mesh: Mesh) -> dict[str, int]:
     seen = np.zeros(len(given), dtype=np.bool_)
     on_patch = np.zeros(len(mesh.points), dtype=np.bool_)
     on_patch[mesh.on(*(patch.name for patch in mesh.patches))] = True
-    for found in cell_face_keys(mesh, keys, on_patch) if len(given) else ():
+    for found in cell_face_keys(mesh.cells, keys, on_patch) if len(given) else ():
         place = np.minimum(np.searchsorted(given, found), len(given) - 1)
         seen[place[given[place] == found]] = True
         if seen.all():
@@ -134,22 +138,6 @@ def loose_faces(mesh: Mesh) -> dict[str, int]:
     missing = given[~seen]
     counts = {name: int(np.count_nonzero(np.isin(own, missing))) for name, own in mine.items()}
     return {name: count for name, count in counts.items() if count}
-
-
-def cell_face_keys(mesh: Mesh, keys: Keys, marked: BoolArray) -> Iterator[Keys]:
-    """Yield the keys of the faces of cells that have as many marked nodes (N,) as a face has, at least."""
-    among = marked.astype(np.uint8)
-    for block in mesh.cells:
-        if isinstance(block, Polyhedra):
-            yield face_keys(block.faces, keys)
-            continue
-        for start in range(0, len(block), ROWS):
-            nodes = block.nodes[start : start + ROWS]
-            least = min(map(len, FACES[block.shape]))
-            own = nodes[sum(among[corner] for corner in nodes.T) >= least]  # much faster than along rows
-            for face in FACES[block.shape]:
-                corners = own[:, list(face)]
-                yield keys[corners[among[corners].all(axis=1)]].sum(axis=1, dtype=np.uint64)
 
 
 def refuse_plane(mesh: Mesh, format_name: str) -> None:

@@ -1,0 +1,291 @@
+"""The excerpt of a mesh in pieces that a deflection needs: its boundary, the nodes in the box, and the cells there.
+
+Nodes keep their order, so that all that follows from an excerpt has the same bits as from the whole mesh.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.faces import Keys, cell_face_keys, node_keys, patch_keys
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.mesh import (
+    CORNERS,
+    LARGEST,
+    BoolArray,
+    Cells,
+    Faces,
+    FloatArray,
+    IntArray,
+    Mesh,
+    Patch,
+    Whole,
+    Zone,
+)
+from sdm_deflect.deform.pieces import MeshInPieces, Pieces, Runner
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.quality import inverted_of
+from sdm_deflect.deform.selection import selected
+from sdm_deflect.deform.sets import distinct, union
+from sdm_deflect.deform.touched import touching
+from sdm_deflect.deform.volume.boundary import Boundary
+from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.region import confined
+
+POINTS, CELLS = 1 << 20, 1 << 19
+"""Points and cells of a piece."""
+Block = TypeVar("Block", bound=Faces)
+Item = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """What every piece is compared with.
+
+    Attributes
+    ----------
+    pieces : where they are read.
+    box : the hexahedron.
+    zones : (Z, 2) first and last but one point of each zone that deforms.
+    moving : (K,) sorted indices of the nodes that move.
+    boundary : (B,) sorted indices of the nodes on patches.
+    keys : (B,) random numbers of these, of which a face's key is the sum.
+    faces : (F,) sorted keys of the faces of patches.
+    sign : orientation of each block of cells.
+    """
+
+    pieces: Pieces
+    box: Hexahedron
+    zones: IntArray = field(repr=False)
+    moving: IntArray = field(repr=False)
+    boundary: IntArray = field(repr=False)
+    keys: Keys = field(repr=False)
+    faces: Keys = field(repr=False)
+    sign: tuple[float, ...]
+
+    def inside(self, points: FloatArray, nodes: IntArray) -> BoolArray:
+        """Return which nodes (K,) at points (K, 3) lie in the box, and in a zone that deforms."""
+        found = self.box.contains(points)
+        own = np.zeros(len(nodes), dtype=np.bool_)
+        for first, end in self.zones:
+            own |= (nodes >= first) & (nodes < end)
+        return found & own
+
+
+class Window(NamedTuple):
+    """The points that some cells need: their indices (P,), their coordinates (P, 3), and the cells' rows (M, k) there.
+
+    Where cells near one another in the file have nodes near one another, it is a range of points, else each corner of
+    each cell.
+    """
+
+    numbers: IntArray
+    points: FloatArray
+    rows: IntArray
+
+    @classmethod
+    def of(cls, pieces: Pieces, nodes: IntArray) -> "Window":
+        """Read what cells with nodes (M, k) need; InputError for nodes that are not there."""
+        low, high = int(nodes.min()), int(nodes.max()) + 1
+        if low < 0 or high > pieces.points:
+            raise InputError(f"{pieces.source}: nodes {low} to {high - 1}, but there are {pieces.points} points")
+        if high - low <= max(nodes.size, POINTS):
+            return cls(np.arange(low, high), pieces.coordinates(low, high), nodes - low)
+        return cls(nodes.ravel(), pieces.places(nodes.ravel()), np.arange(nodes.size).reshape(nodes.shape))
+
+    def marks(self, nodes: IntArray) -> BoolArray:
+        """Return which of the points (P,) are among sorted nodes (K,)."""
+        if len(self.numbers) and len(self.numbers) == self.numbers[-1] - self.numbers[0] + 1:
+            found = np.zeros(len(self.numbers), dtype=np.bool_)
+            first, end = np.searchsorted(nodes, (self.numbers[0], self.numbers[-1] + 1))
+            found[nodes[first:end] - self.numbers[0]] = True
+            return found
+        place = np.minimum(np.searchsorted(nodes, self.numbers), len(nodes) - 1)
+        return np.asarray(nodes[place] == self.numbers) if len(nodes) else np.zeros(len(self.numbers), dtype=np.bool_)
+
+
+class CellsFound(NamedTuple):
+    """Rows (R,) and nodes (R, k) of touched cells; of all how many are inverted, and their faces (F,) on patches."""
+
+    rows: IntArray
+    nodes: IntArray
+    inverted: int
+    faces: IntArray
+
+
+def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runner, progress: Progress = silent) -> Mesh:
+    """Return what a plan for a job and its angles needs of a mesh.
+
+    All points and cells are read once and judged, piece by piece.
+
+    Raises InputError if the job does not suit the mesh, or the mesh is damaged.
+    """
+    pieces = mesh.pieces
+    border = _border(mesh)
+    boundary = Boundary.of(selected(border, job.selections, job.names), job)
+    zones, box = confined(boundary, job.ends(tuple(angles) or (job.angle,)))
+    frame = _framed(mesh, border, box.hexahedron, zones, boundary.mesh.numbers(boundary.nodes))
+    inside, places = _nodes_inside(frame, runner, progress)
+    found, frame = _cells(mesh, frame, runner, progress)
+    known = union(frame.boundary, inside)
+    beyond = np.setdiff1d(union(*(one.nodes for block in found for one in block)), known, assume_unique=True)
+    nodes = union(known, beyond)
+    points = np.empty((len(nodes), 3))
+    for own, at in ((frame.boundary, border.points), (inside, places), (beyond, _gathered(pieces, beyond))):
+        points[np.searchsorted(nodes, own)] = at
+    blocks = [_block(shape, own, nodes) for (shape, _), own in zip(pieces.blocks, found, strict=True)]
+    bad = tuple(sum(one.inverted for one in block) for block in found)
+    whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), frame.sign, bad)
+    return _numbered(mesh, points, tuple(cells for cells, _ in blocks), whole)
+
+
+def _border(mesh: MeshInPieces) -> Mesh:
+    """Return the boundary of a mesh, without cells."""
+    nodes = union(*(patch.nodes for patch in mesh.patches))
+    if len(nodes) and (nodes[0] < 0 or nodes[-1] >= mesh.pieces.points):
+        raise InputError(f"{mesh.name}: patches name points that are not among the {mesh.pieces.points}")
+    return _numbered(mesh, _gathered(mesh.pieces, nodes), (), Whole(mesh.pieces, nodes))
+
+
+def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Cells, ...], whole: Whole) -> Mesh:
+    """Return a mesh of some nodes: patches and zones in their numbers."""
+
+    def own(block: Block) -> Block:
+        return replace(block, nodes=np.searchsorted(whole.nodes, block.nodes))
+
+    patches = tuple(
+        Patch(patch.name, tuple(own(faces) for faces in patch.faces), np.searchsorted(whole.nodes, patch.loose))
+        for patch in mesh.patches
+    )
+    ends = [np.searchsorted(whole.nodes, (zone.start, zone.stop)).tolist() for zone in mesh.zones]
+    zones = tuple(Zone(zone.name, *end, zone.blocks) for zone, end in zip(mesh.zones, ends, strict=True))
+    return Mesh(points, cells, patches, zones, mesh.name, mesh.pieces.source, mesh.notes, whole)
+
+
+def _framed(mesh: MeshInPieces, border: Mesh, box: Hexahedron, zones: Sequence[Zone], moving: IntArray) -> Frame:
+    assert border.whole is not None
+    deforming = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in {own.name for own in zones}]
+    keys = node_keys(len(border.points))
+    faces = distinct(np.concatenate([np.empty(0, np.uint64), *(patch_keys(patch, keys) for patch in border.patches)]))
+    sign = (1.0,) * len(mesh.pieces.blocks)
+    spans = np.array(deforming, dtype=np.intp).reshape(-1, 2)
+    return Frame(mesh.pieces, box, spans, moving, border.whole.nodes, keys, faces, sign)
+
+
+def _nodes_inside(frame: Frame, runner: Runner, progress: Progress) -> tuple[IntArray, FloatArray]:
+    """Return the nodes (M,) in the box and their coordinates (M, 3); InputError for coordinates that are no numbers."""
+    count = frame.pieces.points
+    items = [(start, min(start + POINTS, count)) for start in range(0, count, POINTS)]
+    found = []
+    for i, own in enumerate(runner.map(_inside, frame, items), 1):
+        found.append(own)
+        progress("points", i / len(items))
+    nodes = np.concatenate([np.empty(0, dtype=np.intp), *(own for own, _ in found)])
+    return nodes, np.concatenate([np.empty((0, 3)), *(points for _, points in found)])
+
+
+def _inside(frame: Frame, item: Item) -> tuple[IntArray, FloatArray]:
+    start, stop = item
+    points = frame.pieces.coordinates(start, stop)
+    if not (points.min() > -LARGEST and points.max() < LARGEST):
+        bad = ~(np.abs(points) < LARGEST).all(axis=1)
+        what = f"beyond {LARGEST:g}" if np.isfinite(points).all() else "not finite"
+        raise InputError(f"{frame.pieces.source}: points are {what}, the first is point {start + int(np.argmax(bad))}")
+    rows = np.flatnonzero(frame.inside(points, np.arange(start, stop)))
+    return start + rows, points[rows]
+
+
+def _cells(
+    mesh: MeshInPieces, frame: Frame, runner: Runner, progress: Progress
+) -> tuple[list[list[CellsFound]], Frame]:
+    """Judge all cells; return the touched ones of each block, and the frame with the blocks' orientation.
+
+    InputError if a face of a patch is of no cell.
+    """
+    pieces = frame.pieces
+    if not sum(count for _, count in pieces.blocks):
+        raise InputError(f"{mesh.name}: there are no volume cells")
+    found, seen = [], np.zeros(len(frame.faces), dtype=np.bool_)
+    for block, (_, count) in enumerate(pieces.blocks):
+        own = _judged_cells(frame, block, runner, progress)
+        if 2 * sum(one.inverted for one in own) > count:
+            other = replace(frame, sign=(*frame.sign[:block], -1.0, *frame.sign[block + 1 :]))
+            mirrored = _judged_cells(other, block, runner, progress)
+            if sum(one.inverted for one in mirrored) < sum(one.inverted for one in own):
+                own, frame = mirrored, other
+        for one in own:
+            seen[one.faces] = True
+        found.append(own)
+    if not seen.all():
+        _refuse_loose(mesh, frame, frame.faces[~seen])
+    return found, frame
+
+
+def _judged_cells(frame: Frame, block: int, runner: Runner, progress: Progress) -> list[CellsFound]:
+    shape, count = frame.pieces.blocks[block]
+    items = [(block, start, min(start + CELLS, count)) for start in range(0, count, CELLS)]
+    found = []
+    for i, own in enumerate(runner.map(_judged, frame, items), 1):
+        found.append(own)
+        progress(f"cells ({shape})", i / len(items))
+    return found
+
+
+def _judged(frame: Frame, item: Item) -> CellsFound:
+    block, start, stop = item
+    shape, nodes = frame.pieces.blocks[block][0], frame.pieces.nodes(block, start, stop)
+    window = Window.of(frame.pieces, nodes)
+    cells = Cells(shape, window.rows)
+    inverted = int(np.count_nonzero(inverted_of(window.points, cells, orientation=frame.sign[block])))
+    changed = frame.inside(window.points, window.numbers) | window.marks(frame.moving)
+    rows = touching(cells, changed) if changed.any() else np.empty(0, dtype=np.intp)
+    return CellsFound(start + rows, nodes[rows], inverted, _faces_seen(frame, window, cells))
+
+
+def _faces_seen(frame: Frame, window: Window, cells: Cells) -> IntArray:
+    """Return which faces (F,) of patches the cells have."""
+    on = window.marks(frame.boundary)
+    if not on.any() or not len(frame.faces):
+        return np.empty(0, dtype=np.intp)
+    keys = np.zeros(len(on), dtype=np.uint64)
+    keys[on] = frame.keys[np.searchsorted(frame.boundary, window.numbers[on])]
+    found = np.concatenate([np.empty(0, np.uint64), *cell_face_keys((cells,), keys, on)])
+    place = np.minimum(np.searchsorted(frame.faces, found), len(frame.faces) - 1)
+    return distinct(place[frame.faces[place] == found])
+
+
+def _refuse_loose(mesh: MeshInPieces, frame: Frame, missing: Keys) -> None:
+    loose = []
+    for patch in mesh.patches:
+        numbers = [replace(faces, nodes=np.searchsorted(frame.boundary, faces.nodes)) for faces in patch.faces]
+        count = np.count_nonzero(np.isin(patch_keys(Patch(patch.name, tuple(numbers)), frame.keys), missing))
+        loose += [f"{count} of {len(patch)} faces of patch {patch.name}"] if count else []
+    raise InputError(f"{mesh.name}: {', '.join(loose)} are of no cell")
+
+
+def _gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
+    """Return the coordinates (K, 3) of sorted nodes, range by range."""
+    found = np.empty((len(nodes), 3))
+    for start in range(0, pieces.points, POINTS) if len(nodes) else ():
+        first, end = np.searchsorted(nodes, (start, start + POINTS))
+        if end > first:
+            low = int(nodes[first])
+            found[first:end] = pieces.coordinates(low, int(nodes[end - 1]) + 1)[nodes[first:end] - low]
+    return found
+
+
+def _block(shape: str, found: Sequence[CellsFound], nodes: IntArray) -> tuple[Cells, IntArray]:
+    """Return the touched cells of a block in the numbers of the excerpt, and their rows in the whole mesh."""
+    count, end = sum(len(one.rows) for one in found), 0
+    cells, rows = np.empty((count, CORNERS[shape]), dtype=np.intp), np.empty(count, dtype=np.intp)
+    for one in found:
+        own = slice(end, end := end + len(one.rows))
+        rows[own] = one.rows
+        if len(one.rows):
+            low, high = int(one.nodes.min()), int(one.nodes.max()) + 1
+            first, stop = np.searchsorted(nodes, (low, high))
+            cells[own] = first + np.searchsorted(nodes[first:stop], one.nodes)
+    return Cells(shape, cells), rows

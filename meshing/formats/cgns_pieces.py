@@ -1,0 +1,77 @@
+"""CGNS files in HDF5 read in pieces: one unstructured zone of cells of one shape a section, stored as they are."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from sdm_deflect.deform.mesh import VOLUMES, Zone
+from sdm_deflect.deform.pieces import MeshInPieces
+from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
+from sdm_deflect.meshing.formats.cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, Section, blocks, sections
+from sdm_deflect.meshing.formats.cgns_nodes import child, data
+from sdm_deflect.meshing.formats.cgns_read import Base, base_of, coordinate_data, may_fit
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.shapes import MIRRORED
+from sdm_deflect.meshing.formats.tables import CellTable, PointRange, Table, TablePieces
+
+CELLS = {number: shape for number, shape in SHAPES.items() if shape in VOLUMES}
+
+
+def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
+    """Return the mesh of an open file; None if it must be read as a whole.
+
+    MeshFileError or ValueError if the file is damaged.
+    """
+    if not isinstance(file, h5py.Group):
+        return None
+    base = base_of(file)
+    if len(base.zones) != 1 or base.dimension != 3 or may_fit(base):
+        return None
+    ((name, zone),) = base.zones.items()
+    found, (count,) = sections(zone), base.sizes[name]
+    axes = coordinate_data(base, name)
+    stored = [own for own in found if own.kind in CELLS]
+    if not stored or any(_is_mixed(own) for own in found) or len({axis.id.get_offset() for axis in axes}) < len(axes):
+        return None
+    tables = [_table(path, own) for own in stored]
+    points = [Table(path, axis.id.get_offset() or 0, axis.dtype.str, count) for axis in axes]
+    if not all(table and table.begin for table in (*tables, *points)):
+        return None
+    cells = tuple(
+        CellTable(shape, table, 1, MIRRORED[shape] if shape == "wedge" else ())
+        for table, shape in ((table, CELLS[own.kind]) for own, table in zip(stored, tables, strict=True) if table)
+    )
+    pieces = TablePieces(str(path.resolve()), count, (PointRange(0, count, tuple(points)),), cells).oriented()
+    return MeshInPieces(path.name, pieces, _patches(base, zone, found, count), (Zone(name, 0, count),))
+
+
+def _is_mixed(section: Section) -> bool:
+    """Whether cells may be of several shapes, or are given by their faces."""
+    if section.kind == MIXED:
+        first = data(child(section.node, "ElementConnectivity"))[:1].tolist()
+        return not first or first[0] not in SHAPES or first[0] in CELLS
+    return section.kind in (NGON, NFACE)
+
+
+def _table(path: Path, section: Section) -> Table | None:
+    """Return the nodes of a section; None if they are packed."""
+    stored, size = data(child(section.node, "ElementConnectivity")), SIZES[section.kind]
+    if stored.dtype.kind not in "iu" or stored.size != size * len(section):
+        raise MeshFileError(
+            f"section {section.name} has {len(section)} elements of {size} nodes, but {stored.size} nodes; the file is "
+            "damaged"
+        )
+    begin = stored.id.get_offset()
+    return Table(path.resolve(), begin, stored.dtype.str, len(section), size) if begin else None
+
+
+def _patches(base: Base, zone: Any, found: list[Section], count: int) -> Any:
+    faces = [
+        NumberedFaces(section.name, block, numbers)
+        for section in found
+        if section.kind not in CELLS
+        for block, numbers in blocks(section, count, base.dimension)
+    ]
+    named = conditions(base.node, zone, found[-1].last, count, base.dimension)
+    return tuple(patches(named, faces, found[-1].last))

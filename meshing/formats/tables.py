@@ -1,0 +1,182 @@
+"""Meshes whose numbers stand in a file as they are: read in pieces, and rewritten where they stand."""
+
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdm_deflect.deform.mesh import CORNERS
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.meshing.files import fresh
+from sdm_deflect.meshing.formats.format import MeshFileError, about
+from sdm_deflect.meshing.formats.shapes import AXES, MIRRORED, SAMPLE, left_handed
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
+
+ROWS = 1 << 18
+"""Points rewritten at a time."""
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of numbers at equal distances in a file.
+
+    Attributes
+    ----------
+    path : the file.
+    begin : byte at which the first row begins.
+    kind : type of the numbers, such as ``"<f8"``.
+    rows, width : how many rows there are, and numbers in each.
+    stride : bytes from one row to the next; 0: a row is as long as its numbers.
+    """
+
+    path: Path
+    begin: int
+    kind: str
+    rows: int
+    width: int = 1
+    stride: int = 0
+
+    @property
+    def step(self) -> int:
+        """Bytes from one row to the next."""
+        return self.stride or self.width * np.dtype(self.kind).itemsize
+
+    def read(self, start: int, stop: int) -> Array:
+        """Return rows (stop - start, width), as they are stored; MeshFileError if the file ends before."""
+        count, size = stop - start, self.width * np.dtype(self.kind).itemsize
+        with about(self.path):
+            data = np.fromfile(self.path, np.uint8, count * self.step, offset=self.begin + start * self.step)
+            if len(data) < count * self.step:
+                raise MeshFileError("the file has become shorter")
+        packed = np.ascontiguousarray(data.reshape(count, self.step)[:, :size])
+        return packed.view(self.kind).reshape(count, self.width)
+
+    def some(self, rows: IntArray) -> Array:
+        """Return some rows (R, width) in any order."""
+        with about(self.path):
+            bytes_ = np.memmap(self.path, np.uint8, "r", self.begin, self.rows * self.step)
+            shape, strides = (self.rows, self.width), (self.step, np.dtype(self.kind).itemsize)
+            return np.asarray(np.ndarray(shape, self.kind, bytes_, 0, strides)[rows])
+
+    def overwrite(self, file: BinaryIO, start: int, values: Array) -> None:
+        """Put values (R, width) of the table's kind in the place of rows from `start`, which follow one another."""
+        file.seek(self.begin + start * self.step)
+        file.write(values.tobytes())
+
+
+@dataclass(frozen=True, slots=True)
+class PointRange:
+    """Points start to stop - 1: a table of each coordinate, or one of all three."""
+
+    start: int
+    stop: int
+    tables: tuple[Table, ...]
+
+    def columns(self) -> tuple[tuple[Table, slice], ...]:
+        """Return each table with the coordinates that it holds."""
+        if len(self.tables) == 1:
+            return ((self.tables[0], slice(0, 3)),)
+        return tuple((table, slice(i, i + 1)) for i, table in enumerate(self.tables))
+
+
+@dataclass(frozen=True, slots=True)
+class CellTable:
+    """Cells of one shape: the table of their nodes, the number of the first point, and the order of VTK's nodes."""
+
+    shape: str
+    table: Table
+    first: int = 1
+    order: tuple[int, ...] = ()
+
+    def nodes(self, start: int, stop: int) -> IntArray:
+        """Return nodes (stop - start, k) of cells."""
+        return self.counted(self.table.read(start, stop))
+
+    def counted(self, stored: Array) -> IntArray:
+        """Return stored nodes (M, k) counted from 0 in VTK's order."""
+        nodes = np.take(stored, self.order, axis=1) if self.order else stored
+        return np.asarray(nodes.astype(nodes.dtype.newbyteorder("="), copy=False) - self.first)
+
+
+@dataclass(frozen=True, slots=True)
+class TablePieces:
+    """See `Pieces`: points and cells in tables of one file."""
+
+    source: str
+    points: int
+    ranges: tuple[PointRange, ...]
+    cells: tuple[CellTable, ...]
+
+    @property
+    def blocks(self) -> tuple[tuple[str, int], ...]:
+        """See `Pieces.blocks`."""
+        return tuple((own.shape, own.table.rows) for own in self.cells)
+
+    def coordinates(self, start: int, stop: int) -> FloatArray:
+        """See `Pieces.coordinates`."""
+        found = np.empty((stop - start, 3))
+        for own in self.ranges:
+            low, high = max(start, own.start), min(stop, own.stop)
+            for table, columns in own.columns() if low < high else ():
+                found[low - start : high - start, columns] = table.read(low - own.start, high - own.start)
+        return found
+
+    def places(self, nodes: IntArray) -> FloatArray:
+        """See `Pieces.places`."""
+        found = np.empty((len(nodes), 3))
+        for own in self.ranges:
+            rows = np.flatnonzero((nodes >= own.start) & (nodes < own.stop))
+            for table, columns in own.columns() if len(rows) else ():
+                found[rows, columns] = table.some(nodes[rows] - own.start)
+        return found
+
+    def nodes(self, block: int, start: int, stop: int) -> IntArray:
+        """See `Pieces.nodes`."""
+        return self.cells[block].nodes(start, stop)
+
+    def oriented(self) -> "TablePieces":
+        """Return it with each block in VTK's order, whichever of the two orders the file used (`shapes.oriented`)."""
+        return replace(self, cells=tuple(self._oriented(own) for own in self.cells))
+
+    def _oriented(self, cells: CellTable) -> CellTable:
+        rows = np.arange(0, cells.table.rows, max(1, cells.table.rows // SAMPLE))
+        nodes = cells.counted(cells.table.some(rows))[:, [0, *AXES[cells.shape]]]
+        if nodes.min() < 0 or nodes.max() >= self.points:
+            raise MeshFileError(f"{cells.shape} elements name points that are not among the {self.points}")
+        corners = self.places(nodes.ravel()).reshape(-1, 4, 3)
+        if not left_handed(corners):
+            return cells
+        order = cells.order or range(CORNERS[cells.shape])
+        return replace(cells, order=tuple(order[i] for i in MIRRORED[cells.shape]))
+
+    def rewrite(self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        """See `Pieces.rewrite`; MeshFileError for points that the file's numbers cannot hold."""
+        source = Path(self.source)
+        with fresh(out, source) as beside, about(source):
+            progress(f"writing {out.name}", 0.0)
+            shutil.copyfile(source, beside)
+            with beside.open("r+b") as copy:
+                for i, own in enumerate(self.ranges):
+                    first, end = np.searchsorted(nodes, (own.start, own.stop))
+                    for table, columns in own.columns():
+                        put(table, copy, nodes[first:end] - own.start, points[first:end, columns])
+                    progress(f"writing {out.name}", (i + 1) / len(self.ranges))
+
+
+def put(table: Table, copy: BinaryIO, rows: IntArray, values: FloatArray) -> None:
+    """Replace sorted rows (R,) of a table in a copy of its file by values (R, width), where they differ."""
+    if np.abs(values).max(initial=0.0) > np.finfo(table.kind).max or not np.isfinite(values).all():
+        raise ValueError(f"coordinates are too large for numbers of {np.dtype(table.kind).itemsize} bytes")
+    for start in range(0, table.rows, ROWS) if len(rows) else ():
+        first, end = np.searchsorted(rows, (start, start + ROWS))
+        if first == end:
+            continue
+        low = int(rows[first])
+        stored, own = table.read(low, int(rows[end - 1]) + 1), rows[first:end] - low
+        before = stored[own]
+        stored[own] = np.where(before == values[first:end], before, values[first:end])
+        table.overwrite(copy, low, stored)
