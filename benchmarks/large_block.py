@@ -1,7 +1,7 @@
 """A block of hexahedra of any size with a flap in its floor, written as CGNS piece by piece.
 
 ``python -m benchmarks.large_block 464 block.cgns`` writes 1e8 nodes (5.6 GB); 216 nodes along an edge are 1e7. The unit
-cube's floor has the patch `flap`, a fifth of its edge wide, and `wall` around it; all other sides are `far`. Beside it
+cube's floor has the patch `flap`, a tenth of its edge wide, and `wall` around it; all other sides are `far`. Beside it
 ``block.npz`` has the displacements of a flap that turns by 15 degrees about its front edge (`sdm deflect --table`).
 """
 
@@ -16,9 +16,9 @@ from sdm_deflect.meshing.formats.cgns_nodes import AXES, create, create_sized
 from sdm_deflect.meshing.formats.cgns_write import write_root
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
-LOW, HIGH = 0.4, 0.6
+LOW, HIGH = 0.45, 0.55
 """Where the flap begins and ends along x and y."""
-SIDE = 0.05
+SIDE = 0.025
 """Width of the flap's edges, in which its displacement falls to nothing."""
 DEGREES = 15.0
 KIND = np.int32
