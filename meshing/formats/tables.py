@@ -8,6 +8,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.edges import rows_of
 from sdm_deflect.deform.mesh import CORNERS
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
@@ -17,6 +18,8 @@ from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 ROWS = 1 << 18
 """Points rewritten at a time."""
+FEW = 1 << 12
+"""Rows taken from a file that is mapped into memory, before it is mapped anew: pages that were touched count as ours."""
 Array = NDArray[Any]
 
 
@@ -57,10 +60,13 @@ class Table:
 
     def some(self, rows: IntArray) -> Array:
         """Return some rows (R, width) in any order."""
+        found = np.empty((len(rows), self.width), self.kind)
+        shape, strides = (self.rows, self.width), (self.step, found.itemsize)
         with about(self.path):
-            bytes_ = np.memmap(self.path, np.uint8, "r", self.begin, self.rows * self.step)
-            shape, strides = (self.rows, self.width), (self.step, np.dtype(self.kind).itemsize)
-            return np.asarray(np.ndarray(shape, self.kind, bytes_, 0, strides)[rows])
+            for part in rows_of(len(rows), FEW):
+                mapped = np.memmap(self.path, np.uint8, "r", self.begin, self.rows * self.step)
+                found[part] = np.ndarray(shape, self.kind, mapped, 0, strides)[rows[part]]
+        return found
 
     def overwrite(self, file: BinaryIO, start: int, values: Array) -> None:
         """Put values (R, width) of the table's kind in the place of rows from `start`, which follow one another."""
