@@ -83,7 +83,7 @@ def sides(count: int) -> Iterator[tuple[str, IntArray]]:
 
 
 def table(count: int, degrees: float) -> tuple[FloatArray, FloatArray]:
-    """Return the flap's nodes (K, 3) and their displacements (K, 3): turned about their front edge, and held at the edges."""
+    """Return the flap's nodes (K, 3) and their displacements (K, 3): turned about their front edge, held at all."""
     _, faces = next(sides(count))
     flap = points(count, 0)[np.unique(faces)]
     low, high = flap.min(axis=0), flap.max(axis=0)

@@ -19,7 +19,7 @@ from sdm_deflect.meshing.mesh import FloatArray, IntArray
 ROWS = 1 << 18
 """Points rewritten at a time."""
 FEW = 1 << 12
-"""Rows taken from a file that is mapped into memory, before it is mapped anew: pages that were touched count as ours."""
+"""Rows taken from a file mapped into memory before it is mapped anew: pages that were touched count as ours."""
 Array = NDArray[Any]
 
 
