@@ -27,43 +27,38 @@ def inverted_of(points: FloatArray, block: Cells, rows: IntArray | None, orienta
     corners = np.array(CORNERS[block.shape])
     inverted = np.empty(len(block if rows is None else rows), dtype=np.bool_)
 
-    def judge(part: slice) -> None:
-        nodes = block.nodes[part if rows is None else rows[part]]
+    def judge(nodes: IntArray, part: slice) -> None:
         _find_inverted(points, nodes, orientation, corners, inverted[part])
 
-    _share_out(judge, len(inverted))
+    _share_out(judge, block, rows)
     return inverted
 
 
-def judged(
-    points: FloatArray, block: Cells, rows: IntArray | None, orientation: float
-) -> tuple[FloatArray, BoolArray]:
+def judged(points: FloatArray, block: Cells, rows: IntArray | None, orientation: float) -> tuple[FloatArray, BoolArray]:
     """Return the quality (R,) of the cells of a block, or of R rows of them, and which are inverted."""
     quality = np.empty(len(block if rows is None else rows))
     inverted = np.empty(len(quality), dtype=np.bool_)
     measure = JUDGES[block.shape]
 
-    def judge(part: slice) -> None:
-        nodes = block.nodes[part if rows is None else rows[part]]
+    def judge(nodes: IntArray, part: slice) -> None:
         measure(points, nodes, orientation, quality[part], inverted[part])
 
-    _share_out(judge, len(quality))
+    _share_out(judge, block, rows)
     return quality, inverted
 
 
-def _share_out(judge: Callable[[slice], None], count: int) -> None:
-    """Call judge(part) for slices of range(count), on all threads; even on one they are short."""
+def _share_out(judge: Callable[[IntArray, slice], None], block: Cells, rows: IntArray | None) -> None:
+    """Call judge(nodes, part) for short slices of all cells, or of R rows of them, on all threads."""
 
     def chunk(start: int, stop: int) -> None:
-        for part in rows_of(stop - start, BLOCK):
-            judge(slice(start + part.start, min(start + part.stop, stop)))
+        for short in rows_of(stop - start, BLOCK):
+            part = slice(start + short.start, min(start + short.stop, stop))
+            judge(block.nodes[part] if rows is None else block.nodes.take(rows[part], axis=0), part)
 
-    in_chunks(chunk, count, WEIGHT)
+    in_chunks(chunk, len(block if rows is None else rows), WEIGHT)
 
 
-def _tetra(
-    points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray
-) -> None:
+def _tetra(points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray) -> None:
     determinants, squares = np.empty((2, len(nodes)))
     _measure_edges(points, nodes, determinants, squares)
     determinants *= orientation
@@ -71,16 +66,12 @@ def _tetra(
     inverted[:] = determinants <= 0.0
 
 
-def _pyramid(
-    points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray
-) -> None:
+def _pyramid(points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray) -> None:
     _judge_tetrahedra(points, nodes, orientation, np.array(TETRAHEDRA), quality, inverted)
     quality[:] = folded(quality)
 
 
-def _wedge(
-    points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray
-) -> None:
+def _wedge(points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray) -> None:
     axes = np.empty((0, 2, 4), dtype=np.intp)
     _judge_corners(points, nodes, orientation, np.array(CORNERS["wedge"]), axes, quality, inverted)
     quality *= WEDGE
@@ -106,7 +97,7 @@ JUDGES: dict[str, Callable[[FloatArray, IntArray, float, FloatArray, BoolArray],
 def _find_inverted(
     points: FloatArray, nodes: IntArray, orientation: float, corners: IntArray, inverted: BoolArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill which cells (R,) have a corner where the determinant of three edges is not positive."""
+    """Fill in which cells (R,) have a corner where the determinant of three edges is not positive."""
     p, least = np.empty((nodes.shape[1], 3, LANES)), np.empty(LANES)
     for start in range(0, len(nodes), LANES):
         few = nodes[start : start + LANES]
@@ -116,7 +107,7 @@ def _find_inverted(
             o, a, b, c = corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3]
             for j in range(len(few)):
                 determinant = orientation * _determinant(_edge(p, o, a, j), _edge(p, o, b, j), _edge(p, o, c, j))
-                least[j] = _smaller(least[j], determinant)
+                least[j] = np.minimum(least[j], determinant)
         inverted[start : start + LANES] = least[: len(few)] <= 0.0
 
 
@@ -130,7 +121,7 @@ def _judge_corners(
     quality: FloatArray,
     inverted: BoolArray,
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the smallest determinant over the edges' lengths, of all corners and axes, and which cells are inverted."""
+    """Fill in the smallest determinant over the edges' lengths, of corners and axes, and which cells are inverted."""
     p, ways = np.empty((nodes.shape[1], 3, LANES)), np.empty((3, 3, LANES))
     share, least = np.empty(LANES), np.empty(LANES)
     for start in range(0, len(nodes), LANES):
@@ -142,13 +133,13 @@ def _judge_corners(
             for j in range(len(few)):
                 u, v, w = _edge(p, o, a, j), _edge(p, o, b, j), _edge(p, o, c, j)
                 determinant = orientation * _determinant(u, v, w)
-                share[j] = _smaller(share[j], determinant / _lengths(u, v, w))
-                least[j] = _smaller(least[j], determinant)
+                share[j] = np.minimum(share[j], determinant / _lengths(u, v, w))
+                least[j] = np.minimum(least[j], determinant)
         if len(axes):
             _join(p, axes, ways)
             for j in range(len(few)):
                 u, v, w = _vector(ways, 0, j), _vector(ways, 1, j), _vector(ways, 2, j)
-                share[j] = _smaller(share[j], orientation * _determinant(u, v, w) / _lengths(u, v, w))
+                share[j] = np.minimum(share[j], orientation * _determinant(u, v, w) / _lengths(u, v, w))
         quality[start : start + LANES] = share[: len(few)]
         inverted[start : start + LANES] = least[: len(few)] <= 0.0
 
@@ -162,7 +153,7 @@ def _judge_tetrahedra(
     quality: FloatArray,
     inverted: BoolArray,
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the smallest scaled Jacobian of tetrahedra between a cell's nodes, and whether one of them is inverted."""
+    """Fill in the smallest scaled Jacobian of tetrahedra between a cell's nodes, and whether one is inverted."""
     p, share, least = np.empty((nodes.shape[1], 3, LANES)), np.empty(LANES), np.empty(LANES)
     for start in range(0, len(nodes), LANES):
         few = nodes[start : start + LANES]
@@ -175,9 +166,9 @@ def _judge_tetrahedra(
                 determinant = orientation * _determinant(u, v, w)
                 oa, ob, oc = _square(u), _square(v), _square(w)
                 ab, ac, bc = _square(_edge(p, a, b, j)), _square(_edge(p, a, c, j)), _square(_edge(p, b, c, j))
-                largest = _larger(_larger(oa * ob * oc, oa * ab * ac), _larger(ob * ab * bc, oc * ac * bc))
-                share[j] = _smaller(share[j], 2.0 * determinant / np.sqrt(_larger(largest, TINY)))
-                least[j] = _smaller(least[j], determinant)
+                largest = np.maximum(np.maximum(oa * ob * oc, oa * ab * ac), np.maximum(ob * ab * bc, oc * ac * bc))
+                share[j] = np.minimum(share[j], 2.0 * determinant / np.sqrt(np.maximum(largest, TINY)))
+                least[j] = np.minimum(least[j], determinant)
         quality[start : start + LANES] = share[: len(few)]
         inverted[start : start + LANES] = least[: len(few)] <= 0.0
 
@@ -217,7 +208,7 @@ def _edge(p: Corners, o: int, a: int, j: int) -> Vector:  # pragma: no cover - m
 
 @compiled_exactly
 def _join(p: Corners, axes: IntArray, ways: FloatArray) -> None:  # pragma: no cover - machine code
-    """Fill in the axes (3, 3, LANES) of hexahedra, four times as long."""
+    """Fill in the axes (3, 3, LANES) of hexahedra, four times as long: the corners are summed in NumPy's order."""
     for k in range(3):
         a, b, c, d = axes[k, 0, 0], axes[k, 0, 1], axes[k, 0, 2], axes[k, 0, 3]
         e, f, g, h = axes[k, 1, 0], axes[k, 1, 1], axes[k, 1, 2], axes[k, 1, 3]
@@ -239,21 +230,9 @@ def _determinant(a: Vector, b: Vector, c: Vector) -> float:  # pragma: no cover 
 
 @compiled_exactly
 def _lengths(a: Vector, b: Vector, c: Vector) -> float:  # pragma: no cover - machine code
-    return float(np.sqrt(_larger(_square(a) * _square(b) * _square(c), TINY)))
+    return float(np.sqrt(np.maximum(_square(a) * _square(b) * _square(c), TINY)))
 
 
 @compiled_exactly
 def _square(a: Vector) -> float:  # pragma: no cover - machine code
     return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
-
-
-@compiled_exactly
-def _smaller(a: float, b: float) -> float:  # pragma: no cover - machine code
-    """Return the smaller number; nan if one is, as np.minimum does."""
-    return a if a < b or a != a else b
-
-
-@compiled_exactly
-def _larger(a: float, b: float) -> float:  # pragma: no cover - machine code
-    """Return the larger number; nan if one is, as np.maximum does."""
-    return a if a > b or a != a else b
