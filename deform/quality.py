@@ -184,7 +184,12 @@ def by_shape(points: FloatArray, parts: Iterable[tuple[Volume, IntArray | None, 
         value, bad = judged(points, block, rows, orientation)
         values.setdefault(shape, []).append(value)
         inverted[shape] = inverted.get(shape, 0) + int(np.count_nonzero(bad))
-    return tuple(summarise(np.concatenate(values[shape]), shape, inverted[shape]) for shape in values)
+    return tuple(summarise(_joined(values[shape]), shape, inverted[shape]) for shape in values)
+
+
+def _joined(parts: list[FloatArray]) -> FloatArray:
+    """Return arrays as one, without a copy if it is one already."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _are_many(block: Cells, rows: IntArray | None) -> bool:
