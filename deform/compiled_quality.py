@@ -177,19 +177,23 @@ def _judge_tetrahedra(
 def _measure_edges(
     points: FloatArray, nodes: IntArray, determinants: FloatArray, squares: FloatArray
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the determinants of tetrahedra, and the sums of the squared lengths of their edges."""
-    p = np.empty((4, 3, LANES))
-    for start in range(0, len(nodes), LANES):
-        few = nodes[start : start + LANES]
-        determinant, total = determinants[start : start + LANES], squares[start : start + LANES]
-        _gather(points, few, p)
-        for j in range(len(few)):
-            a, b, c = _edge(p, 0, 1, j), _edge(p, 0, 2, j), _edge(p, 0, 3, j)
-            determinant[j] = _determinant(a, b, c)
-            edges = _square(a) + _square(b) + _square(c)
-            edges += _square((b[0] - a[0], b[1] - a[1], b[2] - a[2]))
-            edges += _square((c[0] - a[0], c[1] - a[1], c[2] - a[2]))
-            total[j] = edges + _square((c[0] - b[0], c[1] - b[1], c[2] - b[2]))
+    """Fill in the determinants of tetrahedra, and the sums of the squared lengths of their edges.
+
+    They are taken one at a time: there is too little to do with their corners to collect them first.
+    """
+    for i in range(len(nodes)):
+        o, p, q, r = nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3]
+        a, b, c = _way(points, o, p), _way(points, o, q), _way(points, o, r)
+        determinants[i] = _determinant(a, b, c)
+        total = _square(a) + _square(b) + _square(c)
+        total += _square((b[0] - a[0], b[1] - a[1], b[2] - a[2]))
+        total += _square((c[0] - a[0], c[1] - a[1], c[2] - a[2]))
+        squares[i] = total + _square((c[0] - b[0], c[1] - b[1], c[2] - b[2]))
+
+
+@compiled_exactly
+def _way(points: FloatArray, o: int, a: int) -> Vector:  # pragma: no cover - machine code
+    return points[a, 0] - points[o, 0], points[a, 1] - points[o, 1], points[a, 2] - points[o, 2]
 
 
 @compiled_exactly
