@@ -37,13 +37,13 @@ LARGEST = 1e40
 
 
 def whole(values: ArrayLike, what: str) -> IntArray:
-    """Return an array of whole numbers; InputError, which begins with `what`, if they are others."""
+    """Return whole numbers, bytes in the machine's order; InputError, which begins with `what`, if they are others."""
     try:
         found = np.asarray(values)
     except ValueError:
         raise InputError(f"{what}: rows of different lengths") from None
     if found.dtype.kind in "iu":
-        return found
+        return found.astype(found.dtype.newbyteorder("="), copy=False)
     if found.size:
         raise InputError(f"{what} must be whole numbers, not {found.dtype}")
     return found.astype(np.intp)

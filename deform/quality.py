@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform import polyhedra
 from sdm_deflect.deform.edges import rows_of
-from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Polyhedra, Volume
+from sdm_deflect.deform.mesh import VOLUMES, Cells, FloatArray, IntArray, Polyhedra, Volume
 
 BLOCK = 1 << 13
 """Cells handled at a time: temporaries stay in the processor's cache, and millions of cells in little memory."""
 MANY = 1 << 18
-"""Tetrahedra beyond so many are judged by compiled code, to the same bits."""
+"""Volume cells of one shape beyond so many are judged by compiled code, to the same bits."""
 POLYHEDRON = "polyhedron"
 MEASURES = {
     "triangle": "mean ratio",
@@ -48,6 +48,10 @@ NORMAL = np.array([[0.0], [0.0], [1.0]])
 """The third edge at a corner of a plane cell, (3, 1)."""
 AXES = ((0, 3, 7, 4), (1, 2, 6, 5)), ((0, 1, 5, 4), (3, 2, 6, 7)), ((0, 1, 2, 3), (4, 5, 6, 7))
 """Opposite faces of a hexahedron, whose centres its three axes join."""
+TETRAHEDRA = (0, 1, 2, 4), (0, 2, 3, 4), (0, 1, 3, 4), (1, 2, 3, 4)
+"""Those that a pyramid's nodes form with its tip."""
+WEDGE = 2.0 / np.sqrt(3.0)
+"""One over the determinant of the edges' directions at a corner of the ideal wedge."""
 TINY = np.finfo(np.float64).tiny
 
 Corners = FloatArray
@@ -92,7 +96,9 @@ def inverted_of(
     if isinstance(block, Polyhedra):
         return polyhedra.pyramids_of(points, block, rows, orientation).inverted
     if _are_many(block, rows):
-        return np.asarray(orientation * _many(points, block, rows)[0] <= 0.0)
+        from sdm_deflect.deform import compiled_quality  # loads the compiler
+
+        return compiled_quality.inverted_of(points, block, rows, orientation)
     shape = block.shape
     return np.asarray(_blockwise(points, block.nodes, rows, lambda p: _determinants(shape, p, orientation))[0] <= 0.0)
 
@@ -105,9 +111,9 @@ def judged(
         pyramids = polyhedra.pyramids_of(points, block, rows, orientation)
         return pyramids.quality, pyramids.inverted
     if _are_many(block, rows):
-        determinant, squares = _many(points, block, rows)
-        determinant *= orientation
-        return _ratio(determinant, squares), determinant <= 0.0
+        from sdm_deflect.deform import compiled_quality  # loads the compiler
+
+        return compiled_quality.judged(points, block, rows, orientation)
     measure = JUDGES[block.shape]
     quality, determinant = _blockwise(points, block.nodes, rows, lambda p: measure(p, orientation))
     return quality, determinant <= 0.0
@@ -178,19 +184,17 @@ def by_shape(points: FloatArray, parts: Iterable[tuple[Volume, IntArray | None, 
         value, bad = judged(points, block, rows, orientation)
         values.setdefault(shape, []).append(value)
         inverted[shape] = inverted.get(shape, 0) + int(np.count_nonzero(bad))
-    return tuple(summarise(np.concatenate(values[shape]), shape, inverted[shape]) for shape in values)
+    return tuple(summarise(_joined(values[shape]), shape, inverted[shape]) for shape in values)
+
+
+def _joined(parts: list[FloatArray]) -> FloatArray:
+    """Return arrays as one, without a copy if it is one already."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _are_many(block: Cells, rows: IntArray | None) -> bool:
-    """True for so many tetrahedra that compiled code is worth its loading."""
-    return block.shape == "tetra" and len(block if rows is None else rows) > MANY
-
-
-def _many(points: FloatArray, block: Cells, rows: IntArray | None) -> FloatArray:
-    """Return determinants and sums of the edges' squares (2, R) of tetrahedra."""
-    from sdm_deflect.deform.tetrahedra import measured  # loads the compiler
-
-    return measured(points, block.nodes, rows)
+    """True for so many volume cells that compiled code is worth its loading."""
+    return block.shape in VOLUMES and len(block if rows is None else rows) > MANY
 
 
 def _blockwise(
@@ -233,10 +237,10 @@ def _mean_ratio(p: Corners, orientation: float) -> FloatArray:
     a, b, c = p[1] - p[0], p[2] - p[0], p[3] - p[0]
     determinant = orientation * _determinant(a, b, c)
     squares = sum(_square(edge) for edge in (a, b, c, b - a, c - a, c - b))
-    return np.stack([_ratio(determinant, np.asarray(squares)), determinant])
+    return np.stack([ratio(determinant, np.asarray(squares)), determinant])
 
 
-def _ratio(determinant: FloatArray, squares: FloatArray) -> FloatArray:
+def ratio(determinant: FloatArray, squares: FloatArray) -> FloatArray:
     """Return the mean ratio (R,), given determinants and the sums of the edges' squares (R,)."""
     return np.asarray(12.0 * np.cbrt(0.25 * np.maximum(determinant, 0.0) ** 2) / np.maximum(squares, TINY))
 
@@ -244,20 +248,25 @@ def _ratio(determinant: FloatArray, squares: FloatArray) -> FloatArray:
 def _pyramid(p: Corners, orientation: float) -> FloatArray:
     """Return VTK's scaled Jacobian and the smallest determinant (2, R) of pyramids."""
     least, determinant = np.full((2, p.shape[2]), np.inf)
-    for corners in ((0, 1, 2, 4), (0, 2, 3, 4), (0, 1, 3, 4), (1, 2, 3, 4)):
+    for corners in TETRAHEDRA:
         o, a, b, c = (p[k] for k in corners)
         volume = orientation * _determinant(a - o, b - o, c - o)
         oa, ob, oc, ab, ac, bc = (_square(edge) for edge in (a - o, b - o, c - o, b - a, c - a, c - b))
         largest = np.maximum.reduce([oa * ob * oc, oa * ab * ac, ob * ab * bc, oc * ac * bc])
         np.minimum(least, 2.0 * volume / np.sqrt(np.maximum(largest, TINY)), out=least)
         np.minimum(determinant, volume, out=determinant)
-    return np.stack([np.maximum(np.where(least > 1.0, 2.0 - least, least), 0.0), determinant])
+    return np.stack([folded(least), determinant])
+
+
+def folded(least: FloatArray) -> FloatArray:
+    """Return VTK's scaled Jacobian (R,) of pyramids, given the smallest of their tetrahedra (R,)."""
+    return np.asarray(np.maximum(np.where(least > 1.0, 2.0 - least, least), 0.0))
 
 
 def _wedge(p: Corners, orientation: float) -> FloatArray:
     """Return the scaled Jacobian and the smallest determinant (2, R) of wedges."""
     found = _smallest("wedge", p, orientation)
-    found[0] *= 2.0 / np.sqrt(3.0)
+    found[0] *= WEDGE
     return found
 
 

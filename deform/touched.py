@@ -13,6 +13,8 @@ from sdm_deflect.deform.edges import rows_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Polyhedra, Volume
 from sdm_deflect.deform.quality import Quality, by_shape, inverted_of, oriented
+from sdm_deflect.deform.rbf.compiled import compiled
+from sdm_deflect.deform.rbf.threads import in_chunks
 
 BASES = {
     "quad": (((0, 1), (3, 2)), ((1, 2), (0, 3)), ((2, 3), (1, 0)), ((3, 0), (2, 1))),
@@ -24,6 +26,8 @@ BASES = {
 }  # fmt: skip
 """Faces (of plane cells: lines) that may lie on a wall, and the nodes opposite to them."""
 BLOCK = 1 << 16
+WEIGHT = 10
+"""Work on the nodes of one cell in kernel pairs, by which `in_chunks` shares it out."""
 FLAT = 0.2
 """Height over the longest edge on the wall, below which a cell counts as one of a layer."""
 
@@ -137,11 +141,28 @@ def layers(touched: TouchedCells, walls: IntArray) -> Iterator[tuple[IntArray, I
 
 
 def touching(block: Volume, moved: NDArray[np.bool_]) -> IntArray:
-    """Return the rows of cells with a node in the mask `moved` (N,), block by block, in little memory."""
+    """Return the rows of cells with a node in the mask `moved` (N,)."""
     if isinstance(block, Polyhedra):
         return polyhedra.touching(block, moved)
-    parts = [rows.start + np.flatnonzero(moved[block.nodes[rows]].any(axis=1)) for rows in rows_of(len(block), BLOCK)]
-    return np.concatenate([np.empty(0, dtype=np.intp), *parts])
+    found = np.empty(len(block), dtype=np.bool_)
+
+    def chunk(start: int, stop: int) -> None:
+        _have_one(block.nodes[start:stop], moved, found[start:stop])
+
+    in_chunks(chunk, len(block), WEIGHT)
+    return np.flatnonzero(found)
+
+
+@compiled
+def _have_one(
+    nodes: IntArray, moved: NDArray[np.bool_], found: NDArray[np.bool_]
+) -> None:  # pragma: no cover - machine code
+    """Fill in which cells with nodes (R, k) have one in the mask `moved` (N,)."""
+    for i in range(len(nodes)):
+        one = False
+        for k in range(nodes.shape[1]):
+            one |= moved[nodes[i, k]]
+        found[i] = one
 
 
 def _first_cells(block: Cells, rows: IntArray, wall: NDArray[np.bool_]) -> list[tuple[IntArray, IntArray]]:

@@ -6,7 +6,8 @@ import pytest
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.deform.touched import BLOCK, TouchedCells, first_layer
+from sdm_deflect.deform.rbf.threads import SERIAL_PAIRS
+from sdm_deflect.deform.touched import WEIGHT, TouchedCells, first_layer
 from tests.deform.blocks import FACES, block_with_body, grid
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
@@ -52,12 +53,14 @@ def test_cells_inverted_before_are_refused_unless_allowed():
         touched.check()
 
 
-def test_cells_with_a_node_that_may_move_are_touched_block_by_block():
+def test_cells_with_a_node_that_may_move_are_touched():
     points, cells = grid([0, 0, 0], [1, 1, 1], [60, 40, 30])
-    assert len(cells) > BLOCK
-    mesh, moved = Mesh(points, (Cells("hexahedron", cells),), ()), np.array([5, len(points) - 1])
+    assert len(cells) * WEIGHT > SERIAL_PAIRS  # on several threads
+    moved = np.array([5, len(points) - 1])
     expected = np.flatnonzero(np.isin(cells, moved).any(axis=1))
-    assert np.array_equal(TouchedCells.of(mesh, moved).rows[0], expected)
+    for kind in ("<i4", ">i4", "<i8", ">i8"):
+        mesh = Mesh(points, (Cells("hexahedron", cells.astype(kind)),), ())
+        assert np.array_equal(TouchedCells.of(mesh, moved).rows[0], expected)
     assert TouchedCells.of(mesh, np.empty(0, dtype=np.intp)).count == 0
 
 
