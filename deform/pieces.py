@@ -62,7 +62,11 @@ class MeshInPieces:
 
 
 class Runner(Protocol):
-    """Whoever works on pieces."""
+    """Whoever works on pieces; whether that is done in the memory of this process."""
+
+    @property
+    def shares_memory(self) -> bool:
+        """Whether arrays are not sent anywhere."""
 
     def map(self, work: Callable[[Any, Any], Any], shared: Any, items: Sequence[Any]) -> Iterator[Any]:
         """Yield work(shared, item) for each item, in their order; `shared` is sent once."""
@@ -70,6 +74,8 @@ class Runner(Protocol):
 
 class Threads:
     """Threads of this process; only as many results as there are threads wait to be taken."""
+
+    shares_memory = True
 
     def map(self, work: Callable[[Any, Any], Any], shared: Any, items: Sequence[Any]) -> Iterator[Any]:
         """See `Runner.map`."""

@@ -4,116 +4,27 @@ Nodes keep their order, so that all that follows from an excerpt has the same bi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple, TypeVar
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.faces import Keys, cell_face_keys, node_keys, patch_keys
+from sdm_deflect.deform.faces import Keys, node_keys, patch_keys
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh import (
-    CORNERS,
-    LARGEST,
-    BoolArray,
-    Cells,
-    Faces,
-    FloatArray,
-    IntArray,
-    Mesh,
-    Patch,
-    Whole,
-    Zone,
-)
+from sdm_deflect.deform.mesh import CORNERS, Cells, Faces, FloatArray, IntArray, Mesh, Patch, Whole, Zone
 from sdm_deflect.deform.pieces import MeshInPieces, Pieces, Runner
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.quality import inverted_of
 from sdm_deflect.deform.selection import selected
 from sdm_deflect.deform.sets import distinct, union
-from sdm_deflect.deform.touched import touching
 from sdm_deflect.deform.volume.boundary import Boundary
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.region import confined
+from sdm_deflect.deform.volume.scan import CELLS, POINTS, CellsFound, Frame, judged, nodes_inside
 
-POINTS, CELLS = 1 << 20, 1 << 19
-"""Points and cells of a piece."""
+HELD = 1 << 23
+"""Points up to so many are held in memory, by a runner that shares it."""
 Block = TypeVar("Block", bound=Faces)
-Item = tuple[int, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """What every piece is compared with.
-
-    Attributes
-    ----------
-    pieces : where they are read.
-    box : the hexahedron.
-    zones : (Z, 2) first and last but one point of each zone that deforms.
-    moving : (K,) sorted indices of the nodes that move.
-    boundary : (B,) sorted indices of the nodes on patches.
-    keys : (B,) random numbers of these, of which a face's key is the sum.
-    faces : (F,) sorted keys of the faces of patches.
-    sign : orientation of each block of cells.
-    """
-
-    pieces: Pieces
-    box: Hexahedron
-    zones: IntArray = field(repr=False)
-    moving: IntArray = field(repr=False)
-    boundary: IntArray = field(repr=False)
-    keys: Keys = field(repr=False)
-    faces: Keys = field(repr=False)
-    sign: tuple[float, ...]
-
-    def inside(self, points: FloatArray, nodes: IntArray) -> BoolArray:
-        """Return which nodes (K,) at points (K, 3) lie in the box, and in a zone that deforms."""
-        found = self.box.contains(points)
-        own = np.zeros(len(nodes), dtype=np.bool_)
-        for first, end in self.zones:
-            own |= (nodes >= first) & (nodes < end)
-        return found & own
-
-
-class Window(NamedTuple):
-    """The points that some cells need: their indices (P,), their coordinates (P, 3), and the cells' rows (M, k) there.
-
-    Where cells near one another in the file have nodes near one another, it is a range of points, else each corner of
-    each cell.
-    """
-
-    numbers: IntArray
-    points: FloatArray
-    rows: IntArray
-
-    @classmethod
-    def of(cls, pieces: Pieces, nodes: IntArray) -> "Window":
-        """Read what cells with nodes (M, k) need; InputError for nodes that are not there."""
-        low, high = int(nodes.min()), int(nodes.max()) + 1
-        if low < 0 or high > pieces.points:
-            raise InputError(f"{pieces.source}: nodes {low} to {high - 1}, but there are {pieces.points} points")
-        if high - low <= max(nodes.size, POINTS):
-            return cls(np.arange(low, high), pieces.coordinates(low, high), nodes - low)
-        return cls(nodes.ravel(), pieces.places(nodes.ravel()), np.arange(nodes.size).reshape(nodes.shape))
-
-    def marks(self, nodes: IntArray) -> BoolArray:
-        """Return which of the points (P,) are among sorted nodes (K,)."""
-        if len(self.numbers) and len(self.numbers) == self.numbers[-1] - self.numbers[0] + 1:
-            found = np.zeros(len(self.numbers), dtype=np.bool_)
-            first, end = np.searchsorted(nodes, (self.numbers[0], self.numbers[-1] + 1))
-            found[nodes[first:end] - self.numbers[0]] = True
-            return found
-        place = np.minimum(np.searchsorted(nodes, self.numbers), len(nodes) - 1)
-        return np.asarray(nodes[place] == self.numbers) if len(nodes) else np.zeros(len(self.numbers), dtype=np.bool_)
-
-
-class CellsFound(NamedTuple):
-    """Rows (R,) and nodes (R, k) of touched cells; of all how many are inverted, and their faces (F,) on patches."""
-
-    rows: IntArray
-    nodes: IntArray
-    inverted: int
-    faces: IntArray
 
 
 def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runner, progress: Progress = silent) -> Mesh:
@@ -128,6 +39,8 @@ def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runne
     boundary = Boundary.of(selected(border, job.selections, job.names), job)
     zones, box = confined(boundary, job.ends(tuple(angles) or (job.angle,)))
     frame = _framed(mesh, border, box.hexahedron, zones, boundary.mesh.numbers(boundary.nodes))
+    if runner.shares_memory and (pieces.points <= HELD or frame.is_scattered):
+        frame = frame.holding()
     inside, places = _nodes_inside(frame, runner, progress)
     found, frame = _cells(mesh, frame, runner, progress)
     known = union(frame.boundary, inside)
@@ -180,22 +93,11 @@ def _nodes_inside(frame: Frame, runner: Runner, progress: Progress) -> tuple[Int
     count = frame.pieces.points
     items = [(start, min(start + POINTS, count)) for start in range(0, count, POINTS)]
     found = []
-    for i, own in enumerate(runner.map(_inside, frame, items), 1):
+    for i, own in enumerate(runner.map(nodes_inside, frame, items), 1):
         found.append(own)
         progress("points", i / len(items))
     nodes = np.concatenate([np.empty(0, dtype=np.intp), *(own for own, _ in found)])
     return nodes, np.concatenate([np.empty((0, 3)), *(points for _, points in found)])
-
-
-def _inside(frame: Frame, item: Item) -> tuple[IntArray, FloatArray]:
-    start, stop = item
-    points = frame.pieces.coordinates(start, stop)
-    if not (points.min() > -LARGEST and points.max() < LARGEST):
-        bad = ~(np.abs(points) < LARGEST).all(axis=1)
-        what = f"beyond {LARGEST:g}" if np.isfinite(points).all() else "not finite"
-        raise InputError(f"{frame.pieces.source}: points are {what}, the first is point {start + int(np.argmax(bad))}")
-    rows = np.flatnonzero(frame.inside(points, np.arange(start, stop)))
-    return start + rows, points[rows]
 
 
 def _cells(
@@ -228,33 +130,10 @@ def _judged_cells(frame: Frame, block: int, runner: Runner, progress: Progress) 
     shape, count = frame.pieces.blocks[block]
     items = [(block, start, min(start + CELLS, count)) for start in range(0, count, CELLS)]
     found = []
-    for i, own in enumerate(runner.map(_judged, frame, items), 1):
+    for i, own in enumerate(runner.map(judged, frame, items), 1):
         found.append(own)
         progress(f"cells ({shape})", i / len(items))
     return found
-
-
-def _judged(frame: Frame, item: Item) -> CellsFound:
-    block, start, stop = item
-    shape, nodes = frame.pieces.blocks[block][0], frame.pieces.nodes(block, start, stop)
-    window = Window.of(frame.pieces, nodes)
-    cells = Cells(shape, window.rows)
-    inverted = int(np.count_nonzero(inverted_of(window.points, cells, orientation=frame.sign[block])))
-    changed = frame.inside(window.points, window.numbers) | window.marks(frame.moving)
-    rows = touching(cells, changed) if changed.any() else np.empty(0, dtype=np.intp)
-    return CellsFound(start + rows, nodes[rows], inverted, _faces_seen(frame, window, cells))
-
-
-def _faces_seen(frame: Frame, window: Window, cells: Cells) -> IntArray:
-    """Return which faces (F,) of patches the cells have."""
-    on = window.marks(frame.boundary)
-    if not on.any() or not len(frame.faces):
-        return np.empty(0, dtype=np.intp)
-    keys = np.zeros(len(on), dtype=np.uint64)
-    keys[on] = frame.keys[np.searchsorted(frame.boundary, window.numbers[on])]
-    found = np.concatenate([np.empty(0, np.uint64), *cell_face_keys((cells,), keys, on)])
-    place = np.minimum(np.searchsorted(frame.faces, found), len(frame.faces) - 1)
-    return distinct(place[frame.faces[place] == found])
 
 
 def _refuse_loose(mesh: MeshInPieces, frame: Frame, missing: Keys) -> None:

@@ -1,5 +1,6 @@
 """Meshes whose numbers stand in a file as they are: read in pieces, and rewritten where they stand."""
 
+import os
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,7 +9,6 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.edges import rows_of
 from sdm_deflect.deform.mesh import CORNERS
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
@@ -18,8 +18,6 @@ from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 ROWS = 1 << 18
 """Points rewritten at a time."""
-FEW = 1 << 12
-"""Rows taken from a file mapped into memory before it is mapped anew: pages that were touched count as ours."""
 Array = NDArray[Any]
 
 
@@ -60,13 +58,12 @@ class Table:
 
     def some(self, rows: IntArray) -> Array:
         """Return some rows (R, width) in any order."""
-        found = np.empty((len(rows), self.width), self.kind)
-        shape, strides = (self.rows, self.width), (self.step, found.itemsize)
-        with about(self.path):
-            for part in rows_of(len(rows), FEW):
-                mapped = np.memmap(self.path, np.uint8, "r", self.begin, self.rows * self.step)
-                found[part] = np.ndarray(shape, self.kind, mapped, 0, strides)[rows[part]]
-        return found
+        size = np.dtype(self.kind).itemsize * self.width
+        with about(self.path), self.path.open("rb") as file:
+            data = b"".join(
+                os.pread(file.fileno(), size, at) for at in (self.begin + rows.astype(np.int64) * self.step).tolist()
+            )
+        return np.frombuffer(data, self.kind).reshape(len(rows), self.width)
 
     def overwrite(self, file: BinaryIO, start: int, values: Array) -> None:
         """Put values (R, width) of the table's kind in the place of rows from `start`, which follow one another."""

@@ -1,0 +1,162 @@
+"""Pieces of a mesh compared with a box: which nodes lie inside, which cells they touch, which cells are inverted."""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.faces import Keys, cell_face_keys
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.mesh import LARGEST, BoolArray, Cells, FloatArray, IntArray
+from sdm_deflect.deform.pieces import Pieces
+from sdm_deflect.deform.quality import inverted_of
+from sdm_deflect.deform.sets import distinct
+from sdm_deflect.deform.touched import touching
+
+POINTS, CELLS = 1 << 20, 1 << 19
+"""Points and cells of a piece."""
+PROBES, PROBED = 8, 1 << 14
+"""Places in a block of cells where their order is looked at, and cells at each."""
+
+
+class View(NamedTuple):
+    """The points that some cells need.
+
+    Attributes
+    ----------
+    points : (P, 3) coordinates.
+    changed : (P,) which of them may move.
+    keys : (P,) of those on patches, random numbers of which a face's key is the sum; 0 of all others.
+    """
+
+    points: FloatArray
+    changed: BoolArray
+    keys: Keys
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """What every piece is compared with.
+
+    Attributes
+    ----------
+    pieces : where they are read.
+    box : the hexahedron.
+    zones : (Z, 2) first and last but one point of each zone that deforms.
+    moving : (K,) sorted indices of the nodes that move.
+    boundary : (B,) sorted indices of the nodes on patches.
+    keys : (B,) random numbers of these, of which a face's key is the sum.
+    faces : (F,) sorted keys of the faces of patches.
+    sign : orientation of each block of cells.
+    held : all points, where these are held in memory.
+    """
+
+    pieces: Pieces
+    box: Hexahedron
+    zones: IntArray = field(repr=False)
+    moving: IntArray = field(repr=False)
+    boundary: IntArray = field(repr=False)
+    keys: Keys = field(repr=False)
+    faces: Keys = field(repr=False)
+    sign: tuple[float, ...]
+    held: View | None = field(default=None, repr=False)
+
+    def holding(self) -> "Frame":
+        """Return it with all points held in memory."""
+        points = np.empty((self.pieces.points, 3))
+        for start in range(0, len(points), POINTS):
+            stop = min(start + POINTS, len(points))
+            points[start:stop] = self.pieces.coordinates(start, stop)
+        return replace(self, held=self.view_of(points, 0))
+
+    def view(self, nodes: IntArray) -> tuple[View, IntArray]:
+        """Return the points that cells with nodes (M, k) need, and the rows (M, k) of their nodes there.
+
+        Where cells near one another in the file have nodes near one another, they are a range of points, else each
+        corner of each cell. InputError for nodes that are not there.
+        """
+        low, high = int(nodes.min()), int(nodes.max()) + 1
+        if low < 0 or high > self.pieces.points:
+            raise InputError(
+                f"{self.pieces.source}: nodes {low} to {high - 1}, but there are {self.pieces.points} points"
+            )
+        if self.held:
+            return self.held, nodes
+        if high - low <= max(nodes.size, POINTS):
+            return self.view_of(self.pieces.coordinates(low, high), low), nodes - low
+        corners = nodes.ravel()
+        points, place = self.pieces.places(corners), np.searchsorted(self.boundary, corners)
+        on = np.append(self.boundary, -1)[place] == corners
+        keys = np.where(on, np.append(self.keys, 0)[place], np.uint64(0))
+        changed = self.inside(points, corners) | np.isin(corners, self.moving)
+        return View(points, changed, keys), np.arange(nodes.size).reshape(nodes.shape)
+
+    def view_of(self, points: FloatArray, first: int) -> View:
+        """Return a view of a range of points (P, 3), the first of which has that index."""
+        changed = self.inside(points, np.arange(first, first + len(points)))
+        keys = np.zeros(len(points), dtype=np.uint64)
+        own = slice(*np.searchsorted(self.moving, (first, first + len(points))))
+        changed[self.moving[own] - first] = True
+        own = slice(*np.searchsorted(self.boundary, (first, first + len(points))))
+        keys[self.boundary[own] - first] = self.keys[own]
+        return View(points, changed, keys)
+
+    def inside(self, points: FloatArray, nodes: IntArray) -> BoolArray:
+        """Return which nodes (K,) at points (K, 3) lie in the box, and in a zone that deforms."""
+        own = np.zeros(len(nodes), dtype=np.bool_)
+        for first, end in self.zones:
+            own |= (nodes >= first) & (nodes < end)
+        return self.box.contains(points) & own
+
+    @property
+    def is_scattered(self) -> bool:
+        """Whether cells near one another in the file have nodes that are not."""
+        far = places = 0
+        for block, (_, count) in enumerate(self.pieces.blocks):
+            for start in np.linspace(0, max(0, count - PROBED), PROBES).astype(int).tolist() if count else ():
+                nodes = self.pieces.nodes(block, start, min(start + PROBED, count))
+                far += int(np.ptp(nodes)) > POINTS
+                places += 1
+        return 2 * far > places
+
+
+class CellsFound(NamedTuple):
+    """Rows (R,) and nodes (R, k) of touched cells; of all how many are inverted, and their faces (F,) on patches."""
+
+    rows: IntArray
+    nodes: IntArray
+    inverted: int
+    faces: IntArray
+
+
+def nodes_inside(frame: Frame, item: tuple[int, int]) -> tuple[IntArray, FloatArray]:
+    """Return which points of a range lie inside (M,), and where (M, 3); InputError for coordinates that are none."""
+    start, stop = item
+    points = frame.held.points[start:stop] if frame.held else frame.pieces.coordinates(start, stop)
+    if not (points.min() > -LARGEST and points.max() < LARGEST):
+        bad = ~(np.abs(points) < LARGEST).all(axis=1)
+        what = f"beyond {LARGEST:g}" if np.isfinite(points).all() else "not finite"
+        raise InputError(f"{frame.pieces.source}: points are {what}, the first is point {start + int(np.argmax(bad))}")
+    rows = np.flatnonzero(frame.inside(points, np.arange(start, stop)))
+    return start + rows, points[rows]
+
+
+def judged(frame: Frame, item: tuple[int, int, int]) -> CellsFound:
+    """Judge some cells of a block."""
+    block, start, stop = item
+    shape, nodes = frame.pieces.blocks[block][0], frame.pieces.nodes(block, start, stop)
+    view, rows = frame.view(nodes)
+    cells = Cells(shape, rows)
+    inverted = int(np.count_nonzero(inverted_of(view.points, cells, orientation=frame.sign[block])))
+    found = touching(cells, view.changed) if frame.held or view.changed.any() else np.empty(0, dtype=np.intp)
+    return CellsFound(start + found, nodes[found], inverted, _faces_seen(frame, view, cells))
+
+
+def _faces_seen(frame: Frame, view: View, cells: Cells) -> IntArray:
+    """Return which faces (F,) of patches the cells have."""
+    found = np.concatenate([np.empty(0, np.uint64), *cell_face_keys((cells,), view.keys, view.keys > 0)])
+    if not len(frame.faces):
+        return np.empty(0, dtype=np.intp)
+    place = np.minimum(np.searchsorted(frame.faces, found), len(frame.faces) - 1)
+    return distinct(place[frame.faces[place] == found])
