@@ -18,7 +18,7 @@ from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.formats.registry import in_pieces, read
 
-LARGE = 1 << 27
+LARGE = 1 << 25
 """Bytes of a file from which on it is read in pieces."""
 
 

@@ -6,7 +6,6 @@ from itertools import combinations
 from time import perf_counter
 
 import numpy as np
-from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.errors import InputError
@@ -93,6 +92,8 @@ def check_disjoint(boxes: Sequence[tuple[str, Hexahedron]], settings: str = "box
 
 def shared_depth(a: Hexahedron, b: Hexahedron) -> float:
     """Radius of the largest ball in both hexahedra; negative if they are apart (linear program)."""
+    from scipy.optimize import linprog  # takes a tenth of a second to load
+
     planes = np.vstack([a.planes, b.planes])
     constraints = np.column_stack([planes[:, :3], np.ones(len(planes))])
     result = linprog([0.0, 0.0, 0.0, -1.0], A_ub=constraints, b_ub=planes[:, 3], bounds=[(None, None)] * 4)

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from sdm_deflect.deform.edges import polygons_of
 from sdm_deflect.deform.errors import InputError
@@ -163,6 +162,8 @@ class SlidingPatch:
 
 def _fit_cylinder(points: FloatArray, direction: FloatArray, slopes: int = 2) -> Cylinder:
     """Fit axis and radius from a first direction; parameters are offsets across it, the radius and, if any, slopes."""
+    from scipy.optimize import least_squares  # takes a tenth of a second to load
+
     center, size = points.mean(axis=0), float(np.ptp(points, axis=0).max())
     u = np.linalg.svd(direction[None])[2][1]
     v = np.cross(direction, u)

@@ -18,6 +18,8 @@ from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 ROWS = 1 << 18
 """Points rewritten at a time."""
+SMALL = 1 << 26
+"""Bytes of a table that is read whole where some of its rows are wanted."""
 Array = NDArray[Any]
 
 
@@ -58,6 +60,8 @@ class Table:
 
     def some(self, rows: IntArray) -> Array:
         """Return some rows (R, width) in any order."""
+        if self.rows * self.step <= SMALL:
+            return np.asarray(self.read(0, self.rows)[rows])
         size = np.dtype(self.kind).itemsize * self.width
         with about(self.path), self.path.open("rb") as file:
             data = b"".join(
