@@ -14,11 +14,13 @@ from sdm_deflect.cases.job_settings import angles_of, settings_of, tables_of
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
 from sdm_deflect.deform.errors import InputError, shortened
 from sdm_deflect.deform.mesh import FloatArray, Mesh
+from sdm_deflect.deform.pieces import Threads
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.deflection import sweep as swept
+from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing import adapters
@@ -328,6 +330,45 @@ def deflect(
     settings = settings_of(surfaces, hinge, angle, options)
     job = settings.job()
     return _run(mesh, job, (job.angle,), settings.min_quality, progress)[0]
+
+
+def plan(
+    mesh: Any,
+    surfaces: str | Sequence[Any],
+    hinge: ArrayLike | None = None,
+    angle: float | None = None,
+    *,
+    progress: Progress = silent,
+    **options: Any,
+) -> Field:
+    """Decide and fit a deflection, but move no node: a small value does, wherever the nodes are.
+
+    Of a file that can be read in pieces (CGNS in HDF5, binary UGRID) no more than the boundary and what is in the box
+    is held in memory. Cells are judged, and repaired where that is wanted, as by `deflect`.
+
+    Parameters
+    ----------
+    mesh, surfaces, hinge, angle, progress, **options : As for `deflect`.
+
+    Returns
+    -------
+    The displacement field: `apply` moves any points of the mesh, to the bit as `deflect` would; `save` keeps it.
+
+    Raises
+    ------
+    InputError : as for `deflect`; or if a check of the deflected mesh fails, which it names.
+    """
+    from sdm_deflect.meshing.formats.registry import in_pieces
+
+    settings = settings_of(surfaces, hinge, angle, options)
+    job = settings.job()
+    with _about_files():
+        large = in_pieces(_path(mesh)) if isinstance(mesh, str | PathLike) else None
+    needed = excerpt(large, job, (), Threads(), progress) if large else mesh
+    (found,) = _run(needed, job, (job.angle,), settings.min_quality, progress)
+    if not found.passed:
+        raise InputError(found.title)
+    return found.field
 
 
 def sweep(

@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.api import Result, deflect, read, sweep
+    from sdm_deflect.cases.api import Result, deflect, plan, read, sweep
     from sdm_deflect.deform.checks import Check
     from sdm_deflect.deform.errors import InputError
     from sdm_deflect.deform.hexahedron import Hexahedron
@@ -38,12 +38,13 @@ __all__ = [
     "TrailingEdge",
     "__version__",
     "deflect",
+    "plan",
     "read",
     "sweep",
 ]
 
 _MODULES = {
-    "cases.api": ("Result", "deflect", "read", "sweep"),
+    "cases.api": ("Result", "deflect", "plan", "read", "sweep"),
     "deform.checks": ("Check",),
     "deform.errors": ("InputError",),
     "deform.mesh": ("Cells", "Mesh", "Patch"),

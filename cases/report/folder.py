@@ -246,7 +246,7 @@ def write_deflected(path: Path, one: Deflection) -> None:
     moved, node = plan.mesh.with_points(points), np.arange(len(points))
     if not whole:
         moved, node = part_of(moved, rows, plan.changed)
-    arrays = {"displacement": points[node] - plan.mesh.points[node]}
+    arrays: dict[str, np.ndarray] = {"displacement": points[node] - plan.mesh.points[node]}
     if not whole:
         arrays["node"] = plan.mesh.numbers(node)
     if one.repaired is not None:
