@@ -171,7 +171,7 @@ def _without_inner(mesh: Mesh, twice: BoolArray) -> Mesh:
     own = [face_keys(faces, keys) for patch in mesh.patches for faces in patch.faces]
     given = distinct(np.concatenate([keys[:0], *own]))
     count = np.zeros(len(given), dtype=np.intp)
-    for found in cell_face_keys(mesh, keys, twice):
+    for found in cell_face_keys(mesh.cells, keys, twice):
         rows, there = places(found, given)
         np.add.at(count, rows[there], 1)
     patches, each = [], iter(own)

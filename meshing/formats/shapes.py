@@ -1,6 +1,6 @@
 """Cells and faces by shape: the order of their nodes, their faces, faces of any number of corners."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.faces import FACES, ROWS, Keys, face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh import PLANE, Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import PLANE, Cells, Mesh, Patch, Polygons, Polyhedra, Volume
 from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.sets import distinct
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -73,15 +73,23 @@ def oriented(points: FloatArray, cells: Cells) -> Cells:
             across, along = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
             clockwise = across[:, 0] * along[:, 1] < across[:, 1] * along[:, 0]
         return replace(cells, nodes=np.where(clockwise[:, None], cells.nodes[:, ::-1], cells.nodes))
-    step = max(1, len(cells) // SAMPLE)
-    sample = cells.nodes[::step]
-    origin = points[sample[:, 0]]
-    with np.errstate(all="ignore"):  # `Mesh` refuses coordinates that are not finite
-        a, b, c = (points[sample[:, axis]] - origin for axis in AXES[cells.shape])
-        hands = np.einsum("ij,ij->i", np.cross(a, b), c)
-    if 2 * int(np.count_nonzero(hands < 0.0)) <= len(sample):
+    if not left_handed(points, cells.shape, cells.nodes[:: stride(len(cells))]):
         return cells
     return replace(cells, nodes=mirrored(cells.shape, cells.nodes))
+
+
+def stride(count: int) -> int:
+    """Return that each first of so many cells, a power of two, is a sample of them that tells their hand."""
+    return 1 << max(0, (count // SAMPLE).bit_length() - 1)
+
+
+def left_handed(points: FloatArray, shape: str, nodes: IntArray) -> bool:
+    """Return whether most volume cells of one shape with nodes (M, k) are the mirror images of VTK's."""
+    origin = points[nodes[:, 0]]
+    with np.errstate(all="ignore"):  # `Mesh` refuses coordinates that are not finite
+        a, b, c = (points[nodes[:, axis]] - origin for axis in AXES[shape])
+        hands = np.einsum("ij,ij->i", np.cross(a, b), c)
+    return 2 * int(np.count_nonzero(hands < 0.0)) > len(nodes)
 
 
 def mirrored(shape: str, nodes: IntArray) -> IntArray:
@@ -114,8 +122,8 @@ def all_of(marked: BoolArray, faces: Cells | Polygons) -> BoolArray:
     return np.asarray(np.logical_and.reduceat(own, faces.offsets[:-1]))
 
 
-def loose_faces(mesh: Mesh) -> dict[str, int]:
-    """Count, by patch, the faces that are of no cell (patches without such faces are left out).
+def loose_faces(mesh: Mesh, cells: Iterable[Volume]) -> dict[str, int]:
+    """Count, by patch, the faces of a mesh that are of none of its `cells` (patches without such faces are left out).
 
     Only cells with as many nodes as a face on the boundary are looked at, some at a time: the memory is that of the
     boundary.
@@ -126,7 +134,7 @@ def loose_faces(mesh: Mesh) -> dict[str, int]:
     seen = np.zeros(len(given), dtype=np.bool_)
     on_patch = np.zeros(len(mesh.points), dtype=np.bool_)
     on_patch[mesh.on(*(patch.name for patch in mesh.patches))] = True
-    for found in cell_face_keys(mesh, keys, on_patch) if len(given) else ():
+    for found in cell_face_keys(cells, keys, on_patch) if len(given) else ():
         place = np.minimum(np.searchsorted(given, found), len(given) - 1)
         seen[place[given[place] == found]] = True
         if seen.all():
@@ -136,10 +144,10 @@ def loose_faces(mesh: Mesh) -> dict[str, int]:
     return {name: count for name, count in counts.items() if count}
 
 
-def cell_face_keys(mesh: Mesh, keys: Keys, marked: BoolArray) -> Iterator[Keys]:
+def cell_face_keys(cells: Iterable[Volume], keys: Keys, marked: BoolArray) -> Iterator[Keys]:
     """Yield the keys of the faces of cells that have as many marked nodes (N,) as a face has, at least."""
     among = marked.astype(np.uint8)
-    for block in mesh.cells:
+    for block in cells:
         if isinstance(block, Polyhedra):
             yield face_keys(block.faces, keys)
             continue
@@ -160,8 +168,13 @@ def refuse_plane(mesh: Mesh, format_name: str) -> None:
 
 def check_faces(mesh: Mesh) -> None:
     """Refuse boundary faces of no cell: a MeshFileError that names the patches and how many of their faces are such."""
-    if not sum(len(block) for block in mesh.cells):
+    refuse_loose(mesh, sum(map(len, mesh.cells)), loose_faces(mesh, mesh.cells))
+
+
+def refuse_loose(mesh: Mesh, cells: int, loose: Mapping[str, int]) -> None:
+    """Refuse, with a MeshFileError, a mesh without cells, and one whose patches have so many faces of no cell."""
+    if not cells:
         raise MeshFileError("there are no volume cells")
-    if loose := loose_faces(mesh):
+    if loose:
         counts = (f"{count} of {len(mesh.patch(name))} faces of patch {name}" for name, count in loose.items())
         raise MeshFileError(f"{', '.join(counts)} are of no cell")

@@ -75,20 +75,19 @@ def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:
 def chunks(file: BinaryIO, begin: int, end: int) -> Iterator[tuple[int, bytes]]:
     """Read bytes begin to end - 1 as pieces of whole lines, each with the offset of its first byte."""
     file.seek(begin)
-    carried, left = b"", end - begin
-    while left > 0:
-        text = file.read(min(CHUNK, left))
-        if not text:
-            break
+    carried, left = [b""], end - begin
+    while left > 0 and (text := file.read(min(CHUNK, left))):
         left -= len(text)
-        text = carried + text
         cut = text.rfind(b"\n") + 1 if left else len(text)
-        carried = text[cut:]
+        carried.append(text[:cut])
         if cut:
-            yield begin, text[:cut]
-            begin += cut
-    if carried:
-        yield begin, carried
+            whole = b"".join(carried)
+            yield begin, whole
+            begin += len(whole)
+            carried.clear()
+        carried.append(text[cut:])
+    if any(carried):
+        yield begin, b"".join(carried)
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,12 +184,12 @@ def read_zones(source: Su2File) -> Mesh:
 
     MeshFileError or ValueError if a section is missing, damaged or contradicts another.
     """
-    zones = _zones(source.sections)
+    zones = zones_of(source.sections)
     return joined(list(zones), [_zone(source, own) for own in zones.values()])
 
 
-def _zones(found: Sequence[Section]) -> dict[str, list[Section]]:
-    """Sections by zone; in a file without zones, all sections of a zone without a name."""
+def zones_of(found: Sequence[Section]) -> dict[str, list[Section]]:
+    """Return sections by zone; in a file without zones, all sections of a zone without a name."""
     zones: dict[str, list[Section]] = {}
     name = ""
     for section in found:
@@ -209,21 +208,23 @@ def _zones(found: Sequence[Section]) -> dict[str, list[Section]]:
 
 
 def _zone(source: Su2File, own: Sequence[Section]) -> Mesh:
-    points = _points(source, _only(own, "NPOIN"))
-    cells = _elements(source, _only(own, "NELEM"), KINDS[source.dimension][0], len(points))
-    mesh = Mesh(points, tuple(oriented(points, block) for block in cells), _patches(source, own, len(points)))
+    points = points_of(source, only(own, "NPOIN"))
+    cells = _elements(source, only(own, "NELEM"), KINDS[source.dimension][0], len(points))
+    mesh = Mesh(points, tuple(oriented(points, block) for block in cells), patches_of(source, own, len(points)))
     check_faces(mesh)
     return mesh
 
 
-def _only(own: Sequence[Section], keyword: str) -> Section:
+def only(own: Sequence[Section], keyword: str) -> Section:
+    """Return the section of that keyword; MeshFileError if there are none or several."""
     found = [section for section in own if section.keyword == keyword]
     if len(found) != 1:
         raise MeshFileError(f"{len(found)} lines {keyword}= where there must be one; the file is truncated or damaged")
     return found[0]
 
 
-def _points(source: Su2File, section: Section) -> FloatArray:
+def points_of(source: Su2File, section: Section) -> FloatArray:
+    """Return the points (N, 3) of a section."""
     possible = (section.end - section.begin) // len("0 0") + 1
     points = np.zeros((min(section.count, possible), 3))  # a damaged count may be any number
     start = 0
@@ -234,10 +235,11 @@ def _points(source: Su2File, section: Section) -> FloatArray:
     return points
 
 
-def _patches(source: Su2File, own: Sequence[Section], points: int) -> tuple[Patch, ...]:
+def patches_of(source: Su2File, own: Sequence[Section], points: int) -> tuple[Patch, ...]:
+    """Return the markers among a zone's sections."""
     patches = []
     tags = [i for i, section in enumerate(own) if section.keyword == "MARKER_TAG"]
-    announced = _only(own, "NMARK").count
+    announced = only(own, "NMARK").count
     if announced != len(tags):
         raise MeshFileError(f"NMARK= {announced}, but there are {len(tags)} markers; the file is truncated or damaged")
     for i in tags:

@@ -59,9 +59,9 @@ def test_the_key_of_a_face_is_that_of_its_nodes_in_any_order():
 
 def test_faces_of_no_cell_are_counted_by_patch():
     mesh = hybrid()
-    assert loose_faces(mesh) == {}
+    assert loose_faces(mesh, mesh.cells) == {}
     wrong = Cells("triangle", np.array([[0, 1, 2], [1, 2, 8], [12, 13, 8]]))
-    assert loose_faces(Mesh(mesh.points, mesh.cells, (*mesh.patches, Patch("wrong", (wrong,))))) == {"wrong": 2}
+    assert loose_faces(Mesh(mesh.points, (), (*mesh.patches, Patch("wrong", (wrong,)))), mesh.cells) == {"wrong": 2}
 
 
 def test_zones_apart_and_together_are_the_mesh():
