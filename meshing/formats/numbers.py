@@ -35,6 +35,13 @@ class Lines:
     def __len__(self) -> int:
         return len(self.first) - 1
 
+    def columns(self, of: Any, start: int, stop: int, rows: Any = slice(None)) -> Any:
+        """Return numbers start to stop - 1 of lines, (L, stop - start), from `of` (T,); they must have so many."""
+        sizes = np.diff(self.first)
+        if len(sizes) and (sizes == sizes[0]).all():
+            return of.reshape(-1, sizes[0])[rows, start:stop]
+        return of[self.first[:-1][rows, None] + np.arange(start, stop)]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:

@@ -3,25 +3,26 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
-
-import numpy as np
 
 from sdm_deflect.deform.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
-from sdm_deflect.meshing.formats.numbers import Lines, with_numbers
+from sdm_deflect.meshing.formats.numbers import Placed, with_numbers
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import simple_faces
-from sdm_deflect.meshing.formats.su2_read import CHUNK, FACES, PARALLEL, SOLIDS, Su2File, coordinates, read_zones
+from sdm_deflect.meshing.formats.su2_read import FACES, PARALLEL, SOLIDS, Su2File, read_zones
 from sdm_deflect.meshing.formats.zones import part
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
 ROWS = 1 << 15
 """Lines written at a time."""
+PIECE = 1 << 18
+"""Bytes copied at a time, in memory that stays."""
 UNFIT = r"[\s(),%=]"
 """SU2 drops blanks, and its lists of markers are separated by commas and parentheses."""
 
@@ -68,9 +69,10 @@ def copy_moved(source: Su2File, points: FloatArray, out: BinaryIO) -> None:
     at = start = 0
     for section in tables:
         _copy(source.file, at, section.begin, out)
-        for text, lines in source.lines(section, np.float64):
-            out.write(_moved(text, lines, points[start : start + len(lines), : source.dimension]))
-            start += len(lines)
+        for text, table in source.points(section):
+            own = points[start : start + len(table.values), : source.dimension]
+            out.write(_moved(text, table, own))
+            start += len(table.values)
         at = section.end
     _copy(source.file, at, source.sections[-1].end, out)
 
@@ -95,19 +97,20 @@ def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> di
     return renamed
 
 
-def _copy(file: BinaryIO, begin: int, end: int, out: BinaryIO) -> None:
+def _copy(file: BufferedReader, begin: int, end: int, out: BinaryIO) -> None:
     file.seek(begin)
-    for at in range(begin, end, CHUNK):
-        out.write(file.read(min(CHUNK, end - at)))
+    piece = memoryview(bytearray(min(PIECE, end - begin)))
+    while count := file.readinto(piece[: end - begin]):
+        out.write(piece[:count])
+        begin += count
 
 
-def _moved(text: bytes, lines: Lines, points: FloatArray) -> bytes:
-    index = coordinates(lines, points.shape[1])[: len(points)]
-    changed = lines.values[index] != points
+def _moved(text: bytes, table: Placed, points: FloatArray) -> bytes:
+    changed = table.values[: len(points)] != points
     if not changed.any():
         return text
-    words = index[changed]
-    return with_numbers(text, lines.begin[words], lines.end[words], points[changed])
+    begin, end = (each[: len(points)][changed] for each in (table.begin, table.end))
+    return with_numbers(text, begin, end, points[changed])
 
 
 def _zone(mesh: Mesh, names: dict[str, str]) -> Iterator[tuple[str, float]]:

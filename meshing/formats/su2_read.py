@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import BinaryIO
+from functools import partial
+from io import BufferedReader
+from typing import BinaryIO, TypeVar
 
 import numpy as np
 
 from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import COMMENT, Lines, numbers
+from sdm_deflect.meshing.formats.numbers import COMMENT, Lines, Placed, numbers
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
 from sdm_deflect.meshing.formats.zones import joined
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
-CHUNK = 1 << 22
+CHUNK = 1 << 20
 """Bytes of text handled at a time."""
+LARGE = 1 << 24
+"""Bytes of a section from which on compiled code is worth its loading."""
 SOLIDS = {10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
 FACES = {5: "triangle", 9: "quad"}
 KINDS = {3: (SOLIDS, FACES), 2: (FACES, {3: "line"})}
 """Cells and boundary faces, by dimension."""
 PARALLEL = "SEND_RECEIVE"
 """Marker of points that other processes hold; it is no boundary."""
+Blocks = list[tuple[str, IntArray]]
+Read = Callable[[bytes, type[np.float64 | np.int64]], Lines]
+Table = TypeVar("Table", Placed, Blocks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,33 +75,32 @@ def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:
 def chunks(file: BinaryIO, begin: int, end: int) -> Iterator[tuple[int, bytes]]:
     """Read bytes begin to end - 1 as pieces of whole lines, each with the offset of its first byte."""
     file.seek(begin)
-    carried, left = b"", end - begin
-    while left > 0:
-        text = file.read(min(CHUNK, left))
-        if not text:
-            break
+    carried, left = [b""], end - begin
+    while left > 0 and (text := file.read(min(CHUNK, left))):
         left -= len(text)
-        text = carried + text
         cut = text.rfind(b"\n") + 1 if left else len(text)
-        carried = text[cut:]
+        carried.append(text[:cut])
         if cut:
-            yield begin, text[:cut]
-            begin += cut
-    if carried:
-        yield begin, carried
+            whole = b"".join(carried)
+            yield begin, whole
+            begin += len(whole)
+            carried.clear()
+        carried.append(text[cut:])
+    if any(carried):
+        yield begin, b"".join(carried)
 
 
 @dataclass(frozen=True, slots=True)
 class Su2File:
     """An open file, where its sections lie, its dimension; `report` is told the fraction of it that has been read."""
 
-    file: BinaryIO
+    file: BufferedReader
     sections: tuple[Section, ...]
     dimension: int
     report: Callable[[float], None]
 
     @classmethod
-    def opened(cls, file: BinaryIO, report: Callable[[float], None]) -> Su2File:
+    def opened(cls, file: BufferedReader, report: Callable[[float], None]) -> Su2File:
         """Find the sections of a file; MeshFileError if it is no SU2 mesh, or of another dimension than 2 or 3."""
         file.seek(0)
         if b"\0" in file.read(4096):
@@ -106,17 +113,43 @@ class Su2File:
             raise MeshFileError(f"NDIME= {', '.join(map(str, dimensions))}; it must be 2 or 3, the same for all zones")
         return cls(file, found, dimensions[0], report)
 
-    def lines(self, section: Section, kind: type[np.float64 | np.int64]) -> Iterator[tuple[bytes, Lines]]:
-        """Yield the text of a section and the numbers on its lines, some at a time.
+    def points(self, section: Section) -> Iterator[tuple[bytes, Placed]]:
+        """Yield the text of a section and the coordinates (R, d) on its lines, some at a time.
 
-        MeshFileError at the end, if there are other than `section.count` lines of numbers.
+        MeshFileError if a line has another number of coordinates; at the end if there are other than `section.count`.
         """
-        total = 0
-        for begin, text in chunks(self.file, section.begin, section.end):
-            lines = numbers(text, kind)
-            total += len(lines)
-            yield text, lines
-            self.report((begin + len(text)) / self.sections[-1].end)
+        return self._tables(section, np.float64, partial(_coordinates, dimension=self.dimension))
+
+    def elements(self, section: Section, shapes: Mapping[int, str], points: int) -> Iterator[tuple[str, IntArray]]:
+        """Yield shapes and nodes (R, k) of elements, some at a time; the order within a shape is the file's.
+
+        MeshFileError if a type is not among the `shapes`, or a node is not below `points`; at the end if there are
+        other than `section.count` elements.
+        """
+        for _, blocks in self._tables(section, np.int64, partial(_blocks, shapes=shapes, points=points)):
+            yield from blocks
+
+    def _tables(
+        self, section: Section, kind: type[np.float64 | np.int64], table_of: Callable[[Lines], Table]
+    ) -> Iterator[tuple[bytes, Table]]:
+        """Yield the text of a section, some at a time, and the table of the numbers on its lines."""
+        texts = (text for _, text in chunks(self.file, section.begin, section.end))
+
+        def work(text: bytes, read: Read = numbers) -> tuple[bytes, int, Table]:
+            lines = read(text, kind)
+            return text, len(lines), table_of(lines)
+
+        found: Iterator[tuple[bytes, int, Table]] = map(work, texts)
+        if section.end - section.begin > LARGE:
+            from sdm_deflect.meshing.formats.plain_numbers import ahead, many_numbers  # loads the compiler
+
+            found = ahead(partial(work, read=many_numbers), texts)
+        total, at = 0, section.begin
+        for text, count, table in found:
+            total += count
+            at += len(text)
+            yield text, table
+            self.report(at / self.sections[-1].end)
         if total != section.count:
             cause = "truncated or damaged" if total < section.count else "damaged"
             raise MeshFileError(
@@ -124,15 +157,26 @@ class Su2File:
             )
 
 
-def coordinates(lines: Lines, dimension: int) -> IntArray:
-    """Index (L, d) in `lines.values` of the d coordinates on each line, after which the point's own number may stand.
-
-    MeshFileError if a line has another number of numbers.
-    """
+def _coordinates(lines: Lines, dimension: int) -> Placed:
+    """Coordinates (R, d) on lines, after which the point's own number may stand."""
     sizes = np.diff(lines.first)
     if bad := np.count_nonzero((sizes != dimension) & (sizes != dimension + 1)):
         raise MeshFileError(f"{bad} lines of points have other than {dimension} coordinates")
-    return lines.first[:-1, None] + np.arange(dimension)
+    return Placed(*(lines.columns(each, 0, dimension) for each in (lines.values, lines.begin, lines.end)))
+
+
+def _blocks(lines: Lines, shapes: Mapping[int, str], points: int) -> Blocks:
+    """One block of each shape, in the order in which shapes first appear."""
+    kinds = np.asarray(lines.values[lines.first[:-1]], dtype=np.int64)
+    distinct, first = np.unique(kinds, return_index=True)
+    found = []
+    for kind in distinct[np.argsort(first)].tolist():
+        rows = np.flatnonzero(kinds == kind)
+        if kind not in shapes:
+            wanted = ", ".join(f"{number} ({shape})" for number, shape in shapes.items())
+            raise MeshFileError(f"{len(rows)} elements of type {kind} where there can be {wanted}")
+        found.append((shapes[kind], _nodes(lines, rows, shapes[kind], points)))
+    return found
 
 
 def read_zones(source: Su2File) -> Mesh:
@@ -140,12 +184,12 @@ def read_zones(source: Su2File) -> Mesh:
 
     MeshFileError or ValueError if a section is missing, damaged or contradicts another.
     """
-    zones = _zones(source.sections)
+    zones = zones_of(source.sections)
     return joined(list(zones), [_zone(source, own) for own in zones.values()])
 
 
-def _zones(found: Sequence[Section]) -> dict[str, list[Section]]:
-    """Sections by zone; in a file without zones, all sections of a zone without a name."""
+def zones_of(found: Sequence[Section]) -> dict[str, list[Section]]:
+    """Return sections by zone; in a file without zones, all sections of a zone without a name."""
     zones: dict[str, list[Section]] = {}
     name = ""
     for section in found:
@@ -164,35 +208,38 @@ def _zones(found: Sequence[Section]) -> dict[str, list[Section]]:
 
 
 def _zone(source: Su2File, own: Sequence[Section]) -> Mesh:
-    points = _points(source, _only(own, "NPOIN"))
-    cells = _elements(source, _only(own, "NELEM"), KINDS[source.dimension][0], len(points))
-    mesh = Mesh(points, tuple(oriented(points, block) for block in cells), _patches(source, own, len(points)))
+    points = points_of(source, only(own, "NPOIN"))
+    cells = _elements(source, only(own, "NELEM"), KINDS[source.dimension][0], len(points))
+    mesh = Mesh(points, tuple(oriented(points, block) for block in cells), patches_of(source, own, len(points)))
     check_faces(mesh)
     return mesh
 
 
-def _only(own: Sequence[Section], keyword: str) -> Section:
+def only(own: Sequence[Section], keyword: str) -> Section:
+    """Return the section of that keyword; MeshFileError if there are none or several."""
     found = [section for section in own if section.keyword == keyword]
     if len(found) != 1:
         raise MeshFileError(f"{len(found)} lines {keyword}= where there must be one; the file is truncated or damaged")
     return found[0]
 
 
-def _points(source: Su2File, section: Section) -> FloatArray:
+def points_of(source: Su2File, section: Section) -> FloatArray:
+    """Return the points (N, 3) of a section."""
     possible = (section.end - section.begin) // len("0 0") + 1
     points = np.zeros((min(section.count, possible), 3))  # a damaged count may be any number
     start = 0
-    for _, lines in source.lines(section, np.float64):
-        own = lines.values[coordinates(lines, source.dimension)][: len(points) - start]
+    for _, table in source.points(section):
+        own = table.values[: len(points) - start]
         points[start : start + len(own), : source.dimension] = own
         start += len(own)
     return points
 
 
-def _patches(source: Su2File, own: Sequence[Section], points: int) -> tuple[Patch, ...]:
+def patches_of(source: Su2File, own: Sequence[Section], points: int) -> tuple[Patch, ...]:
+    """Return the markers among a zone's sections."""
     patches = []
     tags = [i for i, section in enumerate(own) if section.keyword == "MARKER_TAG"]
-    announced = _only(own, "NMARK").count
+    announced = only(own, "NMARK").count
     if announced != len(tags):
         raise MeshFileError(f"NMARK= {announced}, but there are {len(tags)} markers; the file is truncated or damaged")
     for i in tags:
@@ -210,17 +257,17 @@ def _patches(source: Su2File, own: Sequence[Section], points: int) -> tuple[Patc
 
 def _elements(source: Su2File, section: Section, shapes: Mapping[int, str], points: int) -> tuple[Cells, ...]:
     """One block of each shape, in the order in which shapes first appear; the order within a shape is the file's."""
-    found: dict[int, list[IntArray]] = {}
-    for _, lines in source.lines(section, np.int64):
-        kinds = np.asarray(lines.values[lines.first[:-1]], dtype=np.int64)
-        distinct, first = np.unique(kinds, return_index=True)
-        for kind in distinct[np.argsort(first)].tolist():
-            rows = np.flatnonzero(kinds == kind)
-            if kind not in shapes:
-                wanted = ", ".join(f"{number} ({shape})" for number, shape in shapes.items())
-                raise MeshFileError(f"{len(rows)} elements of type {kind} where there can be {wanted}")
-            found.setdefault(kind, []).append(_nodes(lines, rows, shapes[kind], points))
-    return tuple(Cells(shapes[kind], np.concatenate(found.pop(kind))) for kind in list(found))
+    found: dict[str, IntArray] = {}
+    filled: Counter[str] = Counter()
+    for shape, nodes in source.elements(section, shapes, points):
+        if shape not in found:  # its memory is taken as it is filled
+            possible = (section.end - section.begin) // (2 * CORNERS[shape] + 2) + 1
+            found[shape] = np.empty((min(section.count, possible), CORNERS[shape]), dtype=np.intp)
+        start = filled[shape]
+        own = nodes[: len(found[shape]) - start]
+        found[shape][start : start + len(own)] = own
+        filled[shape] += len(own)
+    return tuple(Cells(shape, nodes[: filled[shape]]) for shape, nodes in found.items())
 
 
 def _nodes(lines: Lines, rows: IntArray, shape: str, points: int) -> IntArray:
@@ -229,7 +276,7 @@ def _nodes(lines: Lines, rows: IntArray, shape: str, points: int) -> IntArray:
     extra = np.diff(lines.first)[rows] - 1 - corners
     if bad := np.count_nonzero((extra != 0) & (extra != 1)):
         raise MeshFileError(f"{bad} lines of {shape} elements have other than {corners} nodes")
-    nodes: IntArray = lines.values[lines.first[rows, None] + np.arange(1, corners + 1)].astype(np.intp, copy=False)
+    nodes: IntArray = lines.columns(lines.values, 1, corners + 1, rows).astype(np.intp, copy=False)
     if missing := np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1)):
         known = f"the {points} (0 to {points - 1})"
         raise MeshFileError(f"{missing} {shape} elements name points that are not among {known}")
