@@ -74,7 +74,7 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Cells, ...], 
         for patch in mesh.patches
     )
     ends = [np.searchsorted(whole.nodes, (zone.start, zone.stop)).tolist() for zone in mesh.zones]
-    zones = tuple(Zone(zone.name, *end, zone.blocks) for zone, end in zip(mesh.zones, ends, strict=True))
+    zones = tuple(replace(zone, start=low, stop=high) for zone, (low, high) in zip(mesh.zones, ends, strict=True))
     return Mesh(points, cells, patches, zones, mesh.name, mesh.pieces.source, mesh.notes, whole)
 
 

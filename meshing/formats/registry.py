@@ -1,5 +1,6 @@
 """The formats we know, by name and by suffix, and what to do with files of others."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from sdm_deflect.meshing.formats.su2 import Su2
 from sdm_deflect.meshing.formats.tau import Tau
 from sdm_deflect.meshing.formats.ugrid import Ugrid
 from sdm_deflect.meshing.formats.ugrid_file import ending as ugrid_ending
+from sdm_deflect.meshing.formats.ugrid_pieces import in_pieces as ugrid_in_pieces
 from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.temporary import settle_in
 
@@ -35,14 +37,16 @@ ADVICE = {
     ".step": SURFACE, ".stp": SURFACE, ".igs": SURFACE, ".iges": SURFACE, ".brep": SURFACE,
 }  # fmt: skip
 """By suffix, in lower case."""
-TAU = Tau()
+CGNS, TAU = Cgns(), Tau()
 FORMATS: dict[str, Format] = {
-    "su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "ugrid": Ugrid(), "tau": TAU, "fluent": Fluent(),
+    "su2": Su2(), "cgns": CGNS, "gmsh": Gmsh(), "ugrid": Ugrid(), "tau": TAU, "fluent": Fluent(),
     "plot3d": Plot3d(), "vtu": Vtu(), "openfoam": OpenFoam(),
 }  # fmt: skip
 """Every format by its name; a format is added here and nowhere else."""
 WRITTEN = tuple(name for name in FORMATS if name not in ("fluent", "plot3d"))
 """Formats in which meshes from elsewhere can be written; files of the others are only rewritten."""
+IN_PIECES: dict[str, Callable[[Path], MeshInPieces | None]] = {"cgns": CGNS.in_pieces, "ugrid": ugrid_in_pieces}
+"""By format, what returns a file's mesh in pieces, or None where it must be read as a whole."""
 
 
 def read(path: str | Path, progress: Progress = silent) -> Mesh:
@@ -62,8 +66,8 @@ def in_pieces(path: Path) -> MeshInPieces | None:
     MeshFileError as for `read`.
     """
     settle_in(path.absolute().parent)
-    form = format_of(path)
-    return form.in_pieces(path) if isinstance(form, Cgns) else None
+    form = format_of(path).name
+    return IN_PIECES[form](path) if form in IN_PIECES else None
 
 
 def format_of(path: str | Path) -> Format:

@@ -4,7 +4,7 @@ import os
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,10 @@ class Table:
         packed = np.ascontiguousarray(data.reshape(count, self.step)[:, :size])
         return packed.view(self.kind).reshape(count, self.width)
 
+    def integers(self) -> IntArray:
+        """Return all rows (rows, width), of whole numbers."""
+        return self.read(0, self.rows).astype(np.intp)
+
     def some(self, rows: IntArray) -> Array:
         """Return some rows (R, width) in any order."""
         if self.rows * self.step <= SMALL:
@@ -71,8 +75,15 @@ class Table:
 
     def overwrite(self, file: BinaryIO, start: int, values: Array) -> None:
         """Put values (R, width) of the table's kind in the place of rows from `start`, which follow one another."""
-        file.seek(self.begin + start * self.step)
-        file.write(values.tobytes())
+        place, size = self.begin + start * self.step, self.width * np.dtype(self.kind).itemsize
+        data = np.ascontiguousarray(values, self.kind).view(np.uint8).reshape(len(values), size)
+        if self.step > size:
+            file.seek(place)
+            whole = np.frombuffer(file.read(len(values) * self.step), np.uint8).reshape(len(values), self.step).copy()
+            whole[:, :size] = data
+            data = whole
+        file.seek(place)
+        file.write(data.tobytes())
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +156,7 @@ class TablePieces:
         """See `Pieces.nodes`."""
         return self.cells[block].nodes(start, stop)
 
-    def oriented(self) -> "TablePieces":
+    def oriented(self) -> Self:
         """Return it with each block in VTK's order, whichever of the two orders the file used (`shapes.oriented`)."""
         return replace(self, cells=tuple(self._oriented(own) for own in self.cells))
 
