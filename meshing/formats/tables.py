@@ -20,6 +20,7 @@ ROWS = 1 << 18
 """Points rewritten at a time."""
 SMALL = 1 << 26
 """Bytes of a table that is read whole where some of its rows are wanted."""
+SHORTER = "the file has become shorter"
 Array = NDArray[Any]
 
 
@@ -54,7 +55,7 @@ class Table:
         with about(self.path):
             data = np.fromfile(self.path, np.uint8, count * self.step, offset=self.begin + start * self.step)
             if len(data) < count * self.step:
-                raise MeshFileError("the file has become shorter")
+                raise MeshFileError(SHORTER)
         packed = np.ascontiguousarray(data.reshape(count, self.step)[:, :size])
         return packed.view(self.kind).reshape(count, self.width)
 
@@ -63,14 +64,14 @@ class Table:
         return self.read(0, self.rows).astype(np.intp)
 
     def some(self, rows: IntArray) -> Array:
-        """Return some rows (R, width) in any order."""
+        """Return some rows (R, width) in any order; MeshFileError if the file ends before."""
         if self.rows * self.step <= SMALL:
             return np.asarray(self.read(0, self.rows)[rows])
-        size = np.dtype(self.kind).itemsize * self.width
+        size, places = np.dtype(self.kind).itemsize * self.width, self.begin + rows.astype(np.int64) * self.step
         with about(self.path), self.path.open("rb") as file:
-            data = b"".join(
-                os.pread(file.fileno(), size, at) for at in (self.begin + rows.astype(np.int64) * self.step).tolist()
-            )
+            data = b"".join(os.pread(file.fileno(), size, at) for at in places.tolist())
+            if len(data) < len(rows) * size:
+                raise MeshFileError(SHORTER)
         return np.frombuffer(data, self.kind).reshape(len(rows), self.width)
 
     def overwrite(self, file: BinaryIO, start: int, values: Array) -> None:
@@ -117,7 +118,8 @@ class CellTable:
     def counted(self, stored: Array) -> IntArray:
         """Return stored nodes (M, k) counted from 0 in VTK's order."""
         nodes = np.take(stored, self.order, axis=1) if self.order else stored
-        return np.asarray(nodes.astype(nodes.dtype.newbyteorder("="), copy=False) - self.first)
+        own = np.intp if nodes.dtype.kind == "u" else nodes.dtype.newbyteorder("=")
+        return np.asarray(nodes.astype(own, copy=False) - self.first)
 
 
 @dataclass(frozen=True, slots=True)

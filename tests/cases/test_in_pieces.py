@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases import cli, deflect_file
+from sdm_deflect.cases.report import folder
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.volume import excerpt
+from sdm_deflect.deform.pieces import Threads
+from sdm_deflect.deform.volume import excerpt, scan
 from sdm_deflect.meshing.formats.registry import format_of
 from sdm_deflect.meshing.formats.shapes import mirrored
+from tests.deform.blocks import two_bodies
+from tests.deform.repair.meshes import lattice
 from tests.meshing.formats.wing import wing
 
 SUFFIXES = (".cgns", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid")
@@ -18,7 +22,6 @@ FLAP = [
     "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended",
     "--hinge", "0.7,0.3,0", "0.7,0.7,0",
 ]  # fmt: skip
-PLATE = ["--surface", "right", "--fixed", "left,wall", "--hinge", "1.25,-1,0", "1.25,1,0"]
 
 
 @pytest.fixture(scope="module")
@@ -78,12 +81,14 @@ def figures(found, name=""):
 def alike(called, monkeypatch, tmp_path):
     """Deflect a file whole and in many pieces; return the figures, which are the same, as all bytes written are."""
 
-    def compare(source, *words, points=1000, cells=700, code=0):
+    for module in (excerpt, scan):
+        monkeypatch.setattr(module, "POINTS", 1000)
+        monkeypatch.setattr(module, "CELLS", 700)
+    monkeypatch.setattr(excerpt, "HELD", 0)
+
+    def compare(source, *words, code=0):
         ended, found = [], []
         for name, large in (("whole", 1 << 60), ("pieces", 0)):
-            if not large:
-                monkeypatch.setattr(excerpt, "POINTS", points)
-                monkeypatch.setattr(excerpt, "CELLS", cells)
             folder = tmp_path / name
             folder.mkdir()
             out = folder / f"turned{source.name.removeprefix(source.name.partition('.')[0])}"
@@ -103,7 +108,111 @@ def alike(called, monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("change", [lambda mesh: mesh, shuffled, left_handed])
-def test_a_flap_in_cells_of_four_shapes(suffix, change, small, alike, tmp_path):
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_flap_in_cells_of_four_shapes(suffix, change, shared, small, alike, tmp_path, monkeypatch):
+    """By threads that hold the points of a scattered mesh in memory, and by others that cannot."""
+    monkeypatch.setattr(Threads, "shares_memory", shared)
     found = alike(written(change(small), tmp_path / f"wing{suffix}"), *FLAP, "--angle", "8")
     assert found["/passed"]
     assert found["/mesh/cells"] == sum(len(own) for own in small.cells)
+
+
+@pytest.fixture(params=SUFFIXES[:2])
+def plates(request, tmp_path):
+    """Two plates of hexahedra, in one patch."""
+    mesh = two_bodies()
+    faces = np.vstack([mesh.patch(name).faces[0].nodes for name in ("right", "left", "wall")])
+    one = Mesh(mesh.points, mesh.cells, (Patch("wall", (Cells("quad", faces),)),))
+    return written(one, tmp_path / f"plates{request.param}")
+
+
+HINGE = ["--hinge", "1.25,-1,0", "1.25,1,0", "--angle", "6"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--surface", "wall#2", "--fixed", "wall"],
+        ["--select", "flap=wall#2", "--surface", "flap", "--fixed", "wall"],
+        ["--select", "side=wall#2 sharp:40", "--surface", "side~*", "--fixed", "wall"],
+        ["--select", "flap=wall box:0.5,-1,-1,2,1,1", "--surface", "flap", "--fixed", "wall"],
+    ],
+)
+def test_parts_of_a_patch(words, plates, alike):
+    assert alike(plates, *words, *HINGE)["/passed"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_nodes_by_their_numbers_in_the_file(suffix, small, alike, tmp_path):
+    """Held and driven nodes are numbers of the whole file's nodes, wherever they are in an excerpt."""
+    mesh = shuffled(small)
+    flap = mesh.on("flap_upper", "flap_lower", "flap_base")
+    x = mesh.points[flap, 0]
+    np.savetxt(tmp_path / "held.txt", flap[x < 0.72], fmt="%d")
+    np.savetxt(tmp_path / "driven.txt", flap[x > 0.95], fmt="%d")
+    lists = ["--held", tmp_path / "held.txt", "--driven", tmp_path / "driven.txt"]
+    found = alike(written(mesh, tmp_path / f"wing{suffix}"), *FLAP, *lists, "--angle", "5")
+    assert found["/sites/surface"] > 0
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES[:2])
+def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
+    """A flap in the floor of a block: cells are inverted and mended at the larger angles."""
+    mesh = lattice((2.0, 2.0, 1.0), (8, 8, 5))
+    faces = mesh.patch("wall").faces[0].nodes
+    x, y, z = mesh.points[faces].mean(axis=1).T
+    flap = (z < 1e-9) & (np.abs(x - 1.0) < 0.5) & (np.abs(y - 1.0) < 0.5)
+    patches = tuple(Patch(name, (Cells("triangle", faces[own]),)) for name, own in (("flap", flap), ("wall", ~flap)))
+    path = written(Mesh(mesh.points, mesh.cells, patches), tmp_path / f"floor{suffix}")
+    words = [
+        "--surface",
+        "flap",
+        "--fixed",
+        "wall",
+        "--hinge",
+        "1,0,0",
+        "1,2,0",
+        "--repair",
+        "always",
+        "--margin",
+        "0.4",
+    ]
+    found = alike(path, *words, "--angles", "5,20")
+    assert {key for key in found if "repair" in key}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES[:2])
+def test_two_surfaces_and_a_section(suffix, alike, tmp_path):
+    (tmp_path / "job.toml").write_text(
+        'fixed = ["wall"]\n'
+        '[[surface]]\npatches = ["right"]\nhinge = [[1.25, -1, 0], [1.25, 1, 0]]\nangle = 6\n'
+        '[[surface]]\npatches = ["left"]\nhinge = [[-1.25, -1, 0], [-1.25, 1, 0]]\nangle = -3\n'
+    )
+    path = written(two_bodies(), tmp_path / f"plates{suffix}")
+    assert alike(path, "--config", tmp_path / "job.toml")["/passed"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_dry_run_plans_the_same(suffix, small, called, tmp_path):
+    path = written(small, tmp_path / f"wing{suffix}")
+    words = ["deflect", path, *FLAP, "--angle", "8", "--dry-run", "--json", "--quiet"]
+    (_, one, _, _), (_, other, _, taken) = called(1 << 60, *words), called(0, *words)
+    assert taken
+    assert figures(json.loads(one)) == figures(json.loads(other))
+
+
+def test_a_report_shows_the_same_cells(small, called, tmp_path, monkeypatch):
+    """The cells that may change, with their nodes' numbers in the file: as of any mesh too large to show whole."""
+    monkeypatch.setattr(folder, "MOST_CELLS", 10)
+    path = written(small, tmp_path / "wing.cgns")
+    found = []
+    for large in (1 << 60, 0):
+        out = tmp_path / f"{large}" / "turned.cgns"
+        out.parent.mkdir()
+        code, _, complaint, taken = called(large, "deflect", path, *FLAP, "--angle", "8", "--out", out, "--quiet")
+        assert (code, taken) == (0, not large), complaint
+        report = out.parent / "turned-report"
+        found.append({p.relative_to(report): p.read_bytes() for p in sorted(report.rglob("*")) if p.is_file()})
+    assert found[0].keys() == found[1].keys()
+    different = [str(name) for name in found[0] if found[0][name] != found[1][name]]
+    assert not different
