@@ -362,10 +362,10 @@ def plan(
 
     settings = settings_of(surfaces, hinge, angle, options)
     job = settings.job()
-    with _about_files():
-        large = in_pieces(_path(mesh)) if isinstance(mesh, str | PathLike) else None
-    needed = excerpt(large, job, (), Threads(), progress) if large else mesh
-    (found,) = _run(needed, job, (job.angle,), settings.min_quality, progress)
+    if isinstance(mesh, str | PathLike):
+        with _about_files(), in_pieces(_path(mesh), progress) as large:
+            mesh = excerpt(large, job, (), Threads(), progress) if large else mesh
+    (found,) = _run(mesh, job, (job.angle,), settings.min_quality, progress)
     if not found.passed:
         raise InputError(found.title)
     return found.field

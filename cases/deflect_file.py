@@ -57,8 +57,11 @@ class Outcome:
 
 def needed(wanted: Targets, job: Job, progress: Progress) -> Mesh:
     """Read what a job needs of a mesh: of a large file an excerpt, if it can be read and written in pieces."""
-    large = in_pieces(wanted.source) if wanted.is_copy and wanted.source.stat().st_size >= LARGE else None
-    return excerpt(large, job, wanted.angles, Threads(), progress) if large else read(wanted.source, progress)
+    if wanted.is_copy and wanted.source.stat().st_size >= LARGE:
+        with in_pieces(wanted.source, progress) as large:
+            if large:
+                return excerpt(large, job, wanted.angles, Threads(), progress)
+    return read(wanted.source, progress)
 
 
 def planned(wanted: Targets, job: Job, watch: Stopwatch) -> Plan:

@@ -87,7 +87,8 @@ class Targets:
     @property
     def is_copy(self) -> bool:
         """Whether no more is written than copies of one file with other coordinates, and reports."""
-        return self.source.is_file() and not self.sensitive and format_of(self.out) is format_of(self.source)
+        alike = ending(self.out).lower() == ending(self.source).lower()  # an encoding of UGRID may become another
+        return self.source.is_file() and not self.sensitive and alike and format_of(self.out) is format_of(self.source)
 
     @property
     def extra(self) -> tuple[Path, ...]:

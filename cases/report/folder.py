@@ -246,9 +246,8 @@ def write_deflected(path: Path, one: Deflection) -> None:
     moved, node = plan.mesh.with_points(points), np.arange(len(points))
     if not whole:
         moved, node = part_of(moved, rows, plan.changed)
-    arrays: dict[str, np.ndarray] = {"displacement": points[node] - plan.mesh.points[node]}
-    if not whole:
-        arrays["node"] = plan.mesh.numbers(node)
+    numbers = {} if whole else {"node": plan.mesh.numbers(node)}
+    arrays = {"displacement": points[node] - plan.mesh.points[node], **numbers}
     if one.repaired is not None:
         arrays["repair"] = one.moved_by_repair[node]
     write_vtu(path, moved, arrays, {"quality": quality})

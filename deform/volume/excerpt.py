@@ -73,10 +73,8 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Cells, ...], 
         Patch(patch.name, tuple(own(faces) for faces in patch.faces), np.searchsorted(whole.nodes, patch.loose))
         for patch in mesh.patches
     )
-    ends = [np.searchsorted(whole.nodes, (zone.start, zone.stop)) for zone in mesh.zones]
-    zones = tuple(
-        replace(zone, start=int(first), stop=int(end)) for zone, (first, end) in zip(mesh.zones, ends, strict=True)
-    )
+    ends = [np.searchsorted(whole.nodes, (zone.start, zone.stop)).tolist() for zone in mesh.zones]
+    zones = tuple(replace(zone, start=low, stop=high) for zone, (low, high) in zip(mesh.zones, ends, strict=True))
     return Mesh(points, cells, patches, zones, mesh.name, mesh.pieces.source, mesh.notes, whole)
 
 

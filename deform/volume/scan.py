@@ -73,8 +73,8 @@ class Frame:
     def view(self, nodes: IntArray) -> tuple[View, IntArray]:
         """Return the points that cells with nodes (M, k) need, and the rows (M, k) of their nodes there.
 
-        Where cells near one another in the file have nodes near one another, they are a range of points, else each
-        corner of each cell. InputError for nodes that are not there.
+        Where cells near one another in the file have nodes near one another, they are a range of points, else the
+        corners of these cells alone. InputError for nodes that are not there.
         """
         low, high = int(nodes.min()), int(nodes.max()) + 1
         if low < 0 or high > self.pieces.points:
@@ -85,12 +85,13 @@ class Frame:
             return self.held, nodes
         if high - low <= max(nodes.size, POINTS):
             return self.view_of(self.pieces.coordinates(low, high), low), nodes - low
-        corners = nodes.ravel()
-        points, place = self.pieces.places(corners), np.searchsorted(self.boundary, corners)
-        on = np.append(self.boundary, -1)[place] == corners
-        keys = np.where(on, np.append(self.keys, 0)[place], np.uint64(0))
-        changed = self.inside(points, corners) | np.isin(corners, self.moving)
-        return View(points, changed, keys), np.arange(nodes.size).reshape(nodes.shape)
+        own = distinct(nodes)
+        points = self.pieces.places(own)
+        changed, keys = self.inside(points, own), np.zeros(len(own), dtype=np.uint64)
+        changed[_common(own, self.moving)[0]] = True
+        on, known = _common(own, self.boundary)
+        keys[on] = self.keys[known]
+        return View(points, changed, keys), np.searchsorted(own, nodes)
 
     def view_of(self, points: FloatArray, first: int) -> View:
         """Return a view of a range of points (P, 3), the first of which has that index."""
@@ -151,6 +152,15 @@ def judged(frame: Frame, item: tuple[int, int, int]) -> CellsFound:
     inverted = int(np.count_nonzero(inverted_of(view.points, cells, orientation=frame.sign[block])))
     found = touching(cells, view.changed) if frame.held or view.changed.any() else np.empty(0, dtype=np.intp)
     return CellsFound(start + found, nodes[found], inverted, _faces_seen(frame, view, cells))
+
+
+def _common(own: IntArray, known: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the places, in each of two sorted arrays of distinct indices, of those that both have; `own` has some."""
+    first, end = np.searchsorted(known, (own[0], own[-1] + 1))
+    near = known[first:end]
+    place = np.searchsorted(own, near)
+    there = np.flatnonzero(own[place] == near)
+    return place[there], first + there
 
 
 def _faces_seen(frame: Frame, view: View, cells: Cells) -> IntArray:

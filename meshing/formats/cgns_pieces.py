@@ -1,16 +1,18 @@
 """CGNS files in HDF5 read in pieces: one unstructured zone of cells of one shape a section, stored as they are."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 
 from sdm_deflect.deform.mesh import VOLUMES, Zone
 from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
 from sdm_deflect.meshing.formats.cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, Section, blocks, sections
 from sdm_deflect.meshing.formats.cgns_nodes import child, data
-from sdm_deflect.meshing.formats.cgns_read import Base, base_of, coordinate_data, may_fit
+from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_fit
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import MIRRORED
 from sdm_deflect.meshing.formats.tables import CellTable, PointRange, Table, TablePieces
@@ -42,14 +44,18 @@ def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
         CellTable(shape, table, 1, MIRRORED[shape] if shape == "wedge" else ())
         for table, shape in ((table, CELLS[own.kind]) for own, table in zip(stored, tables, strict=True) if table)
     )
+    faces = _faces(found, count)
+    if faces is None:
+        return None
+    border = patches(conditions(base.node, zone, found[-1].last, count, base.dimension), faces, found[-1].last)
     pieces = TablePieces(str(path.resolve()), count, (PointRange(0, count, tuple(points)),), cells).oriented()
-    return MeshInPieces(path.name, pieces, _patches(base, zone, found, count), (Zone(name, 0, count),))
+    return MeshInPieces(path.name, pieces, tuple(border), (Zone(name, 0, count),))
 
 
 def _is_mixed(section: Section) -> bool:
-    """Whether cells may be of several shapes, or are given by their faces."""
+    """Whether cells are given by their faces, or are of several shapes, as far as the first element tells."""
     if section.kind == MIXED:
-        first = data(child(section.node, "ElementConnectivity"))[:1].tolist()
+        first = np.ravel(data(child(section.node, "ElementConnectivity"))[:1])[:1].tolist()
         return not first or first[0] not in SHAPES or first[0] in CELLS
     return section.kind in (NGON, NFACE)
 
@@ -66,12 +72,12 @@ def _table(path: Path, section: Section) -> Table | None:
     return Table(path.resolve(), begin, stored.dtype.str, len(section), size) if begin else None
 
 
-def _patches(base: Base, zone: Any, found: list[Section], count: int) -> Any:
-    faces = [
-        NumberedFaces(section.name, block, numbers)
-        for section in found
-        if section.kind not in CELLS
-        for block, numbers in blocks(section, count, base.dimension)
-    ]
-    named = conditions(base.node, zone, found[-1].last, count, base.dimension)
-    return tuple(patches(named, faces, found[-1].last))
+def _faces(found: Sequence[Section], points: int) -> list[NumberedFaces] | None:
+    """Return the faces of all sections that are not of cells alone; None if there are cells in one of them."""
+    faces = []
+    for section in found:
+        for block, numbers in blocks(section, points, 3) if section.kind not in CELLS else ():
+            if not len(numbers):
+                return None
+            faces.append(NumberedFaces(section.name, block, numbers))
+    return faces

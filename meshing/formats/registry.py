@@ -1,5 +1,7 @@
 """The formats we know, by name and by suffix, and what to do with files of others."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,11 +15,13 @@ from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.plot3d import Plot3d
 from sdm_deflect.meshing.formats.su2 import Su2
+from sdm_deflect.meshing.formats.su2_pieces import in_pieces as su2_in_pieces
 from sdm_deflect.meshing.formats.tau import Tau
 from sdm_deflect.meshing.formats.ugrid import Ugrid
 from sdm_deflect.meshing.formats.ugrid_file import ending as ugrid_ending
+from sdm_deflect.meshing.formats.ugrid_pieces import in_pieces as ugrid_in_pieces
 from sdm_deflect.meshing.formats.vtu import Vtu
-from sdm_deflect.meshing.temporary import settle_in
+from sdm_deflect.meshing.temporary import scratch_folder, settle_in
 
 FLUENT = (
     "write it as .cas.h5 in Fluent, or convert it to an OpenFOAM case: fluentMeshToFoam (fluent3DMeshToFoam for "
@@ -35,14 +39,21 @@ ADVICE = {
     ".step": SURFACE, ".stp": SURFACE, ".igs": SURFACE, ".iges": SURFACE, ".brep": SURFACE,
 }  # fmt: skip
 """By suffix, in lower case."""
-TAU = Tau()
+CGNS, TAU = Cgns(), Tau()
 FORMATS: dict[str, Format] = {
-    "su2": Su2(), "cgns": Cgns(), "gmsh": Gmsh(), "ugrid": Ugrid(), "tau": TAU, "fluent": Fluent(),
+    "su2": Su2(), "cgns": CGNS, "gmsh": Gmsh(), "ugrid": Ugrid(), "tau": TAU, "fluent": Fluent(),
     "plot3d": Plot3d(), "vtu": Vtu(), "openfoam": OpenFoam(),
 }  # fmt: skip
 """Every format by its name; a format is added here and nowhere else."""
 WRITTEN = tuple(name for name in FORMATS if name not in ("fluent", "plot3d"))
 """Formats in which meshes from elsewhere can be written; files of the others are only rewritten."""
+IN_PIECES: dict[str, Callable[[Path, Path, Progress], MeshInPieces | None]] = {
+    "cgns": lambda path, _, __: CGNS.in_pieces(path),
+    "ugrid": lambda path, _, __: ugrid_in_pieces(path),
+    "su2": su2_in_pieces,
+}
+"""By format, what returns a file's mesh in pieces, or None where it must be read as a whole; text goes to tables in an
+empty folder."""
 
 
 def read(path: str | Path, progress: Progress = silent) -> Mesh:
@@ -56,14 +67,21 @@ def read(path: str | Path, progress: Progress = silent) -> Mesh:
     return replace(mesh, name=given.resolve().name, source=str(given.resolve()))
 
 
-def in_pieces(path: Path) -> MeshInPieces | None:
-    """Return a mesh of which the boundary is read; None if its file must be read as a whole.
+@contextmanager
+def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshInPieces | None]:
+    """Give a mesh of which the boundary is read; None if its file must be read as a whole.
+
+    Numbers that stand in the file as text are put into the system's folder for temporary files until the end.
 
     MeshFileError as for `read`.
     """
     settle_in(path.absolute().parent)
-    form = format_of(path)
-    return form.in_pieces(path) if isinstance(form, Cgns) else None
+    form = format_of(path).name
+    if form not in IN_PIECES:
+        yield None
+        return
+    with scratch_folder() as scratch:
+        yield IN_PIECES[form](path, scratch, progress)
 
 
 def format_of(path: str | Path) -> Format:

@@ -4,7 +4,7 @@ import os
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ ROWS = 1 << 18
 """Points rewritten at a time."""
 SMALL = 1 << 26
 """Bytes of a table that is read whole where some of its rows are wanted."""
+SHORTER = "the file has become shorter"
 Array = NDArray[Any]
 
 
@@ -54,25 +55,36 @@ class Table:
         with about(self.path):
             data = np.fromfile(self.path, np.uint8, count * self.step, offset=self.begin + start * self.step)
             if len(data) < count * self.step:
-                raise MeshFileError("the file has become shorter")
+                raise MeshFileError(SHORTER)
         packed = np.ascontiguousarray(data.reshape(count, self.step)[:, :size])
         return packed.view(self.kind).reshape(count, self.width)
 
+    def integers(self) -> IntArray:
+        """Return all rows (rows, width), of whole numbers."""
+        return self.read(0, self.rows).astype(np.intp)
+
     def some(self, rows: IntArray) -> Array:
-        """Return some rows (R, width) in any order."""
+        """Return some rows (R, width) in any order; MeshFileError if the file ends before."""
         if self.rows * self.step <= SMALL:
             return np.asarray(self.read(0, self.rows)[rows])
-        size = np.dtype(self.kind).itemsize * self.width
+        size, places = np.dtype(self.kind).itemsize * self.width, self.begin + rows.astype(np.int64) * self.step
         with about(self.path), self.path.open("rb") as file:
-            data = b"".join(
-                os.pread(file.fileno(), size, at) for at in (self.begin + rows.astype(np.int64) * self.step).tolist()
-            )
+            data = b"".join(os.pread(file.fileno(), size, at) for at in places.tolist())
+            if len(data) < len(rows) * size:
+                raise MeshFileError(SHORTER)
         return np.frombuffer(data, self.kind).reshape(len(rows), self.width)
 
     def overwrite(self, file: BinaryIO, start: int, values: Array) -> None:
         """Put values (R, width) of the table's kind in the place of rows from `start`, which follow one another."""
-        file.seek(self.begin + start * self.step)
-        file.write(values.tobytes())
+        place, size = self.begin + start * self.step, self.width * np.dtype(self.kind).itemsize
+        data = np.ascontiguousarray(values, self.kind).view(np.uint8).reshape(len(values), size)
+        if self.step > size:
+            file.seek(place)
+            whole = np.frombuffer(file.read(len(values) * self.step), np.uint8).reshape(len(values), self.step).copy()
+            whole[:, :size] = data
+            data = whole
+        file.seek(place)
+        file.write(data.tobytes())
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +118,8 @@ class CellTable:
     def counted(self, stored: Array) -> IntArray:
         """Return stored nodes (M, k) counted from 0 in VTK's order."""
         nodes = np.take(stored, self.order, axis=1) if self.order else stored
-        return np.asarray(nodes.astype(nodes.dtype.newbyteorder("="), copy=False) - self.first)
+        own = np.intp if nodes.dtype.kind == "u" else nodes.dtype.newbyteorder("=")
+        return np.asarray(nodes.astype(own, copy=False) - self.first)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +158,7 @@ class TablePieces:
         """See `Pieces.nodes`."""
         return self.cells[block].nodes(start, stop)
 
-    def oriented(self) -> "TablePieces":
+    def oriented(self) -> Self:
         """Return it with each block in VTK's order, whichever of the two orders the file used (`shapes.oriented`)."""
         return replace(self, cells=tuple(self._oriented(own) for own in self.cells))
 

@@ -2,7 +2,8 @@
 
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -69,19 +70,19 @@ class Ugrid:
         single.
         """
         report = partial(progress, f"writing {out.name}")
-        if stands_otherwise(source, out):
-            raise MeshFileError(f"{mapbc(out)}: is there and names other surfaces; {ELSEWHERE}")
-        with fresh(out, source) as beside:
-            with about(source), source.open("rb") as file, beside.open("wb") as copy:
-                found = UgridFile.opened(file, encoding_of(source), report)
-                if encoding_of(out) == encoding_of(source):
-                    found.copy_moved(points, copy)
-                else:
-                    check_points(points, found.shapes[POINTS][0])
-                    copy.writelines(written(found.arrays() | {POINTS: points}, encoding_of(out)))
-            if mapbc(source).is_file() and not mapbc(out).exists():
-                with fresh(mapbc(out)) as table:
-                    shutil.copyfile(mapbc(source), table)
+        with (
+            names_copied(source, out),
+            fresh(out, source) as beside,
+            about(source),
+            source.open("rb") as file,
+            beside.open("wb") as copy,
+        ):
+            found = UgridFile.opened(file, encoding_of(source), report)
+            if encoding_of(out) == encoding_of(source):
+                found.copy_moved(points, copy)
+            else:
+                check_points(points, found.shapes[POINTS][0])
+                copy.writelines(written(found.arrays() | {POINTS: points}, encoding_of(out)))
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError.
@@ -118,6 +119,20 @@ def stands_otherwise(source: Path, out: Path) -> bool:
         return False
     with about(table):
         return table.read_bytes() != own.read_bytes()
+
+
+@contextmanager
+def names_copied(source: Path, out: Path) -> Iterator[None]:
+    """Give a copy `out`, which the block writes, the names of its source's surfaces, too.
+
+    MeshFileError if a ``.mapbc`` that is there says otherwise.
+    """
+    if stands_otherwise(source, out):
+        raise MeshFileError(f"{mapbc(out)}: is there and names other surfaces; {ELSEWHERE}")
+    yield
+    if mapbc(source).is_file() and not mapbc(out).exists():
+        with fresh(mapbc(out)) as table:
+            shutil.copyfile(mapbc(source), table)
 
 
 def check_names(mesh: Mesh, out: Path) -> None:
@@ -158,14 +173,14 @@ def surface_names(path: Path) -> dict[int, str]:
 def _mesh(arrays: Mapping[str, Any], names: Mapping[int, str]) -> Mesh:
     points = arrays[POINTS]
     for shape in (*FACES, *SOLIDS):
-        _count_from_zero(arrays[shape], shape, len(points))
+        count_from_zero(arrays[shape], shape, len(points))
     cells = [Cells(shape, in_order(arrays[shape], shape, TO_VTK)) for shape in SOLIDS if len(arrays[shape])]
-    mesh = Mesh(points, tuple(oriented(points, block) for block in cells), _patches(arrays, names))
+    mesh = Mesh(points, tuple(oriented(points, block) for block in cells), patches(arrays, names))
     check_faces(mesh)
     return mesh
 
 
-def _count_from_zero(nodes: IntArray, shape: str, points: int) -> None:
+def count_from_zero(nodes: IntArray, shape: str, points: int) -> None:
     """Take one off all nodes (M, k); MeshFileError if some are not from 1 to `points`."""
     if len(nodes) and (nodes.min() < 1 or nodes.max() > points):
         bad = np.count_nonzero(((nodes < 1) | (nodes > points)).any(axis=1))
@@ -178,7 +193,7 @@ def in_order(nodes: IntArray, shape: str, orders: Mapping[str, tuple[int, ...]])
     return np.take(nodes, orders[shape], axis=1) if shape in orders else nodes
 
 
-def _patches(arrays: Mapping[str, Any], names: Mapping[int, str]) -> tuple[Patch, ...]:
+def patches(arrays: Mapping[str, Any], names: Mapping[int, str]) -> tuple[Patch, ...]:
     """Patches in the order of their least ids."""
     ids, index = np.unique(arrays[SURFACE].ravel(), return_inverse=True)
     if len(ids) > SURFACES:

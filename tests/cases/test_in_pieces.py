@@ -1,0 +1,218 @@
+"""A mesh file read in pieces is deflected as one read whole: the same bytes, the same figures."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases import cli, deflect_file
+from sdm_deflect.cases.report import folder
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.pieces import Threads
+from sdm_deflect.deform.volume import excerpt, scan
+from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.formats.shapes import mirrored
+from tests.deform.blocks import two_bodies
+from tests.deform.repair.meshes import lattice
+from tests.meshing.formats.wing import wing
+
+SUFFIXES = (".cgns", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid")
+FLAP = [
+    "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended",
+    "--hinge", "0.7,0.3,0", "0.7,0.7,0",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def small():
+    return wing(cells=3).mesh
+
+
+def shuffled(mesh: Mesh) -> Mesh:
+    """The same with nodes and cells of each block in random order: neighbours in a file are far from one another."""
+    rng = np.random.default_rng(7)
+    order = rng.permutation(len(mesh.points))
+    number = np.argsort(order)
+    cells = tuple(Cells(own.shape, number[rng.permutation(own.nodes)]) for own in mesh.cells)
+    patches = tuple(Patch(p.name, tuple(Cells(f.shape, number[f.nodes]) for f in p.faces)) for p in mesh.patches)
+    return Mesh(mesh.points[order], cells, patches)
+
+
+def left_handed(mesh: Mesh) -> Mesh:
+    """The same with the nodes of the first and the last block in the order of the mirror image."""
+    first, *others, last = (Cells(own.shape, mirrored(own.shape, own.nodes)) for own in mesh.cells)
+    return Mesh(mesh.points, (first, *mesh.cells[1:-1], last), mesh.patches) if others else mesh
+
+
+def written(mesh, path):
+    format_of(path).write(mesh, path)
+    return path
+
+
+@pytest.fixture
+def called(monkeypatch, capsys):
+    """Run a command; return its code, what it printed, and how many meshes were read in pieces."""
+    taken = []
+    monkeypatch.setattr(deflect_file, "excerpt", lambda *all_: taken.append(1) or excerpt.excerpt(*all_))
+
+    def call(large, *words):
+        taken.clear()
+        monkeypatch.setattr(deflect_file, "LARGE", large)
+        monkeypatch.setattr(sys, "argv", ["sdm", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capsys.readouterr(), len(taken)
+
+    return call
+
+
+def figures(found, name=""):
+    """What was found, by its place, without times and files, and how many of the nodes that stay were looked at."""
+    if not isinstance(found, list | dict):
+        return {name: found}
+    items = found if isinstance(found, dict) else {str(i): own for i, own in enumerate(found)}
+    left_out = {"timings", "files", "reports", *(("over", "where") if items.get("name") == "outside_moved" else ())}
+    kept = [(key, own) for key, own in items.items() if key not in left_out and "seconds" not in key]
+    return {place: value for key, own in kept for place, value in figures(own, f"{name}/{key}").items()}
+
+
+@pytest.fixture
+def alike(called, monkeypatch, tmp_path):
+    """Deflect a file whole and in many pieces; return the figures, which are the same, as all bytes written are."""
+
+    for module in (excerpt, scan):
+        monkeypatch.setattr(module, "POINTS", 1000)
+        monkeypatch.setattr(module, "CELLS", 700)
+    monkeypatch.setattr(excerpt, "HELD", 0)
+
+    def compare(source, *words, code=0):
+        ended, found = [], []
+        for name, large in (("whole", 1 << 60), ("pieces", 0)):
+            folder = tmp_path / name
+            folder.mkdir()
+            out = folder / f"turned{source.name.removeprefix(source.name.partition('.')[0])}"
+            own, text, complaint, taken = called(
+                large, "deflect", source, *words, "--json", "--quiet", "--out", out, "--no-report"
+            )
+            assert own == code, complaint
+            assert taken == (not large)
+            ended.append(figures(json.loads(text)))
+            found.append({path.name: path.read_bytes() for path in folder.iterdir()})
+        assert ended[0].items() ^ ended[1].items() == set()
+        assert found[0] == found[1]
+        return ended[0]
+
+    return compare
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("change", [lambda mesh: mesh, shuffled, left_handed])
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_flap_in_cells_of_four_shapes(suffix, change, shared, small, alike, tmp_path, monkeypatch):
+    """By threads that hold the points of a scattered mesh in memory, and by others that cannot."""
+    monkeypatch.setattr(Threads, "shares_memory", shared)
+    found = alike(written(change(small), tmp_path / f"wing{suffix}"), *FLAP, "--angle", "8")
+    assert found["/passed"]
+    assert found["/mesh/cells"] == sum(len(own) for own in small.cells)
+
+
+@pytest.fixture(params=SUFFIXES[:2])
+def plates(request, tmp_path):
+    """Two plates of hexahedra, in one patch."""
+    mesh = two_bodies()
+    faces = np.vstack([mesh.patch(name).faces[0].nodes for name in ("right", "left", "wall")])
+    one = Mesh(mesh.points, mesh.cells, (Patch("wall", (Cells("quad", faces),)),))
+    return written(one, tmp_path / f"plates{request.param}")
+
+
+HINGE = ["--hinge", "1.25,-1,0", "1.25,1,0", "--angle", "6"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--surface", "wall#2", "--fixed", "wall"],
+        ["--select", "flap=wall#2", "--surface", "flap", "--fixed", "wall"],
+        ["--select", "side=wall#2 sharp:40", "--surface", "side~*", "--fixed", "wall"],
+        ["--select", "flap=wall box:0.5,-1,-1,2,1,1", "--surface", "flap", "--fixed", "wall"],
+    ],
+)
+def test_parts_of_a_patch(words, plates, alike):
+    assert alike(plates, *words, *HINGE)["/passed"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_nodes_by_their_numbers_in_the_file(suffix, small, alike, tmp_path):
+    """Held and driven nodes are numbers of the whole file's nodes, wherever they are in an excerpt."""
+    mesh = shuffled(small)
+    flap = mesh.on("flap_upper", "flap_lower", "flap_base")
+    x = mesh.points[flap, 0]
+    np.savetxt(tmp_path / "held.txt", flap[x < 0.72], fmt="%d")
+    np.savetxt(tmp_path / "driven.txt", flap[x > 0.95], fmt="%d")
+    lists = ["--held", tmp_path / "held.txt", "--driven", tmp_path / "driven.txt"]
+    found = alike(written(mesh, tmp_path / f"wing{suffix}"), *FLAP, *lists, "--angle", "5")
+    assert found["/sites/surface"] > 0
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES[:2])
+def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
+    """A flap in the floor of a block: cells are inverted and mended at the larger angles."""
+    mesh = lattice((2.0, 2.0, 1.0), (8, 8, 5))
+    faces = mesh.patch("wall").faces[0].nodes
+    x, y, z = mesh.points[faces].mean(axis=1).T
+    flap = (z < 1e-9) & (np.abs(x - 1.0) < 0.5) & (np.abs(y - 1.0) < 0.5)
+    patches = tuple(Patch(name, (Cells("triangle", faces[own]),)) for name, own in (("flap", flap), ("wall", ~flap)))
+    path = written(Mesh(mesh.points, mesh.cells, patches), tmp_path / f"floor{suffix}")
+    words = [
+        "--surface",
+        "flap",
+        "--fixed",
+        "wall",
+        "--hinge",
+        "1,0,0",
+        "1,2,0",
+        "--repair",
+        "always",
+        "--margin",
+        "0.4",
+    ]
+    found = alike(path, *words, "--angles", "5,20")
+    assert {key for key in found if "repair" in key}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES[:2])
+def test_two_surfaces_and_a_section(suffix, alike, tmp_path):
+    (tmp_path / "job.toml").write_text(
+        'fixed = ["wall"]\n'
+        '[[surface]]\npatches = ["right"]\nhinge = [[1.25, -1, 0], [1.25, 1, 0]]\nangle = 6\n'
+        '[[surface]]\npatches = ["left"]\nhinge = [[-1.25, -1, 0], [-1.25, 1, 0]]\nangle = -3\n'
+    )
+    path = written(two_bodies(), tmp_path / f"plates{suffix}")
+    assert alike(path, "--config", tmp_path / "job.toml")["/passed"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_dry_run_plans_the_same(suffix, small, called, tmp_path):
+    path = written(small, tmp_path / f"wing{suffix}")
+    words = ["deflect", path, *FLAP, "--angle", "8", "--dry-run", "--json", "--quiet"]
+    (_, one, _, _), (_, other, _, taken) = called(1 << 60, *words), called(0, *words)
+    assert taken
+    assert figures(json.loads(one)) == figures(json.loads(other))
+
+
+def test_a_report_shows_the_same_cells(small, called, tmp_path, monkeypatch):
+    """The cells that may change, with their nodes' numbers in the file: as of any mesh too large to show whole."""
+    monkeypatch.setattr(folder, "MOST_CELLS", 10)
+    path = written(small, tmp_path / "wing.cgns")
+    found = []
+    for large in (1 << 60, 0):
+        out = tmp_path / f"{large}" / "turned.cgns"
+        out.parent.mkdir()
+        code, _, complaint, taken = called(large, "deflect", path, *FLAP, "--angle", "8", "--out", out, "--quiet")
+        assert (code, taken) == (0, not large), complaint
+        report = out.parent / "turned-report"
+        found.append({p.relative_to(report): p.read_bytes() for p in sorted(report.rglob("*")) if p.is_file()})
+    assert found[0].keys() == found[1].keys()
+    different = [str(name) for name in found[0] if found[0][name] != found[1][name]]
+    assert not different
