@@ -18,7 +18,7 @@ from sdm_deflect.meshing.formats.shapes import check_faces, oriented
 from sdm_deflect.meshing.formats.zones import joined
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
-CHUNK = 1 << 20
+CHUNK = 1 << 18
 """Bytes of text handled at a time."""
 LARGE = 1 << 24
 """Bytes of a section from which on compiled code is worth its loading."""
