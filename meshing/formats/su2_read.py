@@ -74,11 +74,14 @@ def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:
 
 def chunks(file: BinaryIO, begin: int, end: int) -> Iterator[tuple[int, bytes]]:
     """Read bytes begin to end - 1 as pieces of whole lines, each with the offset of its first byte."""
-    file.seek(begin)
-    carried, left = [b""], end - begin
-    while left > 0 and (text := file.read(min(CHUNK, left))):
-        left -= len(text)
-        cut = text.rfind(b"\n") + 1 if left else len(text)
+    carried, at = [b""], begin
+    while at < end:
+        file.seek(at)  # another pass may have read in between
+        text = file.read(min(CHUNK, end - at))
+        if not text:
+            break
+        at += len(text)
+        cut = text.rfind(b"\n") + 1 if at < end else len(text)
         carried.append(text[:cut])
         if cut:
             whole = b"".join(carried)

@@ -67,6 +67,13 @@ def test_pieces_together_are_the_mesh(of, chunk, opened, tmp_path, monkeypatch):
         assert not found
 
 
+def test_two_passes_may_alternate(opened, tmp_path, monkeypatch):
+    monkeypatch.setattr(su2_read, "CHUNK", 30)
+    pieces = in_pieces(opened(written(mixed(), tmp_path)))
+    for one, other in zip(pieces.cells(), pieces.cells(), strict=True):
+        np.testing.assert_array_equal(one.nodes, other.nodes)
+
+
 def test_the_hand_is_told_by_the_same_sample(opened, tmp_path, monkeypatch):
     monkeypatch.setattr(shapes, "SAMPLE", 10)
     monkeypatch.setattr(su2_read, "CHUNK", 300)
