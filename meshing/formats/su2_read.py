@@ -171,9 +171,8 @@ def _coordinates(lines: Lines, dimension: int) -> Placed:
 def _blocks(lines: Lines, shapes: Mapping[int, str], points: int) -> Blocks:
     """One block of each shape, in the order in which shapes first appear."""
     kinds = np.asarray(lines.values[lines.first[:-1]], dtype=np.int64)
-    distinct, first = np.unique(kinds, return_index=True)
     found = []
-    for kind in distinct[np.argsort(first)].tolist():
+    for kind in dict.fromkeys([*kinds[:1].tolist(), *kinds[1:][np.diff(kinds) != 0].tolist()]):
         rows = np.flatnonzero(kinds == kind)
         if kind not in shapes:
             wanted = ", ".join(f"{number} ({shape})" for number, shape in shapes.items())
@@ -280,7 +279,8 @@ def _nodes(lines: Lines, rows: IntArray, shape: str, points: int) -> IntArray:
     if bad := np.count_nonzero((extra != 0) & (extra != 1)):
         raise MeshFileError(f"{bad} lines of {shape} elements have other than {corners} nodes")
     nodes: IntArray = lines.columns(lines.values, 1, corners + 1, rows).astype(np.intp, copy=False)
-    if missing := np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1)):
+    if nodes.min() < 0 or nodes.max() >= points:
+        missing = np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1))
         known = f"the {points} (0 to {points - 1})"
         raise MeshFileError(f"{missing} {shape} elements name points that are not among {known}")
     return nodes
