@@ -14,15 +14,13 @@ from sdm_deflect.meshing.formats.format import MeshFileError, about, check_point
 from sdm_deflect.meshing.formats.numbers import Placed, with_numbers
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import simple_faces
-from sdm_deflect.meshing.formats.su2_read import FACES, PARALLEL, SOLIDS, Su2File, read_zones
+from sdm_deflect.meshing.formats.su2_read import CHUNK, FACES, PARALLEL, SOLIDS, Su2File, read_zones
 from sdm_deflect.meshing.formats.zones import part
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
 ROWS = 1 << 15
 """Lines written at a time."""
-PIECE = 1 << 18
-"""Bytes copied at a time, in memory that stays."""
 UNFIT = r"[\s(),%=]"
 """SU2 drops blanks, and its lists of markers are separated by commas and parentheses."""
 
@@ -99,7 +97,7 @@ def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> di
 
 def _copy(file: BufferedReader, begin: int, end: int, out: BinaryIO) -> None:
     file.seek(begin)
-    piece = memoryview(bytearray(min(PIECE, end - begin)))
+    piece = memoryview(bytearray(min(CHUNK, end - begin)))
     while count := file.readinto(piece[: end - begin]):
         out.write(piece[:count])
         begin += count

@@ -18,7 +18,7 @@ from sdm_deflect.meshing.formats.shapes import check_faces, oriented
 from sdm_deflect.meshing.formats.zones import joined
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
-CHUNK = 1 << 20
+CHUNK = 1 << 18
 """Bytes of text handled at a time."""
 LARGE = 1 << 24
 """Bytes of a section from which on compiled code is worth its loading."""
@@ -74,11 +74,14 @@ def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:
 
 def chunks(file: BinaryIO, begin: int, end: int) -> Iterator[tuple[int, bytes]]:
     """Read bytes begin to end - 1 as pieces of whole lines, each with the offset of its first byte."""
-    file.seek(begin)
-    carried, left = [b""], end - begin
-    while left > 0 and (text := file.read(min(CHUNK, left))):
-        left -= len(text)
-        cut = text.rfind(b"\n") + 1 if left else len(text)
+    carried, at = [b""], begin
+    while at < end:
+        file.seek(at)  # another pass may have read in between
+        text = file.read(min(CHUNK, end - at))
+        if not text:
+            break
+        at += len(text)
+        cut = text.rfind(b"\n") + 1 if at < end else len(text)
         carried.append(text[:cut])
         if cut:
             whole = b"".join(carried)
@@ -168,9 +171,8 @@ def _coordinates(lines: Lines, dimension: int) -> Placed:
 def _blocks(lines: Lines, shapes: Mapping[int, str], points: int) -> Blocks:
     """One block of each shape, in the order in which shapes first appear."""
     kinds = np.asarray(lines.values[lines.first[:-1]], dtype=np.int64)
-    distinct, first = np.unique(kinds, return_index=True)
     found = []
-    for kind in distinct[np.argsort(first)].tolist():
+    for kind in dict.fromkeys([*kinds[:1].tolist(), *kinds[1:][np.diff(kinds) != 0].tolist()]):
         rows = np.flatnonzero(kinds == kind)
         if kind not in shapes:
             wanted = ", ".join(f"{number} ({shape})" for number, shape in shapes.items())
@@ -277,7 +279,8 @@ def _nodes(lines: Lines, rows: IntArray, shape: str, points: int) -> IntArray:
     if bad := np.count_nonzero((extra != 0) & (extra != 1)):
         raise MeshFileError(f"{bad} lines of {shape} elements have other than {corners} nodes")
     nodes: IntArray = lines.columns(lines.values, 1, corners + 1, rows).astype(np.intp, copy=False)
-    if missing := np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1)):
+    if nodes.min() < 0 or nodes.max() >= points:
+        missing = np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1))
         known = f"the {points} (0 to {points - 1})"
         raise MeshFileError(f"{missing} {shape} elements name points that are not among {known}")
     return nodes

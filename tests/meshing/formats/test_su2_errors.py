@@ -48,6 +48,8 @@ def complaint(path) -> str:
         ("9 4 5 13 12", "3 4 5", "marker roof: 1 elements of type 3 where there can be 5 (triangle), 9 (quad)"),
         ("9 4 5 13 12", "9 4 5 13", "marker roof: 1 lines of quad elements have other than 4 nodes"),
         ("14 1 2 6 5 8 1", "15 1 2 6 5 8 1", "1 elements of type 15 where there can be 10 (tetra)"),
+        ("14 1 2 6 5 8 1", "-1 1 2 6 5 8 1", "1 elements of type -1 where there can be 10 (tetra)"),
+        ("9 4 5 13 12", "-1 4 5 13 12", "marker roof: 1 elements of type -1 where there can be 5"),
         ("14 1 2 6 5 8 1", "14 1 2 6 5.0 8 1", "'5.0' is not a number"),
         ("-0.031157651599626007", "nan", "1 points are not finite, the first is point 12"),
         ("-0.031157651599626007", "1e999", "1 points are not finite"),
