@@ -18,7 +18,7 @@ from tests.deform.blocks import two_bodies
 from tests.deform.repair.meshes import lattice
 from tests.meshing.formats.wing import boundary_faces, wing
 
-SUFFIXES = (".cgns", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid")
+SUFFIXES = (".cgns", ".su2", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid")
 FLAP = [
     "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended",
     "--hinge", "0.7,0.3,0", "0.7,0.7,0",
