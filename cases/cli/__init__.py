@@ -1,5 +1,6 @@
 """The command line `sdm`; a command imports what it needs when it is carried out."""
 
+import gc
 import os
 import sys
 from contextlib import suppress
@@ -14,6 +15,8 @@ from sdm_deflect.cases.cli import options
 from sdm_deflect.cases.cli.deflect import deflect, quality
 from sdm_deflect.cases.cli.run import export, geometry, limit, list_cases, report, run, study, validate, view
 
+OBJECTS = 100_000
+"""New objects after which garbage is looked for: libraries make many as they are loaded, and all of them stay."""
 LONGEST = 200
 """Letters of a path that a message shows."""
 
@@ -62,6 +65,7 @@ def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
 
 def main() -> NoReturn:
     """Carry out a command: a mistake is one line on stderr and a code that tells what went wrong; no traceback."""
+    gc.set_threshold(OBJECTS)
     try:
         code = _carried_out()
     except click.exceptions.NoArgsIsHelpError as error:
