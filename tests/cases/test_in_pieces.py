@@ -64,8 +64,9 @@ def gmsh_data(mesh: Mesh) -> bytes:
     names = "".join(f'2 {i} "{name}"\n' for i, name in enumerate(mesh.names, 1))
     sections = {
         "PhysicalNames": f"{len(mesh.names)}\n{names}".encode(),
-        "Entities": pack("<4Q", 0, 0, len(mesh.names), 0)
-        + b"".join(pack("<i6dQiQ", i, *[0.0] * 6, 1, i, 0) for i in range(1, len(mesh.names) + 1)),
+        "Entities": pack("<4Q", 0, 0, len(mesh.names), 2)
+        + b"".join(pack("<i6dQiQ", i, *[0.0] * 6, 1, i, 0) for i in range(1, len(mesh.names) + 1))
+        + b"".join(pack("<i6dQQ", i, *[0.0] * 6, 0, 0) for i in (1, 2)),
     }
     nodes = pack("<4Q", 2, len(mesh.points), 1, len(mesh.points))
     for dimension, part in ((2, slice(count)), (3, slice(count, None))):
