@@ -49,11 +49,12 @@ class Gmsh:
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; in text, each coordinate that changed has as many digits as it needs."""
         with about(source):
-            file = opened(source.read_bytes())
+            data = source.read_bytes()
+            file = opened(data)
             _, old = nodes(file)
             check_points(points, len(old.values))
         progress(f"writing {out.name}", 0.5)
-        data = old.replaced(file.data, points, np.dtype(f"{file.order}f8") if file.order else None)
+        data = old.replaced(data, points, np.dtype(f"{file.order}f8") if file.order else None)
         with fresh(out, source) as beside:
             beside.write_bytes(data)
 
@@ -79,7 +80,7 @@ def _mesh(file: GmshFile) -> Mesh:
     rows = {kind: _indices(np.concatenate([b.nodes for b in parts]), tags) for kind, parts in blocks.items()}
     inner = {kind: mirrored("wedge", r) if kind == 6 else r for kind, r in rows.items() if kind in solids}
     own = {kind: (rows[kind], blocks[kind]) for kind in rows if kind in faces}
-    patches = _patches(own, _names(file, dimension - 1), faces)
+    patches = group_patches(own, group_names(file, dimension - 1), faces)
     mesh = Mesh(points, tuple(oriented(points, Cells(solids[kind], r)) for kind, r in inner.items()), patches)
     check_faces(mesh)
     return mesh
@@ -93,16 +94,16 @@ def _indices(tags: IntArray, known: IntArray) -> IntArray:
     return place
 
 
-def _names(file: GmshFile, wanted: int) -> dict[int, str]:
-    """Names of the physical groups of a dimension."""
+def group_names(file: GmshFile, wanted: int) -> dict[int, str]:
+    """Return the names of the physical groups of a dimension."""
     found = PHYSICAL.findall(file.content("PhysicalNames")) if "PhysicalNames" in file.sections else []
     return {int(tag): name.decode("utf-8", "replace") for dimension, tag, name in found if int(dimension) == wanted}
 
 
-def _patches(
+def group_patches(
     blocks_of: Mapping[int, tuple[IntArray, Iterable[Elements]]], names: dict[int, str], faces: dict[int, str]
 ) -> tuple[Patch, ...]:
-    """Patches in the order of their tags; groups of one name are one patch."""
+    """Return the patches in the order of their tags; groups of one name are one patch."""
     found: dict[tuple[bool, int, int], list[Cells]] = {}
     for kind, (rows, blocks) in blocks_of.items():
         group, entity = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("group", "entity"))

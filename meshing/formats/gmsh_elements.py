@@ -1,7 +1,7 @@
 """Elements of Gmsh's files, versions 2.2 and 4.1."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from sdm_deflect.meshing.mesh import IntArray
 
 CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
 """Number of nodes of each type of element: point, line, triangle, quad, tetrahedron, hexahedron, prism, pyramid."""
+
+
+NONE = np.empty(0, dtype=np.intp)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,15 +39,15 @@ def elements(file: GmshFile, boundary: int = 2) -> Iterator[Elements]:
     """
     cursor = file.cursor("Elements")
     if file.version == 41:
-        groups = _groups(file.cursor("Entities")) if "Entities" in file.sections else {}
-        yield from _elements41(file, cursor, groups, boundary)
+        yield from _elements41(file, cursor, boundary)
     elif isinstance(cursor, TextCursor):
         yield from _lines22(cursor.words)
     else:
         yield from _records22(cursor)
 
 
-def _corners(kind: int, count: int) -> int:
+def corner_count(kind: int, count: int) -> int:
+    """Return the number of nodes of a type of element; MeshFileError, for `count` elements, if it is not linear."""
     if kind not in CORNERS:
         raise MeshFileError(
             f"{count} elements of type {kind} are not linear or not known; write a linear mesh: gmsh -order 1"
@@ -52,23 +55,31 @@ def _corners(kind: int, count: int) -> int:
     return CORNERS[kind]
 
 
-def _elements41(
-    file: GmshFile, cursor: Cursor, groups: dict[tuple[int, int], list[int]], boundary: int
-) -> Iterator[Elements]:
+def _elements41(file: GmshFile, cursor: Cursor, boundary: int) -> Iterator[Elements]:
+    known = groups(file)
     for _ in range(int(cursor.sizes(4)[0])):
         dimension, entity, kind = cursor.ints(3).tolist()
         count = int(cursor.sizes(1)[0])
-        width = 1 + _corners(kind, count)
-        own = cursor.sizes(count * width).reshape(count, width)[:, 1:]
-        several = groups.get((dimension, entity)) or [0]
-        check_unpacked(own.nbytes * len(several), len(file.data), f"{count} elements in {len(several)} groups")
-        for group in several if dimension == boundary else several[:1]:
-            yield Elements(kind, own, np.full(count, abs(group)), np.full(count, entity))
+        width = 1 + corner_count(kind, count)
+        nodes = cursor.sizes(count * width).reshape(count, width)[:, 1:]
+        own, several = Elements(kind, nodes, NONE, np.full(count, entity)), known.get((dimension, entity), [])
+        yield from of_entity(file, own, several if dimension == boundary else several[:1])
 
 
-def _groups(cursor: Cursor) -> dict[tuple[int, int], list[int]]:
-    """Physical groups of each entity, by its dimension and number."""
-    found = {}
+def of_entity(file: GmshFile, own: Elements, several: Sequence[int]) -> Iterator[Elements]:
+    """Yield elements of an entity, once for each of its groups; MeshFileError if that takes too much memory."""
+    count = len(own.nodes)
+    check_unpacked(own.nodes.nbytes * len(several), len(file.data), f"{count} elements in {len(several)} groups")
+    for group in several or [0]:
+        yield replace(own, group=np.full(count, abs(group)))
+
+
+def groups(file: GmshFile) -> dict[tuple[int, int], list[int]]:
+    """Return the physical groups of each entity, by its dimension and number, of a file of version 4.1."""
+    found: dict[tuple[int, int], list[int]] = {}
+    if "Entities" not in file.sections:
+        return found
+    cursor = file.cursor("Entities")
     for dimension, count in enumerate(cursor.sizes(4).tolist()):
         for _ in range(count):
             tag = int(cursor.ints(1)[0])
@@ -94,7 +105,7 @@ def _lines22(words: Lines) -> Iterator[Elements]:
     order = np.unique(kinds, return_index=True)
     for kind in order[0][np.argsort(order[1])].tolist():
         rows = np.flatnonzero(kinds == kind)
-        corners = _corners(kind, len(rows))
+        corners = corner_count(kind, len(rows))
         if wrong := np.count_nonzero(sizes[rows] != 3 + tags[rows] + corners):
             raise MeshFileError(f"{wrong} elements of type {kind} have other than {corners} nodes")
         at = first[rows]
@@ -110,7 +121,7 @@ def _records22(cursor: ByteCursor) -> Iterator[Elements]:
         kind, count, tags = cursor.ints(3).tolist()
         if tags < 0:
             raise MeshFileError(f"$Elements has records of {tags} tags; the file is damaged")
-        width = 1 + tags + _corners(kind, count)
+        width = 1 + tags + corner_count(kind, count)
         table = _alike(cursor, width) if count == 1 else cursor.ints(count * width).reshape(count, width)
         group, entity = (table[:, 1 + i] if tags > i else np.zeros(len(table), dtype=np.intp) for i in (0, 1))
         yield Elements(kind, table[:, 1 + tags :], np.abs(group), entity)

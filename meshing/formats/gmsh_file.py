@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass, field
+from mmap import mmap
 
 import numpy as np
 
@@ -44,8 +45,8 @@ class TextCursor:
 class ByteCursor:
     """Numbers of a section in binary, one after another."""
 
-    def __init__(self, content: bytes, offset: int, name: str, order: str) -> None:
-        self.content, self.offset, self.name, self.order, self.at = content, offset, name, order, 0
+    def __init__(self, content: bytes | mmap, offset: int, name: str, order: str, at: int = 0) -> None:
+        self.content, self.offset, self.name, self.order, self.at = content, offset, name, order, at
 
     def line(self) -> int:
         """The integer on a line of text, as version 2.2 has them between binary data."""
@@ -62,6 +63,14 @@ class ByteCursor:
         values = np.frombuffer(self.content[self.at : end], own)
         self.at = end
         return values
+
+    def passed(self, size: int) -> int:
+        """Pass by the next `size` bytes, and return where they begin."""
+        begin = self.at
+        self.at += size
+        if size < 0 or self.at > len(self.content):
+            raise _ended(self.name)
+        return begin
 
     def reals(self, count: int) -> Placed:
         """The next `count` numbers."""
@@ -103,7 +112,7 @@ class GmshFile:
     sections : First and last byte (exclusive) of the content of each section, by name.
     """
 
-    data: bytes = field(repr=False)
+    data: bytes | mmap = field(repr=False)
     version: int
     order: str
     sections: dict[str, tuple[int, int]]
@@ -193,14 +202,19 @@ def _nodes41(cursor: Cursor) -> tuple[IntArray, Placed]:
         dimension, _, parametric = cursor.ints(3).tolist()
         count = int(cursor.sizes(1)[0])
         tags.append(cursor.sizes(count))
-        if not 0 <= dimension <= 3:
-            raise MeshFileError(f"$Nodes has an entity of dimension {dimension}; the file is damaged")
-        width = 3 + (dimension if parametric else 0)
+        width = node_width(dimension, parametric)
         found.append(_columns(cursor.reals(width * count), width, slice(3)))
     none = np.empty((0, 3), dtype=np.intp)
     begin, end = (np.concatenate([none, *(getattr(own, name) for own in found)]) for name in ("begin", "end"))
     points = np.concatenate([np.empty((0, 3)), *(own.values for own in found)])
     return np.concatenate(tags), Placed(points, begin, end)
+
+
+def node_width(dimension: int, parametric: int) -> int:
+    """Return how many numbers there are for a node of an entity: its coordinates, and its parameters on the entity."""
+    if not 0 <= dimension <= 3:
+        raise MeshFileError(f"$Nodes has an entity of dimension {dimension}; the file is damaged")
+    return 3 + (dimension if parametric else 0)
 
 
 def _columns(table: Placed, width: int, chosen: slice) -> Placed:

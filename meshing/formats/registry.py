@@ -12,6 +12,7 @@ from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.format import Format, MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
+from sdm_deflect.meshing.formats.gmsh_pieces import in_pieces as gmsh_in_pieces
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.plot3d import Plot3d
 from sdm_deflect.meshing.formats.su2 import Su2
@@ -49,6 +50,7 @@ WRITTEN = tuple(name for name in FORMATS if name not in ("fluent", "plot3d"))
 """Formats in which meshes from elsewhere can be written; files of the others are only rewritten."""
 IN_PIECES: dict[str, Callable[[Path, Path, Progress], MeshInPieces | None]] = {
     "cgns": lambda path, _, __: CGNS.in_pieces(path),
+    "gmsh": lambda path, _, __: gmsh_in_pieces(path),
     "ugrid": lambda path, _, __: ugrid_in_pieces(path),
     "su2": su2_in_pieces,
 }

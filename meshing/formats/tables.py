@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Self
@@ -88,6 +89,42 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
+class Joined:
+    """Tables of as many numbers in each row, one after another."""
+
+    tables: tuple[Table, ...]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return sum(table.rows for table in self.tables)
+
+    def read(self, start: int, stop: int) -> Array:
+        """See `Table.read`."""
+        return np.concatenate([table.read(low, high) for table, low, high in self._parts(start, stop)])
+
+    def some(self, rows: IntArray) -> Array:
+        """See `Table.some`."""
+        order = np.argsort(rows, kind="stable")
+        found, end = [], 0
+        for table in self.tables:
+            low, high = np.searchsorted(rows, (end, end + table.rows), sorter=order)
+            found.append(table.some(rows[order[low:high]] - end))
+            end += table.rows
+        back = np.empty_like(order)
+        back[order] = np.arange(len(order))
+        return np.asarray(np.concatenate(found)[back])
+
+    def _parts(self, start: int, stop: int) -> Iterator[tuple[Table, int, int]]:
+        end = 0
+        for table in self.tables:
+            low, high = max(start, end) - end, min(stop, end + table.rows) - end
+            if low < high:
+                yield table, low, high
+            end += table.rows
+
+
+@dataclass(frozen=True, slots=True)
 class PointRange:
     """Points start to stop - 1: a table of each coordinate, or one of all three."""
 
@@ -107,7 +144,7 @@ class CellTable:
     """Cells of one shape: the table of their nodes, the number of the first point, and the order of VTK's nodes."""
 
     shape: str
-    table: Table
+    table: Table | Joined
     first: int = 1
     order: tuple[int, ...] = ()
 

@@ -2,6 +2,8 @@
 
 import json
 import sys
+from pathlib import Path
+from struct import pack
 
 import numpy as np
 import pytest
@@ -11,14 +13,15 @@ from sdm_deflect.cases.report import folder
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.pieces import Threads
 from sdm_deflect.deform.volume import excerpt, scan
-from sdm_deflect.meshing.formats import tables
+from sdm_deflect.meshing.formats import gmsh, tables
 from sdm_deflect.meshing.formats.registry import format_of
 from sdm_deflect.meshing.formats.shapes import mirrored
 from tests.deform.blocks import two_bodies
 from tests.deform.repair.meshes import lattice
 from tests.meshing.formats.wing import boundary_faces, wing
 
-SUFFIXES = (".cgns", ".su2", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid")
+SUFFIXES = (".cgns", ".su2", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid", ".msh")
+KINDS = {shape: kind for kind, shape in {**gmsh.SOLIDS, **gmsh.FACES}.items()}
 FLAP = [
     "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended",
     "--hinge", "0.7,0.3,0", "0.7,0.7,0",
@@ -46,9 +49,46 @@ def left_handed(mesh: Mesh) -> Mesh:
     return Mesh(mesh.points, (first, *mesh.cells[1:-1], last), mesh.patches) if others else mesh
 
 
-def written(mesh, path):
-    format_of(path).write(mesh, path)
+def written(mesh: Mesh, path: Path) -> Path:
+    """Write a mesh; a file of Gmsh in binary, with a part of nodes and of elements for each of two volumes."""
+    if path.suffix == ".msh":
+        path.write_bytes(gmsh_data(mesh))
+    else:
+        format_of(path).write(mesh, path)
     return path
+
+
+def gmsh_data(mesh: Mesh) -> bytes:
+    """A file as Gmsh writes it; the first nodes have parameters, the first cells of each shape are apart."""
+    count = len(mesh.points) // 3
+    names = "".join(f'2 {i} "{name}"\n' for i, name in enumerate(mesh.names, 1))
+    sections = {
+        "PhysicalNames": f"{len(mesh.names)}\n{names}".encode(),
+        "Entities": pack("<4Q", 0, 0, len(mesh.names), 2)
+        + b"".join(pack("<i6dQiQ", i, *[0.0] * 6, 1, i, 0) for i in range(1, len(mesh.names) + 1))
+        + b"".join(pack("<i6dQQ", i, *[0.0] * 6, 0, 0) for i in (1, 2)),
+    }
+    nodes = pack("<4Q", 2, len(mesh.points), 1, len(mesh.points))
+    for dimension, part in ((2, slice(count)), (3, slice(count, None))):
+        numbers, points = np.arange(1, len(mesh.points) + 1)[part], mesh.points[part]
+        stored = np.column_stack([points, points[:, :2]]) if dimension == 2 else points
+        nodes += pack("<3iQ", dimension, 1, int(dimension == 2), len(points)) + numbers.astype("<i8").tobytes()
+        nodes += stored.astype("<f8").tobytes()
+    sections["Nodes"] = nodes
+    parts = [(2, i, face) for i, patch in enumerate(mesh.patches, 1) for face in patch.faces]
+    for volume in (1, 2):
+        for own in mesh.cells:
+            rows = own.nodes[: len(own) // 3] if volume == 1 else own.nodes[len(own) // 3 :]
+            parts.append((3, volume, Cells(own.shape, mirrored("wedge", rows) if own.shape == "wedge" else rows)))
+    total = sum(len(own) for _, _, own in parts)
+    elements, first = pack("<4Q", len(parts), total, 1, total), 1
+    for dimension, entity, own in parts:
+        rows = np.column_stack([np.arange(first, first + len(own)), own.nodes + 1])
+        elements += pack("<3iQ", dimension, entity, KINDS[own.shape], len(own)) + rows.astype("<i8").tobytes()
+        first += len(own)
+    sections["Elements"] = elements
+    text = b"$MeshFormat\n4.1 1 8\n" + pack("<i", 1) + b"\n$EndMeshFormat\n"
+    return text + b"".join(b"$%b\n%b\n$End%b\n" % (key.encode(), own, key.encode()) for key, own in sections.items())
 
 
 @pytest.fixture
@@ -119,7 +159,7 @@ def test_a_flap_in_cells_of_four_shapes(suffix, change, shared, small, alike, tm
     assert found["/mesh/cells"] == sum(len(own) for own in small.cells)
 
 
-@pytest.fixture(params=SUFFIXES[:2])
+@pytest.fixture(params=(".cgns", ".lb8.ugrid", ".msh"))
 def plates(request, tmp_path):
     """Two plates of hexahedra, in one patch."""
     mesh = two_bodies()
@@ -170,7 +210,7 @@ def body_among_tetrahedra() -> Mesh:
     return Mesh(points, own, patches)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES[:2])
+@pytest.mark.parametrize("suffix", [".cgns", ".lb8.ugrid", ".msh"])
 def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
     path = written(body_among_tetrahedra(), tmp_path / f"body{suffix}")
     words = ["--surface", "body", "--fixed", "far", "--hinge", "2,0,2", "2,4,2", "--margin", "0.9", "--steps", "1"]
@@ -178,7 +218,7 @@ def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
     assert any("repair" in key for key in found)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES[:2])
+@pytest.mark.parametrize("suffix", [".cgns", ".lb8.ugrid", ".msh"])
 def test_two_surfaces_and_a_section(suffix, alike, tmp_path):
     (tmp_path / "job.toml").write_text(
         'fixed = ["wall"]\n'
