@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from sdm_deflect.cases.mesh_files import Targets, write_mesh, write_sensitivity
-from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, verdict_figures
+from sdm_deflect.cases.metrics import SHOWN_WHOLE, Json, deflection_figures, mesh_figures, notes_of, verdict_figures
 from sdm_deflect.cases.output import output_files
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
@@ -56,10 +56,13 @@ class Outcome:
 
 
 def needed(wanted: Targets, job: Job, progress: Progress) -> Mesh:
-    """Read what a job needs of a mesh: of a large file an excerpt, if it can be read and written in pieces."""
+    """Read what a job needs of a mesh: of a large file an excerpt, if it can be read and written in pieces.
+
+    Meshes that a report shows whole are read whole.
+    """
     if wanted.is_copy and wanted.source.stat().st_size >= LARGE:
         with in_pieces(wanted.source, progress) as large:
-            if large:
+            if large and not (wanted.reported and large.cell_count <= SHOWN_WHOLE):
                 return excerpt(large, job, wanted.angles, Threads(), progress)
     return read(wanted.source, progress)
 

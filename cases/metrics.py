@@ -11,6 +11,8 @@ from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Json = dict[str, Any]
+SHOWN_WHOLE = 2_000_000
+"""Cells of meshes of which a report shows all, those beyond the box as well."""
 
 
 def mesh_figures(plan: Plan) -> Json:

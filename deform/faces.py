@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.edges import rows_of
 from sdm_deflect.deform.mesh import Cells, IntArray, Patch, Polygons, Polyhedra, Volume
-from sdm_deflect.deform.sets import distinct, union
+from sdm_deflect.deform.sets import counted, distinct, union
 from sdm_deflect.deform.touched import TouchedCells
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
@@ -53,8 +53,8 @@ class Unheld:
         marked = np.zeros(len(mesh.points), dtype=np.bool_)
         marked[changed] = True
         keys = node_keys(len(mesh.points))
-        sides = [_keys_of(*part, marked, keys) for part in zip(mesh.cells, touched.rows, strict=True)]
-        known, count = np.unique(_joined(sides), return_counts=True)
+        parts = zip(mesh.cells, touched.rows, strict=True)
+        known, count = counted(_joined([_keys_of(*part, marked, keys) for part in parts]))
         held = {patch.name: _patch_keys(patch, keys, marked) for patch in mesh.patches}
         every = distinct(_joined(list(held.values())))
         missed = np.setdiff1d(known[count == 1], every, assume_unique=True)

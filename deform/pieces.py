@@ -60,6 +60,11 @@ class MeshInPieces:
     zones: tuple[Zone, ...]
     notes: tuple[str, ...] = ()
 
+    @property
+    def cell_count(self) -> int:
+        """Number of cells of all blocks."""
+        return sum(count for _, count in self.pieces.blocks)
+
 
 class Runner(Protocol):
     """Whoever works on pieces; whether that is done in the memory of this process."""

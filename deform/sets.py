@@ -18,6 +18,13 @@ def distinct(values: NDArray[Number]) -> NDArray[Number]:
     return found[np.append(True, found[1:] != found[:-1])] if len(found) else found
 
 
+def counted(values: NDArray[Number]) -> tuple[NDArray[Number], NDArray[np.intp]]:
+    """Return the distinct ones of numbers (N,), sorted, and how often each occurs, (K,); `values` is sorted, too."""
+    values.sort()
+    first = np.flatnonzero(np.append(True, values[1:] != values[:-1])[: len(values)])
+    return values[first], np.diff(first, append=len(values))
+
+
 def union(*parts: NDArray[Any]) -> NDArray[np.intp]:
     """Return all indices in any of the parts, each once, sorted, (K,)."""
     return distinct(np.concatenate([np.empty(0, dtype=np.intp), *(part.ravel() for part in parts)]))

@@ -14,7 +14,15 @@ import tomli_w
 
 from sdm_deflect.cases.job_settings import job_settings, read_job
 from sdm_deflect.cases.mesh_files import SETTINGS
-from sdm_deflect.cases.metrics import Json, deflection_figures, mesh_figures, notes_of, peak_rss_bytes, verdict_figures
+from sdm_deflect.cases.metrics import (
+    SHOWN_WHOLE,
+    Json,
+    deflection_figures,
+    mesh_figures,
+    notes_of,
+    peak_rss_bytes,
+    verdict_figures,
+)
 from sdm_deflect.cases.output import PAGE, output_folder, write_convergence, write_interpolants
 from sdm_deflect.cases.report.data import (
     MESH_UNITS,
@@ -47,8 +55,6 @@ from sdm_deflect.meshing.formats.shapes import turned
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.temporary import settle
 
-MOST_CELLS = 2_000_000
-"""Of larger meshes deflected.vtu holds the cells that may change alone."""
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
 
@@ -234,7 +240,7 @@ def _nodes(nodes: NodeSet, surface: Surface) -> list[str] | list[int]:
 
 def is_small(mesh: Mesh) -> bool:
     """True if the whole mesh is written."""
-    return mesh.whole is None and sum(mesh.cell_counts) <= MOST_CELLS
+    return mesh.whole is None and sum(mesh.cell_counts) <= SHOWN_WHOLE
 
 
 def write_deflected(path: Path, one: Deflection) -> None:
