@@ -3,7 +3,6 @@
 import json
 import sys
 from pathlib import Path
-from struct import pack
 
 import numpy as np
 import pytest
@@ -13,15 +12,15 @@ from sdm_deflect.cases.report import folder
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.pieces import Threads
 from sdm_deflect.deform.volume import excerpt, scan
-from sdm_deflect.meshing.formats import gmsh, tables
+from sdm_deflect.meshing.formats import tables
 from sdm_deflect.meshing.formats.registry import format_of
 from sdm_deflect.meshing.formats.shapes import mirrored
 from tests.deform.blocks import two_bodies
 from tests.deform.repair.meshes import lattice
+from tests.meshing.formats.gmsh_files import gmsh_data
 from tests.meshing.formats.wing import boundary_faces, wing
 
 SUFFIXES = (".cgns", ".su2", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid", ".msh")
-KINDS = {shape: kind for kind, shape in {**gmsh.SOLIDS, **gmsh.FACES}.items()}
 FLAP = [
     "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended",
     "--hinge", "0.7,0.3,0", "0.7,0.7,0",
@@ -56,39 +55,6 @@ def written(mesh: Mesh, path: Path) -> Path:
     else:
         format_of(path).write(mesh, path)
     return path
-
-
-def gmsh_data(mesh: Mesh) -> bytes:
-    """A file as Gmsh writes it; the first nodes have parameters, the first cells of each shape are apart."""
-    count = len(mesh.points) // 3
-    names = "".join(f'2 {i} "{name}"\n' for i, name in enumerate(mesh.names, 1))
-    sections = {
-        "PhysicalNames": f"{len(mesh.names)}\n{names}".encode(),
-        "Entities": pack("<4Q", 0, 0, len(mesh.names), 2)
-        + b"".join(pack("<i6dQiQ", i, *[0.0] * 6, 1, i, 0) for i in range(1, len(mesh.names) + 1))
-        + b"".join(pack("<i6dQQ", i, *[0.0] * 6, 0, 0) for i in (1, 2)),
-    }
-    nodes = pack("<4Q", 2, len(mesh.points), 1, len(mesh.points))
-    for dimension, part in ((2, slice(count)), (3, slice(count, None))):
-        numbers, points = np.arange(1, len(mesh.points) + 1)[part], mesh.points[part]
-        stored = np.column_stack([points, points[:, :2]]) if dimension == 2 else points
-        nodes += pack("<3iQ", dimension, 1, int(dimension == 2), len(points)) + numbers.astype("<i8").tobytes()
-        nodes += stored.astype("<f8").tobytes()
-    sections["Nodes"] = nodes
-    parts = [(2, i, face) for i, patch in enumerate(mesh.patches, 1) for face in patch.faces]
-    for volume in (1, 2):
-        for own in mesh.cells:
-            rows = own.nodes[: len(own) // 3] if volume == 1 else own.nodes[len(own) // 3 :]
-            parts.append((3, volume, Cells(own.shape, mirrored("wedge", rows) if own.shape == "wedge" else rows)))
-    total = sum(len(own) for _, _, own in parts)
-    elements, first = pack("<4Q", len(parts), total, 1, total), 1
-    for dimension, entity, own in parts:
-        rows = np.column_stack([np.arange(first, first + len(own)), own.nodes + 1])
-        elements += pack("<3iQ", dimension, entity, KINDS[own.shape], len(own)) + rows.astype("<i8").tobytes()
-        first += len(own)
-    sections["Elements"] = elements
-    text = b"$MeshFormat\n4.1 1 8\n" + pack("<i", 1) + b"\n$EndMeshFormat\n"
-    return text + b"".join(b"$%b\n%b\n$End%b\n" % (key.encode(), own, key.encode()) for key, own in sections.items())
 
 
 @pytest.fixture
