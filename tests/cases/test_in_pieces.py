@@ -1,6 +1,8 @@
 """A mesh file read in pieces is deflected as one read whole: the same bytes, the same figures."""
 
 import json
+import re
+import resource
 import sys
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.pieces import Threads
 from sdm_deflect.deform.volume import excerpt, scan
 from sdm_deflect.meshing.formats import tables
-from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.formats.registry import format_of, in_pieces
 from sdm_deflect.meshing.formats.shapes import mirrored
 from tests.deform.blocks import two_bodies
 from tests.deform.repair.meshes import lattice
@@ -221,3 +223,96 @@ def test_a_report_shows_the_same_cells(small, called, tmp_path, monkeypatch):
     same = [name for name in found[0] if name.name not in timed and "slices" not in name.name]  # cells beyond the box
     assert len(same) > 5
     assert not [str(name) for name in same if found[0][name] != found[1][name]]
+
+
+def put(path: Path, block: int, row: int, values) -> None:
+    """Replace the nodes, numbered as in the file, of a cell: whatever the format."""
+    with in_pieces(path) as found, path.open("r+b") as file:
+        table = found.pieces.cells[block].table
+        table = next(iter(getattr(table, "tables", (table,))))
+        own = table.read(row, row + 1)[0].copy()
+        table.overwrite(file, row, np.array([values(own)], dtype=own.dtype))
+
+
+def put_point(path: Path, value: float) -> None:
+    with in_pieces(path) as found, path.open("r+b") as file:
+        found.pieces.ranges[0].tables[0].overwrite(file, 7, np.full((1, found.pieces.ranges[0].tables[0].width), value))
+
+
+def loose(mesh: Mesh) -> Mesh:
+    """One face of a patch is of no cell."""
+    first, *others = mesh.patches
+    faces = first.faces[0].nodes.copy()
+    faces[3, 0] = len(mesh.points) - 1
+    return Mesh(mesh.points, mesh.cells, (Patch(first.name, (Cells(first.faces[0].shape, faces),)), *others))
+
+
+DAMAGE = {
+    "a node too many": (lambda path: put(path, 1, 5, lambda own: own * 0 + 99999), "99999|99998|not among"),
+    "a node too few": (lambda path: put(path, 1, 5, lambda own: own * 0 - 1), "nodes -2 to|not among"),
+    "no number": (lambda path: put_point(path, np.nan), "points are not finite, the first is point 7$"),
+    "too large": (lambda path: put_point(path, 1e41), r"points are beyond 1e\+40, the first is point 7$"),
+    "inverted": (
+        lambda path: put(path, 0, 0, lambda own: own[[1, 0, *range(2, len(own))]]),
+        r"1 of \d+ cells \(\w+\) are inverted",
+    ),
+    "cut": (lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3]), "truncated|end|shorter"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("suffix", [".cgns", ".lb8.ugrid", ".msh"])
+def test_what_is_wrong_is_said_in_one_line(suffix, shared, damage, small, called, tmp_path, monkeypatch):
+    monkeypatch.setattr(Threads, "shares_memory", shared)
+    path = written(small, tmp_path / f"wing{suffix}")
+    change, said = DAMAGE[damage]
+    change(path)
+    complaints = []
+    for large in (1 << 60, 0):
+        out = tmp_path / f"out{suffix}"
+        code, table, complaint, _ = called(large, "deflect", path, *FLAP, "--angle", "8", "--quiet", "--out", out)
+        assert (code, table, complaint.count("\n")) == (2, "", 1), complaint
+        assert re.search(said, complaint)
+        assert path.name in complaint
+        complaints.append(complaint)
+    assert complaints[0] == complaints[1] or damage != "inverted"
+    assert {own.suffix for own in tmp_path.iterdir()} <= {path.suffix, ".mapbc"}
+
+
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_face_of_no_cell(suffix, shared, small, called, tmp_path, monkeypatch):
+    monkeypatch.setattr(Threads, "shares_memory", shared)
+    monkeypatch.setattr(excerpt, "HELD", 0)
+    path = written(loose(small), tmp_path / f"wing{suffix}")
+    words = ["deflect", path, *FLAP, "--angle", "8", "--quiet", "--dry-run"]
+    for large in (1 << 60, 0):
+        code, _, complaint, _ = called(large, *words)
+        assert code == 2
+        assert f": 1 of {len(small.patches[0])} faces of patch wing_upper are of no cell" in complaint
+
+
+@pytest.mark.parametrize(("suffix", "other"), [(".lb8.ugrid", ".b8.ugrid"), (".b8.ugrid", ".ugrid"), (".cgns", ".su2")])
+def test_another_encoding_or_format_is_written_from_the_whole(suffix, other, small, called, tmp_path):
+    path, out = written(small, tmp_path / f"wing{suffix}"), tmp_path / f"out{other}"
+    code, _, complaint, taken = called(
+        0, "deflect", path, *FLAP, "--angle", "8", "--quiet", "--no-report", "--out", out
+    )
+    assert (code, taken) == (0, 0), complaint
+    assert out.is_file()
+
+
+@pytest.mark.parametrize("suffix", [".cgns", ".lb8.ugrid", ".msh"])
+def test_a_disk_that_is_full_leaves_nothing(suffix, small, called, tmp_path):
+    path = written(small, tmp_path / f"wing{suffix}")
+    before = {own.name: own.read_bytes() for own in tmp_path.iterdir()}
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size // 2, resource.RLIM_INFINITY))
+    try:
+        words = ["--angle", "8", "--quiet", "--no-report", "--out", tmp_path / f"out{suffix}"]
+        code, _, complaint, taken = called(0, "deflect", path, *FLAP, *words)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    assert (code, taken, complaint.count("\n")) == (2, 1, 1), complaint
+    assert "cannot be written" in complaint
+    assert {own.name: own.read_bytes() for own in tmp_path.iterdir()} == before
