@@ -20,7 +20,7 @@ from sdm_deflect.deform.sets import distinct, union
 from sdm_deflect.deform.volume.boundary import Boundary
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.region import confined
-from sdm_deflect.deform.volume.scan import CELLS, POINTS, CellsFound, Frame, judged, nodes_inside
+from sdm_deflect.deform.volume.scan import CELLS, POINTS, CellsFound, Frame, check_points, judged, nodes_inside
 
 HELD = 1 << 23
 """Points up to so many are held in memory, by a runner that shares it."""
@@ -60,7 +60,9 @@ def _border(mesh: MeshInPieces) -> Mesh:
     nodes = union(*(patch.nodes for patch in mesh.patches))
     if len(nodes) and (nodes[0] < 0 or nodes[-1] >= mesh.pieces.points):
         raise InputError(f"{mesh.name}: patches name points that are not among the {mesh.pieces.points}")
-    return _numbered(mesh, _gathered(mesh.pieces, nodes), (), Whole(mesh.pieces, nodes))
+    points = _gathered(mesh.pieces, nodes)
+    check_points(mesh.pieces, points, nodes)
+    return _numbered(mesh, points, (), Whole(mesh.pieces, nodes))
 
 
 def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Cells, ...], whole: Whole) -> Mesh:

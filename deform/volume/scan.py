@@ -135,12 +135,18 @@ def nodes_inside(frame: Frame, item: tuple[int, int]) -> tuple[IntArray, FloatAr
     """Return which points of a range lie inside (M,), and where (M, 3); InputError for coordinates that are none."""
     start, stop = item
     points = frame.held.points[start:stop] if frame.held else frame.pieces.coordinates(start, stop)
-    if not (points.min() > -LARGEST and points.max() < LARGEST):
+    numbers = np.arange(start, stop)
+    check_points(frame.pieces, points, numbers)
+    rows = np.flatnonzero(frame.inside(points, numbers))
+    return start + rows, points[rows]
+
+
+def check_points(pieces: Pieces, points: FloatArray, numbers: IntArray) -> None:
+    """Refuse (InputError) coordinates (K, 3) that are not finite, or too large, of points with those numbers (K,)."""
+    if not (points.min(initial=0.0) > -LARGEST and points.max(initial=0.0) < LARGEST):
         bad = ~(np.abs(points) < LARGEST).all(axis=1)
         what = f"beyond {LARGEST:g}" if np.isfinite(points).all() else "not finite"
-        raise InputError(f"{frame.pieces.source}: points are {what}, the first is point {start + int(np.argmax(bad))}")
-    rows = np.flatnonzero(frame.inside(points, np.arange(start, stop)))
-    return start + rows, points[rows]
+        raise InputError(f"{pieces.source}: points are {what}, the first is point {int(numbers[np.argmax(bad)])}")
 
 
 def judged(frame: Frame, item: tuple[int, int, int]) -> CellsFound:

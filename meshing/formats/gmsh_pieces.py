@@ -112,9 +112,8 @@ def _elements(path: Path, cursor: ByteCursor) -> Iterator[Part]:
         count = int(cursor.sizes(1)[0])
         width = 1 + corner_count(kind, count)
         begin = cursor.passed(8 * width * count)
-        if count:
-            table = Table(path, begin + 8, f"{cursor.order}i8", count, width - 1, 8 * width)
-            yield Part(kind, dimension, entity, table)
+        table = Table(path, begin + 8, f"{cursor.order}i8", count, width - 1, 8 * width)
+        yield Part(kind, dimension, entity, table)
 
 
 def _mesh(path: Path, layout: Layout) -> MeshInPieces | None:

@@ -49,7 +49,7 @@ def in_pieces(path: Path, scratch: Path, progress: Progress = silent) -> MeshInP
         cells = _tables(source, only(own, "NELEM"), len(points), scratch)
         pieces = Su2Pieces(str(path.resolve()), len(points), (PointRange(0, len(points), (place,)),), cells)
         patches = patches_of(source, own, len(points))
-        return MeshInPieces(path.name, pieces.oriented(), patches, (Zone(name, 0, len(points)),))
+        return MeshInPieces(path.resolve().name, pieces.oriented(), patches, (Zone(name, 0, len(points)),))
 
 
 def _points(source: Su2File) -> tuple[Su2File, Section]:

@@ -101,7 +101,8 @@ class Joined:
 
     def read(self, start: int, stop: int) -> Array:
         """See `Table.read`."""
-        return np.concatenate([table.read(low, high) for table, low, high in self._parts(start, stop)])
+        none = self.tables[0].read(0, 0)
+        return np.concatenate([none, *(table.read(low, high) for table, low, high in self._parts(start, stop))])
 
     def some(self, rows: IntArray) -> Array:
         """See `Table.some`."""
@@ -200,6 +201,8 @@ class TablePieces:
         return replace(self, cells=tuple(self._oriented(own) for own in self.cells))
 
     def _oriented(self, cells: CellTable) -> CellTable:
+        if not cells.table.rows:
+            return cells
         rows = np.arange(0, cells.table.rows, max(1, cells.table.rows // SAMPLE))
         nodes = cells.counted(cells.table.some(rows))[:, [0, *AXES[cells.shape]]]
         if nodes.min() < 0 or nodes.max() >= self.points:

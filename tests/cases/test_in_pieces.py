@@ -1,9 +1,10 @@
 """A mesh file read in pieces is deflected as one read whole: the same bytes, the same figures."""
 
 import json
+import re
+import resource
 import sys
 from pathlib import Path
-from struct import pack
 
 import numpy as np
 import pytest
@@ -13,15 +14,15 @@ from sdm_deflect.cases.report import folder
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.pieces import Threads
 from sdm_deflect.deform.volume import excerpt, scan
-from sdm_deflect.meshing.formats import gmsh, tables
-from sdm_deflect.meshing.formats.registry import format_of
+from sdm_deflect.meshing.formats import tables
+from sdm_deflect.meshing.formats.registry import format_of, in_pieces
 from sdm_deflect.meshing.formats.shapes import mirrored
 from tests.deform.blocks import two_bodies
 from tests.deform.repair.meshes import lattice
+from tests.meshing.formats.gmsh_files import gmsh_data
 from tests.meshing.formats.wing import boundary_faces, wing
 
 SUFFIXES = (".cgns", ".su2", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid", ".msh")
-KINDS = {shape: kind for kind, shape in {**gmsh.SOLIDS, **gmsh.FACES}.items()}
 FLAP = [
     "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended",
     "--hinge", "0.7,0.3,0", "0.7,0.7,0",
@@ -56,39 +57,6 @@ def written(mesh: Mesh, path: Path) -> Path:
     else:
         format_of(path).write(mesh, path)
     return path
-
-
-def gmsh_data(mesh: Mesh) -> bytes:
-    """A file as Gmsh writes it; the first nodes have parameters, the first cells of each shape are apart."""
-    count = len(mesh.points) // 3
-    names = "".join(f'2 {i} "{name}"\n' for i, name in enumerate(mesh.names, 1))
-    sections = {
-        "PhysicalNames": f"{len(mesh.names)}\n{names}".encode(),
-        "Entities": pack("<4Q", 0, 0, len(mesh.names), 2)
-        + b"".join(pack("<i6dQiQ", i, *[0.0] * 6, 1, i, 0) for i in range(1, len(mesh.names) + 1))
-        + b"".join(pack("<i6dQQ", i, *[0.0] * 6, 0, 0) for i in (1, 2)),
-    }
-    nodes = pack("<4Q", 2, len(mesh.points), 1, len(mesh.points))
-    for dimension, part in ((2, slice(count)), (3, slice(count, None))):
-        numbers, points = np.arange(1, len(mesh.points) + 1)[part], mesh.points[part]
-        stored = np.column_stack([points, points[:, :2]]) if dimension == 2 else points
-        nodes += pack("<3iQ", dimension, 1, int(dimension == 2), len(points)) + numbers.astype("<i8").tobytes()
-        nodes += stored.astype("<f8").tobytes()
-    sections["Nodes"] = nodes
-    parts = [(2, i, face) for i, patch in enumerate(mesh.patches, 1) for face in patch.faces]
-    for volume in (1, 2):
-        for own in mesh.cells:
-            rows = own.nodes[: len(own) // 3] if volume == 1 else own.nodes[len(own) // 3 :]
-            parts.append((3, volume, Cells(own.shape, mirrored("wedge", rows) if own.shape == "wedge" else rows)))
-    total = sum(len(own) for _, _, own in parts)
-    elements, first = pack("<4Q", len(parts), total, 1, total), 1
-    for dimension, entity, own in parts:
-        rows = np.column_stack([np.arange(first, first + len(own)), own.nodes + 1])
-        elements += pack("<3iQ", dimension, entity, KINDS[own.shape], len(own)) + rows.astype("<i8").tobytes()
-        first += len(own)
-    sections["Elements"] = elements
-    text = b"$MeshFormat\n4.1 1 8\n" + pack("<i", 1) + b"\n$EndMeshFormat\n"
-    return text + b"".join(b"$%b\n%b\n$End%b\n" % (key.encode(), own, key.encode()) for key, own in sections.items())
 
 
 @pytest.fixture
@@ -256,3 +224,97 @@ def test_a_report_shows_the_same_cells(small, called, tmp_path, monkeypatch):
     same = [name for name in found[0] if name.name not in timed and "slices" not in name.name]  # cells beyond the box
     assert len(same) > 5
     assert not [str(name) for name in same if found[0][name] != found[1][name]]
+
+
+def put(path: Path, block: int, row: int, values) -> None:
+    """Replace the nodes, numbered as in the file, of a cell: whatever the format."""
+    with in_pieces(path) as found, path.open("r+b") as file:
+        table = found.pieces.cells[block].table
+        table = next(iter(getattr(table, "tables", (table,))))
+        own = table.read(row, row + 1)[0].copy()
+        table.overwrite(file, row, np.array([values(own)], dtype=own.dtype))
+
+
+def put_point(path: Path, value: float) -> None:
+    with in_pieces(path) as found, path.open("r+b") as file:
+        found.pieces.ranges[0].tables[0].overwrite(file, 7, np.full((1, found.pieces.ranges[0].tables[0].width), value))
+
+
+def loose(mesh: Mesh) -> Mesh:
+    """One face of a patch is of no cell."""
+    first, *others = mesh.patches
+    faces = first.faces[0].nodes.copy()
+    faces[3, 0] = len(mesh.points) - 1
+    return Mesh(mesh.points, mesh.cells, (Patch(first.name, (Cells(first.faces[0].shape, faces),)), *others))
+
+
+MIRROR = {4: [1, 0, 2, 3], 8: [4, 5, 6, 7, 0, 1, 2, 3]}
+DAMAGE = {
+    "a node too many": (lambda path: put(path, 1, 5, lambda own: own * 0 + 99999), "99999|99998|not among"),
+    "a node too few": (lambda path: put(path, 1, 5, lambda own: own * 0 - 1), "nodes -2 to|not among"),
+    "no number": (lambda path: put_point(path, np.nan), "points are not finite, the first is point 7$"),
+    "too large": (lambda path: put_point(path, 1e41), r"points are beyond 1e\+40, the first is point 7$"),
+    "inverted": (
+        lambda path: put(path, 0, 0, lambda own: own[MIRROR[len(own)]]),
+        r"1 of \d+ cells \(\w+\) are inverted",
+    ),
+    "cut": (lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3]), "truncated|end|shorter"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("suffix", [".cgns", ".lb8.ugrid", ".msh"])
+def test_what_is_wrong_is_said_in_one_line(suffix, shared, damage, small, called, tmp_path, monkeypatch):
+    monkeypatch.setattr(Threads, "shares_memory", shared)
+    path = written(small, tmp_path / f"wing{suffix}")
+    change, said = DAMAGE[damage]
+    change(path)
+    complaints = []
+    for large in (1 << 60, 0):
+        out = tmp_path / f"out{suffix}"
+        code, table, complaint, _ = called(large, "deflect", path, *FLAP, "--angle", "8", "--quiet", "--out", out)
+        assert (code, table, complaint.count("\n")) == (2, "", 1), complaint
+        assert re.search(said, complaint)
+        assert path.name in complaint
+        complaints.append(complaint)
+    assert complaints[0] == complaints[1] or damage != "inverted"
+    assert {own.suffix for own in tmp_path.iterdir()} <= {path.suffix, ".mapbc"}
+
+
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_face_of_no_cell(suffix, shared, small, called, tmp_path, monkeypatch):
+    monkeypatch.setattr(Threads, "shares_memory", shared)
+    monkeypatch.setattr(excerpt, "HELD", 0)
+    path = written(loose(small), tmp_path / f"wing{suffix}")
+    words = ["deflect", path, *FLAP, "--angle", "8", "--quiet", "--dry-run"]
+    for large in (1 << 60, 0):
+        code, _, complaint, _ = called(large, *words)
+        assert code == 2
+        assert f": 1 of {len(small.patches[0])} faces of patch wing_upper are of no cell" in complaint
+
+
+@pytest.mark.parametrize(("suffix", "other"), [(".lb8.ugrid", ".b8.ugrid"), (".b8.ugrid", ".ugrid"), (".cgns", ".su2")])
+def test_another_encoding_or_format_is_written_from_the_whole(suffix, other, small, called, tmp_path):
+    path, out = written(small, tmp_path / f"wing{suffix}"), tmp_path / f"out{other}"
+    code, _, complaint, taken = called(
+        0, "deflect", path, *FLAP, "--angle", "8", "--quiet", "--no-report", "--out", out
+    )
+    assert (code, taken) == (0, 0), complaint
+    assert out.is_file()
+
+
+@pytest.mark.parametrize("suffix", [".cgns", ".lb8.ugrid", ".msh"])
+def test_a_disk_that_is_full_leaves_nothing(suffix, small, called, tmp_path):
+    path = written(small, tmp_path / f"wing{suffix}")
+    before = {own.name: own.read_bytes() for own in tmp_path.iterdir()}
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size // 2, resource.RLIM_INFINITY))
+    try:
+        words = ["--angle", "8", "--quiet", "--no-report", "--out", tmp_path / f"out{suffix}"]
+        code, _, complaint, taken = called(0, "deflect", path, *FLAP, *words)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    assert (code, taken, complaint.count("\n")) == (2, 1, 1), complaint
+    assert "cannot be written" in complaint
+    assert {own.name: own.read_bytes() for own in tmp_path.iterdir()} == before

@@ -1,0 +1,222 @@
+"""What a file holds is the same in pieces and as a whole, in every format that can be read in pieces."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.meshing.formats import tables
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.registry import format_of, in_pieces, read
+from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
+from tests.meshing.formats.alike import content, replace_data, zone_of
+from tests.meshing.formats.examples import hybrid, with_gmsh
+from tests.meshing.formats.gmsh_files import gmsh_data
+from tests.meshing.formats.test_gmsh import _by_gmsh
+
+SUFFIXES = [".cgns", ".su2", ".msh", *(f".{encoding}.ugrid" for encoding in ENCODINGS)]
+BINARY = [".cgns", ".msh", ".b8.ugrid", ".lr4.ugrid"]
+
+
+@pytest.fixture(autouse=True)
+def few_at_a_time(monkeypatch):
+    monkeypatch.setattr(tables, "SMALL", 0)
+    monkeypatch.setattr(tables, "ROWS", 3)
+
+
+def written(mesh: Mesh, path: Path) -> Path:
+    if path.suffix == ".msh":
+        path.write_bytes(gmsh_data(mesh))
+    else:
+        format_of(path).write(mesh, path)
+    return path
+
+
+def check_same(path: Path) -> None:
+    """The file in pieces has the points, cells, patches and zones of the whole."""
+    mesh = read(path)
+    with in_pieces(path) as found:
+        assert found is not None
+        pieces = found.pieces
+        assert pieces.points == len(mesh.points)
+        assert pieces.blocks == tuple((own.shape, len(own)) for own in mesh.cells)
+        np.testing.assert_array_equal(pieces.coordinates(0, pieces.points), mesh.points)
+        np.testing.assert_array_equal(pieces.coordinates(3, 8), mesh.points[3:8])
+        order = np.random.default_rng(3).integers(0, pieces.points, 40)
+        np.testing.assert_array_equal(pieces.places(order), mesh.points[order])
+        for i, own in enumerate(mesh.cells):
+            np.testing.assert_array_equal(pieces.nodes(i, 0, len(own)), own.nodes)
+            np.testing.assert_array_equal(pieces.nodes(i, len(own) // 2, len(own)), own.nodes[len(own) // 2 :])
+        assert content(Mesh(mesh.points, (), found.patches, found.zones)) == {**content(mesh), "cells": {}}
+        assert (found.name, pieces.source, found.notes) == (mesh.name, mesh.source, mesh.notes)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_points_cells_and_patches(suffix, tmp_path):
+    check_same(written(hybrid(), tmp_path / f"mesh{suffix}"))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_through_a_link(suffix, tmp_path):
+    """What stands beside the link, such as names of surfaces, counts."""
+    (tmp_path / "there").mkdir()
+    written(hybrid(), tmp_path / "there" / f"mesh{suffix}")
+    link = tmp_path / f"link{suffix}"
+    link.symlink_to(tmp_path / "there" / f"mesh{suffix}")
+    check_same(link)
+    (tmp_path / "link.mapbc").write_text("1\n1 4000 ground\n")
+    with in_pieces(link) as found:
+        names = [patch.name for patch in found.patches]
+    assert ("ground" in names) == suffix.endswith("ugrid")
+    moved(link, tmp_path / f"out{suffix}")
+    assert (tmp_path / "out.mapbc").exists() == suffix.endswith("ugrid")
+
+
+def moved(path: Path, out: Path) -> np.ndarray:
+    """Rewrite a file in pieces with some nodes at other places, and return all of these."""
+    points = read(path).points.copy()
+    nodes = np.array([0, 2, 3, 5, 13])
+    points[nodes[:-1]] += np.pi / 100.0
+    with in_pieces(path) as found:
+        found.pieces.rewrite(nodes, points[nodes], out)
+    return points
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_copy_with_other_coordinates(suffix, tmp_path):
+    """The same bytes as rewriting the file as a whole."""
+    path, out, other = (tmp_path / f"{name}{suffix}" for name in ("mesh", "pieces", "whole"))
+    written(hybrid(), path)
+    points = moved(path, out)
+    format_of(path).rewrite(path, points, other)
+    assert out.read_bytes() == other.read_bytes()
+    assert out.read_bytes() != path.read_bytes()
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_onto_its_source_nothing_is_written(suffix, tmp_path):
+    path = written(hybrid(), tmp_path / f"mesh{suffix}")
+    before = path.read_bytes()
+    with in_pieces(path) as found, pytest.raises(MeshFileError, match="this is the mesh that is read"):
+        found.pieces.rewrite(np.array([1]), np.zeros((1, 3)), path)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("suffix", BINARY)
+def test_a_file_that_becomes_shorter(suffix, tmp_path):
+    path = written(hybrid(), tmp_path / f"mesh{suffix}")
+    with in_pieces(path) as found:
+        path.write_bytes(path.read_bytes()[:40])
+        for take in (lambda: found.pieces.coordinates(0, 14), lambda: found.pieces.places(np.array([13, 2]))):
+            with pytest.raises(MeshFileError, match="has become shorter"):
+                take()
+        with pytest.raises(MeshFileError, match="has become shorter"):
+            found.pieces.nodes(0, 0, 1)
+
+
+@pytest.mark.parametrize("suffix", [".lb4.ugrid", ".r4.ugrid"])
+def test_single_precision_holds_no_larger_numbers(suffix, tmp_path):
+    path = written(hybrid(), tmp_path / f"mesh{suffix}")
+    with in_pieces(path) as found, pytest.raises(MeshFileError, match="too large for numbers of 4 bytes"):
+        found.pieces.rewrite(np.array([1]), np.full((1, 3), 1e39), tmp_path / f"out{suffix}")
+    assert not (tmp_path / f"out{suffix}").exists()
+    assert not (tmp_path / "out.mapbc").exists()
+
+
+def test_names_of_other_surfaces_stay(tmp_path):
+    path = written(hybrid(), tmp_path / "mesh.lb8.ugrid")
+    (tmp_path / "out.mapbc").write_text("0\n")
+    with in_pieces(path) as found, pytest.raises(MeshFileError, match=r"out\.mapbc: is there and names other surfaces"):
+        found.pieces.rewrite(np.array([1]), np.zeros((1, 3)), tmp_path / "out.lb8.ugrid")
+    assert (tmp_path / "out.mapbc").read_text() == "0\n"
+    assert not (tmp_path / "out.lb8.ugrid").exists()
+
+
+def is_in_pieces(path: Path) -> bool:
+    with in_pieces(path) as found:
+        return found is not None
+
+
+def test_text_is_read_as_a_whole_by_ugrid_and_gmsh(tmp_path):
+    for name in ("mesh.ugrid", "mesh.msh"):
+        format_of(tmp_path / name).write(hybrid(), tmp_path / name)
+        assert not is_in_pieces(tmp_path / name)
+
+
+@pytest.mark.parametrize("version", [2.2, 4.1])
+def test_a_file_by_gmsh_itself(version, tmp_path):
+    with_gmsh(tmp_path / "text.msh")
+    path = _by_gmsh(tmp_path / "text.msh", tmp_path / "mesh.msh", version, 1)
+    if version == 4.1:
+        check_same(path)
+    else:
+        assert not is_in_pieces(path)
+
+
+def test_nodes_of_gmsh_in_another_order(tmp_path):
+    """Numbers of nodes that are not those of their places: the file is read as a whole."""
+    path = tmp_path / "mesh.msh"
+    path.write_bytes(gmsh_data(hybrid(), np.arange(14) + 2))
+    assert not is_in_pieces(path)
+    assert len(read(path).points) == 14
+
+
+def test_faces_of_gmsh_in_two_groups_and_in_none(tmp_path):
+    path = tmp_path / "mesh.msh"
+    path.write_bytes(gmsh_data(hybrid(), groups={1: (1, 7), 2: ()}))
+    assert {"floor", "surface_7", "entity_2"} < set(read(path).names)
+    check_same(path)
+
+
+@pytest.mark.parametrize("how", ["chunks", "mixed"])
+def test_sections_of_cgns_that_are_no_tables(how, tmp_path):
+    path = written(hybrid(), tmp_path / "mesh.cgns")
+    with h5py.File(path, "r+") as file:
+        node = zone_of(file)["cells tetra"]
+        stored = node["ElementConnectivity/ data"][()]
+        if how == "chunks":
+            del node["ElementConnectivity/ data"]
+            node["ElementConnectivity"].create_dataset(" data", data=stored, chunks=(4,))
+        else:
+            rows = np.column_stack([np.full(len(stored) // 4, 10), stored.reshape(-1, 4)])
+            replace_data(node, np.array([20, 0], dtype=np.int32))
+            replace_data(node["ElementConnectivity"], rows.ravel().astype(stored.dtype))
+    assert not is_in_pieces(path)
+    assert len(read(path).cells) == 4
+
+
+def test_a_section_of_cgns_with_faces_and_then_cells(tmp_path):
+    """All elements in one section, MIXED, those of the boundary first."""
+    path = written(hybrid(), tmp_path / "mesh.cgns")
+    with h5py.File(path, "r+") as file:
+        zone = zone_of(file)
+        node, tetra = zone["roof triangle"], zone["cells tetra/ElementConnectivity/ data"][:4]
+        faces = node["ElementConnectivity/ data"][()].reshape(-1, 3)
+        rows = [*(np.append(5, face) for face in faces), np.append(10, tetra)]
+        replace_data(node, np.array([20, 0], dtype=np.int32))
+        replace_data(node["ElementConnectivity"], np.concatenate(rows).astype(tetra.dtype))
+        node["ElementRange/ data"][1] += 1
+    assert not is_in_pieces(path)
+    assert [len(own) for own in read(path).cells] == [1, 1, 4, 1, 1]
+
+
+def test_faces_of_cgns_in_a_mixed_section(tmp_path):
+    path = written(hybrid(), tmp_path / "mesh.cgns")
+    with h5py.File(path, "r+") as file:
+        node = zone_of(file)["roof triangle"]
+        faces = node["ElementConnectivity/ data"][()]
+        rows = np.column_stack([np.full(len(faces) // 3, 5), faces.reshape(-1, 3)])
+        replace_data(node, np.array([20, 0], dtype=np.int32))
+        replace_data(node["ElementConnectivity"], rows.ravel().astype(faces.dtype))
+    check_same(path)
+
+
+def test_nodes_of_cgns_without_a_sign_and_with_the_greatest_byte_first(tmp_path):
+    for kind in ("<u4", ">u8", ">i4"):
+        path = written(hybrid(), tmp_path / "mesh.cgns")
+        with h5py.File(path, "r+") as file:
+            node = zone_of(file)["cells tetra/ElementConnectivity"]
+            replace_data(node, node[" data"][()].astype(kind))
+        check_same(path)
