@@ -187,6 +187,13 @@ def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
     assert any("repair" in key for key in found)
 
 
+def test_the_first_inverted_cell_is_named_by_its_number_in_the_file(alike, tmp_path):
+    path = written(shuffled(body_among_tetrahedra()), tmp_path / "body.msh")
+    words = ["--surface", "body", "--fixed", "far", "--hinge", "2,0,2", "2,4,2", "--margin", "0.5", "--steps", "1"]
+    found = alike(path, *words, "--repair", "off", "--angle", "50", code=1)
+    assert any(re.search(r"cell \d\d\d+", str(value)) for value in found.values()), found
+
+
 @pytest.mark.parametrize("suffix", [".cgns", ".lb8.ugrid", ".msh"])
 def test_two_surfaces_and_a_section(suffix, alike, tmp_path):
     (tmp_path / "job.toml").write_text(
