@@ -187,7 +187,8 @@ def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
     assert any("repair" in key for key in found)
 
 
-def test_the_first_inverted_cell_is_named_by_its_number_in_the_file(alike, tmp_path):
+def test_the_first_inverted_cell_is_named_by_its_number_in_the_file(alike, tmp_path, monkeypatch):
+    monkeypatch.setattr(excerpt, "CELLS", 50)
     path = written(shuffled(body_among_tetrahedra()), tmp_path / "body.msh")
     words = ["--surface", "body", "--fixed", "far", "--hinge", "2,0,2", "2,4,2", "--margin", "0.5", "--steps", "1"]
     found = alike(path, *words, "--repair", "off", "--angle", "50", code=1)
