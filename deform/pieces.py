@@ -36,7 +36,9 @@ class Pieces(Protocol):
     def nodes(self, block: int, start: int, stop: int) -> IntArray:
         """Return the nodes (stop - start, k), counted from 0, of some cells of a block, in VTK's order."""
 
-    def rewrite(self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+    def rewrite(
+        self, nodes: IntArray, points: FloatArray, out: Path, runner: "Runner", progress: Progress = silent
+    ) -> None:
         """Write a copy of the file with sorted nodes (K,) at `points` (K, 3); all other bytes stay.
 
         `out` appears whole or not at all. Coordinates that did not change keep their bytes.
@@ -97,3 +99,7 @@ class Threads:
             finally:
                 for one in waiting:
                     one.cancel()
+
+
+HERE = Threads()
+"""The runner of whoever names no other."""
