@@ -14,6 +14,7 @@ from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -102,10 +103,12 @@ class Cluster:
             for package in SAME:
                 _alike(package, version(package), self.client.run(version, package, on_error="return"))
             files = source.resolve(), source.stat().st_size, out.resolve()
-            blind = {name: why for name, why in self.client.run(_missing, *files).items() if why}
+            seen = self.client.run(_missing, *files)
+        blind = {name: why for name, why in seen.items() if why}
         for name, why in blind.items():
             raise InputError(
-                f"{len(blind)} workers cannot {why} (the first is {name}): put it on a file system that all of them see"
+                f"{len(blind)} of {len(seen)} workers cannot {why}, such as {name}: put it on a file system that all "
+                "of them see"
             )
 
 
@@ -155,7 +158,7 @@ def _started(wanted: Wanted) -> Iterator[Any]:
     with dask.config.set(SETTINGS), scratch_folder() as folder:
         where = {"local_directory": str(folder), "dashboard_address": "127.0.0.1:0"}
         with _interrupts_kept():
-            cluster = LocalCluster(count, threads_per_worker=1, memory_limit=memory, **where)
+            cluster = LocalCluster(n_workers=count, threads_per_worker=1, memory_limit=memory, **where)
         try:
             with Client(cluster, set_as_default=False, direct_to_workers=True) as client:
                 yield client
@@ -227,6 +230,10 @@ def _missing(source: Path, size: int, out: Path) -> str:
 @contextmanager
 def _interrupts_kept() -> Iterator[None]:
     """Let threads and processes that begin here never see an interruption from the terminal: it is for us alone."""
+    shown = os.environ.get("PYTHONWARNINGS", "")
+    os.environ["PYTHONWARNINGS"] = f"{shown},ignore:resource_tracker".lstrip(",")  # what it says when we are killed
+    resource_tracker.ensure_running()  # whose start lets interruptions in again
+    os.environ["PYTHONWARNINGS"] = shown
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
     try:
         yield
