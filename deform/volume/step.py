@@ -225,12 +225,12 @@ def carried_out(
     off = np.linalg.norm(boundary - interpolant(state.points[known]), axis=1)
     interpolant(state.points[:1])  # loads compiled code: not part of the evaluation's time
     start = perf_counter()
-    displacement = _evaluated(interpolant, state.points[state.free], runner)
+    displacement = evaluated(interpolant, state.points[state.free], runner)
     seconds = perf_counter() - start
     return Step(state, move, first, fits, slid, float(off.max()), state.moved(move, slid, displacement), seconds)
 
 
-def _evaluated(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
+def evaluated(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
     """Evaluate at points (M, 3); the bits do not depend on how they are shared out."""
     if runner.shares_memory or len(points) * len(interpolant.centers) < SENT_PAIRS:
         return interpolant(points)
