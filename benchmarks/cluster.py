@@ -67,13 +67,15 @@ def sums(count: int, centers: int, rounds: int) -> None:
         actions = {
             "one": lambda: evaluated(interpolant, points, one),
             "two": lambda: evaluated(interpolant, points, two),
+            "one thread": lambda: interpolant(points, threads=1),
+            "two threads": lambda: interpolant(points, threads=2),
         }
-        actions["two threads"] = lambda: interpolant(points, threads=2)
         times = side_by_side(actions, rounds)
     for name in actions:
         print(f"{name:12} {times.median(name):8.2f} s  (least {times.of(name).min():.2f} s)")
-    best = times.of("one").min() / times.of("two").min()
-    print(f"one worker's time over two's: {times.ratio('one', 'two'):.2f} (median), {best:.2f} (least of each)")
+    for first, second, what in (("one", "two", "worker"), ("one thread", "two threads", "thread")):
+        best = times.of(first).min() / times.of(second).min()
+        print(f"one {what}'s time over two's: {times.ratio(first, second):.2f} (median), {best:.2f} (least of each)")
 
 
 def kills(source: Path, count: int) -> None:

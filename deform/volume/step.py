@@ -29,7 +29,7 @@ from sdm_deflect.deform.volume.sliding import SlidingSurface
 
 DIRECTIONS = ("x", "y", "z")
 NO_NODES = np.empty((0, 3))
-SENT, SENT_PAIRS = 1 << 17, 1 << 28
+SENT, SENT_PAIRS = 1 << 18, 1 << 28
 """Points sent at a time to be evaluated elsewhere, and pairs with centres from which on they are sent at all."""
 ROUNDS = 8  # of putting nodes on several shapes, one after another
 RULES: dict[RuleName, Rule] = {"separated": Separated(), "worst": Worst()}
