@@ -177,7 +177,7 @@ def write_mesh(
     form = format_of(out)
     if mesh.whole:
         moved_rows = np.flatnonzero((points != mesh.points).any(axis=1))
-        mesh.whole.pieces.rewrite(mesh.whole.nodes[moved_rows], points[moved_rows], out, runner, progress)
+        mesh.whole.pieces.rewrite(mesh.whole.nodes[moved_rows], points[moved_rows], out, progress, runner)
         return ()
     if source and format_of(source) is form:
         form.rewrite(source, points, out, progress)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.mesh import CORNERS
-from sdm_deflect.deform.pieces import Runner
+from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh, written
 from sdm_deflect.meshing.formats.format import MeshFileError, about
@@ -211,7 +211,7 @@ class TablePieces:
         return replace(cells, order=tuple(order[i] for i in MIRRORED[cells.shape]))
 
     def rewrite(
-        self, nodes: IntArray, points: FloatArray, out: Path, runner: Runner, progress: Progress = silent
+        self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
     ) -> None:
         """See `Pieces.rewrite`; MeshFileError for points that the file's numbers cannot hold."""
         source = Path(self.source)

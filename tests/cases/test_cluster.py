@@ -28,7 +28,8 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.volume import excerpt, step
 from sdm_deflect.meshing.formats import tables
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.registry import in_pieces
+from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces
+from tests.meshing.formats.examples import hybrid
 
 OPTIONS = ("--surface", "flap", "--fixed", "wall", "--margin", "0.17", "--no-report", "--repair", "off")
 ROOT = Path(__file__).parents[2]
@@ -203,7 +204,8 @@ def test_sums_have_the_same_bits_whatever_the_chunks(two, monkeypatch):
 
 def test_an_error_of_a_piece_is_that_of_one_process(block, two, monkeypatch):
     monkeypatch.setattr(deflect_file, "LARGE", 1)
-    (own,) = in_pieces(block).pieces.ranges
+    with in_pieces(block) as mesh:
+        (own,) = mesh.pieces.ranges
     place = block.with_name("nan.cgns")
     shutil.copy(block, place)
     with place.open("r+b") as file:
@@ -217,13 +219,15 @@ def test_an_error_of_a_piece_is_that_of_one_process(block, two, monkeypatch):
 
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.99])
 def test_a_full_disk_of_a_worker_is_the_error_of_one_process_and_the_old_file_stays(share, block, two):
-    pieces, target = in_pieces(block).pieces, out(block, "full")
+    target = out(block, "full")
     target.write_bytes(BEFORE)
+    with in_pieces(block) as mesh:
+        pieces = mesh.pieces
     nodes = np.arange(0, pieces.points, 7)
     two.client.run(limit, int(share * block.stat().st_size))
     try:
         with pytest.raises(MeshFileError, match=rf"^{target}: cannot be written: File too large$"):
-            pieces.rewrite(nodes, pieces.places(nodes) + 1.0, target, two)
+            pieces.rewrite(nodes, pieces.places(nodes) + 1.0, target, runner=two)
     finally:
         two.client.run(limit, resource.RLIM_INFINITY)
     assert target.read_bytes() == BEFORE
@@ -237,10 +241,14 @@ def limit(size):
 def test_a_format_without_pieces_is_refused(two, tmp_path, block):
     (tmp_path / "mesh.su2").write_text("NDIME= 3\n")
     wanted = deflect_file.Targets.of(tmp_path / "mesh.su2", None, (1.0,))
-    with pytest.raises(InputError, match=r"mesh.su2: workers read meshes in pieces, .*: CGNS files in HDF5 .* can;"):
+    with pytest.raises(InputError, match=r"mesh.su2: workers need CGNS files in HDF5 .* or convert it"):
         deflect_file.needed(wanted, None, lambda *_: None, two)
     wanted = deflect_file.Targets.of(block, block.with_name("out.su2"), (1.0,))
-    with pytest.raises(InputError, match=r"block.cgns: workers only copy a mesh into a file of its own format"):
+    with pytest.raises(InputError, match=r"out.su2: workers write copies of block.cgns alone, and no sensitivity"):
+        deflect_file.needed(wanted, None, lambda *_: None, two)
+    FORMATS["cgns"].write(hybrid(2), tmp_path / "zones.cgns")
+    wanted = deflect_file.Targets.of(tmp_path / "zones.cgns", None, (1.0,))
+    with pytest.raises(InputError, match=r"zones.cgns: workers need CGNS .*, and this file is none of them"):
         deflect_file.needed(wanted, None, lambda *_: None, two)
 
 
