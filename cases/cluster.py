@@ -4,6 +4,7 @@ A piece of work is a function of what all share and of its item, and comes to th
 worker is lost, Dask gives its pieces to others.
 """
 
+import json
 import os
 import pickle
 import platform
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from multiprocessing import resource_tracker
 from pathlib import Path
+from time import monotonic, sleep
 from typing import Any
 
 from sdm_deflect.cases.errors import LostError
@@ -28,8 +30,8 @@ AHEAD = 3
 """Pieces for each thread of the workers that are handed out, or done and not taken: what limits the memory."""
 LOSSES = 10
 """Workers that may be lost over one and the same piece; a next one ends the run."""
-PATIENCE = 15
-"""Seconds in which a scheduler must answer, and its first worker."""
+ANSWER, ARRIVAL = 15, 60
+"""Seconds in which a scheduler must answer, and its first worker arrive."""
 SAME = ("sdm-deflect", "numpy", "numba")
 """Packages of which workers must have our version."""
 QUIET = {"distributed": "critical", "distributed.client": "critical", "bokeh": "critical", "tornado": "critical"}
@@ -52,7 +54,7 @@ class Wanted:
     Attributes
     ----------
     workers : number of processes to start on this machine.
-    scheduler : address of a scheduler that runs, such as ``"tcp://node7:8786"``.
+    scheduler : address of a scheduler that runs, such as ``"tcp://node7:8786"``, or its file ``"scheduler.json"``.
     memory : bytes for each worker that is started, such as ``"2GB"``; by default all have as much as this process.
     """
 
@@ -167,26 +169,35 @@ def _started(wanted: Wanted) -> Iterator[Any]:
 
 
 @contextmanager
-def _joined(address: str) -> Iterator[Any]:
+def _joined(named: str) -> Iterator[Any]:
     """Join a scheduler that runs."""
     import dask
     from distributed import Client
 
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"}):
         try:
-            client = Client(address, timeout=PATIENCE, set_as_default=False)
-        except (OSError, ValueError) as error:
+            client = Client(_address(named), timeout=ANSWER, set_as_default=False)
+        except (OSError, ValueError, KeyError) as error:
             raise InputError(
-                f"--scheduler {address}: no scheduler answers there ({error}); start one by: dask scheduler"
+                f"--scheduler {named}: no scheduler answers there ({error}); start one by: dask scheduler"
             ) from None
         with client:
             try:
-                client.wait_for_workers(1, timeout=PATIENCE)
+                client.wait_for_workers(1, timeout=ARRIVAL)
             except TimeoutError:
-                raise InputError(
-                    f"--scheduler {address}: has no workers; start some by: dask worker {address}"
-                ) from None
+                start = f"dask worker {client.scheduler.address}"
+                raise InputError(f"--scheduler {named}: has no workers; start some by: {start}") from None
             yield client
+
+
+def _address(named: str) -> str:
+    """Return the address of a scheduler, which may be in the file that it writes when it starts."""
+    if not named.endswith(".json"):
+        return named
+    end = monotonic() + ANSWER
+    while not Path(named).exists() and monotonic() < end:
+        sleep(0.1)
+    return str(json.loads(Path(named).read_text(encoding="utf-8"))["address"])
 
 
 @contextmanager

@@ -48,7 +48,7 @@ from sdm_deflect.cases.cli import options
 @click.option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
 @click.option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @click.option("--workers", type=int, metavar="N", help="Let so many processes do the work, with Dask.")
-@click.option("--scheduler", metavar="ADDRESS", help="Let the workers of a Dask scheduler do it: tcp://HOST:PORT.")
+@click.option("--scheduler", metavar="ADDRESS|FILE", help="Let the workers of a Dask scheduler do it: tcp://HOST:PORT.")
 @click.option("--worker-memory", metavar="SIZE", help="Memory of each of the --workers, such as 2GB.")
 @options.report_option
 @options.json_option

@@ -264,12 +264,13 @@ def refused(block, *more, code=2, name="refused"):
 
 
 def test_a_scheduler_that_does_not_answer(block, monkeypatch):
-    monkeypatch.setattr(cluster, "PATIENCE", 1)
+    monkeypatch.setattr(cluster, "ANSWER", 1)
     said = refused(block, "--scheduler", "tcp://127.0.0.1:9")
     assert re.fullmatch(
         r"sdm: --scheduler tcp://127.0.0.1:9: no scheduler answers there \(.*\); start one by: dask scheduler", said
     )
     assert "no scheduler answers there (unknown address scheme 'http'" in refused(block, "--scheduler", "http://a:9")
+    assert "none.json: no scheduler answers there ([Errno 2] No such file" in refused(block, "--scheduler", "none.json")
 
 
 def test_a_scheduler_without_workers_and_workers_of_another_version(block, tmp_path, monkeypatch):
@@ -277,9 +278,10 @@ def test_a_scheduler_without_workers_and_workers_of_another_version(block, tmp_p
     (tmp_path / "sdm_deflect-9.9.dist-info" / "METADATA").write_text("Name: sdm-deflect\nVersion: 9.9\n")
     with scheduler(tmp_path) as (address, _):
         with monkeypatch.context() as patch:
-            patch.setattr(cluster, "PATIENCE", 1)
-            said = refused(block, "--scheduler", address)
-            assert said.endswith(f"{address}: has no workers; start some by: dask worker {address}")
+            patch.setattr(cluster, "ARRIVAL", 1)
+            file = str(tmp_path / "scheduler.json")
+            said = refused(block, "--scheduler", file)
+            assert said == f"sdm: --scheduler {file}: has no workers; start some by: dask worker {address}"
         with worker(address, path=tmp_path):
             said = refused(block, "--scheduler", address)
             assert re.search(r"worker tcp://\S+ has 9.9 of sdm-deflect, but \S+ is needed: start it in", said), said

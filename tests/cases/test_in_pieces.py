@@ -129,9 +129,11 @@ def test_a_flap_in_cells_of_four_shapes(suffix, change, shared, small, alike, tm
     """By threads that hold the points of a scattered mesh in memory, and by others that cannot."""
     if not shared:
         own = excerpt.excerpt
-        monkeypatch.setattr(
-            excerpt, "excerpt", lambda mesh, job, angles, _, told: own(mesh, job, angles, Apart(), told)
-        )
+
+        def apart(mesh, job, angles, _, told):
+            return own(mesh, job, angles, Apart(), told)
+
+        monkeypatch.setattr(excerpt, "excerpt", apart)
     found = alike(written(change(small), tmp_path / f"wing{suffix}"), *FLAP, "--angle", "8")
     assert found["/passed"]
     assert found["/mesh/cells"] == sum(len(own) for own in small.cells)
