@@ -68,7 +68,8 @@ def plain(command: str) -> str:
 def folder(tmp_path_factory):
     """A folder in which the commands of all pages run, with the guide at its place."""
     path = tmp_path_factory.mktemp("reader")
-    (path / "docs").symlink_to(ROOT / "docs")
+    for name in ("docs", "benchmarks"):
+        (path / name).symlink_to(ROOT / name)
     return path
 
 
