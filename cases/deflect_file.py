@@ -1,6 +1,6 @@
 """`sdm deflect` carried out: read, deflect, write, all files or none."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from sdm_deflect.cases.mesh_files import Targets, write_mesh, write_sensitivity
@@ -8,18 +8,21 @@ from sdm_deflect.cases.metrics import SHOWN_WHOLE, Json, deflection_figures, mes
 from sdm_deflect.cases.output import output_files
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.pieces import Threads
+from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.touched import Layers
 from sdm_deflect.deform.volume.deflection import Plan, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.meshing.formats.registry import in_pieces, read
+from sdm_deflect.meshing.formats.registry import STORED, format_of, in_pieces, read
 
 LARGE = 1 << 25
 """Bytes of a file from which on it is read in pieces."""
+SENT = "CGNS files in HDF5 of one unstructured zone, binary UGRID files, or binary Gmsh files of version 4.1"
+"""What workers can read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,29 +58,45 @@ class Outcome:
         return all(one.passed for one in self.angles)
 
 
-def needed(wanted: Targets, job: Job, progress: Progress) -> Mesh:
+def needed(wanted: Targets, job: Job, progress: Progress, runner: Runner = HERE) -> Mesh:
     """Read what a job needs of a mesh: of a large file an excerpt, if it can be read and written in pieces.
 
-    Meshes that a report shows whole are read whole.
+    Meshes that a report shows whole are read whole, unless others than this process are to work on them. Raises
+    InputError if these cannot.
     """
+    if not runner.shares_memory:
+        return _by_workers(wanted, job, progress, runner)
     if wanted.is_copy and wanted.source.stat().st_size >= LARGE:
         with in_pieces(wanted.source, progress) as large:
             if large and not (wanted.reported and large.cell_count <= SHOWN_WHOLE):
-                return excerpt(large, job, wanted.angles, Threads(), progress)
+                return excerpt(large, job, wanted.angles, runner, progress)
     return read(wanted.source, progress)
 
 
-def planned(wanted: Targets, job: Job, watch: Stopwatch) -> Plan:
+def _by_workers(wanted: Targets, job: Job, progress: Progress, runner: Runner) -> Mesh:
+    if format_of(wanted.source).name not in STORED:
+        raise InputError(f"{wanted.source}: workers need {SENT}; leave out --workers and --scheduler, or convert it")
+    if not wanted.is_copy:
+        raise InputError(f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity")
+    with in_pieces(wanted.source, progress) as mesh:
+        if mesh:
+            return excerpt(mesh, job, wanted.angles, runner, progress)
+    raise InputError(f"{wanted.source}: workers need {SENT}, and this file is none of them")
+
+
+def planned(wanted: Targets, job: Job, watch: Stopwatch, runner: Runner = HERE) -> Plan:
     """Read the mesh and decide everything, but fit and write nothing."""
     with watch.stage("read") as progress:
-        mesh = needed(wanted, job, progress)
+        mesh = needed(wanted, job, progress, runner)
     with watch.stage("plan") as progress:
-        return Plan.of(mesh, job, wanted.angles, progress)
+        return replace(Plan.of(mesh, job, wanted.angles, progress), runner=runner)
 
 
-def deflect_file(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float = MIN_QUALITY) -> Outcome:
+def deflect_file(
+    wanted: Targets, job: Job, watch: Stopwatch, min_quality: float = MIN_QUALITY, runner: Runner = HERE
+) -> Outcome:
     """Deflect a mesh file to each angle; the files appear together at the end, or none of them."""
-    plan = planned(wanted, job, watch)
+    plan = planned(wanted, job, watch, runner)
     wanted.check_names(plan.mesh)
     found: list[Judged] = []
     names: list[Path] = []
@@ -95,7 +114,7 @@ def deflect_file(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float
                 found.append(Judged(one.angle, deflection_figures(one), *judged, one.seconds))
             names.append(wanted.mesh(one.angle))
             with watch.stage("write") as progress:
-                lost = write_mesh(wanted.source, plan.mesh, one.points, scratch / names[-1].name, progress)
+                lost = write_mesh(wanted.source, plan.mesh, one.points, scratch / names[-1].name, progress, runner)
             if wanted.reported:
                 with watch.stage("report") as progress:
                     place, seconds = scratch / wanted.report(one.angle).name, {**watch.seconds}

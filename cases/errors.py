@@ -3,9 +3,13 @@
 from sdm_deflect.deform.errors import InputError
 
 
+class LostError(RuntimeError):
+    """What a run needs was lost under way; its input may be right, and the same command may succeed."""
+
+
 def is_reported(error: Exception) -> bool:
     """True for errors whose message tells the user what is wrong; any other exception is a defect of ours."""
-    if isinstance(error, InputError):
+    if isinstance(error, InputError | LostError):
         return True
     from sdm_deflect.cases.output import OutputError
     from sdm_deflect.deform.rbf.interpolant import SolveError

@@ -11,6 +11,7 @@ import numpy as np
 
 from sdm_deflect.deform.errors import InputError, printable
 from sdm_deflect.deform.mesh import FloatArray, Mesh
+from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.meshing.formats.format import only_rewritten
@@ -166,7 +167,7 @@ def inputs_of(given: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
 
 
 def write_mesh(
-    source: Path | None, mesh: Mesh, points: FloatArray, out: Path, progress: Progress = silent
+    source: Path | None, mesh: Mesh, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
 ) -> tuple[str, ...]:
     """Write the mesh with new points; return what the format of `out` cannot hold.
 
@@ -176,7 +177,7 @@ def write_mesh(
     form = format_of(out)
     if mesh.whole:
         moved_rows = np.flatnonzero((points != mesh.points).any(axis=1))
-        mesh.whole.pieces.rewrite(mesh.whole.nodes[moved_rows], points[moved_rows], out, progress)
+        mesh.whole.pieces.rewrite(mesh.whole.nodes[moved_rows], points[moved_rows], out, progress, runner)
         return ()
     if source and format_of(source) is form:
         form.rewrite(source, points, out, progress)

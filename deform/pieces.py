@@ -12,60 +12,6 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.rbf.threads import available_threads
 
 
-class Pieces(Protocol):
-    """Points and cells of a mesh file, none of them in memory: a small value, which other processes can be sent."""
-
-    @property
-    def source(self) -> str:
-        """Path of the file."""
-
-    @property
-    def points(self) -> int:
-        """Number of points."""
-
-    @property
-    def blocks(self) -> tuple[tuple[str, int], ...]:
-        """Shape and number of the cells of each block."""
-
-    def coordinates(self, start: int, stop: int) -> FloatArray:
-        """Return the coordinates (stop - start, 3) of points start to stop - 1."""
-
-    def places(self, nodes: IntArray) -> FloatArray:
-        """Return the coordinates (K, 3) of points in any order, as often as they are named."""
-
-    def nodes(self, block: int, start: int, stop: int) -> IntArray:
-        """Return the nodes (stop - start, k), counted from 0, of some cells of a block, in VTK's order."""
-
-    def rewrite(self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent) -> None:
-        """Write a copy of the file with sorted nodes (K,) at `points` (K, 3); all other bytes stay.
-
-        `out` appears whole or not at all. Coordinates that did not change keep their bytes.
-        """
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeshInPieces:
-    """A mesh of which the boundary is in memory, and all else in a file.
-
-    Attributes
-    ----------
-    name : the file, for messages.
-    pieces : points and cells.
-    patches, zones, notes : those of `Mesh`, as reading the whole file gives them.
-    """
-
-    name: str
-    pieces: Pieces
-    patches: tuple[Patch, ...] = field(repr=False)
-    zones: tuple[Zone, ...]
-    notes: tuple[str, ...] = ()
-
-    @property
-    def cell_count(self) -> int:
-        """Number of cells of all blocks."""
-        return sum(count for _, count in self.pieces.blocks)
-
-
 class Runner(Protocol):
     """Whoever works on pieces; whether that is done in the memory of this process."""
 
@@ -97,3 +43,63 @@ class Threads:
             finally:
                 for one in waiting:
                     one.cancel()
+
+
+HERE = Threads()
+"""The runner of whoever names no other."""
+
+
+class Pieces(Protocol):
+    """Points and cells of a mesh file, none of them in memory: a small value, which other processes can be sent."""
+
+    @property
+    def source(self) -> str:
+        """Path of the file."""
+
+    @property
+    def points(self) -> int:
+        """Number of points."""
+
+    @property
+    def blocks(self) -> tuple[tuple[str, int], ...]:
+        """Shape and number of the cells of each block."""
+
+    def coordinates(self, start: int, stop: int) -> FloatArray:
+        """Return the coordinates (stop - start, 3) of points start to stop - 1."""
+
+    def places(self, nodes: IntArray) -> FloatArray:
+        """Return the coordinates (K, 3) of points in any order, as often as they are named."""
+
+    def nodes(self, block: int, start: int, stop: int) -> IntArray:
+        """Return the nodes (stop - start, k), counted from 0, of some cells of a block, in VTK's order."""
+
+    def rewrite(
+        self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
+    ) -> None:
+        """Write a copy of the file with sorted nodes (K,) at `points` (K, 3); all other bytes stay.
+
+        `out` appears whole or not at all. Coordinates that did not change keep their bytes.
+        """
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshInPieces:
+    """A mesh of which the boundary is in memory, and all else in a file.
+
+    Attributes
+    ----------
+    name : the file, for messages.
+    pieces : points and cells.
+    patches, zones, notes : those of `Mesh`, as reading the whole file gives them.
+    """
+
+    name: str
+    pieces: Pieces
+    patches: tuple[Patch, ...] = field(repr=False)
+    zones: tuple[Zone, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def cell_count(self) -> int:
+        """Number of cells of all blocks."""
+        return sum(count for _, count in self.pieces.blocks)

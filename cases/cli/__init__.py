@@ -76,11 +76,12 @@ def main() -> NoReturn:
     except click.Abort as abort:  # click's word for an interruption, and for any end of a file
         raise abort.__cause__ or abort from None
     except (ValueError, RuntimeError) as error:
-        from sdm_deflect.cases.errors import is_reported
+        from sdm_deflect.cases.errors import LostError, is_reported
 
         if not is_reported(error):
             raise
         code = _complain(str(error))
+        code = options.FAILED if isinstance(error, LostError) else code
     sys.exit(code)
 
 

@@ -47,6 +47,9 @@ from sdm_deflect.cases.cli import options
 @click.option("--out", type=options.FILE, help="File to write (default: MESH-deflected); the suffix says the format.")
 @click.option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
 @click.option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
+@click.option("--workers", type=int, metavar="N", help="Let so many processes do the work, with Dask.")
+@click.option("--scheduler", metavar="ADDRESS|FILE", help="Let the workers of a Dask scheduler do it: tcp://HOST:PORT.")
+@click.option("--worker-memory", metavar="SIZE", help="Memory of each of the --workers, such as 2GB.")
 @options.report_option
 @options.json_option
 @options.progress_options
@@ -55,6 +58,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
+    from sdm_deflect.cases.cluster import Wanted, workers
     from sdm_deflect.cases.console import plan_table, result_table
     from sdm_deflect.cases.deflect_file import deflect_file, figures, plan_figures, planned
     from sdm_deflect.cases.job_settings import angles_of, job_settings
@@ -62,6 +66,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
 
     text, as_json = given.pop("angles"), given.pop("as_json")
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
+    helpers = Wanted(*(given.pop(name) for name in ("workers", "scheduler", "worker_memory")))
     many = angles_of(text) if text else ()
     if many:
         given["angle"] = max(many, key=abs)
@@ -70,11 +75,14 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     job = settings.job()
     wanted = Targets.of(mesh, out, many or (job.angle,), sensitivity, report)
     wanted.check((*inputs_of(nested, Path()), *([config] if config else ())))
-    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+    with (
+        options.watched(quiet or (as_json and not verbose), verbose) as watch,
+        workers(helpers, watch, mesh, wanted.out.absolute().parent) as runner,
+    ):
         if dry_run:
-            plan = planned(wanted, job, watch)
+            plan = planned(wanted, job, watch, runner)
         else:
-            done = deflect_file(wanted, job, watch, settings.min_quality)
+            done = deflect_file(wanted, job, watch, settings.min_quality, runner)
     if dry_run:
         names = [str(path) for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *wanted.reports)]
         figured = {**plan_figures(plan), "files": names}

@@ -11,6 +11,7 @@ import numpy as np
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.faces import Unheld
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
+from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.repair.columns import Columns
@@ -38,6 +39,7 @@ class Plan:
     touched : the cells that may change.
     before : their quality, by type, as the mesh is.
     angles : amounts of the job's first surface that the box holds.
+    runner : who evaluates the interpolant.
     """
 
     boundary: Boundary
@@ -46,6 +48,7 @@ class Plan:
     touched: TouchedCells = field(repr=False)
     before: tuple[Quality, ...]
     angles: tuple[float, ...]
+    runner: Runner = HERE
 
     @classmethod
     def of(cls, mesh: Mesh, job: Job, angles: Sequence[float] = (), progress: Progress = silent) -> "Plan":
@@ -278,7 +281,7 @@ def _stepped(plan: Plan, angle: float, count: int, progress: Progress, earlier: 
     for k in range(1, count + 1):
         state = earlier.state if earlier else plan.state(points)
         target = plan.boundary.displacement(tuple(amount * k / count for amount in amounts))
-        steps.append(solve(state, target - reached, progress, earlier))
+        steps.append(solve(state, target - reached, progress, earlier, plan.runner))
         points, reached = steps[-1].points, target
     points[nodes] = plan.mesh.points[nodes] + reached  # the places asked for, without the rounding of the steps
     return Deflection(plan, angle, tuple(steps), points, plan.touched.inverted_at(points), perf_counter() - begin)

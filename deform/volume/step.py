@@ -8,6 +8,7 @@ import numpy as np
 
 from sdm_deflect.deform.fitting import Fitting, RuleName, Strategy
 from sdm_deflect.deform.mesh import FloatArray, IntArray
+from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.rbf.bases import RecordingBasis, with_values
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
@@ -28,6 +29,8 @@ from sdm_deflect.deform.volume.sliding import SlidingSurface
 
 DIRECTIONS = ("x", "y", "z")
 NO_NODES = np.empty((0, 3))
+SENT, SENT_PAIRS = 1 << 18, 1 << 28
+"""Points sent at a time to be evaluated elsewhere, and pairs with centres from which on they are sent at all."""
 ROUNDS = 8  # of putting nodes on several shapes, one after another
 RULES: dict[RuleName, Rule] = {"separated": Separated(), "worst": Worst()}
 GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]] = {
@@ -195,7 +198,9 @@ class Step:
         return max(fits.error for fits in (self.first, self.fits) if fits)
 
 
-def solve(state: StepState, move: FloatArray, progress: Progress, earlier: Step | None = None) -> Step:
+def solve(
+    state: StepState, move: FloatArray, progress: Progress, earlier: Step | None = None, runner: Runner = HERE
+) -> Step:
     """Carry out one step: moving nodes (K, 3) go by `move`, on the centres of an earlier step if there is one."""
     first, slid, sliding = None, NO_NODES, bool(len(state.sites.slid))
     if sliding:
@@ -203,11 +208,16 @@ def solve(state: StepState, move: FloatArray, progress: Progress, earlier: Step 
         slid = state.slid(move, first.interpolant(state.points[state.sites.slid]))
     values = state.values(move, slid if sliding else None)
     fits = _fit(state, sliding, values, progress, earlier.fits if earlier else None)
-    return carried_out(state, move, fits, first, slid)
+    return carried_out(state, move, fits, first, slid, runner)
 
 
 def carried_out(
-    state: StepState, move: FloatArray, fits: Fits, first: Fits | None = None, slid: FloatArray = NO_NODES
+    state: StepState,
+    move: FloatArray,
+    fits: Fits,
+    first: Fits | None = None,
+    slid: FloatArray = NO_NODES,
+    runner: Runner = HERE,
 ) -> Step:
     """Move all nodes by fits that are known, those of the moving surfaces by `move` (K, 3), sliding ones by `slid`."""
     known, boundary = state.sites.known, state.boundary_values(move, slid)
@@ -215,9 +225,21 @@ def carried_out(
     off = np.linalg.norm(boundary - interpolant(state.points[known]), axis=1)
     interpolant(state.points[:1])  # loads compiled code: not part of the evaluation's time
     start = perf_counter()
-    displacement = interpolant(state.points[state.free])
+    displacement = evaluated(interpolant, state.points[state.free], runner)
     seconds = perf_counter() - start
     return Step(state, move, first, fits, slid, float(off.max()), state.moved(move, slid, displacement), seconds)
+
+
+def evaluated(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
+    """Evaluate at points (M, 3); the bits do not depend on how they are shared out."""
+    if runner.shares_memory or len(points) * len(interpolant.centers) < SENT_PAIRS:
+        return interpolant(points)
+    parts = [points[start : start + SENT] for start in range(0, len(points), SENT)]
+    return np.concatenate(list(runner.map(_sums, interpolant, parts)))
+
+
+def _sums(interpolant: Interpolant, points: FloatArray) -> FloatArray:
+    return interpolant(points, threads=1)
 
 
 def rate(step: Step, speed: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.deform.mesh import CORNERS, Zone
-from sdm_deflect.deform.pieces import MeshInPieces
+from sdm_deflect.deform.pieces import HERE, MeshInPieces, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import written
 from sdm_deflect.meshing.formats.format import about
@@ -22,7 +22,9 @@ class Su2Pieces(TablePieces):
 
     __slots__ = ()
 
-    def rewrite(self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+    def rewrite(
+        self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
+    ) -> None:
         """See `Pieces.rewrite`."""
         source = Path(self.source)
         with about(source), source.open("rb") as file:

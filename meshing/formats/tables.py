@@ -1,9 +1,9 @@
 """Meshes whose numbers stand in a file as they are: read in pieces, and rewritten where they stand."""
 
+import errno
 import os
-import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
@@ -11,14 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.mesh import CORNERS
+from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.meshing.files import fresh, written
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.shapes import AXES, MIRRORED, SAMPLE, left_handed
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
-ROWS = 1 << 18
-"""Points rewritten at a time."""
+RANGE = 1 << 23
+"""Bytes of a file that are copied at a time."""
+WITHOUT_COPYING = (None, errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
+"""What a system answers that cannot copy from file to file; None is no such function at all."""
 SMALL = 1 << 26
 """Bytes of a table that is read whole where some of its rows are wanted."""
 SHORTER = "the file has become shorter"
@@ -75,17 +78,11 @@ class Table:
                 raise MeshFileError(SHORTER)
         return np.frombuffer(data, self.kind).reshape(len(rows), self.width)
 
-    def overwrite(self, file: BinaryIO, start: int, values: Array) -> None:
-        """Put values (R, width) of the table's kind in the place of rows from `start`, which follow one another."""
-        place, size = self.begin + start * self.step, self.width * np.dtype(self.kind).itemsize
-        data = np.ascontiguousarray(values, self.kind).view(np.uint8).reshape(len(values), size)
-        if self.step > size:
-            file.seek(place)
-            whole = np.frombuffer(file.read(len(values) * self.step), np.uint8).reshape(len(values), self.step).copy()
-            whole[:, :size] = data
-            data = whole
-        file.seek(place)
-        file.write(data.tobytes())
+    def within(self, begin: int, end: int) -> tuple[int, int]:
+        """Return the first row, and the one after the last, of those that have bytes from `begin` to `end` - 1."""
+        size = self.width * np.dtype(self.kind).itemsize
+        low = (begin - self.begin - size) // self.step + 1
+        return max(low, 0), min(-(-(end - self.begin) // self.step), self.rows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,30 +210,127 @@ class TablePieces:
         order = cells.order or range(CORNERS[cells.shape])
         return replace(cells, order=tuple(order[i] for i in MIRRORED[cells.shape]))
 
-    def rewrite(self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+    def rewrite(
+        self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
+    ) -> None:
         """See `Pieces.rewrite`; MeshFileError for points that the file's numbers cannot hold."""
         source = Path(self.source)
         with fresh(out, source) as beside, about(source):
-            progress(f"writing {out.name}", 0.0)
-            shutil.copyfile(source, beside)
-            with beside.open("r+b") as copy:
-                for i, own in enumerate(self.ranges):
-                    first, end = np.searchsorted(nodes, (own.start, own.stop))
-                    for table, columns in own.columns():
-                        put(table, copy, nodes[first:end] - own.start, points[first:end, columns])
-                    progress(f"writing {out.name}", (i + 1) / len(self.ranges))
+            changes = tuple(self._changes(nodes, points))
+            size = source.stat().st_size
+            with written(out):
+                os.truncate(beside, size)
+            items = [item_of(changes, start, min(start + RANGE, size)) for start in range(0, size, RANGE)]
+            for i, _ in enumerate(runner.map(copy_range, (source, beside), items), 1):
+                progress(f"writing {out.name}", i / len(items))
+
+    def _changes(self, nodes: IntArray, points: FloatArray) -> Iterator["Change"]:
+        for own in self.ranges:
+            first, end = np.searchsorted(nodes, (own.start, own.stop))
+            for table, columns in own.columns():
+                change = Change(table, nodes[first:end] - own.start, points[first:end, columns])
+                change.check()
+                yield change
 
 
-def put(table: Table, copy: BinaryIO, rows: IntArray, values: FloatArray) -> None:
-    """Replace sorted rows (R,) of a table in a copy of its file by values (R, width), where they differ."""
-    if np.abs(values).max(initial=0.0) > np.finfo(table.kind).max or not np.isfinite(values).all():
-        raise ValueError(f"coordinates are too large for numbers of {np.dtype(table.kind).itemsize} bytes")
-    for start in range(0, table.rows, ROWS) if len(rows) else ():
-        first, end = np.searchsorted(rows, (start, start + ROWS))
-        if first == end:
-            continue
-        low = int(rows[first])
-        stored, own = table.read(low, int(rows[end - 1]) + 1), rows[first:end] - low
-        before = stored[own]
-        stored[own] = np.where(before == values[first:end], before, values[first:end])
-        table.overwrite(copy, low, stored)
+@dataclass(frozen=True, slots=True, eq=False)
+class Change:
+    """Values (R, width) that are to stand in sorted rows (R,) of a table."""
+
+    table: Table
+    rows: IntArray = field(repr=False)
+    values: FloatArray = field(repr=False)
+
+    def check(self) -> None:
+        """Raise a ValueError if the table cannot hold the values."""
+        kind = np.dtype(self.table.kind)
+        if np.abs(self.values).max(initial=0.0) > np.finfo(kind).max or not np.isfinite(self.values).all():
+            raise ValueError(f"coordinates are too large for numbers of {kind.itemsize} bytes")
+
+    def within(self, begin: int, end: int) -> "Change":
+        """Return the part that changes bytes from `begin` to `end` - 1."""
+        part = slice(*np.searchsorted(self.rows, self.table.within(begin, end)))
+        return Change(self.table, self.rows[part], self.values[part])
+
+    def ends(self) -> tuple[int, int]:
+        """Return the first byte of its rows, and the one after the last."""
+        table, (first, last) = self.table, self.rows[[0, -1]].tolist()
+        size = table.width * np.dtype(table.kind).itemsize
+        return table.begin + first * table.step, table.begin + last * table.step + size
+
+    def put(self, data: bytearray, start: int) -> None:
+        """Write the values into the bytes of the file from `start` on; equal ones keep their bytes."""
+        table, first = self.table, int(self.rows[0])
+        shape = int(self.rows[-1]) - first + 1, table.width
+        strides = table.step, np.dtype(table.kind).itemsize
+        stored = np.ndarray(shape, table.kind, data, table.begin + first * table.step - start, strides)
+        before = stored[self.rows - first]
+        stored[self.rows - first] = np.where(before == self.values, before, self.values)
+
+
+Item = tuple[int, int, tuple[Change, ...]]
+
+
+def item_of(changes: tuple[Change, ...], begin: int, end: int) -> Item:
+    """Return bytes `begin` to `end` - 1 of a file with the changes that concern them."""
+    parts = (change.within(begin, end) for change in changes)
+    return begin, end, tuple(part for part in parts if len(part.rows))
+
+
+def copy_range(files: tuple[Path, Path], item: Item) -> None:
+    """Write some bytes of a copy, with their changes: alone, twice or in any order it comes to the same.
+
+    Parameters
+    ----------
+    files : What is copied, and the copy, which has its length already.
+    item : See `item_of`.
+    """
+    (source, out), (begin, end, changes) = files, item
+    with about(source), source.open("rb") as old, _opened(out) as new:
+        if not changes:
+            _copy(old, new, begin, end)
+            return
+        ends = [own.ends() for own in changes]
+        low, high = min(begin, *(first for first, _ in ends)), max(end, *(last for _, last in ends))
+        data = bytearray(_read(old, low, high))
+        for own in changes:
+            own.put(data, low)
+        _write(new, data[begin - low : end - low], begin)
+
+
+def _opened(out: Path) -> BinaryIO:
+    """Open a file that is there to write into it; MeshFileError where it is not: another machine made it."""
+    try:
+        return out.open("r+b", 0)
+    except FileNotFoundError:
+        raise MeshFileError(
+            f"{out.name} is not there for the worker that is to write it: write to a file system that all workers see"
+        ) from None
+
+
+def _copy(old: BinaryIO, new: BinaryIO, begin: int, end: int) -> None:
+    """Copy bytes within the system, which may share them, or else through memory."""
+    try:
+        while begin < end:
+            if not (count := os.copy_file_range(old.fileno(), new.fileno(), end - begin, begin, begin)):
+                raise MeshFileError(SHORTER)
+            begin += count
+    except (AttributeError, OSError) as error:
+        if getattr(error, "errno", None) not in WITHOUT_COPYING:
+            raise
+        _write(new, _read(old, begin, end), begin)
+
+
+def _read(file: BinaryIO, begin: int, end: int) -> bytes:
+    file.seek(begin)
+    data = file.read(end - begin)
+    if len(data) < end - begin:
+        raise MeshFileError(SHORTER)
+    return data
+
+
+def _write(file: BinaryIO, data: bytes | bytearray, begin: int) -> None:
+    rest = memoryview(data)
+    while rest:
+        count = os.pwrite(file.fileno(), rest, begin)
+        rest, begin = rest[count:], begin + count

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sdm_deflect.deform.mesh import Zone
-from sdm_deflect.deform.pieces import MeshInPieces
+from sdm_deflect.deform.pieces import HERE, MeshInPieces, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.formats.format import about
 from sdm_deflect.meshing.formats.tables import CellTable, PointRange, Table, TablePieces
@@ -27,10 +27,12 @@ class UgridPieces(TablePieces):
 
     given: Path
 
-    def rewrite(self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+    def rewrite(
+        self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
+    ) -> None:
         """See `Pieces.rewrite`; MeshFileError as for `Ugrid.rewrite`."""
         with names_copied(self.given, out):
-            TablePieces.rewrite(self, nodes, points, out, progress)
+            TablePieces.rewrite(self, nodes, points, out, progress, runner)
 
 
 def in_pieces(path: Path) -> MeshInPieces | None:

@@ -35,6 +35,9 @@ ELSEWHERE = (
     (r"sdm deflect wing\.p3d", "tests/meshing/formats/test_plot3d_map.py", "sdm.deflect(path, "),
     (r"sdm view", "tests/cases/view", ""),
     (r"sdm (quality|deflect) case", "tests/cases/test_decomposed.py", 'sdm("deflect", case'),
+    (r"pip install 'sdm-deflect\[cluster\]'", "pyproject.toml", '"sdm-deflect[cluster]"'),
+    (r"dask (scheduler|worker)", "tests/cases/test_cluster.py", "distributed.cli.dask_scheduler"),
+    (r"sdm deflect .* --scheduler", "tests/cases/test_cluster.py", '"--scheduler", file'),
     (r"mpirun -np 4 checkMesh", "tests/cases/test_decomposed.py", 'foam.run("checkMesh", one, *handler, ranks=4)'),
 )
 """Commands that take long, need a network or wait for a user: a pattern, where they are run, and a text found there."""
@@ -65,7 +68,8 @@ def plain(command: str) -> str:
 def folder(tmp_path_factory):
     """A folder in which the commands of all pages run, with the guide at its place."""
     path = tmp_path_factory.mktemp("reader")
-    (path / "docs").symlink_to(ROOT / "docs")
+    for name in ("docs", "benchmarks"):
+        (path / name).symlink_to(ROOT / name)
     return path
 
 

@@ -1,0 +1,377 @@
+"""Workers of Dask: the bits of one process, whoever is killed, and errors of one sentence."""
+
+import os
+import platform
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager, suppress
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from distributed import Client
+
+from benchmarks.large_block import write_block
+from sdm_deflect.cases import cli, cluster, deflect_file
+from sdm_deflect.cases.cluster import Cluster, Wanted, workers
+from sdm_deflect.cases.progress import Silent, Stopwatch
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.pieces import HERE
+from sdm_deflect.deform.rbf.interpolant import fit
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.volume import excerpt, step
+from sdm_deflect.meshing.formats import tables
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces
+from tests.meshing.formats.examples import hybrid
+
+OPTIONS = ("--surface", "flap", "--fixed", "wall", "--margin", "0.17", "--no-report", "--repair", "off")
+ROOT = Path(__file__).parents[2]
+BEFORE = b"what was there"
+
+
+@pytest.fixture(scope="module")
+def block(tmp_path_factory):
+    """A block with the options that deflect its flap."""
+    path = tmp_path_factory.mktemp("block") / "block.cgns"
+    write_block(path, 36)
+    return path
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_pieces():
+    """Pieces so small that there are some of a small block."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(excerpt, "POINTS", 6_000)
+        patch.setattr(excerpt, "CELLS", 6_000)
+        patch.setattr(step, "SENT", 300)
+        patch.setattr(step, "SENT_PAIRS", 0)
+        patch.setattr(tables, "RANGE", 100_003)
+        yield
+
+
+@pytest.fixture(scope="module")
+def deflected(block):
+    """The bytes of the deflected block as one process has them, from memory and from pieces."""
+    assert sdm(block, out(block, "one"))[0] == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(deflect_file, "LARGE", 1)
+        assert sdm(block, out(block, "pieces"))[0] == 0
+    found = out(block, "one").read_bytes()
+    assert found == out(block, "pieces").read_bytes() != block.read_bytes()
+    return found
+
+
+@pytest.fixture(scope="module")
+def two(block):
+    """Two workers."""
+    with started(2, block) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory):
+    """The address of a scheduler with a worker, both processes of their own."""
+    with scheduler(tmp_path_factory.mktemp("scheduler")) as (address, _), worker(address):
+        yield address
+
+
+@contextmanager
+def started(count, block):
+    with workers(Wanted(count), Stopwatch(Silent()), block, block.parent) as found:
+        yield found
+
+
+@contextmanager
+def child(*command, **options):
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL, cwd=ROOT, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@contextmanager
+def scheduler(folder):
+    file = folder / "scheduler.json"
+    words = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
+    with child(sys.executable, "-m", "distributed.cli.dask_scheduler", *words) as process:
+        while not (file.exists() and (found := re.search(r"tcp://[\d.:]+", file.read_text()))):
+            time.sleep(0.05)
+        yield found[0], process
+
+
+def worker(address, *before, path=""):
+    words = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "20")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(path), str(ROOT)]).lstrip(os.pathsep)}
+    command = (*before, sys.executable, "-m", "distributed.cli.dask_worker", address, *words)
+    return child(*command, env=environment)
+
+
+def out(block, name):
+    return block.with_name(f"{name}.cgns")
+
+
+def sdm(block, to, *more, mesh=None):
+    """Carry out the command in this process; return its code and what it says on the standard error output."""
+    table = () if "--table" in more else ("--table", block.with_suffix(".npz"))
+    words = ["sdm", "deflect", mesh or block, *OPTIONS, *table, "--out", to, *more]
+    with pytest.MonkeyPatch.context() as patch, Path(os.devnull).open("w") as nowhere, said() as lines:
+        patch.setattr(sys, "argv", list(map(str, words)))
+        patch.setattr(sys, "stdout", nowhere)
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+    return end.value.code, "".join(lines)
+
+
+@contextmanager
+def said():
+    """Give the list to which what is written to standard error is added at the end."""
+    found, buffer = [], StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stderr", buffer)
+        yield found
+    found.append(buffer.getvalue())
+
+
+class Interrupted:
+    """A runner that does something once so many results have been taken."""
+
+    shares_memory = False
+
+    def __init__(self, runner, at, deed):
+        self.runner, self.at, self.deed, self.taken = runner, sorted(at), deed, 0
+
+    def map(self, work, shared, items):
+        for one in self.runner.map(work, shared, items):
+            while self.at and self.at[0] <= self.taken:
+                self.deed(self.at.pop(0))
+            self.taken += 1
+            yield one
+
+
+def deflect(block, to, runner):
+    """Deflect as the command does, with a runner; return its code and what it says."""
+
+    @contextmanager
+    def own(*_):
+        yield runner
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cluster, "workers", own)
+        return sdm(block, to)
+
+
+def test_two_workers_come_to_the_same_bytes(block, deflected, two):
+    assert deflect(block, out(block, "two"), two)[0] == 0
+    assert out(block, "two").read_bytes() == deflected
+
+
+def test_four_workers_of_the_command_come_to_the_same_bytes_and_say_where_to_look(block, deflected):
+    code, said = sdm(block, out(block, "four"), "--workers", 4, "--worker-memory", "1.5GB")
+    assert code == 0
+    assert out(block, "four").read_bytes() == deflected
+    assert re.search(r"^workers .* 4 workers, dashboard http://127.0.0.1:\d+/status$", said, re.MULTILINE), said
+    assert [line.split()[0] for line in said.splitlines()] == ["workers", "read", "plan", "deflect", "quality", "write"]
+
+
+def test_killed_workers_lose_nothing(block, deflected, two):
+    def kill(_):
+        processes = list(two.client.run(os.getpid).values())
+        killed.append(processes[len(killed) % len(processes)])
+        os.kill(killed[-1], signal.SIGKILL)
+
+    killed, moments = [], np.random.default_rng(0).integers(1, 30, 2).tolist()
+    runner = Interrupted(two, moments, kill)
+    assert deflect(block, out(block, "killed"), runner)[0] == 0
+    assert out(block, "killed").read_bytes() == deflected
+    assert len(killed) == 2
+    assert runner.taken > 30
+
+
+def test_sums_have_the_same_bits_whatever_the_chunks(two, monkeypatch):
+    rng = np.random.default_rng(1)
+    interpolant, points = fit(ThinPlateSpline(), rng.random((301, 3)), rng.random((301, 3))), rng.random((20_001, 3))
+    monkeypatch.setattr(step, "SENT", 1_237)
+    assert np.array_equal(step.evaluated(interpolant, points, two), step.evaluated(interpolant, points, HERE))
+
+
+def test_an_error_of_a_piece_is_that_of_one_process(block, two, monkeypatch):
+    monkeypatch.setattr(deflect_file, "LARGE", 1)
+    with in_pieces(block) as mesh:
+        (own,) = mesh.pieces.ranges
+    place = block.with_name("nan.cgns")
+    shutil.copy(block, place)
+    with place.open("r+b") as file:
+        file.seek(own.tables[0].begin + 8 * 20_000)
+        file.write(np.array([np.nan]).tobytes())
+    shutil.copy(block.with_suffix(".npz"), place.with_suffix(".npz"))
+    code, said = deflect(place, out(block, "never"), two)
+    assert (code, said) == (2, f"sdm: {place}: points are not finite, the first is point 20000\n")
+    assert deflect(place, out(block, "never"), HERE) == (code, said)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.5, 0.99])
+def test_a_full_disk_of_a_worker_is_the_error_of_one_process_and_the_old_file_stays(share, block, two):
+    target = out(block, "full")
+    target.write_bytes(BEFORE)
+    with in_pieces(block) as mesh:
+        pieces = mesh.pieces
+    nodes = np.arange(0, pieces.points, 7)
+    two.client.run(limit, int(share * block.stat().st_size))
+    try:
+        with pytest.raises(MeshFileError, match=rf"^{target}: cannot be written: File too large$"):
+            pieces.rewrite(nodes, pieces.places(nodes) + 1.0, target, runner=two)
+    finally:
+        two.client.run(limit, resource.RLIM_INFINITY)
+    assert target.read_bytes() == BEFORE
+    assert not list(block.parent.glob(".sdm*"))
+
+
+def limit(size):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+
+def test_a_format_without_pieces_is_refused(two, tmp_path, block):
+    (tmp_path / "mesh.su2").write_text("NDIME= 3\n")
+    wanted = deflect_file.Targets.of(tmp_path / "mesh.su2", None, (1.0,))
+    with pytest.raises(InputError, match=r"mesh.su2: workers need CGNS files in HDF5 .* or convert it"):
+        deflect_file.needed(wanted, None, lambda *_: None, two)
+    wanted = deflect_file.Targets.of(block, block.with_name("out.su2"), (1.0,))
+    with pytest.raises(InputError, match=r"out.su2: workers write copies of block.cgns alone, and no sensitivity"):
+        deflect_file.needed(wanted, None, lambda *_: None, two)
+    FORMATS["cgns"].write(hybrid(2), tmp_path / "zones.cgns")
+    wanted = deflect_file.Targets.of(tmp_path / "zones.cgns", None, (1.0,))
+    with pytest.raises(InputError, match=r"zones.cgns: workers need CGNS .*, and this file is none of them"):
+        deflect_file.needed(wanted, None, lambda *_: None, two)
+
+
+def refused(block, *more, code=2, name="refused"):
+    """Return the only line that the command says; what stood in the place of the output stays."""
+    target = out(block, name)
+    target.write_bytes(BEFORE)
+    found, said = sdm(block, target, "-q", *more)
+    assert (found, said.count("\n")) == (code, 1), said
+    assert target.read_bytes() == BEFORE
+    assert not list(block.parent.glob(".sdm*"))
+    return said.rstrip("\n")
+
+
+def test_a_scheduler_that_does_not_answer(block, monkeypatch):
+    monkeypatch.setattr(cluster, "ANSWER", 1)
+    said = refused(block, "--scheduler", "tcp://127.0.0.1:9")
+    assert re.fullmatch(
+        r"sdm: --scheduler tcp://127.0.0.1:9: no scheduler answers there \(.*\); start one by: dask scheduler", said
+    )
+    assert "no scheduler answers there (unknown address scheme 'http'" in refused(block, "--scheduler", "http://a:9")
+    assert "none.json: no scheduler answers there ([Errno 2] No such file" in refused(block, "--scheduler", "none.json")
+
+
+def test_a_scheduler_without_workers_and_workers_of_another_version(block, tmp_path, monkeypatch):
+    (tmp_path / "sdm_deflect-9.9.dist-info").mkdir()
+    (tmp_path / "sdm_deflect-9.9.dist-info" / "METADATA").write_text("Name: sdm-deflect\nVersion: 9.9\n")
+    with scheduler(tmp_path) as (address, _):
+        with monkeypatch.context() as patch:
+            patch.setattr(cluster, "ARRIVAL", 1)
+            file = str(tmp_path / "scheduler.json")
+            said = refused(block, "--scheduler", file)
+            assert said == f"sdm: --scheduler {file}: has no workers; start some by: dask worker {address}"
+        with worker(address, path=tmp_path):
+            said = refused(block, "--scheduler", address)
+            assert re.search(r"worker tcp://\S+ has 9.9 of sdm-deflect, but \S+ is needed: start it in", said), said
+
+
+def test_workers_of_another_python(block, elsewhere, monkeypatch):
+    monkeypatch.setattr(platform, "python_version_tuple", lambda: ("3", "99", "1"))
+    own = f"{sys.version_info[0]}.{sys.version_info[1]}"
+    assert f" has {own} of Python, but 3.99 is needed" in refused(block, "--scheduler", elsewhere)
+
+
+def test_workers_that_do_not_see_the_file(block, tmp_path):
+    hidden = ("unshare", "--map-root-user", "--mount")
+    if not shutil.which("unshare") or subprocess.run([*hidden, "true"], capture_output=True).returncode:
+        pytest.skip("no file system can be hidden from a process here")
+    cover = (*hidden, "sh", "-c", f'mount -t tmpfs none {block.parent} && exec "$@"', "sh")
+    with scheduler(tmp_path) as (address, _), worker(address), worker(address, *cover):
+        with Client(address, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=20)
+        said = refused(block, "--scheduler", address)
+    assert re.fullmatch(
+        rf"sdm: 1 of 2 workers cannot read {block} \(No such file or directory\), such as tcp://\S+: put it on a file "
+        r"system that all of them see",
+        said,
+    ), said
+
+
+def test_a_scheduler_that_goes_away(block, deflected, tmp_path, monkeypatch):
+    with scheduler(tmp_path) as (address, process), worker(address):
+        assert sdm(block, out(block, "far"), "--scheduler", address)[0] == 0
+        assert out(block, "far").read_bytes() == deflected
+        ours = Cluster.map
+        monkeypatch.setattr(Cluster, "map", lambda self, *given: Interrupted(Plain(self), [20], end).map(*given))
+
+        class Plain:
+            def __init__(self, found):
+                self.map = lambda *given: ours(found, *given)
+
+        def end(_):
+            process.kill()
+            process.wait()
+
+        said = refused(block, "--scheduler", address, code=1)
+    assert said == f"sdm: the scheduler at {address} is gone: start it again, and then this command"
+
+
+def test_workers_are_gone_when_the_command_is_killed(block):
+    table = str(block.with_suffix(".npz"))
+    words = ["deflect", str(block), *OPTIONS, "--table", table, "--out", str(out(block, "never")), "--workers", "2"]
+    command = [sys.executable, "-c", "from sdm_deflect.cases.supervisor import main; main()", *words]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=ROOT) as process:
+        line = process.stderr.readline()
+        assert line.startswith("workers "), line
+        children = family(process.pid)
+        assert len(children) >= 3
+        process.kill()
+        said = process.stderr.read()  # until the last of them is gone
+    assert "\n" not in said.strip(), said
+    time.sleep(0.2)
+    assert not [one for one in children if alive(one)]
+
+
+def family(process):
+    """Return the processes below one."""
+    found = []
+    for task in Path(f"/proc/{process}/task").iterdir():
+        for own in map(int, (task / "children").read_text().split()):
+            found += [own, *family(own)]
+    return found
+
+
+def alive(process):
+    with suppress(FileNotFoundError, ProcessLookupError):
+        return Path(f"/proc/{process}/stat").read_text().rpartition(") ")[2][0] not in "ZX"
+    return False
+
+
+def test_without_the_library_the_command_says_what_to_install(block, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert refused(block, "--workers", "2").endswith(": pip install 'sdm-deflect[cluster]'")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--workers", "0"), "--workers 0: must be at least 1"),
+        (("--workers", "2", "--scheduler", "tcp://a:1"), "--workers starts processes here and --scheduler joins"),
+        (("--worker-memory", "2GB"), "--worker-memory is for workers that are started here: give --workers as well"),
+        (("--workers", "1", "--worker-memory", "much"), "--worker-memory much: must be a size such as 2GB"),
+    ],
+)
+def test_options_that_do_not_fit(options, said, block):
+    assert refused(block, *options).startswith(f"sdm: {said}")
