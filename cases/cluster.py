@@ -32,6 +32,8 @@ LOSSES = 10
 """Workers that may be lost over one and the same piece; a next one ends the run."""
 ANSWER, ARRIVAL = 15, 60
 """Seconds in which a scheduler must answer, and its first worker arrive."""
+STARTS = 3
+"""How often workers are started while one of them ends before it has begun."""
 SAME = ("sdm-deflect", "numpy", "numba")
 """Packages of which workers must have our version."""
 QUIET = {"distributed": "critical", "distributed.client": "critical", "bokeh": "critical", "tornado": "critical"}
@@ -158,14 +160,25 @@ def _started(wanted: Wanted) -> Iterator[Any]:
     except ValueError:
         raise InputError(f"--worker-memory {wanted.memory}: must be a size such as 2GB") from None
     with dask.config.set(SETTINGS), scratch_folder() as folder:
-        where = {"local_directory": str(folder), "dashboard_address": "127.0.0.1:0"}
+        own = {"local_directory": str(folder), "dashboard_address": "127.0.0.1:0", "memory_limit": memory}
         with _interrupts_kept():
-            cluster = LocalCluster(n_workers=count, threads_per_worker=1, memory_limit=memory, **where)
+            cluster = _begun(lambda: LocalCluster(n_workers=count, threads_per_worker=1, **own))
         try:
             with Client(cluster, set_as_default=False, direct_to_workers=True) as client:
                 yield client
         finally:
             cluster.close()
+
+
+def _begun(start: Callable[[], Any]) -> Any:
+    """Start workers, anew if one is killed before it has begun; LostError if they do not start."""
+    for left in reversed(range(STARTS)):
+        try:
+            return start()
+        except RuntimeError as error:
+            if not left:
+                raise LostError(f"workers cannot be started: {error.__cause__ or error}") from None
+    return None
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from distributed import Client
 from benchmarks.large_block import write_block
 from sdm_deflect.cases import cli, cluster, deflect_file
 from sdm_deflect.cases.cluster import Cluster, Wanted, workers
+from sdm_deflect.cases.errors import LostError
 from sdm_deflect.cases.progress import Silent, Stopwatch
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.pieces import HERE
@@ -375,3 +376,17 @@ def test_without_the_library_the_command_says_what_to_install(block, monkeypatch
 )
 def test_options_that_do_not_fit(options, said, block):
     assert refused(block, *options).startswith(f"sdm: {said}")
+
+
+def test_workers_that_end_before_they_begin_are_started_anew():
+    fails = [RuntimeError("Nanny failed to start."), RuntimeError("Nanny failed to start.")]
+
+    def start():
+        if fails:
+            raise fails.pop()
+        return "workers"
+
+    assert cluster._begun(start) == "workers"
+    fails += [RuntimeError("Nanny failed to start.")] * 3
+    with pytest.raises(LostError, match=r"^workers cannot be started: Nanny failed to start\.$"):
+        cluster._begun(start)
