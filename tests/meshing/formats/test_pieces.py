@@ -27,8 +27,9 @@ BINARY = [".cgns", ".msh", ".b8.ugrid", ".lr4.ugrid"]
 
 @pytest.fixture(autouse=True)
 def few_at_a_time(monkeypatch):
+    """Ranges of bytes that end within numbers, too."""
     monkeypatch.setattr(tables, "SMALL", 0)
-    monkeypatch.setattr(tables, "ROWS", 3)
+    monkeypatch.setattr(tables, "RANGE", 37)
 
 
 def written(mesh: Mesh, path: Path) -> Path:
