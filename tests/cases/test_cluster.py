@@ -372,6 +372,7 @@ def test_without_the_library_the_command_says_what_to_install(block, monkeypatch
         (("--workers", "2", "--scheduler", "tcp://a:1"), "--workers starts processes here and --scheduler joins"),
         (("--worker-memory", "2GB"), "--worker-memory is for workers that are started here: give --workers as well"),
         (("--workers", "1", "--worker-memory", "much"), "--worker-memory much: must be a size such as 2GB"),
+        (("--workers", "1", "--worker-memory", "2"), "--worker-memory 2: must be a size such as 2GB, and at least 400"),
     ],
 )
 def test_options_that_do_not_fit(options, said, block):
