@@ -12,7 +12,7 @@ import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from multiprocessing import resource_tracker
@@ -32,11 +32,13 @@ LOSSES = 10
 """Workers that may be lost over one and the same piece; a next one ends the run."""
 ANSWER, ARRIVAL = 15, 60
 """Seconds in which a scheduler must answer, and its first worker arrive."""
+LEAST = 400_000_000
+"""Bytes of memory of a worker: 200 MB are its libraries."""
 STARTS = 3
 """How often workers are started while one of them ends before it has begun."""
 SAME = ("sdm-deflect", "numpy", "numba")
 """Packages of which workers must have our version."""
-QUIET = {"distributed": "critical", "distributed.client": "critical", "bokeh": "critical", "tornado": "critical"}
+QUIET = {"distributed": "critical", "distributed.client": "critical", "tornado": "critical"}
 SETTINGS: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": LOSSES,
     "distributed.admin.large-graph-warning-threshold": "1GB",  # what all share is kept by the scheduler
@@ -155,10 +157,7 @@ def _started(wanted: Wanted) -> Iterator[Any]:
     from distributed.system import MEMORY_LIMIT
 
     count = wanted.workers or 1
-    try:
-        memory = dask.utils.parse_bytes(wanted.memory) if wanted.memory else MEMORY_LIMIT // (count + 1)
-    except ValueError:
-        raise InputError(f"--worker-memory {wanted.memory}: must be a size such as 2GB") from None
+    memory = _bytes(wanted.memory) if wanted.memory else MEMORY_LIMIT // (count + 1)
     with dask.config.set(SETTINGS), scratch_folder() as folder:
         own = {"local_directory": str(folder), "dashboard_address": "127.0.0.1:0", "memory_limit": memory}
         with _interrupts_kept():
@@ -170,15 +169,25 @@ def _started(wanted: Wanted) -> Iterator[Any]:
             cluster.close()
 
 
+def _bytes(size: str) -> int:
+    """Return a size as a number; InputError if it is none, or less than a worker needs before it works."""
+    from dask.utils import parse_bytes
+
+    with suppress(ValueError):
+        if (found := int(parse_bytes(size))) >= LEAST:
+            return found
+    raise InputError(f"--worker-memory {size}: must be a size such as 2GB, and at least {LEAST // 10**6}MB")
+
+
 def _begun(start: Callable[[], Any]) -> Any:
     """Start workers, anew if one is killed before it has begun; LostError if they do not start."""
-    for left in reversed(range(STARTS)):
-        try:
+    for _ in range(STARTS - 1):
+        with suppress(RuntimeError):
             return start()
-        except RuntimeError as error:
-            if not left:
-                raise LostError(f"workers cannot be started: {error.__cause__ or error}") from None
-    return None
+    try:
+        return start()
+    except RuntimeError as error:
+        raise LostError(f"workers cannot be started: {error.__cause__ or error}") from None
 
 
 @contextmanager
@@ -220,10 +229,10 @@ def _losses(client: Any) -> Iterator[None]:
 
     try:
         yield
-    except KilledWorker:
+    except KilledWorker as error:
         raise LostError(
-            f"{LOSSES + 1} workers ended over one piece of the mesh, perhaps for want of memory: give each more, "
-            "or start fewer"
+            f"{error.allowed_failures + 1} workers ended over one piece of the mesh, perhaps for want of memory: give "
+            "each more, or start fewer"
         ) from None
     except (CancelledError, OSError) as error:
         if isinstance(error, OSError) and error.errno is not None:

@@ -30,7 +30,9 @@ from sdm_deflect.deform.volume import excerpt, step
 from sdm_deflect.meshing.formats import tables
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces
+from tests.cases.test_in_pieces import FLAP, written
 from tests.meshing.formats.examples import hybrid
+from tests.meshing.formats.wing import wing
 
 OPTIONS = ("--surface", "flap", "--fixed", "wall", "--margin", "0.17", "--no-report", "--repair", "off")
 ROOT = Path(__file__).parents[2]
@@ -119,10 +121,10 @@ def out(block, name):
     return block.with_name(f"{name}.cgns")
 
 
-def sdm(block, to, *more, mesh=None):
+def sdm(block, to, *more, options=None):
     """Carry out the command in this process; return its code and what it says on the standard error output."""
-    table = () if "--table" in more else ("--table", block.with_suffix(".npz"))
-    words = ["sdm", "deflect", mesh or block, *OPTIONS, *table, "--out", to, *more]
+    options = options or (*OPTIONS, "--table", block.with_suffix(".npz"))
+    words = ["sdm", "deflect", block, *options, "--no-report", "--out", to, *more]
     with pytest.MonkeyPatch.context() as patch, Path(os.devnull).open("w") as nowhere, said() as lines:
         patch.setattr(sys, "argv", list(map(str, words)))
         patch.setattr(sys, "stdout", nowhere)
@@ -157,7 +159,7 @@ class Interrupted:
             yield one
 
 
-def deflect(block, to, runner):
+def deflect(block, to, runner, options=None):
     """Deflect as the command does, with a runner; return its code and what it says."""
 
     @contextmanager
@@ -166,7 +168,7 @@ def deflect(block, to, runner):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cluster, "workers", own)
-        return sdm(block, to)
+        return sdm(block, to, options=options)
 
 
 def test_two_workers_come_to_the_same_bytes(block, deflected, two):
@@ -180,6 +182,17 @@ def test_four_workers_of_the_command_come_to_the_same_bytes_and_say_where_to_loo
     assert out(block, "four").read_bytes() == deflected
     assert re.search(r"^workers .* 4 workers, dashboard http://127.0.0.1:\d+/status$", said, re.MULTILINE), said
     assert [line.split()[0] for line in said.splitlines()] == ["workers", "read", "plan", "deflect", "quality", "write"]
+
+
+@pytest.mark.parametrize("suffix", [".lb8.ugrid", ".msh"])
+def test_other_formats_and_a_repair_come_to_the_same_bytes(suffix, two, tmp_path):
+    path = written(wing(cells=3).mesh, tmp_path / f"wing{suffix}")
+    words = (*FLAP, "--angle", "8", "--angles", "4,8", "--repair", "always")
+    for name, runner in (("one", HERE), ("two", two)):
+        assert deflect(path, tmp_path / f"{name}{suffix}", runner, words)[0] == 0
+    for angle in (4, 8):
+        first, second = ((tmp_path / f"{name}_+{angle}{suffix}").read_bytes() for name in ("one", "two"))
+        assert first == second != path.read_bytes()
 
 
 def test_killed_workers_lose_nothing(block, deflected, two):
@@ -372,6 +385,7 @@ def test_without_the_library_the_command_says_what_to_install(block, monkeypatch
         (("--workers", "2", "--scheduler", "tcp://a:1"), "--workers starts processes here and --scheduler joins"),
         (("--worker-memory", "2GB"), "--worker-memory is for workers that are started here: give --workers as well"),
         (("--workers", "1", "--worker-memory", "much"), "--worker-memory much: must be a size such as 2GB"),
+        (("--workers", "1", "--worker-memory", "2"), "--worker-memory 2: must be a size such as 2GB, and at least 400"),
     ],
 )
 def test_options_that_do_not_fit(options, said, block):
