@@ -82,13 +82,13 @@ class Cluster:
 
     def __init__(self, client: Any) -> None:
         self.client = client
+        self._sent: tuple[Any, Any] = None, None
 
     def map(self, work: Callable[[Any, Any], Any], shared: Any, items: Sequence[Any]) -> Iterator[Any]:
         """See `Runner.map`; LostError if the scheduler is gone, or a piece has cost too many workers."""
         with _losses(self.client):
             room, waiting = AHEAD * max(1, sum(self.client.nthreads().values())), deque[Any]()
-            # The result of a task and not data of a worker: with the last worker that holds it, it is made again.
-            common = self.client.submit(pickle.loads, pickle.dumps(shared), pure=False)
+            common = self._common(shared)
             try:
                 for item in items:
                     waiting.append(self.client.submit(work, common, item, pure=False))
@@ -99,6 +99,15 @@ class Cluster:
             finally:
                 for one in waiting:
                     one.release()
+
+    def _common(self, shared: Any) -> Any:
+        """Send what pieces share, unless it was the last that was sent.
+
+        It is the result of a task: if the workers that hold it are lost, the scheduler has others make it again.
+        """
+        if self._sent[1] is None or self._sent[0] is not shared:
+            self._sent = shared, self.client.submit(pickle.loads, pickle.dumps(shared), pure=False)
+        return self._sent[1]
 
     def check(self, source: Path, out: Path) -> None:
         """Raise InputError unless all workers have our versions, see the file, and the folder for what is written."""
