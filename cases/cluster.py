@@ -20,9 +20,8 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
-from sdm_deflect.cases.errors import LostError
 from sdm_deflect.cases.progress import Stopwatch
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, LostError
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.meshing.temporary import scratch_folder
 

@@ -1,10 +1,6 @@
 """What the command line answers with one line instead of a traceback."""
 
-from sdm_deflect.deform.errors import InputError
-
-
-class LostError(RuntimeError):
-    """What a run needs was lost under way; its input may be right, and the same command may succeed."""
+from sdm_deflect.deform.errors import InputError, LostError
 
 
 def is_reported(error: Exception) -> bool:

@@ -26,6 +26,10 @@ class InputError(ValueError):
         super().__init__(sentence(message))
 
 
+class LostError(RuntimeError):
+    """What a run needs was lost under way; its input may be right, and the same command may succeed."""
+
+
 def shortened(value: object) -> str:
     """Return a value as Python writes it, at most a line of it."""
     text = " ".join(repr(value).split())

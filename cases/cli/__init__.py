@@ -76,7 +76,8 @@ def main() -> NoReturn:
     except click.Abort as abort:  # click's word for an interruption, and for any end of a file
         raise abort.__cause__ or abort from None
     except (ValueError, RuntimeError) as error:
-        from sdm_deflect.cases.errors import LostError, is_reported
+        from sdm_deflect.cases.errors import is_reported
+        from sdm_deflect.deform.errors import LostError
 
         if not is_reported(error):
             raise

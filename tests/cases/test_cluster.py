@@ -20,9 +20,8 @@ from distributed import Client
 from benchmarks.large_block import write_block
 from sdm_deflect.cases import cli, cluster, deflect_file
 from sdm_deflect.cases.cluster import Cluster, Wanted, workers
-from sdm_deflect.cases.errors import LostError
 from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, LostError
 from sdm_deflect.deform.pieces import HERE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
