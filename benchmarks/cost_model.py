@@ -93,7 +93,7 @@ def run(source: Path, edge: int, margin: float, tolerance: float) -> Run:
 def fitted(rows: Sequence[Sequence[float]], values: Sequence[float]) -> FloatArray:
     """Return the coefficients, none negative, with the least sum of squared relative errors."""
     relative = np.array(rows, dtype=np.float64) / np.array(values)[:, None]
-    scale = relative.max(axis=0)
+    scale = np.maximum(relative.max(axis=0), np.finfo(np.float64).tiny)
     return np.asarray(nnls(relative / scale, np.ones(len(values)))[0] / scale)
 
 
