@@ -165,6 +165,11 @@ def _started(wanted: Wanted) -> Iterator[Any]:
     from distributed.system import MEMORY_LIMIT
 
     count = wanted.workers or 1
+    most = max(1, int(MEMORY_LIMIT) // LEAST - 1)
+    if count > most:
+        raise InputError(
+            f"--workers {count}: this machine has memory for {most}, each with {LEAST // 10**6} MB at least"
+        )
     memory = _bytes(wanted.memory) if wanted.memory else MEMORY_LIMIT // (count + 1)
     with dask.config.set(SETTINGS), scratch_folder() as folder:
         own = {"local_directory": str(folder), "dashboard_address": "127.0.0.1:0", "memory_limit": memory}
