@@ -92,7 +92,7 @@ def started(count, block):
 
 @contextmanager
 def child(*command, **options):
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL, cwd=ROOT, **options) as process:
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL, **{"cwd": ROOT, **options}) as process:
         try:
             yield process
         finally:
@@ -113,7 +113,7 @@ def worker(address, *before, path=""):
     words = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "20")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(path), str(ROOT)]).lstrip(os.pathsep)}
     command = (*before, sys.executable, "-m", "distributed.cli.dask_worker", address, *words)
-    return child(*command, env=environment)
+    return child(*command, env=environment, cwd=path or ROOT)  # where Python looks first
 
 
 def out(block, name):
