@@ -115,8 +115,10 @@ def test_a_motion_that_does_not_exist_is_refused(tail):
 
 
 def test_the_spans_end_where_it_fails(tail):
+    """Its centres are those of 12 degrees: on some meshes the error is above the tolerance between 5 degrees and that."""
     spans = Spans.of(tail)
-    assert 12.0 in spans.verified
+    assert tail.at(12.0).verified
+    assert spans.verified.low < 0.0 < spans.verified.high
     for angle in (spans.verified.low, spans.verified.high):
         assert tail.at(angle).verified
     assert not tail.at(spans.verified.high + 0.5).verified
