@@ -115,7 +115,7 @@ def test_a_motion_that_does_not_exist_is_refused(tail):
 
 
 def test_the_spans_end_where_it_fails(tail):
-    """Its centres are those of 12 degrees: on some meshes the error is above the tolerance between 5 degrees and that."""
+    """Its centres are those of 12 degrees: on some meshes the error is above the tolerance from 5 degrees on."""
     spans = Spans.of(tail)
     assert tail.at(12.0).verified
     assert spans.verified.low < 0.0 < spans.verified.high
