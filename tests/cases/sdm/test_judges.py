@@ -26,8 +26,8 @@ pytestmark = pytest.mark.mesher
 DEFLECTED = {"aileron": -12.0, "tail": 12.0, "aileron-chimera": -12.0}
 PINNED = "aileron-chimera-pinned"
 WORSE = {
-    "aspect ratio": 1.25, "openness": 2.0, "face area": 0.7, "volume": 0.7, "non-orthogonality": 1.2,
-    "mean non-orthogonality": 1.05, "skewness": 1.25, "edge length": 0.75, "mean determinant": 0.98,
+    "aspect ratio": 1.25, "openness": 2.0, "face area": 0.7, "volume": 0.7, "non-orthogonality": 1.15,
+    "mean non-orthogonality": 1.05, "skewness": 1.25, "edge length": 0.8, "mean determinant": 0.98,
     "interpolation weight": 0.75, "volume ratio": 0.6, "cells with small determinant": 1.02,
 }  # fmt: skip
 """Factor by which each metric of checkMesh may be worse than that of the undeflected mesh.
@@ -37,7 +37,7 @@ Over 43 meshes of the Chimera block (no two meshes of the mesher are alike) the 
 1.011, 1.0, 1.0, .997, 1.0, 1.0, 1.003.
 
 With the block's face pinned the least factors over 24 meshes were 1.29, .86, .590, .727, 1.295, 1.067, 1.84, .659,
-.984, .844, .808, 1.008. From 6 to 9 metrics of a mesh were then worse than allowed, not always the same: all but the
+.984, .844, .808, 1.008. From 6 to 9 metrics of a mesh were then worse than allowed, the edge length always: all but the
 means are of the worst cell or face alone, and a mesh may have a poor one from the start.
 """
 HARMLESS = {"aspect ratio": 10.0, "skewness": 1.0}
@@ -119,7 +119,7 @@ def test_no_metric_of_checkmesh_is_worse_than_before(name, judged):
 
 def test_a_pinned_chimera_face_is_worse_than_allowed(judged):
     (_, before), (_, after) = judged(PINNED, "undeflected"), judged(PINNED, "deflected")
-    assert worse(before, after) != {}
+    assert "edge length" in worse(before, after)
 
 
 def test_potentialfoam_converges_on_the_deflected_aileron(judged):
