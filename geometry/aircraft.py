@@ -4,7 +4,7 @@ from collections.abc import Mapping, Set
 
 from sdm_deflect.geometry.assemble import assemble, preflight
 from sdm_deflect.geometry.confinement import BlockParameters, block_corners
-from sdm_deflect.geometry.datum import SURFACES, ends, hinge_line, hinged
+from sdm_deflect.geometry.datum import SURFACES, ends, hinge_line, hinged, ribs
 from sdm_deflect.geometry.deflected import CadTurn, deflected_wedge, turned, wedge
 from sdm_deflect.geometry.fuse import Part, both_sides, general_fuse, one_side, partitions, skin, solid, walls
 from sdm_deflect.geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
@@ -71,7 +71,7 @@ def aircraft_parts(fighter: Fighter, deflections: Mapping[str, CadTurn], without
         *one_side("pedestal", [pedestal_polyhedron(f.pedestal, f.fuselage)]),
         *both_sides("wing", wing_polyhedra(f)),
         *one_side("fin", fin_polyhedra(f)),
-        *(Part(name, solid(_surface(f, name, deflections.get(name)))) for name in kept),
+        *(Part(name, solid(loops)) for name in kept for loops in _surface(f, name, deflections.get(name))),
         *both_sides("strake", strake_polyhedra(f.strake, f.fuselage)),
         *both_sides("ventral", [ventral_polyhedron(f.ventral, f.fuselage)]),
         *canopy_parts(f.canopy),
@@ -79,14 +79,15 @@ def aircraft_parts(fighter: Fighter, deflections: Mapping[str, CadTurn], without
     ]
 
 
-def _surface(fighter: Fighter, name: str, deflection: CadTurn | None) -> Loops:
+def _surface(fighter: Fighter, name: str, deflection: CadTurn | None) -> list[Loops]:
     inner, outer = ends(fighter, name)
     if deflection is None:
-        return wedge(inner, outer) if hinged(name) else prism(inner, outer)
+        return [wedge(inner, outer) if hinged(name) else prism(inner, outer)]
     axis = hinge_line(fighter, name)
     if hinged(name):
-        return deflected_wedge(inner, outer, axis, deflection)
-    return turned(prism(inner, outer), axis, deflection.angle)
+        gap = fighter.aileron.gap if name != "rudder" else 0.0
+        return deflected_wedge(inner, outer, axis, deflection, 0 if gap else len(ribs(fighter, name)))
+    return [turned(prism(inner, outer), axis, deflection.angle)]
 
 
 def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = "aileron_left") -> CadModel:

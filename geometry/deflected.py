@@ -22,11 +22,13 @@ class CadTurn:
 
     Positive angles move the trailing edge down, the rudder's to port. "rigid" turns the whole surface about
     its axis; "blended" keeps the hinge edges and turns the trailing edge alone (paper, appendix A). Tails
-    have no hinge edges and turn rigidly only.
+    have no hinge edges and turn rigidly only. Along a `strip` beside each rib without a gap, a blended trailing edge
+    rises to its angle; at 0 it has it up to the rib.
     """
 
     angle: float = quantity(0.0, "deg", -60.0, 60.0, "angle")
     mode: Literal["rigid", "blended"] = "rigid"
+    strip: float = quantity(0.0, "m", 0.0, 0.5, "width of the strip beside a rib without a gap")
 
     def __post_init__(self) -> None:
         check_quantities(self, "deflection")
@@ -46,11 +48,16 @@ def wedge(inner: FloatArray, outer: FloatArray) -> Loops:
     return prism(inner[WEDGE], outer[WEDGE])
 
 
-def deflected_wedge(inner: FloatArray, outer: FloatArray, axis: FloatArray, deflection: CadTurn) -> Loops:
-    """The wedge between two sections (6, 3) turned about `axis` (2, 3)."""
+def deflected_wedge(
+    inner: FloatArray, outer: FloatArray, axis: FloatArray, deflection: CadTurn, ribs: int = 0
+) -> list[Loops]:
+    """The wedge between two sections (6, 3) turned about `axis` (2, 3), in pieces that close a volume each.
+
+    `ribs` is the number of its ends, the inner one first, that meet the parent without a gap.
+    """
     if deflection.mode == "blended":
-        return _blended(inner, outer, axis, deflection.angle)
-    return tuple(rotated(loop, axis, deflection.angle) for loop in _with_nose(inner, outer))
+        return _blended(inner, outer, axis, deflection, ribs)
+    return [tuple(rotated(loop, axis, deflection.angle) for loop in _with_nose(inner, outer))]
 
 
 def turned(loops: Loops, axis: FloatArray, angle: float) -> Loops:
@@ -58,10 +65,20 @@ def turned(loops: Loops, axis: FloatArray, angle: float) -> Loops:
     return tuple(rotated(loop, axis, angle) for loop in loops)
 
 
-def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, angle: float) -> Loops:
-    """The wedge between sections (6, 3) with its trailing edge alone turned about `axis` (2, 3)."""
-    ends = ([end[HINGE_UPPER], rotated(end[TE], axis, angle), end[HINGE_LOWER]] for end in (inner, outer))
-    return prism(*map(np.array, ends))
+def _blended(inner: FloatArray, outer: FloatArray, axis: FloatArray, turn: CadTurn, ribs: int) -> list[Loops]:
+    """The wedge between sections (6, 3) with its trailing edge alone turned about `axis` (2, 3).
+
+    Beside ribs the faces are ruled: two opposite edges of each are straight, but not in one plane.
+    """
+    share = turn.strip / float(np.linalg.norm((outer - inner)[TE, 1:]))
+    inside, outside = (share if share and ribs > end else 0.0 for end in (0, 1))
+    stations = [(0.0, not inside), (inside, True), (1.0 - outside, True), (1.0, not outside)]
+    rings = []
+    for station, follows in sorted(set(stations)):
+        at = inner + station * (outer - inner)
+        trailing = rotated(at[TE], axis, turn.angle) if follows else at[TE]
+        rings.append(np.array([at[HINGE_UPPER], trailing, at[HINGE_LOWER]]))
+    return [prism(first, last) for first, last in pairwise(rings)]
 
 
 def _with_nose(inner: FloatArray, outer: FloatArray) -> Loops:

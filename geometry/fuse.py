@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cadquery import Face, Shape, Shell, Solid, Vector, Wire
+from cadquery import Edge, Face, Shape, Shell, Solid, Vector, Wire
 from OCP.BOPAlgo import BOPAlgo_Builder
 from OCP.TopTools import TopTools_IndexedMapOfShape
 
@@ -16,6 +16,9 @@ from sdm_deflect.geometry.sections import MIRROR, FloatArray
 # Decimals of a metre to which positions are rounded where they order faces: far finer than any two are apart.
 ORDER_DECIMALS = 7
 
+# A quadrilateral is skew if the volume that its corners span exceeds this share of that of its sides as a box.
+RULED, SKEW = 4, 1e-9
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
@@ -26,10 +29,19 @@ class Part:
 
 
 def solid(loops: Sequence[FloatArray]) -> Solid:
-    """The solid inside planar polygons (n, 3) that close a volume, in any orientation."""
-    faces = [Face.makeFromWires(Wire.makePolygon([Vector(*p) for p in loop], close=True)) for loop in loops]
+    """The solid inside polygons (n, 3) that close a volume, in any orientation; skew quadrilaterals are ruled."""
+    faces = [_face(loop) for loop in loops]
     closed = Solid.makeSolid(Shell.makeShell(faces))
     return closed if closed.Volume() > 0.0 else Solid(closed.wrapped.Reversed())
+
+
+def _face(loop: FloatArray) -> Face:
+    """A planar face within a loop (n, 3), or the ruled one between the first and the third side of a skew one (4, 3)."""
+    corners = [Vector(*corner) for corner in loop]
+    sides = loop[1:] - loop[0]
+    if len(loop) == RULED and abs(np.linalg.det(sides)) > SKEW * np.linalg.norm(sides, axis=1).prod():
+        return Face.makeRuledSurface(Edge.makeLine(*corners[:2]), Edge.makeLine(corners[3], corners[2]))
+    return Face.makeFromWires(Wire.makePolygon(corners, close=True))
 
 
 def both_sides(name: str, starboard: Sequence[Loops]) -> list[Part]:

@@ -1,7 +1,7 @@
 """A process that does not outlive its parent: ``python -m sdm_deflect.meshing.orphan PARENT MODULE ...``.
 
 It runs a module as ``python -m MODULE ...`` does, but before any library is loaded it binds itself to the process
-whose id is PARENT.
+whose id is PARENT. ``PARENT -- PROGRAM ...`` becomes another program.
 """
 
 import ctypes
@@ -23,5 +23,7 @@ def end_with(parent: int) -> None:
 
 if __name__ == "__main__":
     end_with(int(sys.argv[1]))
+    if sys.argv[2] == "--":
+        os.execvp(sys.argv[3], sys.argv[3:])  # noqa: S606: no shell
     sys.argv = sys.argv[2:]
     run_module(sys.argv[0], run_name="__main__", alter_sys=True)

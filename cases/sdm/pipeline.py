@@ -93,7 +93,7 @@ def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[TetMesh, M
 
         return undeflected(case, watch)
 
-    return _cached(parts, generate, watch, cache)
+    return cached(parts, generate, watch, cache)
 
 
 def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> TetMesh:
@@ -109,10 +109,10 @@ def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> TetMesh
 
         return around_block(case, finer, watch)
 
-    return _cached(parts, generate, watch, cache)[0]
+    return cached(parts, generate, watch, cache)[0]
 
 
-def _cached(
+def cached(
     parts: dict[str, object], generate: "Callable[[], Generated]", watch: Stopwatch, cache: bool
 ) -> tuple[TetMesh, MeshOrigin]:
     """Return the mesh of these parameters from the cache, or generate it and keep it."""

@@ -1,6 +1,6 @@
 """OpenFOAM meshes written anew, with settings with which checkMesh, potentialFoam and simpleFoam run."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
 from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
-from sdm_deflect.meshing.mesh import FloatArray
+from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 LABEL, SCALAR = np.dtype("<i4"), np.dtype("<f8")
 FLAT = 1e-9
@@ -71,8 +71,11 @@ def header(kind: str, name: str, folder: str = "constant/polyMesh", form: str = 
     return "FoamFile\n{\n" + "".join(f"    {line};\n" for line in lines) + "}\n" + BANNER + "\n"
 
 
-def write_mesh(mesh: Mesh, folder: Path) -> tuple[str, ...]:
-    """Write points, faces, owner, neighbour (binary), boundary (text); return what is lost; errors as of `bounded`."""
+def write_mesh(mesh: Mesh, folder: Path, types: Mapping[str, str] | None = None) -> tuple[str, ...]:
+    """Write points, faces, owner, neighbour (binary), boundary (text); return what is lost; errors as of `bounded`.
+
+    Patches have the `types` given by their names, all others that of `kind_of`.
+    """
     whole = bounded(mesh)
     cells = whole.cells
     note = (
@@ -85,18 +88,19 @@ def write_mesh(mesh: Mesh, folder: Path) -> tuple[str, ...]:
     _binary(folder / "faces", "faceCompactList", lists)
     _binary(folder / "owner", "labelList", [cells.owner.astype(LABEL)], note)
     _binary(folder / "neighbour", "labelList", [cells.neighbour.astype(LABEL)], note)
-    patches, renamed = _patches(mesh, whole)
+    patches, renamed = _patches(mesh, whole, types or {})
     content = header("polyBoundaryMesh", "boundary") + written(patches)
     (folder / "boundary").write_text(content, encoding="utf-8")
     return (*whole.lost, *renamed)
 
 
-def _patches(mesh: Mesh, whole: Bounded) -> tuple[list[FoamPatch], list[str]]:
+def _patches(mesh: Mesh, whole: Bounded, types: Mapping[str, str]) -> tuple[list[FoamPatch], list[str]]:
     names = fitting_names([name for name, _, _ in whole.patches], UNFIT)
     patches = []
     for name, start, count in whole.patches:
         own = whole.cells.faces.rows(start, start + count).nodes
-        patches.append(FoamPatch(names[name], kind_of(name, is_planar(mesh.points[own])), count, start))
+        kind = kind_of(name, is_planar(mesh.points[own]), sides_reached(mesh.points, own) > 0)
+        patches.append(FoamPatch(names[name], types.get(name, kind), count, start))
     return patches, [f"patch {old} is called {new}" for old, new in names.items() if old != new]
 
 
@@ -130,15 +134,25 @@ def written(patches: Sequence[FoamPatch]) -> str:
     return "\n".join([*lines, ")", ""])
 
 
-def kind_of(name: str, planar: bool) -> str:
+def sides_reached(points: FloatArray, nodes: IntArray) -> int:
+    """Return how many of the six sides of the box around all points (N, 3) some nodes (K,) lie on."""
+    if not len(nodes):
+        return 0
+    low, high, own = points.min(axis=0), points.max(axis=0), points[nodes]
+    near = FLAT * (high - low).max()
+    return int((own.min(axis=0) <= low + near).sum() + (own.max(axis=0) >= high - near).sum())
+
+
+def kind_of(name: str, planar: bool, outside: bool = True) -> str:
     """Return the type of a patch that has but a name: what it says, a wall if nothing.
 
-    A plane of symmetry that is curved is a ``symmetry``: OpenFOAM takes ``symmetryPlane`` for planes alone.
+    A plane of symmetry that is curved is a ``symmetry``: OpenFOAM takes ``symmetryPlane`` for planes alone. What is
+    called an inlet, and does not reach the outside of the mesh, is a wall: the closed inlet of an aircraft.
     """
     low = name.lower()
     if any(low.startswith(word) for word in SYMMETRY):
         return "symmetryPlane" if planar else "symmetry"
-    return "patch" if any(word in low for word in OPEN) else "wall"
+    return "patch" if outside and any(word in low for word in OPEN) else "wall"
 
 
 def write_system(case: Path) -> None:

@@ -1,0 +1,224 @@
+"""Cases of OpenFOAM's rhoCentralFoam, inviscid and steady by local time steps, which start as they are."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Hinge, Kind, Setup, kinds_of
+from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.meshing.files import fresh_folder
+from sdm_deflect.meshing.formats.format import about
+from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
+from sdm_deflect.meshing.formats.openfoam_write import header, is_planar, write_mesh
+from sdm_deflect.meshing.formats.shapes import refuse_plane
+
+SOLVER = "rhoCentralFoam"
+WHOLE = "all"
+"""Name under which the forces on all walls are reported; those of hinges bear the hinges' names."""
+EVERY, INTERVAL = 5, 250
+"""Iterations between two reports of forces, and two of all fields, from which a run that was stopped goes on."""
+UNIVERSAL = 8314.46
+"""Gas constant (J/kmol/K)."""
+COURANT = 0.3
+SMOOTHING = 0.5
+"""Local time steps of neighbours differ by at most 1 + this factor; OpenFOAM's own .1 keeps those far away small."""
+FIRST, SECOND = "upwind", "vanLeer"
+"""Reconstruction while the flow settles, and afterwards."""
+CONTROL = """// Run: {solver}. In parallel: decomposePar; mpirun -np 2 {solver} -parallel.
+application     {solver};
+startFrom       latestTime;
+startTime       0;
+stopAt          endTime;
+endTime         {end};
+deltaT          1;
+writeControl    timeStep;
+writeInterval   {interval};
+purgeWrite      1;
+writeFormat     binary;
+writePrecision  12;
+timePrecision   9;
+runTimeModifiable true;
+adjustTimeStep  no;
+maxCo           {courant};
+maxDeltaT       1;
+rDeltaTSmoothingCoeff {smoothing};
+OptimisationSwitches {{ fileModificationSkew 0; }}  // fvSchemes is read again however soon it changes
+functions
+{{
+    settle  // of first order until the waves of the start have left
+    {{
+        type timeActivatedFileUpdate;
+        libs (utilityFunctionObjects);
+        fileToUpdate "$FOAM_CASE/system/fvSchemes";
+        timeVsFile
+        (
+            (-1 "$FOAM_CASE/system/fvSchemes.first")
+            ({settling} "$FOAM_CASE/system/fvSchemes.second")
+        );
+    }}
+{functions}}}
+"""
+FORCES = """    {name}{comment}
+    {{
+        type forces;
+        libs (forces);
+        patches ({patches});
+        rho rho;
+        p p;
+        U U;
+        pRef {pressure:.17g};
+        CofR ({point});
+        writeControl timeStep;
+        executeInterval {every};
+        writeInterval {every};
+    }}
+"""
+SCHEMES = """fluxScheme      Kurganov;
+ddtSchemes {{ default localEuler; }}
+gradSchemes {{ default Gauss linear; }}
+divSchemes {{ default none; div(tauMC) Gauss linear; }}
+laplacianSchemes {{ default Gauss linear corrected; }}
+interpolationSchemes
+{{
+    default         linear;
+    reconstruct(rho) {scheme};
+    reconstruct(U)  {vector};
+    reconstruct(T)  {scheme};
+}}
+snGradSchemes {{ default corrected; }}
+"""
+SOLUTION = """solvers
+{
+    "(rho|rhoU|rhoE)" { solver diagonal; }
+    "(U|h|e)" { solver smoothSolver; smoother GaussSeidel; nSweeps 2; tolerance 1e-9; relTol 0.01; }
+}
+"""
+GAS_MODEL = """thermoType
+{{
+    type            hePsiThermo;
+    mixture         pureMixture;
+    transport       const;
+    thermo          hConst;
+    equationOfState perfectGas;
+    specie          specie;
+    energy          sensibleInternalEnergy;
+}}
+mixture
+{{
+    specie {{ molWeight {weight:.10g}; }}
+    thermodynamics {{ Cp {heat:.10g}; Hf 0; }}
+    transport {{ mu 0; Pr 1; }}  // inviscid
+}}
+"""
+PARTS = """numberOfSubdomains 2;
+method          hierarchical;
+hierarchicalCoeffs { n (1 2 1); delta 0.001; order xyz; }
+"""
+TYPES: Mapping[Kind, str] = {"wall": "wall", "far": "patch", "symmetry": "symmetryPlane"}
+
+
+def write_case(mesh: Mesh, out: Path, setup: Setup, progress: Progress = silent) -> tuple[str, ...]:
+    """Write the folders ``constant``, ``system`` and ``0`` of a case; return what OpenFOAM cannot hold.
+
+    Walls slip; through the far field the free stream enters, and leaves, by the sign of the flow there; planes of
+    symmetry are such. `Setup.settling` iterations are of first order, by a function object of the case.
+
+    Raises InputError if no patch is a far field, MeshFileError if `out` is there and not empty or cannot be written.
+    """
+    refuse_plane(mesh, "OpenFOAM")
+    kinds = kinds_of(mesh, setup.far)
+    types = {name: TYPES[kind] for name, kind in kinds.items()}
+    for patch in mesh.patches:
+        if types[patch.name] == "symmetryPlane" and not is_planar(mesh.points[patch.nodes]):
+            types[patch.name] = "symmetry"
+    with fresh_folder(out) as beside, about(out):
+        progress(f"writing {out.name}", 0.0)
+        lost = write_mesh(mesh, beside / MESH, types)
+        write_settings(beside, setup)
+        (beside / "case.foam").touch()
+    return lost
+
+
+def write_settings(case: Path, setup: Setup, fields: bool = True) -> None:
+    """Write all files of a case but its mesh, for the patches that this has; those of the start if `fields`."""
+    found = {patch.name: patch.type for patch in parse(open_foam(case / MESH, "boundary").text())}
+    for folder in ("system", "0"):
+        (case / folder).mkdir(exist_ok=True)
+    start = dict(_fields(found, setup.stream)) if fields else {}
+    for name, content in {**_system(found, setup), **_constant(), **start}.items():
+        path = case / name
+        kind = CLASSES.get(path.name, "dictionary")
+        path.write_text(header(kind, path.name, path.parent.name) + content, encoding="utf-8")
+
+
+def _system(patches: Mapping[str, str], setup: Setup) -> dict[str, str]:
+    walls = [name for name, kind in patches.items() if kind == "wall"]
+    first, second = (SCHEMES.format(scheme=one, vector=vector_of(one)) for one in (FIRST, SECOND))
+    control = CONTROL.format(
+        solver=SOLVER, end=setup.iterations, interval=min(INTERVAL, setup.iterations), courant=COURANT,
+        smoothing=SMOOTHING, settling=setup.settling, functions="".join(_monitors(walls, setup)),
+    )  # fmt: skip
+    return {
+        "system/controlDict": control,
+        "system/fvSchemes": first,
+        "system/fvSchemes.first": first,
+        "system/fvSchemes.second": second,
+        "system/fvSolution": SOLUTION,
+        "system/decomposeParDict": PARTS,
+    }
+
+
+def vector_of(scheme: str) -> str:
+    """Return the name of a scheme for vectors."""
+    return scheme if scheme == FIRST else f"{scheme}V"
+
+
+def _constant() -> dict[str, str]:
+    return {
+        "constant/thermophysicalProperties": GAS_MODEL.format(weight=UNIVERSAL / GAS, heat=GAMMA / (GAMMA - 1.0) * GAS),
+        "constant/turbulenceProperties": "simulationType laminar;\n",
+    }
+
+
+def _monitors(walls: list[str], setup: Setup) -> Iterator[str]:
+    def monitor(name: str, patches: list[str], point: tuple[float, float, float], comment: str = "") -> str:
+        about = " ".join(f"{value:.17g}" for value in point)
+        return FORCES.format(
+            name=name, patches=" ".join(patches), pressure=setup.stream.pressure, point=about, every=EVERY,
+            comment=comment,
+        )  # fmt: skip
+
+    yield monitor(WHOLE, walls, setup.point)
+    for hinge in setup.hinges:
+        axis = " ".join(f"{value:.9g}" for value in hinge.axis)
+        yield monitor(hinge.name, list(hinge.patches), hinge.point, f"  // hinge moment: its moment times ({axis})")
+
+
+CLASSES = {"U": "volVectorField", "p": "volScalarField", "T": "volScalarField"}
+DIMENSIONS = {"U": "[0 1 -1 0 0 0 0]", "p": "[1 -1 -2 0 0 0 0]", "T": "[0 0 0 1 0 0 0]"}
+WALL = {"U": "type slip;", "p": "type zeroGradient;", "T": "type zeroGradient;"}
+FAR = {
+    "U": "type freestreamVelocity; freestreamValue uniform {0}; value uniform {0};",
+    "p": "type freestreamPressure; freestreamValue uniform {0}; value uniform {0};",
+    "T": "type inletOutlet; inletValue uniform {0}; value uniform {0};",
+}
+
+
+def _fields(patches: Mapping[str, str], stream: FreeStream) -> Iterator[tuple[str, str]]:
+    velocity = stream.speed * stream.directions[0]
+    values = {
+        "U": f"({' '.join(f'{value:.17g}' for value in velocity)})",
+        "p": f"{stream.pressure:.17g}",
+        "T": f"{stream.temperature:.17g}",
+    }
+    for name, value in values.items():
+        conditions = {"wall": WALL[name], "patch": FAR[name].format(value)}
+        boundary = "".join(
+            f"    {patch} {{ {conditions.get(kind, f'type {kind};')} }}\n" for patch, kind in patches.items()
+        )
+        yield (
+            f"0/{name}",
+            f"dimensions {DIMENSIONS[name]};\ninternalField uniform {value};\nboundaryField\n{{\n{boundary}}}\n",
+        )

@@ -1,0 +1,142 @@
+"""What a flow solver is to compute: the free stream, what each patch is, and the forces that it reports."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import cos, isfinite, radians, sin, sqrt
+from typing import Literal
+
+import numpy as np
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray, Mesh
+from sdm_deflect.meshing.formats.openfoam_write import kind_of, sides_reached
+
+GAMMA, GAS = 1.4, 287.058
+"""Ratio of specific heats, and the gas constant (J/kg/K), of air."""
+Kind = Literal["wall", "far", "symmetry"]
+
+
+@dataclass(frozen=True, slots=True)
+class FreeStream:
+    """Air far from the body; x points aft, z up.
+
+    Parameters
+    ----------
+    mach : Mach number, above 0 and at most 5.
+    alpha : angle of attack, degrees, nose up.
+    beta : sideslip, degrees, wind from starboard (y).
+    pressure, temperature : static, Pa and K.
+
+    Raises
+    ------
+    InputError
+        For a value outside its range.
+    """
+
+    mach: float = 0.6
+    alpha: float = 0.0
+    beta: float = 0.0
+    pressure: float = 1e5
+    temperature: float = 288.15
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "mach": (0.01, 5.0),
+            "alpha": (-45.0, 45.0),
+            "beta": (-45.0, 45.0),
+            "pressure": (1.0, 1e8),
+            "temperature": (10.0, 5000.0),
+        }
+        for name, (low, high) in ranges.items():
+            value = getattr(self, name)
+            if not (isfinite(value) and low <= value <= high):
+                raise InputError(f"{name} = {value:g} must be between {low:g} and {high:g}")
+
+    @property
+    def speed(self) -> float:
+        """Speed (m/s)."""
+        return self.mach * sqrt(GAMMA * GAS * self.temperature)
+
+    @property
+    def dynamic_pressure(self) -> float:
+        """Pressure (Pa): half the density times the square of the speed."""
+        return 0.5 * GAMMA * self.pressure * self.mach**2
+
+    @property
+    def directions(self) -> FloatArray:
+        """Unit vectors (3, 3): of drag (along the wind), of side force, of lift (normal to the wind, and to y)."""
+        a, b = radians(self.alpha), radians(self.beta)
+        drag = np.array([cos(a) * cos(b), -sin(b), sin(a) * cos(b)])
+        lift = np.array([-sin(a), 0.0, cos(a)])
+        return np.array([drag, np.cross(lift, drag), lift])
+
+
+@dataclass(frozen=True, slots=True)
+class Hinge:
+    """A moving surface whose moment about its axis is reported: patches, a point (m) and the direction of the axis."""
+
+    name: str
+    patches: tuple[str, ...]
+    point: tuple[float, float, float]
+    axis: tuple[float, float, float]
+
+    @classmethod
+    def through(cls, name: str, patches: Sequence[str], points: FloatArray) -> "Hinge":
+        """Return the hinge on the line from the first to the second of two points (2, 3)."""
+        first, second = np.asarray(points, dtype=np.float64)
+        axis = (second - first) / np.linalg.norm(second - first)
+        return cls(name, tuple(patches), tuple(first.tolist()), tuple(axis.tolist()))
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """A flow to compute.
+
+    Attributes
+    ----------
+    stream : the free stream.
+    hinges : surfaces whose hinge moment is reported.
+    point : moments of the whole are about it (m).
+    area, length, span : reference area (m2), chord of the pitching moment and span of rolling and yawing moment (m).
+    iterations : steps in all; the first `settling` of them are of first order.
+    far : patches of the far field beside those that are found.
+    """
+
+    stream: FreeStream = field(default_factory=FreeStream)
+    hinges: tuple[Hinge, ...] = ()
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    area: float = 1.0
+    length: float = 1.0
+    span: float = 1.0
+    iterations: int = 3000
+    settling: int = 500
+    far: tuple[str, ...] = ()
+
+
+def kinds_of(mesh: Mesh, far: Sequence[str] = ()) -> Mapping[str, Kind]:
+    """Return what each patch is: its name says it; a far field must also reach the outside of the mesh.
+
+    Where no name does, the patches that reach at least three sides of the mesh's bounding box are the far field.
+
+    Raises InputError if nothing is, or a patch in `far` is none.
+    """
+    if unknown := [name for name in far if name not in mesh.names]:
+        raise InputError(f"far field {unknown[0]}: the mesh has no such patch; there are {', '.join(mesh.names)}")
+    sides = {patch.name: sides_reached(mesh.points, patch.nodes) for patch in mesh.patches}
+    said = {name: kind_of(name, planar=True, outside=sides[name] > 0) for name in sides}
+    kinds: dict[str, Kind] = {
+        name: "symmetry" if kind == "symmetryPlane" else "far" if kind == "patch" else "wall"
+        for name, kind in said.items()
+    }
+    kinds |= dict.fromkeys(far, "far")
+    if "far" not in kinds.values():
+        kinds |= {name: "far" for name, count in sides.items() if count >= ENCLOSING and kinds[name] == "wall"}
+    if "far" not in kinds.values():
+        raise InputError(
+            "no patch is a far field: neither a name says so, nor does one enclose the mesh; name it with --far-field"
+        )
+    return kinds
+
+
+ENCLOSING = 3
+"""Sides of the mesh's bounding box that a patch reaches which must be its far field."""

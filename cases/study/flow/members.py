@@ -1,0 +1,164 @@
+"""The meshes of the study, each a case of OpenFOAM: undeflected, deflected, repaired, and made anew."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sdm_deflect.cases.flow.openfoam import write_case
+from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
+from sdm_deflect.cases.progress import Stopwatch
+from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.job import deflected, plans_of
+from sdm_deflect.cases.sdm.pipeline import cached, meshed
+from sdm_deflect.cases.sdm.reference import turned
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.progress import Progress
+from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.volume.deflection import combined
+from sdm_deflect.geometry.datum import SURFACES, hinge_line
+from sdm_deflect.geometry.deflected import CadTurn
+from sdm_deflect.geometry.reference_values import reference_values
+from sdm_deflect.meshing.mesh import TetMesh
+
+UNDEFLECTED, DEFLECTED, REPAIRED, FRESH = "undeflected", "deflected", "repaired", "fresh"
+
+
+@dataclass(frozen=True, slots=True)
+class FlowStudy:
+    """What is studied.
+
+    Attributes
+    ----------
+    case : the aircraft, its mesh and what turns; its domain is the whole aircraft.
+    angles : degrees; at the first one there are `fresh` meshes made anew, at each other one there is one.
+    stream : the free stream.
+    iterations : of each member; the undeflected one begins with `settling` of first order.
+    """
+
+    case: Case
+    angles: tuple[float, ...]
+    stream: FreeStream
+    fresh: int = 3
+    iterations: int = 3000
+    settling: int = 800
+
+    @property
+    def surface(self) -> str:
+        """The control surface whose hinge moment counts."""
+        return self.case.deflections[0].surface
+
+    def at(self, angle: float) -> Case:
+        """Return the case at another angle."""
+        return replace(self.case, angle=angle)
+
+    def setup(self, first: bool) -> Setup:
+        """Return the flow to compute, on the `first` mesh or on one that starts from its flow."""
+        fighter = self.case.fighter
+        values = reference_values(fighter)
+        hinges = tuple(Hinge.through(name, [name], hinge_line(fighter, name)) for name in SURFACES)
+        return Setup(
+            self.stream, hinges, values.point, values.area, values.chord, values.span, self.iterations,
+            self.settling if first else 0,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """One mesh: its kind, its angle (degrees), its number among those made anew, from 1."""
+
+    kind: str
+    angle: float = 0.0
+    number: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name of its folder, such as ``-12-fresh-2``."""
+        return self.kind if self.kind == UNDEFLECTED else "-".join(
+            [f"{self.angle:+g}", self.kind, *([str(self.number)] if self.number else [])]
+        )  # fmt: skip
+
+
+def fresh_members(study: FlowStudy) -> Iterator[Member]:
+    """Yield the members whose meshes are made anew."""
+    for angle in study.angles:
+        for number in range(1, (study.fresh if angle == study.angles[0] else min(study.fresh, 1)) + 1):
+            yield Member(FRESH, angle, number)
+
+
+def moved_meshes(study: FlowStudy, mesh: TetMesh, progress: Progress) -> Iterator[tuple[Member, TetMesh]]:
+    """Yield the meshes that are deflected: without repair, and with it where that gives another mesh.
+
+    One with inverted cells is left out: no flow can be computed on it.
+    """
+    flow = mesh.as_mesh(study.case.name)
+    for k, angle in enumerate(study.angles):
+        progress(f"{angle:+g} deg", k / len(study.angles))
+        plain: FloatArray | None = None
+        for kind, mode in ((DEFLECTED, "off"), (REPAIRED, study.case.repair)):
+            case = replace(study.at(angle), repair=mode)
+            try:
+                points = combined(flow, deflected(case, plans_of(case, flow)))
+            except InputError:
+                if kind == REPAIRED:
+                    raise
+                continue
+            moved = mesh.with_points(points)
+            if mean_ratio(points, mesh.tets).min() <= 0.0 or (plain is not None and np.array_equal(points, plain)):
+                continue
+            plain = points
+            yield Member(kind, angle), moved
+
+
+def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> TetMesh:
+    """Return a mesh made anew around the deflected CAD: blended as the surface of the mesh is, or turned rigidly."""
+    from sdm_deflect.geometry.aircraft import build  # the CAD kernel
+    from sdm_deflect.meshing.generate.generation import Generated, generate
+
+    case = study.at(member.angle)
+    turns = cad_turns(case)
+    parts = {
+        "fighter": case.fighter, "mesh": case.mesh, "domain": case.domain, "number": member.number,
+        "turns": {name: [turn.angle, turn.mode, turn.strip] for name, turn in turns.items()},
+    }  # fmt: skip
+
+    def made() -> Generated:
+        with watch.stage("fresh mesh") as progress:
+            done = generate(build(case.fighter, turns), case.mesh, progress=progress)
+            progress(f"{member.name}: {len(done.mesh.tets)} cells", 1.0)
+        return done
+
+    return cached(parts, made, watch, True)[0]
+
+
+def cad_turns(case: Case) -> dict[str, CadTurn]:
+    """Return how the CAD of a case turns: as the mesh does.
+
+    Without a gap a hinged surface is blended, with a strip beside the rib; behind a gap it is turned rigidly, as tails
+    always are.
+    """
+    gap = case.fighter.aileron.gap > 0.0
+    return {
+        name: replace(turn, mode="rigid") if gap and name != "rudder" else replace(turn, strip=strip_of(case, turn))
+        for name, turn in turned(case, "blended").items()
+    }
+
+
+def strip_of(case: Case, turn: CadTurn) -> float:
+    """Return the width (m) of the strip beside a rib; 0 for a tail, which has none."""
+    return case.blending.strip if turn.mode == "blended" else 0.0
+
+
+def undeflected_mesh(study: FlowStudy, watch: Stopwatch) -> TetMesh:
+    """Return the mesh that is deflected, from the cache if it is there."""
+    return meshed(study.case, watch)[0]
+
+
+def write_member(study: FlowStudy, member: Member, mesh: TetMesh, folder: Path) -> Path:
+    """Write the case of a member, if it is not there; return its folder."""
+    case = folder / member.name
+    if not case.is_dir():
+        write_case(mesh.as_mesh(member.name), case, study.setup(member.kind == UNDEFLECTED))
+    return case

@@ -1,0 +1,161 @@
+"""The study carried out: members side by side, each from where it stopped before."""
+
+import json
+import os
+import re
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from threading import Event, Lock
+from time import perf_counter
+from typing import Any
+
+from sdm_deflect.cases.flow.fields import iterations_done, start_from
+from sdm_deflect.cases.flow.openfoam import SOLVER, write_settings
+from sdm_deflect.cases.flow.setup import Setup
+from sdm_deflect.cases.flow.solver import lines, needed
+from sdm_deflect.cases.progress import Stopwatch
+from sdm_deflect.cases.study.flow.members import (
+    UNDEFLECTED,
+    FlowStudy,
+    Member,
+    fresh_members,
+    fresh_mesh,
+    moved_meshes,
+    undeflected_mesh,
+    write_member,
+)
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.progress import Progress
+from sdm_deflect.meshing.files import replacing
+from sdm_deflect.meshing.mesh import TetMesh
+
+SETTINGS, SECONDS, FOLDER = "study.json", "seconds.json", "members"
+TIME = re.compile(r"^Time = (\d+)")
+TOLD = 10
+"""Iterations between two reports of progress."""
+
+
+def carried_out(study: FlowStudy, folder: Path, watch: Stopwatch) -> tuple[Member, ...]:
+    """Make all members of a study in `folder`, and compute their flows; what is there already is kept.
+
+    Raises InputError if OpenFOAM is not found, or `folder` has a study with other settings.
+    """
+    needed(SOLVER)
+    check_settings(study, folder)
+    cases = folder / FOLDER
+    first = Member(UNDEFLECTED)
+    mesh = undeflected_mesh(study, watch)
+    write_member(study, first, mesh, cases)
+    with watch.stage("flow") as progress, Solvers(study, cases, progress) as solvers:
+        base = solvers.begin(first)
+        fresh = [(member, fresh_mesh(study, member, watch)) for member in fresh_members(study)]
+        moved = list(moved_meshes(study, mesh, progress))
+        base.result()
+        begun = []
+        for member, own in (*moved, *fresh):
+            begin(study, member, own, (cases / first.name, mesh), cases)
+            begun.append(solvers.begin(member))
+        for one in as_completed(begun):
+            one.result()
+    return (first, *(member for member, _ in moved), *(member for member, _ in fresh))
+
+
+def begin(study: FlowStudy, member: Member, mesh: TetMesh, base: tuple[Path, TetMesh], cases: Path) -> None:
+    """Write the case of a member whose flow starts from that of the undeflected one."""
+    case = write_member(study, member, mesh, cases)
+    if not iterations_done(case):
+        other, others = base
+        start_from(case, centres(mesh), other, centres(others))
+
+
+def centres(mesh: TetMesh) -> FloatArray:
+    """Return the centres (M, 3) of the cells."""
+    return mesh.points[mesh.tets].mean(axis=1)
+
+
+def check_settings(study: FlowStudy, folder: Path) -> None:
+    """Keep the settings with which the members are made; InputError if those that are there are others."""
+    case = study.case
+    stream: dict[str, Any] = asdict(study.stream)
+    own = {"case": case.name, "scale": case.scale, **stream, "settling": study.settling}
+    path = folder / SETTINGS
+    if path.is_file():
+        there = json.loads(path.read_text(encoding="utf-8"))
+        if different := [name for name in own if there.get(name) != own[name]]:
+            name = different[0]
+            raise InputError(
+                f"--out {folder} holds a study with {name} = {there.get(name)}, not {own[name]}; name another folder"
+            )
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as beside:
+        beside.write_text(json.dumps(own, indent=2), encoding="utf-8")
+
+
+@dataclass(slots=True)
+class Solvers:
+    """Solvers that run side by side, one on each processor; what they have done is told together."""
+
+    study: FlowStudy
+    cases: Path
+    progress: Progress
+    done: dict[str, int] = field(default_factory=dict)
+    _pool: ThreadPoolExecutor = field(init=False)
+    _lock: Lock = field(init=False, default_factory=Lock)
+    _end: Event = field(init=False, default_factory=Event)
+
+    def __enter__(self) -> "Solvers":
+        """Begin with as many threads as there are processors."""
+        self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End all that runs."""
+        self._end.set()
+        self._pool.shutdown(cancel_futures=True)
+
+    def begin(self, member: Member) -> Any:
+        """Begin to solve a member, as soon as a processor is free; return what can be waited for."""
+        return self._pool.submit(self._solve, member)
+
+    def _solve(self, member: Member) -> None:
+        setup = self.study.setup(member.kind == UNDEFLECTED)
+        solve(self.cases / member.name, setup, lambda iteration: self._tell(member, iteration))
+
+    def _tell(self, member: Member, iteration: int) -> None:
+        if self._end.is_set():
+            raise KeyboardInterrupt
+        with self._lock:
+            self.done[member.name] = iteration
+            running = ", ".join(f"{name} {count}" for name, count in self.done.items() if count < self._most)
+            total = sum(self.done.values()) / (self._most * max(len(self.done), 1))
+            self.progress(f"{running or 'done'} of {self._most} iterations", total)
+
+    @property
+    def _most(self) -> int:
+        return self.study.iterations
+
+
+def solve(case: Path, setup: Setup, tell: Callable[[int], None]) -> None:
+    """Go on with a case up to `Setup.iterations`; what it took is added to ``seconds.json`` beside it."""
+    done = iterations_done(case)
+    if done >= setup.iterations:
+        tell(done)
+        return
+    write_settings(case, setup, fields=False)
+    start = perf_counter()
+    for line in lines(SOLVER, case):
+        if (found := TIME.match(line)) and int(found[1]) % TOLD == 0:
+            tell(int(found[1]))
+    spent = perf_counter() - start
+    path = case / SECONDS
+    before = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else 0.0
+    path.write_text(json.dumps(before + spent), encoding="utf-8")
+
+
+def seconds_of(cases: Iterable[Path]) -> float:
+    """Return the seconds that the solvers of some cases took together."""
+    return float(sum(json.loads((case / SECONDS).read_text(encoding="utf-8")) for case in cases))
