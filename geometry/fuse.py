@@ -36,7 +36,7 @@ def solid(loops: Sequence[FloatArray]) -> Solid:
 
 
 def _face(loop: FloatArray) -> Face:
-    """A planar face within a loop (n, 3), or the ruled one between the first and the third side of a skew one (4, 3)."""
+    """A planar face within a loop (n, 3), or the ruled one between two opposite sides of a skew one (4, 3)."""
     corners = [Vector(*corner) for corner in loop]
     sides = loop[1:] - loop[0]
     if len(loop) == RULED and abs(np.linalg.det(sides)) > SKEW * np.linalg.norm(sides, axis=1).prod():

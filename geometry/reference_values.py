@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.geometry.datum import FloatArray, ends, hinge_line, hinged, trailing_edge
+from sdm_deflect.geometry.datum import ends, hinge_line, hinged, trailing_edge
 from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.geometry.sections import LE, MIRROR, TE, tail_section
+from sdm_deflect.geometry.sections import LE, MIRROR, TE, FloatArray, tail_section
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import click
 from sdm_deflect.cases.cli import options
 
 TABLES = ("table1", "table2", "table3", "table4")
-PAGE = "page"
+PAGE, FLOW = "page", "flow"
 
 
 @click.command("list")
@@ -209,14 +209,36 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
 
 
 @click.command()
-@click.argument("name", type=click.Choice((*TABLES, PAGE)))
+@click.argument("name", type=click.Choice((*TABLES, PAGE, FLOW)))
 @options.scale_option
 @click.option("--out", type=options.FILE, help="Output folder (default: runs/NAME).")
+@click.option("--case", type=options.CaseName(), help="flow: the case (aileron).")
+@click.option("--angles", metavar="A,B,...", help="flow: angles; at the first there are --fresh meshes, else one.")
+@click.option("--mach", type=float, help="flow: Mach number of the free stream (0.6).")
+@click.option("--alpha", type=float, help="flow: angle of attack, degrees (0).")
+@click.option("--fresh", type=int, help="flow: meshes made anew around the deflected CAD (3).")
+@click.option("--iterations", type=int, help="flow: iterations of each flow (3000); more go on where it stopped.")
+@options.set_option
 @options.cache_option
 @options.json_option
 @options.progress_options
-def study(name: str, scale: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, verbose: bool) -> None:
-    """Measure a table of the paper and write it as .csv, .md and .png; page: all tables and figures."""
+def study(
+    name: str, scale: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any
+) -> int:
+    """Measure a table of the paper and write it as .csv, .md and .png; page: all tables and figures.
+
+    flow: compute the flow on the deflected mesh and on meshes made anew around the deflected CAD, with OpenFOAM, and
+    compare forces and moments. It takes hours, and goes on in its folder where it was stopped.
+    """
+    given = {key: value for key, value in given.items() if value not in (None, ())}
+    if name == FLOW:
+        return _flow(scale, out, as_json, quiet, verbose, given)
+    if given:
+        from sdm_deflect.deform.errors import InputError
+
+        option = next(iter(given)).replace("assignments", "set")
+        raise InputError(f"--{option} belongs to sdm study flow, not to {name}; leave it out")
+
     from sdm_deflect.cases.output import output_folder
     from sdm_deflect.cases.study.files import write_study
     from sdm_deflect.cases.study.measure import run_study
@@ -234,6 +256,31 @@ def study(name: str, scale: str, out: Path | None, cache: bool, as_json: bool, q
         options.print_json({"study": name, "scale": scale, "folder": folder, "tables": tables})
     else:
         click.echo(f"{text}\nresults in {folder}")
+    return 0
+
+
+def _flow(scale: str, out: Path | None, as_json: bool, quiet: bool, verbose: bool, given: dict[str, Any]) -> int:
+    """Carry out ``sdm study flow``."""
+    from sdm_deflect.cases.flow.setup import FreeStream
+    from sdm_deflect.cases.job_settings import angles_of
+    from sdm_deflect.cases.sdm.registry import resolve
+    from sdm_deflect.cases.study.flow.members import study_of
+
+    changes = given.get("assignments", ())
+    case = resolve(given.pop("case", "aileron"), scale, assignments=changes)
+    angles = angles_of(given.pop("angles")) if "angles" in given else ()
+    stream = FreeStream(**{name: given.pop(name) for name in ("mach", "alpha") if name in given})
+    wanted = study_of(case, angles, stream, **given)
+
+    from sdm_deflect.cases.study.flow.page import figures_of, write_results
+    from sdm_deflect.cases.study.flow.solve import carried_out
+
+    folder = out or Path("runs") / f"flow-{wanted.case.name}"
+    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+        members = carried_out(wanted, folder, watch)
+        results, text = write_results(wanted, members, folder)
+    options.print_either(as_json, figures_of(results), f"{text}\nresults in {folder}")
+    return options.code_of(results.passed)
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:

@@ -3,9 +3,7 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import numpy as np
-
-from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Hinge, Kind, Setup, kinds_of
+from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Kind, Setup, kinds_of
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh_folder

@@ -1,6 +1,6 @@
 """The meshes of the study, each a case of OpenFOAM: undeflected, deflected, repaired, and made anew."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.cases.sdm.pipeline import cached, meshed
 from sdm_deflect.cases.sdm.reference import turned
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.fitting import RepairMode
 from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import mean_ratio
@@ -23,7 +24,10 @@ from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.reference_values import reference_values
 from sdm_deflect.meshing.mesh import TetMesh
 
+SETTLING = 800
+"""Iterations of first order, which let the waves of the start leave, at the beginning of the undeflected flow."""
 UNDEFLECTED, DEFLECTED, REPAIRED, FRESH = "undeflected", "deflected", "repaired", "fresh"
+MOST = {"fresh": 20, "iterations": 100_000}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +40,7 @@ class FlowStudy:
     angles : degrees; at the first one there are `fresh` meshes made anew, at each other one there is one.
     stream : the free stream.
     iterations : of each member; the undeflected one begins with `settling` of first order.
+    assignments : what was changed in the case, as texts.
     """
 
     case: Case
@@ -43,7 +48,8 @@ class FlowStudy:
     stream: FreeStream
     fresh: int = 3
     iterations: int = 3000
-    settling: int = 800
+    settling: int = SETTLING
+    assignments: tuple[str, ...] = ()
 
     @property
     def surface(self) -> str:
@@ -63,6 +69,37 @@ class FlowStudy:
             self.stream, hinges, values.point, values.area, values.chord, values.span, self.iterations,
             self.settling if first else 0,
         )  # fmt: skip
+
+
+def study_of(
+    case: Case,
+    angles: Sequence[float] = (),
+    stream: FreeStream | None = None,
+    fresh: int = 3,
+    iterations: int = 3000,
+    assignments: Sequence[str] = (),
+) -> FlowStudy:
+    """Return a study of a case, at its own angle if no `angles` are given.
+
+    A case in a Chimera block is studied with the gap in the mesh of the whole aircraft. Raises InputError for an
+    unknown case, for one with several surfaces, and for numbers out of range.
+    """
+    for what, value in (("fresh", fresh), ("iterations", iterations)):
+        if not 1 <= value <= MOST[what]:
+            raise InputError(f"{what} = {value} must be between 1 and {MOST[what]}")
+    if len(case.deflections) > 1:
+        raise InputError(
+            f"case {case.name}: turns {len(case.deflections)} surfaces; this study is of one"
+        )
+    if case.domain == "block":
+        case = replace(case, domain="aircraft", mesh=case.background)
+    wanted = tuple(angles) or (case.angle,)
+    if 0.0 in wanted:
+        raise InputError("angles: 0 is the undeflected mesh, which is computed anyway; leave it out")
+    for angle in wanted:
+        replace(case, angle=angle)
+    settling = min(SETTLING, iterations // 3)
+    return FlowStudy(case, wanted, stream or FreeStream(), fresh, iterations, settling, tuple(sorted(assignments)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +134,8 @@ def moved_meshes(study: FlowStudy, mesh: TetMesh, progress: Progress) -> Iterato
     for k, angle in enumerate(study.angles):
         progress(f"{angle:+g} deg", k / len(study.angles))
         plain: FloatArray | None = None
-        for kind, mode in ((DEFLECTED, "off"), (REPAIRED, study.case.repair)):
+        modes: tuple[tuple[str, RepairMode], ...] = ((DEFLECTED, "off"), (REPAIRED, study.case.repair))
+        for kind, mode in modes:
             case = replace(study.at(angle), repair=mode)
             try:
                 points = combined(flow, deflected(case, plans_of(case, flow)))

@@ -11,6 +11,8 @@ from threading import Event, Lock
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from sdm_deflect.cases.flow.fields import iterations_done, start_from
 from sdm_deflect.cases.flow.openfoam import SOLVER, write_settings
 from sdm_deflect.cases.flow.setup import Setup
@@ -73,14 +75,14 @@ def begin(study: FlowStudy, member: Member, mesh: TetMesh, base: tuple[Path, Tet
 
 def centres(mesh: TetMesh) -> FloatArray:
     """Return the centres (M, 3) of the cells."""
-    return mesh.points[mesh.tets].mean(axis=1)
+    return np.asarray(mesh.points[mesh.tets].mean(axis=1))
 
 
 def check_settings(study: FlowStudy, folder: Path) -> None:
     """Keep the settings with which the members are made; InputError if those that are there are others."""
     case = study.case
     stream: dict[str, Any] = asdict(study.stream)
-    own = {"case": case.name, "scale": case.scale, **stream, "settling": study.settling}
+    own = {"case": case.name, "scale": case.scale, **stream, "set": list(study.assignments)}
     path = folder / SETTINGS
     if path.is_file():
         there = json.loads(path.read_text(encoding="utf-8"))

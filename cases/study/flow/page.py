@@ -1,0 +1,138 @@
+"""The page of the study: what agrees, by how much, and how it was computed."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from math import isnan
+from pathlib import Path
+from typing import Any
+
+from sdm_deflect.cases.output import output_files
+from sdm_deflect.cases.report.pictures import write_png
+from sdm_deflect.cases.study.flow.members import DEFLECTED, FRESH, REPAIRED, FlowStudy, Member
+from sdm_deflect.cases.study.flow.pictures import LABELS, curves, pressures, settling
+from sdm_deflect.cases.study.flow.results import ALLOWED, CONVERGED, LAST, WINDOW, Increment, Results, results_of
+from sdm_deflect.cases.study.flow.solve import FOLDER, seconds_of
+from sdm_deflect.cases.study.flow.trend import slopes_of
+from sdm_deflect.geometry.reference_values import reference_values, surface_reference
+
+PER_HOUR = 3600.0
+
+
+def write_results(study: FlowStudy, members: tuple[Member, ...], out: Path) -> tuple[Results, str]:
+    """Write <case>.md, its figures and .json of a study whose members are in `out` into it; return the text as well.
+
+    All appear together, in place of earlier ones.
+    """
+    results = results_of(study, members, out / FOLDER)
+    with output_files(out) as scratch:
+        text = write_page(results, members, out / FOLDER, scratch)
+    return results, text
+
+
+def write_page(results: Results, members: tuple[Member, ...], cases: Path, folder: Path) -> str:
+    """Write the page into `folder`; `cases` has the members."""
+    study = results.study
+    name = f"flow-{study.case.name}"
+    first = study.angles[0]
+    kinds = {member.kind: member for member in members if member.angle == first and member.number in (0, 1)}
+    shown = [(LABELS[kind], cases / kinds[kind].name) for kind in (DEFLECTED, REPAIRED, FRESH) if kind in kinds]
+    figures = {
+        "increments": (curves(results), "Increments of the coefficients over the angle."),
+        "pressure": (pressures(study, shown), f"Pressure coefficient at {first:+g} degrees on each mesh."),
+        "settling": (settling(study, members, cases), "Lift and rolling moment coefficient over the iterations."),
+    }
+    for key, (figure, _) in figures.items():
+        write_png(figure, folder / f"{name}-{key}.png")
+    seconds = seconds_of(cases / member.name for member in members)
+    pictures = [f"![{words}]({name}-{key}.png)" for key, (_, words) in figures.items()]
+    text = "\n\n".join([*_sections(results, seconds, len(members)), *pictures])
+    (folder / f"{name}.md").write_text(f"{text}\n", encoding="utf-8")
+    (folder / f"{name}.json").write_text(json.dumps(figures_of(results), indent=2), encoding="utf-8")
+    return text
+
+
+def figures_of(results: Results) -> dict[str, Any]:
+    """Return the numbers of a study, as JSON has them."""
+    study = results.study
+    rows = [
+        {**asdict(one), "expected": one.expected, "scatter": one.scatter, "agrees": one.agrees,
+         "converged": one.converged}
+        for one in results.increments
+    ]  # fmt: skip
+    return {
+        "case": study.case.name, "scale": study.case.scale, "stream": asdict(study.stream),
+        "reference": asdict(reference_values(study.case.fighter)),
+        "surface": {"name": study.surface, **asdict(surface_reference(study.case.fighter, study.surface))},
+        "increments": [{key: None if _missing(value) else value for key, value in row.items()} for row in rows],
+        "slopes": {name: asdict(slope) for name, slope in slopes_of(results).items()},
+        "passed": results.passed,
+    }  # fmt: skip
+
+
+def _missing(value: object) -> bool:
+    return isinstance(value, float) and isnan(value)
+
+
+def _sections(results: Results, seconds: float, count: int) -> Iterator[str]:
+    study = results.study
+    stream, values = study.stream, reference_values(study.case.fighter)
+    own = surface_reference(study.case.fighter, study.surface)
+    yield f"## {study.case.title}: the flow"
+    yield (
+        f"Inviscid flow of Mach {stream.mach:g} at {stream.alpha:g} degrees, {stream.pressure:g} Pa and "
+        f"{stream.temperature:g} K, by rhoCentralFoam with local time steps and second order, on meshes of scale "
+        f"`{study.case.scale}`. Reference area {values.area:.4g} m2, chord {values.chord:.4g} m, span "
+        f"{values.span:.4g} m, moments about x = {values.point[0]:.4g} m; {study.surface}: {own.area:.3g} m2, "
+        f"{own.chord:.3g} m. "
+        f"{count} flows of {study.iterations} iterations took the solvers {seconds / PER_HOUR:.1f} hours of one core."
+    )
+    yield "\n".join(_table(results))
+    decided = [one for one in results.judged if not one.agrees]
+    verdict = (
+        f"All {len(results.judged)} increments that decide agree: the difference to the mean of the meshes made anew "
+        f"is within their scatter or within {ALLOWED:.0%} of the increment."
+        if results.passed
+        else "These do not agree: " + "; ".join(f"{one.name} at {one.angle:+g} deg" for one in decided) + "."
+    )
+    yield verdict
+    yield _convergence(results)
+    for name, slope in slopes_of(results).items():
+        if any(one.judged for one in results.of(name)):
+            yield (
+                f"{name}: {slope.rate:.4g} per degree; an increment leaves that line by more than 5 % beyond "
+                f"{slope.low:+g} and {slope.high:+g} degrees, of the angles computed."
+            )
+
+
+def _table(results: Results) -> Iterator[str]:
+    heads = ["angle, deg", "", "undeflected", "deflected", "repaired", "made anew: mean", "scatter", "difference",
+             "by increment", "agrees", "swing"]  # fmt: skip
+    yield "| " + " | ".join(heads) + " |"
+    yield "| " + " | ".join(["---:", "---", *["---:"] * 7, "---", "---:"]) + " |"
+    for one in results.increments:
+        yield "| " + " | ".join(_cells(one)) + " |"
+
+
+def _cells(one: Increment) -> list[str]:
+    def number(value: float | None) -> str:
+        return "" if value is None or isnan(value) else f"{value:+.5f}"
+
+    agrees = "" if not (one.fresh and one.judged) else "yes" if one.agrees else "no"
+    share = "" if not one.fresh else f"{100.0 * one.share:+.1f} %"
+    scatter = "" if len(one.fresh) < 2 else number(one.scatter)  # noqa: PLR2004: one has none
+    middle = [number(one.base), number(one.deflected), number(one.repaired), number(one.expected), scatter]
+    return [f"{one.angle:+g}", one.name, *middle, number(one.difference), share, agrees, number(one.amplitude)]
+
+
+def _convergence(results: Results) -> str:
+    left = [one for one in results.increments if one.judged and not one.converged]
+    what = (
+        f"Values are averages over the last {WINDOW} iterations, since the flow behind the blunt base does not become "
+        f"quite steady; over the last {LAST} iterations these averages change by less than {CONVERGED:.1%} of the "
+        "increment"
+    )
+    if not left:
+        return what + " of each coefficient that decides."
+    names = ", ".join(f"{one.name} at {one.angle:+g} deg by {one.change:.1e}" for one in left)
+    return what + f", but not all: {names}. Go on with more --iterations in the same folder."

@@ -1,0 +1,170 @@
+"""What the forces of all members say: increments due to the control, and whether meshes agree."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from sdm_deflect.cases.flow.forces import LIFT, PITCH, ROLL, YAW, Forces, coefficients, hinge_moment
+from sdm_deflect.cases.flow.openfoam import WHOLE
+from sdm_deflect.cases.study.flow.members import DEFLECTED, FRESH, REPAIRED, UNDEFLECTED, FlowStudy, Member
+from sdm_deflect.deform.mesh import FloatArray, IntArray
+from sdm_deflect.geometry.reference_values import surface_reference
+
+HINGE = "Ch"
+WINDOW, LAST = 500, 200
+"""Iterations over which values are averaged, and the last ones, over which averages must not change."""
+CONVERGED, ALLOWED = 0.005, 0.02
+"""Largest change of an average, and least difference that is allowed, by the control increment."""
+JUDGED = {"aileron": (LIFT, PITCH, ROLL, HINGE), "tail": (LIFT, PITCH, ROLL, HINGE), "rudder": (YAW, ROLL, HINGE)}
+"""Coefficients that a control surface is there to change, by the beginning of its name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A coefficient of one member: average over the window, change of averages over the last iterations, amplitude.
+
+    The flow behind the blunt base of the fuselage does not become quite steady: forces swing about their averages by
+    `amplitude`, half the range within the window.
+    """
+
+    mean: float
+    change: float
+    amplitude: float
+
+    @classmethod
+    def of(cls, iteration: IntArray, series: FloatArray) -> "Value":
+        """Average the end of a series (K,); of one that is shorter than two windows its second half."""
+        span = int(iteration[-1] - iteration[0])
+        window = min(WINDOW, max(span // 2, 1))
+        ends = iteration[iteration >= iteration[-1] - min(LAST, window)]
+        means = [series[(iteration > end - window) & (iteration <= end)].mean() for end in ends]
+        own = series[iteration > iteration[-1] - window]
+        return cls(float(means[-1]), float(np.ptp(means)), float(np.ptp(own)) / 2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Increment:
+    """What one coefficient changes by from the undeflected mesh to those at an angle.
+
+    Attributes
+    ----------
+    angle, name : degrees, and the coefficient.
+    base : that of the undeflected mesh.
+    deflected, repaired : increments; None where there is no such mesh.
+    fresh : increments of the meshes made anew.
+    change : largest change of an average over the last iterations, of all these.
+    judged : whether the control surface is there to change it.
+    """
+
+    angle: float
+    name: str
+    base: float
+    deflected: float | None
+    repaired: float | None
+    fresh: tuple[float, ...]
+    change: float
+    amplitude: float
+    judged: bool
+
+    @property
+    def own(self) -> float:
+        """The increment that is compared: of the repaired mesh, where there is one."""
+        found = self.deflected if self.repaired is None else self.repaired
+        assert found is not None
+        return found
+
+    @property
+    def expected(self) -> float:
+        """Mean over the meshes made anew; without any, nan."""
+        return float(np.mean(self.fresh)) if self.fresh else float("nan")
+
+    @property
+    def scatter(self) -> float:
+        """Largest distance of a mesh made anew from their mean."""
+        return max((abs(one - self.expected) for one in self.fresh), default=float("nan"))
+
+    @property
+    def difference(self) -> float:
+        """Own increment minus that of the meshes made anew."""
+        return self.own - self.expected
+
+    @property
+    def share(self) -> float:
+        """Difference by the increment of the meshes made anew."""
+        return self.difference / abs(self.expected)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the difference is within the scatter, or within 2 % of the increment."""
+        return bool(abs(self.difference) <= max(self.scatter, ALLOWED * abs(self.expected)))
+
+    @property
+    def converged(self) -> bool:
+        """Whether averages change by less than .5 % of the increment over the last iterations."""
+        return self.change < CONVERGED * abs(self.expected if self.fresh else self.own)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Results:
+    """All members with their coefficients, and the increments at every angle."""
+
+    study: FlowStudy
+    values: Mapping[Member, Mapping[str, Value]] = field(repr=False)
+    increments: tuple[Increment, ...]
+
+    def of(self, name: str) -> tuple[Increment, ...]:
+        """Return the increments of one coefficient, by rising angle."""
+        return tuple(sorted((one for one in self.increments if one.name == name), key=lambda one: one.angle))
+
+    @property
+    def judged(self) -> tuple[Increment, ...]:
+        """Increments that decide: of what the control surface is there to change, where meshes were made anew."""
+        return tuple(one for one in self.increments if one.judged and one.fresh)
+
+    @property
+    def passed(self) -> bool:
+        """Whether all of these agree."""
+        return all(one.agrees for one in self.judged)
+
+
+def results_of(study: FlowStudy, members: Sequence[Member], cases: Path) -> Results:
+    """Read the forces of all members; InputError where a solver has not run."""
+    values = {member: dict(values_of(study, cases / member.name)) for member in members}
+    return Results(study, values, tuple(_increments(study, values)))
+
+
+def values_of(study: FlowStudy, case: Path) -> Iterator[tuple[str, Value]]:
+    """Yield the coefficients of one member by name."""
+    whole, setup = Forces.read(case, WHOLE), study.setup(True)
+    for name, series in coefficients(whole, setup).items():
+        yield name, Value.of(whole.iteration, series)
+    hinge = next(one for one in setup.hinges if one.name == study.surface)
+    reference = surface_reference(study.case.fighter, study.surface)
+    own = Forces.read(case, study.surface)
+    scale = study.stream.dynamic_pressure * reference.area * reference.chord
+    yield HINGE, Value.of(own.iteration, hinge_moment(own, hinge) / scale)
+
+
+def _increments(study: FlowStudy, values: Mapping[Member, Mapping[str, Value]]) -> Iterator[Increment]:
+    base = values[Member(UNDEFLECTED)]
+    judged = next(names for surface, names in JUDGED.items() if study.surface.startswith(surface))
+    for angle in study.angles:
+        there = {member: own for member, own in values.items() if member.angle == angle and member.kind != UNDEFLECTED}
+        for name, start in base.items():
+            found = {
+                kind: [own[name].mean - start.mean for member, own in there.items() if member.kind == kind]
+                for kind in (DEFLECTED, REPAIRED, FRESH)
+            }
+            yield Increment(
+                angle=angle,
+                name=name,
+                base=start.mean,
+                deflected=next(iter(found[DEFLECTED]), None),
+                repaired=next(iter(found[REPAIRED]), None),
+                fresh=tuple(found[FRESH]),
+                change=max(one.change for one in (start, *(own[name] for own in there.values()))),
+                amplitude=max(one.amplitude for one in (start, *(own[name] for own in there.values()))),
+                judged=name in judged,
+            )
