@@ -26,16 +26,21 @@ METRICS = {
 """Metrics that checkMesh lists, and how."""
 
 
+def needed(*programs: str) -> None:
+    """Skip the test where a program is not installed, but let it fail under CI."""
+    for program in programs:
+        if shutil.which(program) is None:
+            absent = pytest.fail if os.environ.get("CI") else pytest.skip
+            absent(f"{program} is not installed: apt-get install --no-install-recommends openfoam")
+
+
 def run(program: str, case: Path, *words: str, ranks: int = 0) -> str:
     """Return what a program of OpenFOAM prints, in so many processes if `ranks` is given.
 
     Where it is not installed the test is skipped, but fails under CI.
     """
     parallel = ["mpirun", "--oversubscribe", "-np", str(ranks)] if ranks else []
-    for needed in (*parallel[:1], program):
-        if shutil.which(needed) is None:
-            absent = pytest.fail if os.environ.get("CI") else pytest.skip
-            absent(f"{needed} is not installed: apt-get install --no-install-recommends openfoam")
+    needed(*parallel[:1], program)
     own = {
         "WM_PROJECT_DIR": "/usr/share/openfoam",
         "OMPI_ALLOW_RUN_AS_ROOT": "1",

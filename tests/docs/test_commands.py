@@ -29,6 +29,7 @@ ELSEWHERE = (
     (r"(blockMesh|surfaceFeatureExtract|snappyHexMesh) -case sdm-case", "tests/docs/test_meshers.py", "snappyHexMesh"),
     (r"sdm validate", "tests/cases/test_finished.py", "validate_folder(folder)"),
     (r"sdm limit aileron", "tests/cases/sdm/test_limit.py", "limit"),
+    (r"sdm study flow", "tests/cases/test_flow_study.py", '"study", "flow"'),
     (r"sdm study", "tests/cases/test_studies.py", "study"),
     (r"sdm report wing-deflected-report", "tests/cases/test_mesh_report.py", "again = report_of_folder(folder)"),
     (r"sdm deflect wing\.cas\.h5", "tests/cases/test_deflect_command.py", 'folder / "wing.cas.h5"'),

@@ -27,6 +27,8 @@ from sdm_deflect.meshing.mesh import TetMesh
 SETTLING = 800
 """Iterations of first order, which let the waves of the start leave, at the beginning of the undeflected flow."""
 UNDEFLECTED, DEFLECTED, REPAIRED, FRESH = "undeflected", "deflected", "repaired", "fresh"
+LARGEST = 60.0
+"""Degrees by which the CAD of a control surface turns at most."""
 MOST = {"fresh": 20, "iterations": 100_000}
 
 
@@ -97,7 +99,8 @@ def study_of(
     if 0.0 in wanted:
         raise InputError("angles: 0 is the undeflected mesh, which is computed anyway; leave it out")
     for angle in wanted:
-        replace(case, angle=angle)
+        if not abs(angle) <= LARGEST:
+            raise InputError(f"angles: {angle:g} deg is outside -{LARGEST:g} ... {LARGEST:g} deg")
     settling = min(SETTLING, iterations // 3)
     return FlowStudy(case, wanted, stream or FreeStream(), fresh, iterations, settling, tuple(sorted(assignments)))
 

@@ -41,7 +41,8 @@ class Skin:
         folder, stream = case / MESH, study.stream
         points = vectors(open_foam(folder, "points")).values
         polygons, owner = faces(open_foam(folder, "faces")), labels(open_foam(folder, "owner"))
-        pressure = read_field(case / str(iterations_done(case)) / "p", int(owner.max()) + 1)
+        count = int(max(owner.max(), labels(open_foam(folder, "neighbour")).max())) + 1
+        pressure = read_field(case / str(iterations_done(case)) / "p", count)
         walls = [one for one in parse(open_foam(folder, "boundary").text()) if one.type == "wall"]
         rows = np.concatenate([np.arange(one.start, one.start + one.count) for one in walls])
         own = np.concatenate([np.full(one.count, one.name == study.surface) for one in walls])

@@ -1,0 +1,176 @@
+"""`sdm study flow`, coarse and short: its files, its signs; and what it makes of forces."""
+
+import json
+import shutil
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases.cli import main
+from sdm_deflect.cases.flow.forces import Forces
+from sdm_deflect.cases.flow.setup import FreeStream
+from sdm_deflect.cases.progress import Silent, Stopwatch
+from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.study.flow.members import cad_turns, moved_meshes, study_of
+from sdm_deflect.cases.study.flow.results import Increment, Value, results_of
+from sdm_deflect.cases.study.flow.solve import FOLDER, carried_out
+from sdm_deflect.cases.study.flow.trend import Slope
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.progress import silent
+from sdm_deflect.geometry.aircraft import build
+from tests.cases.foam import needed
+
+
+def ended(*words):
+    """Run `sdm` in this process; return its exit code."""
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as stop:
+        patch.setattr(sys, "argv", ["sdm", *words])
+        main()
+    return stop.value.code
+
+
+@pytest.fixture(scope="module")
+def flow(tmp_path_factory, make_mesh):
+    """The command's own output for a few iterations: aileron up on the left side, with one mesh made anew."""
+    needed("rhoCentralFoam")
+    make_mesh(case_named("aileron"))
+    folder = tmp_path_factory.mktemp("flow")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        code = ended("study", "flow", "--fresh", "1", "--iterations", "50", "--quiet", "--out", "out")
+    return code, folder / "out"
+
+
+def test_the_study_leaves_its_page_its_figures_and_its_cases(flow):
+    code, out = flow
+    assert code in (0, 1)  # so short a run may disagree
+    names = {path.name for path in out.iterdir()}
+    figures = {f"flow-aileron-{name}.png" for name in ("increments", "pressure", "settling")}
+    assert names == {"flow-aileron.md", "flow-aileron.json", "study.json", FOLDER, *figures}
+    page = (out / "flow-aileron.md").read_text()
+    assert all(f"({name})" in page for name in figures)
+    assert {path.name for path in (out / FOLDER).iterdir()} == {"undeflected", "-12-deflected", "-12-fresh-1"}
+    for member in (out / FOLDER).iterdir():
+        assert Forces.read(member, "all").iteration.tolist() == list(range(5, 55, 5))
+
+
+def test_an_aileron_up_on_the_left_side_takes_lift_and_rolls_to_the_left(flow):
+    found = {one["name"]: one for one in json.loads((flow[1] / "flow-aileron.json").read_text())["increments"]}
+    for kind in ("deflected", "expected"):
+        assert found["CL"][kind] < 0.0
+        assert found["Cl"][kind] < 0.0  # starboard wing up
+        assert found["Cm"][kind] > 0.0  # nose up
+        assert found["Ch"][kind] > 0.0  # pressure turns it back
+    assert found["Cl"]["deflected"] == pytest.approx(found["Cl"]["expected"], rel=0.15)
+
+
+def test_the_study_goes_on_where_it_stopped_and_refuses_other_settings(flow):
+    _, out = flow
+    shutil.rmtree(out.parent / "more", ignore_errors=True)
+    shutil.copytree(out, out.parent / "more")
+    study = replace(study_of(case_named("aileron"), fresh=1, iterations=60))
+    members = carried_out(study, out.parent / "more", Stopwatch(Silent()))
+    for member in members:
+        own = Forces.read(out.parent / "more" / FOLDER / member.name, "all")
+        assert own.iteration[-1] == 60
+        before = Forces.read(out / FOLDER / member.name, "all")
+        np.testing.assert_array_equal(own.force[: len(before.force)], before.force)
+    other = replace(study, stream=FreeStream(0.5))
+    with pytest.raises(InputError, match=r"holds a study with mach = 0.6, not 0.5; name another folder"):
+        carried_out(other, out.parent / "more", Stopwatch(Silent()))
+
+
+def test_without_openfoam_it_says_so(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert ended("study", "flow", "--out", str(tmp_path / "out")) == 2
+    assert "rhoCentralFoam is not on PATH: install OpenFOAM" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["table1", "--mach", "0.5"], "--mach belongs to sdm study flow, not to table1"),
+        (["flow", "--case", "all"], "turns 5 surfaces"),
+        (["flow", "--angles", "-12,0"], "0 is the undeflected mesh"),
+        (["flow", "--fresh", "0"], "fresh = 0 must be between 1 and 20"),
+        (["flow", "--mach", "nan"], "mach = nan must be between 0.01 and 5"),
+        (["flow", "--angles", "-12,61"], "angles: 61 deg is outside -60 ... 60 deg"),
+    ],
+)
+def test_what_cannot_be_studied_is_one_sentence(words, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert ended("study", *words) == 2
+    assert sentence in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_mesh_that_repair_does_not_change_is_one_member(make_mesh):
+    study = study_of(case_named("aileron"))
+    kinds = [member.kind for member, _ in moved_meshes(study, make_mesh(case_named("aileron"))[0], silent)]
+    assert kinds == ["deflected"]
+
+
+def test_the_cad_of_a_gapless_aileron_has_the_strip_of_the_mesh(aileron_run):
+    """In the strip both ramp from the rib to the full angle; the blending is not quite linear there."""
+    run, _ = aileron_run
+    surface = run.case.deflections[0].surface
+    faces = build(run.case.fighter, cad_turns(run.case)).faces_of(surface)
+    points = run.deflected.points[np.unique(run.deflected.triangles_of(surface))]
+    distance = np.min([np.linalg.norm(face.project(points) - points, axis=1) for face in faces], axis=0)
+    travel = np.linalg.norm(run.deflected.points - run.mesh.points, axis=1).max()
+    assert distance.max() < 0.1 * travel
+    without = build(run.case.fighter, {name: replace(one, strip=0.0) for name, one in cad_turns(run.case).items()})
+    worse = np.min(
+        [np.linalg.norm(face.project(points) - points, axis=1) for face in without.faces_of(surface)], axis=0
+    )
+    assert worse.max() > 2.0 * distance.max()
+
+
+def test_a_value_is_an_average_and_says_how_it_still_changes():
+    iteration = np.arange(5, 3005, 5)
+    steady = Value.of(iteration, np.full(len(iteration), 0.25))
+    assert (steady.mean, steady.change, steady.amplitude) == (0.25, 0.0, 0.0)
+    swinging = Value.of(iteration, 0.25 + 0.01 * np.sin(2 * np.pi * iteration / 250.0))
+    assert swinging.mean == pytest.approx(0.25, abs=1e-12)
+    assert swinging.change < 1e-12
+    assert swinging.amplitude == pytest.approx(0.01, rel=1e-2)
+    drifting = Value.of(iteration, 1e-3 * iteration)
+    assert drifting.change == pytest.approx(0.2)
+
+
+def increment(own, fresh, change=0.0, name="Cl"):
+    return Increment(-12.0, name, 0.0, own, None, tuple(fresh), change, 0.0, True)
+
+
+def test_agreement_is_within_the_scatter_or_two_per_cent():
+    assert increment(1.019, [1.0]).agrees
+    assert not increment(1.021, [1.0]).agrees
+    assert increment(1.04, [0.95, 1.0, 1.05]).agrees
+    assert not increment(1.06, [0.95, 1.0, 1.05]).agrees
+    assert not increment(-1.0, [1.0, 1.0, 1.0]).agrees
+    assert increment(1.0, [1.0], change=0.0049).converged
+    assert not increment(1.0, [1.0], change=0.0051).converged
+
+
+def test_a_slope_ends_where_increments_leave_the_line():
+    angles = np.array([-20.0, -12.0, -6.0, 6.0, 12.0, 20.0])
+    values = 0.01 * angles * np.where(np.abs(angles) > 15.0, 0.9, 1.0)
+    rows = [Increment(a, "Cl", 0.0, v, None, (), 0.0, 0.0, True) for a, v in zip(angles, values, strict=True)]
+    slope = Slope.of(rows)
+    assert (slope.rate, slope.low, slope.high) == (pytest.approx(0.01), -12.0, 12.0)
+    assert Slope.of(rows[:1]) is None
+
+
+def test_results_need_forces(tmp_path):
+    study = study_of(case_named("tail"))
+    with pytest.raises(InputError, match="no forces are reported; the solver has not run"):
+        results_of(study, carried_members(study), tmp_path)
+
+
+def carried_members(study):
+    from sdm_deflect.cases.study.flow.members import UNDEFLECTED, Member, fresh_members
+
+    return (Member(UNDEFLECTED), *fresh_members(study))
