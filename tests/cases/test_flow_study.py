@@ -25,9 +25,10 @@ from tests.cases.foam import needed
 
 def ended(*words):
     """Run `sdm` in this process; return its exit code."""
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as stop:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["sdm", *words])
-        main()
+        with pytest.raises(SystemExit) as stop:
+            main()
     return stop.value.code
 
 

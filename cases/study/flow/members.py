@@ -90,9 +90,7 @@ def study_of(
         if not 1 <= value <= MOST[what]:
             raise InputError(f"{what} = {value} must be between 1 and {MOST[what]}")
     if len(case.deflections) > 1:
-        raise InputError(
-            f"case {case.name}: turns {len(case.deflections)} surfaces; this study is of one"
-        )
+        raise InputError(f"case {case.name}: turns {len(case.deflections)} surfaces; this study is of one")
     if case.domain == "block":
         case = replace(case, domain="aircraft", mesh=case.background)
     wanted = tuple(angles) or (case.angle,)
