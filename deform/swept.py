@@ -14,7 +14,7 @@ import numpy as np
 from sdm_deflect.deform.edges import ROWS, edges_of, rows_of
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Polygons, Polyhedra
 from sdm_deflect.deform.parts import taken
-from sdm_deflect.deform.polyhedra import face_centres_and_areas, pyramids_of, touching
+from sdm_deflect.deform.polyhedra import TINY, face_centres_and_areas, pyramids_of, touching
 
 CONSERVED = 1e-12
 """Largest gap between what the faces of a cell sweep and how its volume changes, as a share of what is added up."""
@@ -56,12 +56,12 @@ class Swept:
     @property
     def gap(self) -> float:
         """Largest gap of any cell, as a share of what is added up."""
-        return float((np.abs(self.gaps) / self.sizes).max(initial=0.0))
+        return float((np.abs(self.gaps) / np.maximum(self.sizes, TINY)).max(initial=0.0))
 
     @property
     def gap_of_volume(self) -> float:
         """Largest gap of any cell, as a share of its volume."""
-        return float((np.abs(self.gaps) / np.abs(self.volumes)).max(initial=0.0))
+        return float((np.abs(self.gaps) / np.maximum(np.abs(self.volumes), TINY)).max(initial=0.0))
 
 
 def swept_volumes(faces: Polygons, before: FloatArray, after: FloatArray) -> FloatArray:
