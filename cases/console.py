@@ -83,7 +83,8 @@ def result_table(done: "Outcome") -> Group:
     wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}"] if done.files else []
     last = "all validations passed" if done.passed else "A VALIDATION FAILED"
     losses = [f"not held by this format: {text}" for text in done.lost]
-    return Group(*body, *together, *_texts([*repairs, *_lines(plan), *losses, speed, *wrote, last]))
+    notes = [f"note: {text}" for text in done.notes]
+    return Group(*body, *together, *_texts([*repairs, *_lines(plan), *notes, *losses, speed, *wrote, last]))
 
 
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:

@@ -46,7 +46,7 @@ class Judged:
 class Outcome:
     """What was done, for the table at the end; the angles in the order in which they were computed.
 
-    `checks` are those of all angles together.
+    `checks` are those of all angles together, `notes` sentences on what is left to do.
     """
 
     plan: Plan
@@ -55,11 +55,12 @@ class Outcome:
     reports: tuple[Path, ...]
     lost: tuple[str, ...]
     checks: tuple[Check, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
         """True if every check of every angle holds, and of all together."""
-        return all(one.passed for one in (*self.angles, *self.checks))
+        return all(one.passed for one in self.angles) and all(check.passed for check in self.checks)
 
 
 def needed(wanted: Targets, job: Job, progress: Progress, runner: Runner = HERE) -> Mesh:
@@ -168,7 +169,7 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
         "files": [str(path) for path in done.files],
         "reports": [str(path) for path in done.reports],
         "lost": list(done.lost),
-        **({"validation": verdict_figures(done.checks)} if done.checks else {}),
+        **({"validation": verdict_figures(done.checks), "advice": list(done.notes)} if done.checks else {}),
         "passed": done.passed,
         "timings": watch.seconds,
     }

@@ -212,7 +212,7 @@ def deflect_in_time(
         with watch.stage("sweeps") as progress:
             move_points(case / MESH, case / MESH, [foam.read_points(case, times.names[0])])
             sweeps = foam.write_sweeps(case, times, progress)
-    outcome = Outcome(plan, tuple(found), (wanted.out,), (), (*lost, *_advice(wanted, times)), (conservation(sweeps),))
+    outcome = Outcome(plan, tuple(found), (wanted.out,), (), lost, (conservation(sweeps),), _advice(wanted, times))
     return InTime(outcome, history, times.names, sweeps)
 
 

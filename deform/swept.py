@@ -49,9 +49,8 @@ class Swept:
         rows = touching(cells, moved)
         old, new = (pyramids_of(points, cells, rows).volume for points in (before, after))
         gaps = gained(cells, faces)[rows] - (new - old)
-        every = np.abs(faces)
-        sizes = np.abs(new) + gained(cells, every)[rows] + 2.0 * _of_neighbours(cells, every)[rows]
-        return cls(faces, rows, new, gaps, sizes)
+        owned, other = _by_side(cells, np.abs(faces))
+        return cls(faces, rows, new, gaps, np.abs(new) + (owned + other)[rows])
 
     @property
     def gap(self) -> float:
@@ -89,10 +88,12 @@ def swept_volumes(faces: Polygons, before: FloatArray, after: FloatArray) -> Flo
 
 def gained(cells: Polyhedra, swept: FloatArray) -> FloatArray:
     """Return the sum (C,) of what the faces of each cell sweep (F,): its owner's plus, its neighbour's minus."""
-    owned = np.bincount(cells.owner, weights=swept, minlength=len(cells))
-    return np.asarray(owned - _of_neighbours(cells, swept))
+    owned, other = _by_side(cells, swept)
+    return np.asarray(owned - other)
 
 
-def _of_neighbours(cells: Polyhedra, swept: FloatArray) -> FloatArray:
-    inner = len(cells.neighbour)
-    return np.asarray(np.bincount(cells.neighbour, weights=swept[:inner], minlength=len(cells)))
+def _by_side(cells: Polyhedra, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Sums (C,) of values (F,) over the faces that each cell owns, and over those that it is the neighbour of."""
+    sides = (cells.owner, values), (cells.neighbour, values[: len(cells.neighbour)])
+    owned, other = (np.asarray(np.bincount(cell, own, len(cells)), dtype=np.float64) for cell, own in sides)
+    return owned, other

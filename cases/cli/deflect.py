@@ -147,7 +147,7 @@ def _check_alone(given: dict[str, Any]) -> None:
     from sdm_deflect.deform.errors import InputError
 
     for name in IDLE_IN_TIME:
-        if given.pop(name, None) not in (None, False):
+        if (value := given.pop(name)) is not None and value is not False:
             raise InputError(f"--{name.replace('_', '-')}: --history has no use for it; leave one of them out")
     here = click.get_current_context()
     if here.params["report"] and here.get_parameter_source("report") is ParameterSource.COMMANDLINE:

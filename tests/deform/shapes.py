@@ -4,7 +4,7 @@ from itertools import permutations
 
 import numpy as np
 
-from sdm_deflect.deform.faces import FACES, FACE_SHAPES
+from sdm_deflect.deform.faces import FACE_SHAPES, FACES
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
 from tests.deform.blocks import SIDES, block_with_body
 from tests.deform.repair.meshes import CORNER

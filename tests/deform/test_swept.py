@@ -1,5 +1,7 @@
 """Faces sweep what their cells gain: for every type of cell, in real deflections, over a period."""
 
+from math import pi, sin
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from tests.deform.jobs import blended, job, turn
 from tests.deform.shapes import SHAPES, body_in
 from tests.meshing.formats.examples import hybrid, polyhedral
 
-PERIOD = [round(10.0 * np.sin(2.0 * np.pi * k / 8), 12) for k in range(9)]
+PERIOD = [round(10.0 * sin(2.0 * pi * k / 8), 12) for k in range(9)]
 """Degrees of a harmonic oscillation."""
 
 
