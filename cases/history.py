@@ -13,7 +13,7 @@ from sdm_deflect.cases.deflect_file import Judged, Outcome, figures, judged, pla
 from sdm_deflect.cases.job_settings import MOST_ANGLES, settings_of
 from sdm_deflect.cases.mesh_files import Targets, write_mesh
 from sdm_deflect.cases.metrics import Json
-from sdm_deflect.cases.output import output_files
+from sdm_deflect.cases.output import OutputError, output_files
 from sdm_deflect.cases.progress import Stopwatch, Told
 from sdm_deflect.deform.checks import MIN_QUALITY, Check
 from sdm_deflect.deform.errors import InputError, shortened
@@ -24,6 +24,7 @@ from sdm_deflect.deform.swept import CONSERVED
 from sdm_deflect.deform.volume.deflection import Plan, sweep
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.formats import openfoam_history as foam
+from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import case_folder
 from sdm_deflect.meshing.formats.openfoam_decomposed import move_points
 from sdm_deflect.meshing.formats.openfoam_files import MESH
@@ -79,9 +80,7 @@ class History:
     @classmethod
     def read(cls, path: str | PathLike[str]) -> "History":
         """Read a .csv of time, angle with a line of titles; InputError if the file is none."""
-        if not isinstance(path, str | PathLike):
-            raise InputError(f"history = {shortened(path)} is no path of a file")
-        path = Path(path)
+        path = _path(path, "history")
         with damaged(path, f"history ({RULE})"):
             if path.stat().st_size > LONGEST:
                 raise InputError(f"holds {path.stat().st_size} bytes; a history has at most {MOST_TIMES} times")
@@ -158,13 +157,16 @@ def deflect_history(
 
     Raises
     ------
-    InputError, MeshFileError : As `deflect` and its result's `save`; or if the history cannot be used.
+    InputError : as `deflect` and its result's `save`; or if the history cannot be used.
     """
     given = history if isinstance(history, History) else History.read(history)
     settings = settings_of(surfaces, hinge, given.largest, options)
-    wanted = target_of(Path(mesh), None if out is None else Path(out), given)
-    wanted.check()
-    return deflect_in_time(wanted, settings.job(), given, Stopwatch(Told(progress)), settings.min_quality)
+    try:
+        wanted = target_of(_path(mesh, "mesh"), None if out is None else _path(out, "out"), given)
+        wanted.check()
+        return deflect_in_time(wanted, settings.job(), given, Stopwatch(Told(progress)), settings.min_quality)
+    except (MeshFileError, OutputError) as error:
+        raise InputError(str(error)) from None
 
 
 def target_of(source: Path, out: Path | None, history: History) -> Targets:
@@ -179,11 +181,6 @@ def target_of(source: Path, out: Path | None, history: History) -> Targets:
     return Targets.of(source, out or named.with_name(f"{named.name}-history".replace(".", "-")), (history.largest,))
 
 
-def planned_in_time(wanted: Targets, job: Job, history: History, watch: Stopwatch) -> Plan:
-    """Read the mesh and decide everything for all angles of a history, but fit and write nothing."""
-    return planned(wanted, job, watch, angles=history.distinct)
-
-
 def deflect_in_time(
     wanted: Targets, job: Job, history: History, watch: Stopwatch, min_quality: float = MIN_QUALITY
 ) -> InTime:
@@ -191,7 +188,7 @@ def deflect_in_time(
 
     Every different angle is computed once; points of one angle at a time are in memory, then of two times.
     """
-    plan = planned_in_time(wanted, job, history, watch)
+    plan = planned(wanted, job, watch, angles=history.distinct)
     times = foam.Times(history.times)
     found: list[Judged] = []
     with output_files(wanted.out.parent) as scratch:
@@ -238,6 +235,12 @@ def _advice(wanted: Targets, times: foam.Times) -> tuple[str, ...]:
     """Say what a user must change in settings of their own."""
     own = format_of(wanted.source) is FORMATS["openfoam"] and times.digits > foam.DIGITS
     return (f"times of {times.digits} digits: set timePrecision {times.digits} in its controlDict",) if own else ()
+
+
+def _path(value: Any, what: str) -> Path:
+    if not isinstance(value, str | PathLike) or "\0" in str(value):
+        raise InputError(f"{what} = {shortened(value)} is no path of a file or folder")
+    return Path(value)
 
 
 def _has_numbers(line: str) -> bool:

@@ -117,8 +117,8 @@ def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
 def _in_time(mesh: Path, out: Path | None, path: Path, dry_run: bool, given: dict[str, Any]) -> int:
     """Deflect to the angle of each time of a history."""
     from sdm_deflect.cases.console import plan_table, result_table
-    from sdm_deflect.cases.deflect_file import plan_figures
-    from sdm_deflect.cases.history import History, deflect_in_time, planned_in_time, target_of
+    from sdm_deflect.cases.deflect_file import plan_figures, planned
+    from sdm_deflect.cases.history import History, deflect_in_time, target_of
     from sdm_deflect.cases.job_settings import job_settings
     from sdm_deflect.cases.mesh_files import inputs_of
 
@@ -131,7 +131,7 @@ def _in_time(mesh: Path, out: Path | None, path: Path, dry_run: bool, given: dic
     wanted.check((path, *inputs_of(nested, Path()), *([config] if config else ())))
     with options.watched(quiet or (as_json and not verbose), verbose) as watch:
         if dry_run:
-            plan = planned_in_time(wanted, job, history, watch)
+            plan = planned(wanted, job, watch, angles=history.distinct)
         else:
             done = deflect_in_time(wanted, job, history, watch, settings.min_quality)
     if dry_run:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import resource
 import shutil
 import sys
 from math import pi, sin
@@ -16,7 +17,6 @@ from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.faces import FACE_SHAPES, FACES
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.swept import Swept
-from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
 from sdm_deflect.meshing.formats.openfoam_history import Times
@@ -294,7 +294,7 @@ def test_what_makes_no_sense_beside_a_history_is_refused(words, said, sdm, tmp_p
 
 def test_parts_of_a_case_and_plane_meshes_are_refused(sdm, tmp_path):
     (tmp_path / "case" / "processor0" / MESH).mkdir(parents=True)
-    with pytest.raises(MeshFileError, match="put them together with reconstructParMesh"):
+    with pytest.raises(InputError, match="put them together with reconstructParMesh"):
         deflect_history(tmp_path / "case", "body", [[0, 0, 0], [0, 1, 0]], History((0, 1), (0, 1)))
     FORMATS["su2"].write(plate(), tmp_path / "plane.su2")
     written(tmp_path / "t.csv")
@@ -326,5 +326,38 @@ def test_a_history_of_python_is_checked_as_a_file_is():
     for times, angles in (([0, 1], [1]), ([0], [1]), ([[0, 1]], [[1, 2]]), ("ab", [1, 2]), ([0, 1], [1, None])):
         with pytest.raises(InputError, match="history"):
             History(times, angles)
-    with pytest.raises(InputError, match="no path"):
-        History.read(5)
+    for value in (5, "\0", None):
+        with pytest.raises(InputError, match="no path"):
+            History.read(value)
+        with pytest.raises(InputError, match="no path"):
+            deflect_history(value, "body", [[0, 0, 0], [0, 1, 0]], History((0, 1), (0, 1)))
+
+
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_a_full_disk_is_one_line_and_leaves_nothing(share, cases, sdm, tmp_path):
+    """A limit of the size of files stands for the disk: the mesh does not fit, or the sweeps do not."""
+    FORMATS["su2"].write(body_in("hexahedron"), tmp_path / "body.su2")
+    largest = max(path.stat().st_size for path in cases["hexahedron"].rglob("*"))
+    words = ["--history", written(tmp_path / "t.csv"), "--set", "near_wall=false"]
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * largest), resource.RLIM_INFINITY))
+    try:
+        code, _, complaint = sdm("deflect", tmp_path / "body.su2", *BODY, *words)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    assert (code, complaint.count("\n")) == (2, 1)
+    assert "cannot be written" in complaint
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["body.su2", "t.csv"]
+
+
+def test_progress_of_python_tells_of_every_stage(tmp_path):
+    FORMATS["su2"].write(body_in("hexahedron", 6), tmp_path / "body.su2")
+    told = []
+    turned = [[0, 0, 0], [0, 1, 0]]
+    done = deflect_history(
+        tmp_path / "body.su2", "body", turned, History((0, 1), (0, 5)), tmp_path / "out",
+        progress=lambda text, share: told.append(text), repair="off",
+    )  # fmt: skip
+    assert done.passed
+    assert {"read", "plan", "deflect", "sweeps", "time 1"} <= set(told)
+    with pytest.raises(InputError, match="exists already"):
+        deflect_history(tmp_path / "body.su2", "body", turned, History((0, 1), (0, 5)), tmp_path / "out")
