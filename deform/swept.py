@@ -11,13 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.edges import ROWS, edges_of, rows_of
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Polygons, Polyhedra
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Polygons, Polyhedra
 from sdm_deflect.deform.parts import taken
-from sdm_deflect.deform.polyhedra import TINY, face_centres_and_areas, pyramids_of, touching
+from sdm_deflect.deform.polyhedra import TINY, touching
+from sdm_deflect.deform.rbf.compiled import compiled_exactly
 
 CONSERVED = 1e-12
 """Largest gap between what the faces of a cell sweep and how its volume changes, as a share of what is added up."""
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,14 +44,12 @@ class Swept:
     def of(cls, cells: Polyhedra, before: FloatArray, after: FloatArray) -> "Swept":
         """Measure the way from points `before` (N, 3) to points `after` (N, 3)."""
         moved = (before != after).any(axis=1)
-        some = np.flatnonzero(np.logical_or.reduceat(moved[cells.faces.nodes], cells.faces.offsets[:-1]))
-        faces = np.zeros(len(cells.faces))
-        faces[some] = swept_volumes(taken(cells.faces, some), before, after)
+        faces = swept_volumes(cells.faces, before, after, moved)
         rows = touching(cells, moved)
-        old, new = (pyramids_of(points, cells, rows).volume for points in (before, after))
-        gaps = gained(cells, faces)[rows] - (new - old)
+        old, new = (volumes_of(cells, points, rows) for points in (before, after))
         owned, other = _by_side(cells, np.abs(faces))
-        return cls(faces, rows, new, gaps, np.abs(new) + (owned + other)[rows])
+        sizes = np.abs(new) + (owned + other)[rows]
+        return cls(faces, rows, new, gained(cells, faces)[rows] - (new - old), sizes)
 
     @property
     def gap(self) -> float:
@@ -63,27 +62,29 @@ class Swept:
         return float((np.abs(self.gaps) / np.maximum(np.abs(self.volumes), TINY)).max(initial=0.0))
 
 
-def swept_volumes(faces: Polygons, before: FloatArray, after: FloatArray) -> FloatArray:
+def swept_volumes(faces: Polygons, before: FloatArray, after: FloatArray, moved: BoolArray | None = None) -> FloatArray:
     """Return the volume (F,) that each face sweeps from points `before` (N, 3) to points `after` (N, 3).
 
     With u and v from a face's centre to the ends of an edge, the area vector of their triangle is u x v / 2 at each
     time, and its integral over the way (m x n + du x dv / 12) / 2 for the means m, n and the changes du, dv; the mean
-    of the corners' displacements goes along it.
+    of the corners' displacements goes along it. Nodes that are not marked in `moved` (N,) are at the same place.
     """
-    out = np.empty(len(faces))
-    for part in rows_of(len(faces), ROWS):
-        own = faces.rows(part.start, part.stop)
-        edges, face = edges_of(own)
-        old, new = (face_centres_and_areas(points, own)[0] for points in (before, after))
-        first, second = (after[edges[:, i]] - before[edges[:, i]] for i in (0, 1))
-        (u, du), (v, dv) = (
-            (0.5 * (start + end), end - start)
-            for start, end in ((before[edges[:, i]] - old[face], after[edges[:, i]] - new[face]) for i in (0, 1))
-        )
-        areas = np.cross(u, v) + np.cross(du, dv) / 12.0
-        swept = np.einsum("ij,ij->i", first + second + (new - old)[face], areas) / 6.0
-        out[part] = np.add.reduceat(swept, own.offsets[:-1])
+    some = np.ones(len(before), dtype=np.bool_) if moved is None else moved
+    out = np.zeros(len(faces))
+    _sweep(before, after, some, faces.nodes, faces.offsets, out)
     return out
+
+
+def volumes_of(cells: Polyhedra, points: FloatArray, rows: IntArray | None = None) -> FloatArray:
+    """Return the volume of all cells (C,), or of R rows of them, as `polyhedra.pyramids_of` does."""
+    some = np.arange(len(cells)) if rows is None else rows
+    place, sides = np.full(len(cells), -1, dtype=np.intp), np.full((len(cells.faces), 2), -1, dtype=np.intp)
+    place[some] = np.arange(len(some))
+    sides[:, 0], sides[: len(cells.neighbour), 1] = place[cells.owner], place[cells.neighbour]
+    wanted = np.flatnonzero((sides >= 0).any(axis=1))
+    faces, sides = taken(cells.faces, wanted), sides[wanted]
+    tips = _middles(points, faces.nodes, faces.offsets, sides, len(some))
+    return _pyramids(points, faces.nodes, faces.offsets, sides, tips)
 
 
 def gained(cells: Polyhedra, swept: FloatArray) -> FloatArray:
@@ -97,3 +98,102 @@ def _by_side(cells: Polyhedra, values: FloatArray) -> tuple[FloatArray, FloatArr
     sides = (cells.owner, values), (cells.neighbour, values[: len(cells.neighbour)])
     owned, other = (np.asarray(np.bincount(cell, own, len(cells)), dtype=np.float64) for cell, own in sides)
     return owned, other
+
+
+@compiled_exactly
+def _sweep(
+    before: FloatArray, after: FloatArray, moved: BoolArray, nodes: IntArray, offsets: IntArray, out: FloatArray
+) -> None:  # pragma: no cover - machine code
+    """Fill in what faces with a marked node sweep."""
+    for f in range(len(out)):
+        face = nodes[offsets[f] : offsets[f + 1]]
+        if not moved[face].any():
+            continue
+        old, new = _centre(before, face)[0], _centre(after, face)[0]
+        total, way = 0.0, _less(new, old)
+        for i in range(len(face)):
+            a, b = face[i - 1], face[i]
+            u0, u1 = _less(_at(before, a), old), _less(_at(after, a), new)
+            v0, v1 = _less(_at(before, b), old), _less(_at(after, b), new)
+            steps = _plus(way, _plus(_less(_at(after, a), _at(before, a)), _less(_at(after, b), _at(before, b))))
+            mean = _dot(steps, _cross(_plus(u0, u1), _plus(v0, v1)))
+            total += (3.0 * mean + _dot(steps, _cross(_less(u1, u0), _less(v1, v0)))) / 72.0
+        out[f] = total
+
+
+@compiled_exactly
+def _middles(
+    points: FloatArray, nodes: IntArray, offsets: IntArray, sides: IntArray, count: int
+) -> FloatArray:  # pragma: no cover - machine code
+    """Mean (R, 3) of the centres of each cell's faces; `sides` (F, 2) are the cells behind and before each, or -1."""
+    sums, faces = np.zeros((count, 3)), np.zeros((count, 1))
+    for f in range(len(sides)):
+        centre, _ = _centre(points, nodes[offsets[f] : offsets[f + 1]])
+        for cell in sides[f]:
+            if cell >= 0:
+                faces[cell, 0] += 1.0
+                for k in range(3):
+                    sums[cell, k] += centre[k]
+    return sums / faces
+
+
+@compiled_exactly
+def _pyramids(
+    points: FloatArray, nodes: IntArray, offsets: IntArray, sides: IntArray, tips: FloatArray
+) -> FloatArray:  # pragma: no cover - machine code
+    """Volume (R,) of each cell: that of the pyramids on its faces. Tips farther away would round flat cells away."""
+    volumes = np.zeros(len(tips))
+    for f in range(len(sides)):
+        centre, area = _centre(points, nodes[offsets[f] : offsets[f + 1]])
+        own, other = sides[f]
+        if own >= 0:
+            volumes[own] += _dot(area, _less(centre, _at(tips, own))) / 3.0
+        if other >= 0:
+            volumes[other] -= _dot(area, _less(centre, _at(tips, other))) / 3.0
+    return volumes
+
+
+@compiled_exactly
+def _centre(points: FloatArray, face: IntArray) -> tuple[Vector, Vector]:  # pragma: no cover - machine code
+    """Centre and area vector of a face: see `polyhedra.face_centres_and_areas`."""
+    x, y, z, size = 0.0, 0.0, 0.0, 1.0 / len(face)
+    for node in face:
+        x, y, z = x + points[node, 0], y + points[node, 1], z + points[node, 2]
+    mean = x * size, y * size, z * size
+    weight, moment, area = 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(len(face)):
+        a, b = _less(_at(points, face[i - 1]), mean), _less(_at(points, face[i]), mean)
+        normal = _cross(a, b)
+        own = np.sqrt(_dot(normal, normal))
+        weight, area, arm = weight + own, _plus(area, normal), _plus(a, b)
+        moment = _plus(moment, (own * arm[0], own * arm[1], own * arm[2]))
+    area = 0.5 * area[0], 0.5 * area[1], 0.5 * area[2]
+    if weight <= TINY:
+        return mean, area
+    share = 1.0 / (3.0 * weight)
+    return _plus(mean, (share * moment[0], share * moment[1], share * moment[2])), area
+
+
+@compiled_exactly
+def _at(points: FloatArray, node: int) -> Vector:  # pragma: no cover - machine code
+    return points[node, 0], points[node, 1], points[node, 2]
+
+
+@compiled_exactly
+def _plus(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@compiled_exactly
+def _less(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled_exactly
+def _cross(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled_exactly
+def _dot(a: Vector, b: Vector) -> float:  # pragma: no cover - machine code
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.deform.mesh import Polyhedra
-from sdm_deflect.deform.polyhedra import pyramids_of
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.swept import Swept
+from sdm_deflect.deform.swept import Swept, volumes_of
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.openfoam import OpenFoam, has_parts
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch, open_foam, parse, vectors
@@ -140,7 +139,7 @@ def write_sweeps(case: Path, times: Times, progress: Progress = silent) -> tuple
     cells, patches = _faces_of(case)
     names, values = times.names, times.values
     after = read_points(case, names[0])
-    volumes = pyramids_of(after, cells).volume
+    volumes = volumes_of(cells, after)
     found = []
     for i in range(1, len(names)):
         progress(f"time {names[i]}", i / len(names))
