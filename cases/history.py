@@ -112,13 +112,13 @@ class InTime:
     outcome : every different angle with its checks, and the case that was written.
     history : the times and angles.
     names : folder of each time in the case.
-    sweeps : how well the face sweeps add up, from each time to the next.
+    balances : how well the face sweeps add up, from each time to the next.
     """
 
     outcome: Outcome
     history: History = field(repr=False)
     names: tuple[str, ...] = field(repr=False)
-    sweeps: tuple[foam.Sweep, ...] = field(repr=False)
+    balances: tuple[foam.Balance, ...] = field(repr=False)
 
     @property
     def passed(self) -> bool:
@@ -128,7 +128,7 @@ class InTime:
     def figures(self, watch: Stopwatch) -> Json:
         """Return all figures as JSON has them."""
         own = {"times": self.history.times, "angles": self.history.angles, "folders": self.names}
-        return {**figures(self.outcome, watch), "history": {**own, "sweeps": list(map(asdict, self.sweeps))}}
+        return {**figures(self.outcome, watch), "history": {**own, "face_sweeps": list(map(asdict, self.balances))}}
 
 
 def deflect_history(
@@ -206,18 +206,18 @@ def deflect_in_time(
                 for name, angle in zip(times.names, history.angles, strict=True):
                     if angle == one.angle:
                         foam.write_points(case, name, one.points)
-        with watch.stage("sweeps") as progress:
+        with watch.stage("face sweeps") as progress:
             move_points(case / MESH, case / MESH, [foam.read_points(case, times.names[0])])
-            sweeps = foam.write_sweeps(case, times, progress)
-    outcome = Outcome(plan, tuple(found), (wanted.out,), (), lost, (conservation(sweeps),), _advice(wanted, times))
-    return InTime(outcome, history, times.names, sweeps)
+            balances = foam.write_face_sweeps(case, times, progress)
+    outcome = Outcome(plan, tuple(found), (wanted.out,), (), lost, (conservation(balances),), _advice(wanted, times))
+    return InTime(outcome, history, times.names, balances)
 
 
-def conservation(sweeps: Sequence[foam.Sweep]) -> Check:
+def conservation(balances: Sequence[foam.Balance]) -> Check:
     """Check that the volumes that the faces of each cell sweep add up to the change of its volume."""
-    cells, gap = max(one.cells for one in sweeps), max(one.gap for one in sweeps)
-    share = max(one.gap_of_volume for one in sweeps)
-    where = f"up to {cells} cells at {len(sweeps)} steps of time; {share:.1e} of the cell's volume alone"
+    cells, gap = max(one.cells for one in balances), max(one.gap for one in balances)
+    share = max(one.gap_of_volume for one in balances)
+    where = f"up to {cells} cells at {len(balances)} steps of time; {share:.1e} of the cell's volume alone"
     return Check("face_sweeps", gap, CONSERVED, "", where, over=cells)
 
 

@@ -80,7 +80,7 @@ class Times:
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
+class Balance:
     """How well the face sweeps of one time add up; see `Swept`.
 
     Attributes
@@ -131,7 +131,7 @@ def read_points(case: Path, name: str) -> FloatArray:
         return vectors(open_foam(folder, POINTS)).values
 
 
-def write_sweeps(case: Path, times: Times, progress: Progress = silent) -> tuple[Sweep, ...]:
+def write_face_sweeps(case: Path, times: Times, progress: Progress = silent) -> tuple[Balance, ...]:
     """Write the face sweeps and old volumes of all times but the first into a case with the points of each.
 
     Returns how well they add up. No more than the points of two times are in memory.
@@ -148,7 +148,7 @@ def write_sweeps(case: Path, times: Times, progress: Progress = silent) -> tuple
         _write_fluxes(case / names[i], swept.faces / (values[i] - values[i - 1]), len(cells.neighbour), patches)
         _write_volumes(case / names[i], volumes)
         volumes[swept.rows] = swept.volumes
-        found.append(Sweep(len(swept.rows), swept.gap, swept.gap_of_volume))
+        found.append(Balance(len(swept.rows), swept.gap, swept.gap_of_volume))
     return tuple(found)
 
 

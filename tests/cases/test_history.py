@@ -202,7 +202,7 @@ def test_the_command_prints_what_it_did_and_a_dry_run_writes_nothing(sdm, tmp_pa
     assert code == 0
     assert figures["history"]["folders"] == NAMES
     assert figures["history"]["angles"] == [angle + 0.0 for angle in PERIOD]
-    assert len(figures["history"]["sweeps"]) == 8
+    assert len(figures["history"]["face_sweeps"]) == 8
     assert len(figures["angles"]) == 5
     (check,) = figures["validation"]["checks"]
     assert (check["name"], check["passed"]) == ("face_sweeps", True)
@@ -358,6 +358,6 @@ def test_progress_of_python_tells_of_every_stage(tmp_path):
         progress=lambda text, share: told.append(text), repair="off",
     )  # fmt: skip
     assert done.passed
-    assert {"read", "plan", "deflect", "sweeps", "time 1"} <= set(told)
+    assert {"read", "plan", "deflect", "face sweeps", "time 1"} <= set(told)
     with pytest.raises(InputError, match="exists already"):
         deflect_history(tmp_path / "body.su2", "body", turned, History((0, 1), (0, 5)), tmp_path / "out")
