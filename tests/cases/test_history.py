@@ -5,6 +5,7 @@ import re
 import resource
 import shutil
 import sys
+from dataclasses import replace
 from math import pi, sin
 
 import numpy as np
@@ -23,9 +24,10 @@ from sdm_deflect.meshing.formats.openfoam_history import Times
 from sdm_deflect.meshing.formats.openfoam_write import header
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.cases import foam
+from tests.deform.blocks import grid
 from tests.deform.jobs import turn
 from tests.deform.plates import plate
-from tests.deform.shapes import SHAPES, body_in
+from tests.deform.shapes import SHAPES, body_in, named
 
 BODY = ["--surface", "body", "--hinge", "0,0,0", "0,1,0", "--quiet"]
 TIMES = [k / 40 for k in range(9)]
@@ -165,6 +167,46 @@ def test_openfoam_starts_from_a_time_with_its_sweeps_and_old_volumes(cases, tmp_
         with pytest.raises(AssertionError, match=r"not equal to the given value|size 0"):
             foam.run("postProcess", case, "-time", "0.1", "-func", "writeCellVolumes")
         path.write_bytes(good)
+
+
+KINDS = {
+    "x-": "cyclic; neighbourPatch x+", "x+": "cyclic; neighbourPatch x-", "y-": "empty", "y+": "empty",
+    "z-": "symmetryPlane", "z+": "patch",
+}  # fmt: skip
+
+
+def one_layer(case):
+    """A case of one layer of cells around a body, as OpenFOAM has planes: empty, cyclic and symmetry patches."""
+    points, cells = grid([-2.0, -0.25, -2.0], [2.0, 0.25, 2.0], [8, 1, 8])
+    cells = cells[(np.abs(points[cells].mean(axis=1)) > 0.5).any(axis=1)]
+    used, cells = np.unique(cells, return_inverse=True)
+    block = Cells("hexahedron", cells.reshape(-1, 8))
+    mesh = named(points[used] * [1.0, 8.0, 1.0], block)  # as wide as the block of which it knows the sides
+    OpenFoam().write(replace(mesh, points=points[used]), case)
+    path = case / MESH / "boundary"
+    text = path.read_text()
+    for name, kind in KINDS.items():
+        text = re.sub(rf"( {re.escape(name)}|\n{re.escape(name)})\n\{{\n    type \w+;\n(    inGroups 1\(wall\);\n)?",
+                      rf"\1\n{{\n    type {kind};\n", text)  # fmt: skip
+    path.write_text(text)
+
+
+def test_planes_of_openfoam_move_with_patches_of_its_own_kinds(sdm, tmp_path):
+    one_layer(tmp_path / "plane")
+    words = ["--slide", "y-:plane", "--slide", "y+:plane", "--history", written(tmp_path / "t.csv")]
+    code, table, complaint = sdm("deflect", tmp_path / "plane", *BODY, *words)
+    assert code == 0, table + complaint
+    case = tmp_path / "plane-history"
+    assert foam.run("checkMesh", case).count("Mesh OK.") == len(NAMES)
+    flux = (case / "0.05" / "meshPhi").read_bytes()
+    for name, kind in KINDS.items():
+        own = "calculated" if kind == "patch" else kind.partition(";")[0]
+        assert f"    {name}\n    {{\n        type {own};\n".encode() in flux
+    foam.run("postProcess", case, "-time", "0.05", "-funcs", "(div(meshPhi) writeCellVolumes)")
+    volumes = field(case / "0.05" / "V")[: len(OpenFoam().read(case).cells[0])]
+    swept = field(case / "0.05" / "div(meshPhi)")[: len(volumes)] * volumes * 0.025
+    np.testing.assert_allclose(swept, volumes - field(case / "0.05" / "V0"), rtol=0.0, atol=1e-12 * volumes.min())
+    assert np.abs(swept).max() > 1e-3 * volumes.max()
 
 
 def test_a_copy_of_a_users_case_gets_times_and_keeps_all_else(cases, sdm, tmp_path):
