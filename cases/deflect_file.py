@@ -156,6 +156,7 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
     """Return the figures of a job as JSON has them."""
     return {
         **plan_figures(done.plan),
+        "notes": [*notes_of(done.plan), *done.notes],
         "angles": [
             {
                 "angle": one.angle,
@@ -169,7 +170,7 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
         "files": [str(path) for path in done.files],
         "reports": [str(path) for path in done.reports],
         "lost": list(done.lost),
-        **({"validation": verdict_figures(done.checks), "advice": list(done.notes)} if done.checks else {}),
+        **({"validation": verdict_figures(done.checks)} if done.checks else {}),
         "passed": done.passed,
         "timings": watch.seconds,
     }

@@ -170,7 +170,10 @@ def deflect_history(
 
 
 def target_of(source: Path, out: Path | None, history: History) -> Targets:
-    """Return the new case of a history; InputError if `out` is the name of a file, or the mesh has but parts."""
+    """Return the new case of a history; InputError if `out` is the name of a file.
+
+    Raises MeshFileError for a case to which no history can be added.
+    """
     of_case = format_of(source) is FORMATS["openfoam"]
     if of_case:
         foam.check_source(source)
@@ -224,9 +227,7 @@ def conservation(balances: Sequence[foam.Balance]) -> Check:
 def _write_case(wanted: Targets, plan: Plan, case: Path, times: foam.Times, progress: Progress) -> tuple[str, ...]:
     """Write the undeflected mesh: a new case, or a copy of the one that was read."""
     lost = write_mesh(wanted.source, plan.mesh, plan.mesh.points, case, progress)
-    if format_of(wanted.source) is FORMATS["openfoam"]:
-        foam.check_times(case)
-    else:
+    if format_of(wanted.source) is not FORMATS["openfoam"]:
         foam.write_control(case, times)
     return lost
 

@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh import Polyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.swept import Swept, volumes_of
 from sdm_deflect.meshing.formats.format import MeshFileError, about
-from sdm_deflect.meshing.formats.openfoam import OpenFoam, has_parts
+from sdm_deflect.meshing.formats.openfoam import OpenFoam, case_folder, has_parts, mesh_folder
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch, open_foam, parse, vectors
 from sdm_deflect.meshing.formats.openfoam_write import SCALAR, header, write_list
 from sdm_deflect.meshing.mesh import FloatArray
@@ -101,13 +101,12 @@ def check_source(path: Path) -> None:
             f"{path}: a history needs the mesh of the whole, and this names the parts of a decomposed case; put them "
             "together with reconstructParMesh -constant"
         )
-
-
-def check_times(case: Path) -> None:
-    """Refuse a case that has meshes in time folders already, with a MeshFileError: they would be other times'."""
-    for folder in sorted(path for path in case.iterdir() if _is_time(path)):
+    case = case_folder(path)
+    if mesh_folder(path) != case / MESH:
+        raise MeshFileError(f"{path}: is the mesh of a case; name the folder of the case for a history")
+    for folder in sorted(one for one in case.iterdir() if _is_time(one)):
         if (folder / MESH.name).exists() or (folder / "meshPhi").exists():
-            raise MeshFileError(f"{case}: has a mesh that moves in {folder.name} already; name a case without one")
+            raise MeshFileError(f"{path}: has a mesh that moves in {folder.name} already; name a case without one")
 
 
 def write_control(case: Path, times: Times) -> None:

@@ -319,6 +319,7 @@ def test_a_file_that_is_no_history_is_one_sentence(content, said, sdm, tmp_path)
         (["--sensitivity"], "--sensitivity: --history has no use for it"),
         (["--workers", "2"], "--workers: --history has no use for it"),
         (["--scheduler", "tcp://x:1"], "--scheduler: --history has no use for it"),
+        (["--worker-memory", "2GB"], "--worker-memory: --history has no use for it"),
         (["--report"], "--report: --history makes none"),
         (["--out", "turned.su2"], "a history becomes an OpenFOAM case; name a folder in out"),
         (["--out", "."], "exists already"),
@@ -334,10 +335,12 @@ def test_what_makes_no_sense_beside_a_history_is_refused(words, said, sdm, tmp_p
     assert sorted(path.name for path in tmp_path.iterdir()) == ["body.su2", "t.csv"]
 
 
-def test_parts_of_a_case_and_plane_meshes_are_refused(sdm, tmp_path):
+def test_parts_of_a_case_its_mesh_alone_and_plane_meshes_are_refused(cases, sdm, tmp_path):
     (tmp_path / "case" / "processor0" / MESH).mkdir(parents=True)
     with pytest.raises(InputError, match="put them together with reconstructParMesh"):
         deflect_history(tmp_path / "case", "body", [[0, 0, 0], [0, 1, 0]], History((0, 1), (0, 1)))
+    with pytest.raises(InputError, match="name the folder of the case"):
+        deflect_history(cases["tetra"] / MESH, "body", [[0, 0, 0], [0, 1, 0]], History((0, 1), (0, 1)))
     FORMATS["su2"].write(plate(), tmp_path / "plane.su2")
     written(tmp_path / "t.csv")
     words = ["--surface", "hole", "--hinge", "0,0", "--history", tmp_path / "t.csv", "--quiet"]
