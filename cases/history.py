@@ -220,7 +220,7 @@ def conservation(balances: Sequence[foam.Balance]) -> Check:
     """Check that the volumes that the faces of each cell sweep add up to the change of its volume."""
     cells, gap = max(one.cells for one in balances), max(one.gap for one in balances)
     share = max(one.gap_of_volume for one in balances)
-    where = f"up to {cells} cells from time to time, {len(balances)} times; {share:.1e} of the cell's volume alone"
+    where = f"up to {cells} cells at each of {len(balances)} times; {share:.1e} of the cell's volume alone"
     return Check("face_sweeps", gap, CONSERVED, "", where, over=cells)
 
 

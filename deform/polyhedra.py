@@ -4,7 +4,6 @@ The formulas are those of OpenFOAM's primitiveMesh, so that a cell is inverted h
 """
 
 from dataclasses import dataclass, field
-from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,7 +129,7 @@ def _sides(cells: Polyhedra, rows: IntArray | None) -> tuple[Polygons, IntArray,
 
 def _sums(cell: IntArray, values: FloatArray, count: int) -> FloatArray:
     """Add up values (K,) or (K, 3) by cell (K,)."""
-    columns = values.reshape(len(values), prod(values.shape[1:])).T
+    columns = values.reshape(len(values), -1).T
     sums = [np.bincount(cell, weights=column, minlength=count) for column in columns]
     return np.asarray(np.column_stack(sums).reshape(count, *values.shape[1:]), dtype=np.float64)
 
