@@ -18,6 +18,8 @@ from sdm_deflect.deform.rbf.compiled import compiled_exactly
 
 CONSERVED = 1e-12
 """Largest gap between what the faces of a cell sweep and how its volume changes, as a share of what is added up."""
+ROUNDED = np.finfo(np.float64).eps / CONSERVED
+"""Share of the products of lengths, of which flat cells' volumes are differences, that counts as added up, too."""
 Vector = tuple[float, float, float]
 
 
@@ -31,7 +33,8 @@ class Swept:
     rows : (R,) the cells with a node that moves.
     volumes : (R,) their volumes at the end.
     gaps : (R,) what the faces of each sweep less the change of its volume.
-    sizes : (R,) what is added up: its volume, and without their signs the volumes that its faces sweep.
+    sizes : (R,) what is added up: its volume, and without their signs the volumes that its faces sweep; of a cell more
+        than a thousand times as wide as it is high what rounding sees, `ROUNDED` of the cube of its width.
     """
 
     faces: FloatArray = field(repr=False)
@@ -46,9 +49,9 @@ class Swept:
         moved = (before != after).any(axis=1)
         faces = swept_volumes(cells.faces, before, after, moved)
         rows = touching(cells, moved)
-        old, new = (volumes_of(cells, points, rows) for points in (before, after))
+        (old, _), (new, cubes) = (_measured(cells, points, rows) for points in (before, after))
         owned, other = _by_side(cells, np.abs(faces))
-        sizes = np.abs(new) + (owned + other)[rows]
+        sizes = np.abs(new) + (owned + other)[rows] + ROUNDED * cubes
         return cls(faces, rows, new, gained(cells, faces)[rows] - (new - old), sizes)
 
     @property
@@ -77,20 +80,24 @@ def swept_volumes(faces: Polygons, before: FloatArray, after: FloatArray, moved:
 
 def volumes_of(cells: Polyhedra, points: FloatArray, rows: IntArray | None = None) -> FloatArray:
     """Return the volume of all cells (C,), or of R rows of them, as `polyhedra.pyramids_of` does."""
-    some = np.arange(len(cells)) if rows is None else rows
-    place, sides = np.full(len(cells), -1, dtype=np.intp), np.full((len(cells.faces), 2), -1, dtype=np.intp)
-    place[some] = np.arange(len(some))
-    sides[:, 0], sides[: len(cells.neighbour), 1] = place[cells.owner], place[cells.neighbour]
-    wanted = np.flatnonzero((sides >= 0).any(axis=1))
-    faces, sides = taken(cells.faces, wanted), sides[wanted]
-    tips = _middles(points, faces.nodes, faces.offsets, sides, len(some))
-    return _pyramids(points, faces.nodes, faces.offsets, sides, tips)
+    return _measured(cells, points, np.arange(len(cells)) if rows is None else rows)[0]
 
 
 def gained(cells: Polyhedra, swept: FloatArray) -> FloatArray:
     """Return the sum (C,) of what the faces of each cell sweep (F,): its owner's plus, its neighbour's minus."""
     owned, other = _by_side(cells, swept)
     return np.asarray(owned - other)
+
+
+def _measured(cells: Polyhedra, points: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Volume (R,) of some cells, and the products of lengths of which it is a sum: some cubes of their widths."""
+    place, sides = np.full(len(cells), -1, dtype=np.intp), np.full((len(cells.faces), 2), -1, dtype=np.intp)
+    place[rows] = np.arange(len(rows))
+    sides[:, 0], sides[: len(cells.neighbour), 1] = place[cells.owner], place[cells.neighbour]
+    wanted = np.flatnonzero((sides >= 0).any(axis=1))
+    faces, sides = taken(cells.faces, wanted), sides[wanted]
+    tips = _middles(points, faces.nodes, faces.offsets, sides, len(rows))
+    return _pyramids(points, faces.nodes, faces.offsets, sides, tips)
 
 
 def _by_side(cells: Polyhedra, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -140,17 +147,23 @@ def _middles(
 @compiled_exactly
 def _pyramids(
     points: FloatArray, nodes: IntArray, offsets: IntArray, sides: IntArray, tips: FloatArray
-) -> FloatArray:  # pragma: no cover - machine code
-    """Volume (R,) of each cell: that of the pyramids on its faces. Tips farther away would round flat cells away."""
-    volumes = np.zeros(len(tips))
+) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - machine code
+    """Volume (R,) of each cell, that of the pyramids on its faces, and the products of lengths that are in it."""
+    volumes, cubes = np.zeros((2, len(tips)))
     for f in range(len(sides)):
-        centre, area = _centre(points, nodes[offsets[f] : offsets[f + 1]])
-        own, other = sides[f]
-        if own >= 0:
-            volumes[own] += _dot(area, _less(centre, _at(tips, own))) / 3.0
-        if other >= 0:
-            volumes[other] -= _dot(area, _less(centre, _at(tips, other))) / 3.0
-    return volumes
+        face = nodes[offsets[f] : offsets[f + 1]]
+        centre, area = _centre(points, face)
+        square = 0.0
+        for node in face:
+            arm = _less(_at(points, node), centre)
+            square += _dot(arm, arm)
+        for k in range(2):
+            cell = sides[f, k]
+            if cell >= 0:
+                height = _less(centre, _at(tips, cell))
+                volumes[cell] += (1.0 - 2.0 * k) * _dot(area, height) / 3.0
+                cubes[cell] += square * np.sqrt(_dot(height, height)) / 3.0
+    return volumes, cubes
 
 
 @compiled_exactly

@@ -13,6 +13,7 @@ from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.jobs import blended, job, turn
 from tests.deform.shapes import SHAPES, body_in
 from tests.meshing.formats.examples import hybrid, polyhedral
+from tests.meshing.formats.wing import wing
 
 PERIOD = [round(10.0 * sin(2.0 * pi * k / 8), 12) for k in range(9)]
 """Degrees of a harmonic oscillation."""
@@ -154,13 +155,23 @@ def test_where_nothing_moves_nothing_is_swept_and_no_cell_is_measured():
     assert 0 < len(Swept.of(cells, mesh.points, after).rows) < len(cells)
 
 
-def test_rounding_alone_is_left_in_layers_a_millionth_of_the_chord_high():
-    """Their volumes are far smaller than what their faces sweep, of which each is rounded."""
-    from tests.meshing.formats.wing import wing
+@pytest.mark.parametrize(("height", "layers"), [(1e-6, 30), (1e-8, 46)])
+def test_rounding_alone_is_left_in_layers_a_millionth_of_the_chord_high(height, layers):
+    """Their volumes are far smaller than what their faces sweep, and than the cubes of their widths."""
+    thin = wing(first_height=height, cells=3, layers=layers)
+    plan = Plan.of(thin.mesh, job(("flap_*",), thin.hinge, **blended(thin)), (0.1, 10.0))
+    (small, large), cells = in_time(plan, (0.1, 10.0))
+    for before, after in ((thin.mesh.points, small), (small, large)):
+        found = Swept.of(cells, before, after)
+        assert found.gap < CONSERVED
+        assert (found.sizes / found.volumes).max() > 100.0
+    assert CONSERVED < found.gap_of_volume < 1e-16 / height
 
-    thin = wing(first_height=1e-6, cells=3, layers=30)
-    plan = Plan.of(thin.mesh, job(("flap_*",), thin.hinge, **blended(thin)), (5.0, 10.0))
-    (old, new), cells = in_time(plan, (5.0, 10.0))
-    found = Swept.of(cells, old, new)
-    assert (found.sizes / found.volumes).max() > 1e3
-    assert found.gap < CONSERVED < found.gap_of_volume < 1e-10
+
+def test_in_cells_of_common_shape_the_measure_is_their_volume_and_what_is_swept():
+    mesh = body_in("hexahedron")
+    cells, after = bounded(mesh).cells, turn(mesh).points
+    found = Swept.of(cells, mesh.points, after)
+    least = found.volumes + gained(cells, np.abs(found.faces))[found.rows]
+    most = found.volumes + np.abs(found.faces).max() * 6
+    assert np.all((found.sizes > least) & (found.sizes < 1.001 * most))
