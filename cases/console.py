@@ -76,13 +76,15 @@ def result_table(done: "Outcome") -> Group:
         failed = [one for one in ordered if not one.passed]
         body = [sweep_table(ordered, title), *(verdict(one.checks, f"{one.angle:+g} {unit}") for one in failed)]
         repairs = [f"{one.angle:+g} {unit}: {text}" for one in ordered if (text := repair_text(one.figures))]
+    together = [verdict(done.checks, "from time to time")] if done.checks else []
     extra = [one.seconds for one in done.angles[1:]]
     further = f", {sum(extra) / len(extra):.2f} s for each further one" if extra else ""
     speed = f"first angle {done.angles[0].seconds:.2f} s{further}"
     wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}"] if done.files else []
     last = "all validations passed" if done.passed else "A VALIDATION FAILED"
     losses = [f"not held by this format: {text}" for text in done.lost]
-    return Group(*body, *_texts([*repairs, *_lines(plan), *losses, speed, *wrote, last]))
+    notes = [f"note: {text}" for text in done.notes]
+    return Group(*body, *together, *_texts([*repairs, *_lines(plan), *notes, *losses, speed, *wrote, last]))
 
 
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:

@@ -14,7 +14,7 @@ from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.touched import Layers
-from sdm_deflect.deform.volume.deflection import Plan, sweep
+from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.formats.registry import STORED, format_of, in_pieces, read
@@ -44,18 +44,23 @@ class Judged:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What was done, for the table at the end; the angles in the order in which they were computed."""
+    """What was done, for the table at the end; the angles in the order in which they were computed.
+
+    `checks` are those of all angles together, `notes` sentences on what is left to do.
+    """
 
     plan: Plan
     angles: tuple[Judged, ...] = field(repr=False)
     files: tuple[Path, ...]
     reports: tuple[Path, ...]
     lost: tuple[str, ...]
+    checks: tuple[Check, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
-        """True if every check of every angle holds."""
-        return all(one.passed for one in self.angles)
+        """True if every check of every angle holds, and of all together."""
+        return all(one.passed for one in self.angles) and all(check.passed for check in self.checks)
 
 
 def needed(wanted: Targets, job: Job, progress: Progress, runner: Runner = HERE) -> Mesh:
@@ -84,12 +89,18 @@ def _by_workers(wanted: Targets, job: Job, progress: Progress, runner: Runner) -
     raise InputError(f"{wanted.source}: workers need {SENT}, and this file is none of them")
 
 
-def planned(wanted: Targets, job: Job, watch: Stopwatch, runner: Runner = HERE) -> Plan:
-    """Read the mesh and decide everything, but fit and write nothing."""
+def planned(wanted: Targets, job: Job, watch: Stopwatch, runner: Runner = HERE, angles: tuple[float, ...] = ()) -> Plan:
+    """Read the mesh and decide everything, for the angles of the targets or for others; fit and write nothing."""
     with watch.stage("read") as progress:
         mesh = needed(wanted, job, progress, runner)
     with watch.stage("plan") as progress:
-        return replace(Plan.of(mesh, job, wanted.angles, progress), runner=runner)
+        return replace(Plan.of(mesh, job, angles or wanted.angles, progress), runner=runner)
+
+
+def judged(one: Deflection, min_quality: float) -> Judged:
+    """Judge the mesh at one angle."""
+    measured = one.quality, layers_of(one), checks_of(one, min_quality)
+    return Judged(one.angle, deflection_figures(one), *measured, one.seconds)
 
 
 def deflect_file(
@@ -110,8 +121,7 @@ def deflect_file(
                 _, one = next(results)
                 progress(f"{one.angle:+g} {job.surfaces[0].motion.unit}", 1.0)
             with watch.stage("quality"):
-                judged = one.quality, layers_of(one), checks_of(one, min_quality)
-                found.append(Judged(one.angle, deflection_figures(one), *judged, one.seconds))
+                found.append(judged(one, min_quality))
             names.append(wanted.mesh(one.angle))
             with watch.stage("write") as progress:
                 lost = write_mesh(wanted.source, plan.mesh, one.points, scratch / names[-1].name, progress, runner)
@@ -146,6 +156,7 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
     """Return the figures of a job as JSON has them."""
     return {
         **plan_figures(done.plan),
+        "notes": [*notes_of(done.plan), *done.notes],
         "angles": [
             {
                 "angle": one.angle,
@@ -159,6 +170,7 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
         "files": [str(path) for path in done.files],
         "reports": [str(path) for path in done.reports],
         "lost": list(done.lost),
+        **({"validation": verdict_figures(done.checks)} if done.checks else {}),
         "passed": done.passed,
         "timings": watch.seconds,
     }

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from math import isnan
+from math import isnan, nan
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -31,6 +31,21 @@ class Silent:
     def begin(self, stage: str) -> Progress:
         """Return a callable that ignores what it is told."""
         return silent
+
+    def end(self, stage: str, seconds: float) -> None:
+        """Ignore the end of a stage."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """Hands the progress of all stages to one callable."""
+
+    progress: Progress
+
+    def begin(self, stage: str) -> Progress:
+        """Announce a stage."""
+        self.progress(stage, nan)
+        return self.progress
 
     def end(self, stage: str, seconds: float) -> None:
         """Ignore the end of a stage."""

@@ -5,8 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from sdm_deflect.cases.cli import options
+
+IDLE_IN_TIME = ("angle", "angles", "sensitivity", "workers", "scheduler", "worker_memory")
+"""Options that mean nothing beside a history."""
 
 
 @click.command(cls=options.WithHinge)
@@ -24,6 +28,7 @@ from sdm_deflect.cases.cli import options
 )
 @click.option("--angle", type=float, help="Degrees, right-handed from the first hinge point to the second.")
 @click.option("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")
+@click.option("--history", type=options.FILE, help="Many times: a .csv of time,angle; an OpenFOAM case that moves.")
 @click.option("--motion", type=click.Choice(("rigid", "blended")), help="Whole surface, or hinge to trailing edge.")
 @click.option("--held", help="blended: nodes that stay: patches, or a .txt of node indices (default: --fixed).")
 @click.option("--driven", help="blended: nodes that follow: edges[:DEG], patches, or a .txt (default: edges:40).")
@@ -64,6 +69,8 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     from sdm_deflect.cases.job_settings import angles_of, job_settings
     from sdm_deflect.cases.mesh_files import Targets, inputs_of
 
+    if history := given.pop("history"):
+        return _in_time(mesh, out, history, dry_run, {**given, "sensitivity": sensitivity})
     text, as_json = given.pop("angles"), given.pop("as_json")
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
     helpers = Wanted(*(given.pop(name) for name in ("workers", "scheduler", "worker_memory")))
@@ -105,6 +112,46 @@ def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
         options.print_json(inspected(mesh, selections_of(select)))
     else:
         click.echo(inspect(mesh, selections_of(select)))
+
+
+def _in_time(mesh: Path, out: Path | None, path: Path, dry_run: bool, given: dict[str, Any]) -> int:
+    """Deflect to the angle of each time of a history."""
+    from sdm_deflect.cases.console import plan_table, result_table
+    from sdm_deflect.cases.deflect_file import plan_figures, planned
+    from sdm_deflect.cases.history import History, deflect_in_time, target_of
+    from sdm_deflect.cases.job_settings import job_settings
+    from sdm_deflect.cases.mesh_files import inputs_of
+
+    _check_alone(given)
+    history, as_json = History.read(path), given.pop("as_json")
+    quiet, verbose = given.pop("quiet"), given.pop("verbose")
+    nested, config = _tables({**given, "angle": history.largest}), given["config"]
+    settings = job_settings(nested)
+    job, wanted = settings.job(), target_of(mesh, out, history)
+    wanted.check((path, *inputs_of(nested, Path()), *([config] if config else ())))
+    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+        if dry_run:
+            plan = planned(wanted, job, watch, angles=history.distinct)
+        else:
+            done = deflect_in_time(wanted, job, history, watch, settings.min_quality)
+    if dry_run:
+        figured = {**plan_figures(plan), "files": [str(wanted.out)]}
+        options.print_either(as_json, figured, plan_table(plan), f"would write {wanted.out}")
+        return 0
+    options.print_either(as_json, done.figures(watch), result_table(done.outcome))
+    return options.code_of(done.passed)
+
+
+def _check_alone(given: dict[str, Any]) -> None:
+    """Refuse options that a history has no use for, and leave them out."""
+    from sdm_deflect.deform.errors import InputError
+
+    for name in IDLE_IN_TIME:
+        if (value := given.pop(name)) is not None and value is not False:
+            raise InputError(f"--{name.replace('_', '-')}: --history has no use for it; leave one of them out")
+    here = click.get_current_context()
+    if here.params["report"] and here.get_parameter_source("report") is ParameterSource.COMMANDLINE:
+        raise InputError("--report: --history makes none; leave one of them out")
 
 
 def _tables(given: Mapping[str, Any]) -> dict[str, Any]:

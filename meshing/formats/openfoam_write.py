@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.format import fitting_names
-from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
+from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
 from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
@@ -61,7 +61,7 @@ relaxationFactors
 """
 
 
-def header(kind: str, name: str, folder: str = "constant/polyMesh", form: str = "ascii", note: str = "") -> str:
+def header(kind: str, name: str, folder: str = MESH.as_posix(), form: str = "ascii", note: str = "") -> str:
     """Return the header of an OpenFOAM file."""
     lines = ["version 2.0", f"format {form}", f"class {kind}", f'location "{folder}"', f"object {name}"]
     if form == "binary":
@@ -83,11 +83,11 @@ def write_mesh(mesh: Mesh, folder: Path, types: Mapping[str, str] | None = None)
         f"nInternalFaces:{len(cells.neighbour)}"
     )
     folder.mkdir(parents=True)
-    _binary(folder / "points", "vectorField", [mesh.points.astype(SCALAR)])
+    write_list(folder / "points", "vectorField", [mesh.points.astype(SCALAR)])
     lists = [cells.faces.offsets.astype(LABEL), cells.faces.nodes.astype(LABEL)]
-    _binary(folder / "faces", "faceCompactList", lists)
-    _binary(folder / "owner", "labelList", [cells.owner.astype(LABEL)], note)
-    _binary(folder / "neighbour", "labelList", [cells.neighbour.astype(LABEL)], note)
+    write_list(folder / "faces", "faceCompactList", lists)
+    write_list(folder / "owner", "labelList", [cells.owner.astype(LABEL)], note)
+    write_list(folder / "neighbour", "labelList", [cells.neighbour.astype(LABEL)], note)
     patches, renamed = _patches(mesh, whole, types or {})
     content = header("polyBoundaryMesh", "boundary") + written(patches)
     (folder / "boundary").write_text(content, encoding="utf-8")
@@ -113,9 +113,12 @@ def is_planar(points: FloatArray) -> bool:
     return bool(np.abs(centred @ axes[:, 0]).max() <= FLAT * np.abs(centred).max())
 
 
-def _binary(path: Path, kind: str, lists: Sequence[NDArray[np.generic]], note: str = "") -> None:
+def write_list(
+    path: Path, kind: str, lists: Sequence[NDArray[np.generic]], note: str = "", location: str = MESH.as_posix()
+) -> None:
+    """Write a binary file of lists, one after another."""
     with path.open("wb") as file:
-        file.write(header(kind, path.name, form="binary", note=note).encode())
+        file.write(header(kind, path.name, location, "binary", note).encode())
         for values in lists:
             file.write(b"%d\n" % len(values))
             if len(values):

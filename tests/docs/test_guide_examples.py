@@ -18,6 +18,7 @@ import point_cloud
 import pytest
 import tail_root
 
+from sdm_deflect.cases.history import History
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.quality import mean_ratio, signed_volumes
@@ -36,6 +37,14 @@ def test_every_picture_of_the_guide_is_drawn_as_stored_and_small(tmp_path):
         assert shades(image) > 100
         assert differing(image, pixels(FIGURES / f"{name}.png")) < 0.03
         assert (tmp_path / f"{name}.png").stat().st_size < 300_000
+
+
+def test_a_period_of_the_oscillation_ends_where_it_began_and_most_angles_come_twice(tmp_path):
+    subprocess.run([sys.executable, EXAMPLES / "oscillation.py", tmp_path], check=True)
+    swing = History.read(tmp_path / "flap.csv")
+    assert swing.times[-1] == 0.2
+    assert (swing.largest, swing.angles[0], swing.angles[-1]) == (5.0, 0.0, 0.0)
+    assert (len(swing.times), len(swing.distinct)) == (17, 9)
 
 
 def test_points_of_the_cloud_move_in_the_box_alone():
