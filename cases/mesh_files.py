@@ -88,8 +88,10 @@ class Targets:
     @property
     def is_copy(self) -> bool:
         """Whether no more is written than copies of one file with other coordinates, and reports."""
-        alike = ending(self.out).lower() == ending(self.source).lower()  # an encoding of UGRID may become another
-        return self.source.is_file() and not self.sensitive and alike and format_of(self.out) is format_of(self.source)
+        if self.sensitive or not self.source.exists() or format_of(self.out) is not format_of(self.source):
+            return False
+        # an encoding of UGRID may become another
+        return self._is_folder or ending(self.out).lower() == ending(self.source).lower()
 
     @property
     def extra(self) -> tuple[Path, ...]:

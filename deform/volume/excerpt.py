@@ -12,8 +12,9 @@ import numpy as np
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.faces import Keys, node_keys, patch_keys
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh import CORNERS, Cells, Faces, FloatArray, IntArray, Mesh, Patch, Whole, Zone
+from sdm_deflect.deform.mesh import CORNERS, Cells, Faces, FloatArray, IntArray, Mesh, Patch, Volume, Whole, Zone
 from sdm_deflect.deform.pieces import MeshInPieces, Pieces, Runner
+from sdm_deflect.deform.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.selection import selected
 from sdm_deflect.deform.sets import distinct, union
@@ -44,7 +45,7 @@ def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runne
     inside, places = _nodes_inside(frame, runner, progress)
     found, frame = _cells(mesh, frame, runner, progress)
     known = union(frame.boundary, inside)
-    beyond = np.setdiff1d(union(*(one.nodes for block in found for one in block)), known, assume_unique=True)
+    beyond = np.setdiff1d(union(*(one.cells.nodes for block in found for one in block)), known, assume_unique=True)
     nodes = union(known, beyond)
     points = np.empty((len(nodes), 3))
     for own, at in ((frame.boundary, border.points), (inside, places), (beyond, _gathered(pieces, beyond))):
@@ -65,7 +66,7 @@ def _border(mesh: MeshInPieces) -> Mesh:
     return _numbered(mesh, points, (), Whole(mesh.pieces, nodes))
 
 
-def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Cells, ...], whole: Whole) -> Mesh:
+def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...], whole: Whole) -> Mesh:
     """Return a mesh of some nodes: patches and zones in their numbers."""
 
     def own(block: Block) -> Block:
@@ -158,15 +159,21 @@ def _gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
     return found
 
 
-def _block(shape: str, found: Sequence[CellsFound], nodes: IntArray) -> tuple[Cells, IntArray]:
-    """Return the touched cells of a block in the numbers of the excerpt, and their rows in the whole mesh."""
+def _block(shape: str, found: Sequence[CellsFound], nodes: IntArray) -> tuple[Volume, IntArray]:
+    """Return the touched cells of a block in the numbers of the excerpt, and their rows in the whole mesh.
+
+    Of polyhedra those beyond their faces are there, too, but not all of their own faces: none of their nodes moves.
+    """
+    some = [one.cells for one in found if isinstance(one.cells, SomePolyhedra)]
+    if some:
+        return joined(some).within(nodes)
     count, end = sum(len(one.rows) for one in found), 0
     cells, rows = np.empty((count, CORNERS[shape]), dtype=np.intp), np.empty(count, dtype=np.intp)
     for one in found:
         own = slice(end, end := end + len(one.rows))
         rows[own] = one.rows
         if len(one.rows):
-            low, high = int(one.nodes.min()), int(one.nodes.max()) + 1
+            low, high = int(one.cells.nodes.min()), int(one.cells.nodes.max()) + 1
             first, stop = np.searchsorted(nodes, (low, high))
-            cells[own] = first + np.searchsorted(nodes[first:stop], one.nodes)
+            cells[own] = first + np.searchsorted(nodes[first:stop], one.cells.nodes)
     return Cells(shape, cells), rows

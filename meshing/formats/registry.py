@@ -14,6 +14,8 @@ from sdm_deflect.meshing.formats.format import Format, MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.gmsh_pieces import in_pieces as gmsh_in_pieces
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
+from sdm_deflect.meshing.formats.openfoam import size_of as case_size
+from sdm_deflect.meshing.formats.openfoam_pieces import in_pieces as openfoam_in_pieces
 from sdm_deflect.meshing.formats.plot3d import Plot3d
 from sdm_deflect.meshing.formats.su2 import Su2
 from sdm_deflect.meshing.formats.su2_pieces import in_pieces as su2_in_pieces
@@ -53,6 +55,7 @@ IN_PIECES: dict[str, Callable[[Path, Path, Progress], MeshInPieces | None]] = {
     "gmsh": lambda path, _, __: gmsh_in_pieces(path),
     "ugrid": lambda path, _, __: ugrid_in_pieces(path),
     "su2": su2_in_pieces,
+    "openfoam": lambda path, _, __: openfoam_in_pieces(path),
 }
 """By format, what returns a file's mesh in pieces, or None where it must be read as a whole; text goes to tables in an
 empty folder."""
@@ -86,6 +89,11 @@ def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshInPieces 
         return
     with scratch_folder() as scratch:
         yield IN_PIECES[form](path, scratch, progress)
+
+
+def size_of(path: Path) -> int:
+    """Return the bytes of a mesh file, or of the mesh in an OpenFOAM case."""
+    return case_size(path) if format_of(path).name == "openfoam" else path.stat().st_size
 
 
 def format_of(path: str | Path) -> Format:
