@@ -17,7 +17,7 @@ from sdm_deflect.deform.sets import union
 SMALLEST_PYRAMID = -1e-15
 """checkMesh finds fault with a face pyramid of a smaller volume, in the mesh's unit of length cubed."""
 TINY = np.finfo(np.float64).tiny
-ROWS, PARTS = 1 << 16, 16
+ROWS, PARTS = 1 << 14, 16
 """Cells measured at a time, so that temporaries stay small; but in so many parts at most: each looks at all faces."""
 
 
@@ -169,13 +169,12 @@ class SomePolyhedra:
 
 def joined(parts: Sequence[SomePolyhedra]) -> SomePolyhedra:
     """Return the polyhedra of several parts of a mesh, every face once."""
-    numbers, first = np.unique(np.concatenate([part.numbers for part in parts]), return_index=True)
-    sides = [part.sides for part in parts]
-    owner, neighbour = (
-        np.concatenate([own.owner for own in sides])[first],
-        np.concatenate([_padded(own) for own in sides])[first],
-    )
-    faces = taken(polygons_of([own.faces for own in sides]), first)
+    numbers, sides = np.concatenate([part.numbers for part in parts]), [part.sides for part in parts]
+    faces, owner = polygons_of([own.faces for own in sides]), np.concatenate([own.owner for own in sides])
+    neighbour = np.concatenate([_padded(own) for own in sides])
+    if (np.diff(numbers) <= 0).any():
+        numbers, first = np.unique(numbers, return_index=True)
+        faces, owner, neighbour = taken(faces, first), owner[first], neighbour[first]
     return SomePolyhedra(numbers, Polyhedra(faces, owner, neighbour[neighbour >= 0]))
 
 

@@ -16,6 +16,7 @@ from sdm_deflect.deform.mesh import CORNERS, Cells, Faces, FloatArray, IntArray,
 from sdm_deflect.deform.pieces import MeshInPieces, Pieces, Runner
 from sdm_deflect.deform.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.quality import POLYHEDRON
 from sdm_deflect.deform.selection import selected
 from sdm_deflect.deform.sets import distinct, union
 from sdm_deflect.deform.volume.boundary import Boundary
@@ -25,6 +26,8 @@ from sdm_deflect.deform.volume.scan import CELLS, POINTS, CellsFound, Frame, che
 
 HELD = 1 << 23
 """Points up to so many are held in memory, by a runner that shares it."""
+LARGER = 4
+"""How many times the memory of another cell a polyhedron takes while it is judged."""
 Block = TypeVar("Block", bound=Faces)
 
 
@@ -131,7 +134,8 @@ def _cells(
 
 def _judged_cells(frame: Frame, block: int, runner: Runner, progress: Progress) -> list[CellsFound]:
     shape, count = frame.pieces.blocks[block]
-    items = [(block, start, min(start + CELLS, count)) for start in range(0, count, CELLS)]
+    size = CELLS // LARGER if shape == POLYHEDRON else CELLS
+    items = [(block, start, min(start + size, count)) for start in range(0, count, size)]
     found = []
     for i, own in enumerate(runner.map(judged, frame, items), 1):
         found.append(own)

@@ -32,6 +32,8 @@ from sdm_deflect.meshing.formats.polyhedra import FEWEST, check_labels, check_si
 from sdm_deflect.meshing.formats.tables import PointRange, Table, TablePieces, copy_range
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
+NAMES = ("points", "faces", "owner", "neighbour")
+"""Files of lists; patches are in text, and in memory."""
 SPAN = 1 << 13
 """Faces of which the least and the largest owner, and neighbour, are kept."""
 BATCH = SPAN << 5
