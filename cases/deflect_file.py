@@ -21,7 +21,10 @@ from sdm_deflect.meshing.formats.registry import STORED, format_of, in_pieces, r
 
 LARGE = 1 << 25
 """Bytes of a file from which on it is read in pieces."""
-SENT = "CGNS files in HDF5 of one unstructured zone, binary UGRID files, or binary Gmsh files of version 4.1"
+SENT = (
+    "CGNS files in HDF5 of one unstructured zone, binary UGRID files, binary Gmsh files of version 4.1, or OpenFOAM "
+    "cases in binary"
+)
 """What workers can read."""
 
 

@@ -59,7 +59,7 @@ IN_PIECES: dict[str, Callable[[Path, Path, Progress], MeshInPieces | None]] = {
 }
 """By format, what returns a file's mesh in pieces, or None where it must be read as a whole; text goes to tables in an
 empty folder."""
-STORED = ("cgns", "gmsh", "ugrid")
+STORED = ("cgns", "gmsh", "ugrid", "openfoam")
 """Formats of these whose numbers stand in the file itself, where other processes can read them."""
 
 

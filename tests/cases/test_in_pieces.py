@@ -322,6 +322,54 @@ def test_what_is_wrong_is_said_in_one_line(suffix, shared, damage, small, called
     assert {own.suffix for own in tmp_path.iterdir()} <= {path.suffix, ".mapbc"}
 
 
+def put_list(name: str, row: int, values):
+    def change(path: Path) -> None:
+        with in_pieces(path) as found:
+            put_row(getattr(found.pieces.lists, name), row, values)
+
+    return change
+
+
+def turn(path: Path) -> None:
+    """Turn a face between two cells round."""
+    with in_pieces(path) as found:
+        nodes = found.pieces.lists.faces(0, 1).nodes[::-1]
+        for row, node in enumerate(nodes):
+            put_row(found.pieces.lists.nodes, row, lambda own, node=node: own * 0 + node)
+
+
+DAMAGED_CASE = {
+    "a node too many": (put_list("nodes", 99, lambda own: own * 0 + 99999), r"nodes \d+ to 99999, but there are"),
+    "a node too few": (put_list("nodes", 99, lambda own: own * 0 - 1), r"nodes -1 to \d+, but there are"),
+    "no number": (put_list("points", 7, lambda own: own * np.nan), "points are not finite, the first is point 7$"),
+    "too large": (
+        put_list("points", 7, lambda own: own * 0 + 1e41),
+        r"points are beyond 1e\+40, the first is point 7$",
+    ),
+    "an owner too large": (put_list("owner", 7, lambda own: own * 0 + 99999), "name cells that"),
+    "inverted": (turn, r"2 of \d+ polyhedra are inverted"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGED_CASE)
+@pytest.mark.parametrize("shared", [True, False])
+def test_what_is_wrong_with_a_case_is_said_in_one_line(shared, damage, small, called, tmp_path, monkeypatch):
+    monkeypatch.setattr(Threads, "shares_memory", shared)
+    path = written(small, tmp_path / "wing")
+    change, said = DAMAGED_CASE[damage]
+    change(path)
+    complaints = []
+    for large in (1 << 60, 0):
+        words = ["--angle", "8", "--quiet", "--no-report", "--out", tmp_path / "out"]
+        code, table, complaint, _ = called(large, "deflect", path, *FLAP, *words)
+        assert (code, table, complaint.count("\n")) == (2, "", 1), complaint
+        assert re.search(said, complaint)
+        assert path.name in complaint
+        complaints.append(complaint)
+    assert complaints[0] == complaints[1] or damage not in ("inverted", "an owner too large")
+    assert list(tmp_path.iterdir()) == [path]
+
+
 @pytest.mark.parametrize("shared", [True, False])
 @pytest.mark.parametrize("suffix", SUFFIXES[:-1])
 def test_a_face_of_no_cell(suffix, shared, small, called, tmp_path, monkeypatch):
@@ -345,11 +393,11 @@ def test_another_encoding_or_format_is_written_from_the_whole(suffix, other, sma
     assert out.is_file()
 
 
-@pytest.mark.parametrize("suffix", [".cgns", ".lb8.ugrid", ".msh"])
+@pytest.mark.parametrize("suffix", SOME)
 def test_a_disk_that_is_full_leaves_nothing(suffix, small, called, tmp_path):
     path = written(small, tmp_path / f"wing{suffix}")
-    before = {own.name: own.read_bytes() for own in tmp_path.iterdir()}
-    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size // 2, resource.RLIM_INFINITY))
+    before = {own: own.read_bytes() for own in tmp_path.rglob("*") if own.is_file()}
+    resource.setrlimit(resource.RLIMIT_FSIZE, (max(map(len, before.values())) // 2, resource.RLIM_INFINITY))
     try:
         words = ["--angle", "8", "--quiet", "--no-report", "--out", tmp_path / f"out{suffix}"]
         code, _, complaint, taken = called(0, "deflect", path, *FLAP, *words)
@@ -357,4 +405,5 @@ def test_a_disk_that_is_full_leaves_nothing(suffix, small, called, tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     assert (code, taken, complaint.count("\n")) == (2, 1, 1), complaint
     assert "cannot be written" in complaint
-    assert {own.name: own.read_bytes() for own in tmp_path.iterdir()} == before
+    assert {own: own.read_bytes() for own in tmp_path.rglob("*") if own.is_file()} == before
+    assert not (tmp_path / f"out{suffix}").exists()
