@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from io import StringIO
 from pathlib import Path
 
+import by_workers
 import numpy as np
 import pytest
 from distributed import Client
@@ -174,6 +175,18 @@ def deflect(block, to, runner, options=None):
 def test_two_workers_come_to_the_same_bytes(block, deflected, two):
     assert deflect(block, out(block, "two"), two)[0] == 0
     assert out(block, "two").read_bytes() == deflected
+
+
+def test_the_script_of_the_guide_comes_to_the_same_bytes(block, deflected, two, monkeypatch):
+    @contextmanager
+    def own(*_):
+        yield two
+
+    monkeypatch.setattr(by_workers, "workers", own)
+    table = {"table": str(block.with_suffix(".npz")), "fixed": "wall", "margin": 0.17, "repair": "off"}
+    settings = by_workers.settings_of("flap", None, None, table)
+    assert by_workers.deflected(block, out(block, "script"), settings, Wanted(2)).passed
+    assert out(block, "script").read_bytes() == deflected
 
 
 def test_four_workers_of_the_command_come_to_the_same_bytes_and_say_where_to_look(block, deflected):
