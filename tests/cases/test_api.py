@@ -167,5 +167,5 @@ def test_a_plan_of_a_file_is_the_deflection_of_the_whole_to_the_bit(held, name, 
     whole = deflect(path, "flap_*", **wanted)
     found = sdm_deflect.plan(path, "flap_*", **wanted)
     assert found.apply(whole.plan.mesh.points).tobytes() == whole.points.tobytes()
-    with pytest.raises(InputError, match=r"FAILED: (quality_min|site_error)"):
-        sdm_deflect.plan(path, "flap_*", **wanted, min_quality=1.0, max_centers=30)
+    with pytest.raises(InputError, match="FAILED: site_error"):
+        sdm_deflect.plan(path, "flap_*", **wanted, max_centers=60)
