@@ -34,6 +34,7 @@ PLANE = ("triangle", "quad")
 """Cells of a plane mesh, whose points have one z; its boundary consists of lines."""
 RISING = "offsets must rise from 0 to {} in steps of 2 or more"
 OWNERS = "{} faces need as many owners, got {}, and no more neighbours, got {}"
+"""What is wrong with faces, and with their cells, wherever that is found."""
 LARGEST = 1e40
 """Coordinates beyond this would overflow where the sixth power of a length is taken."""
 

@@ -131,7 +131,7 @@ class FoamPieces(TablePieces):
         file = self.lists.points.path
         with case_copied(self.given, out, progress) as mesh, about(file):
             items = [item for item in self.items(nodes, points, file) if item[2]]
-            for i, _ in enumerate(runner.map(copy_range, (file, mesh / file.name), items), 1):
+            for i, _ in enumerate(runner.map(copy_range, (file, mesh / "points"), items), 1):
                 progress(f"writing {out.name}", 0.5 + 0.5 * i / len(items))
 
 

@@ -82,6 +82,17 @@ def test_a_copy_with_other_coordinates(case, named, tmp_path):
     assert (tmp_path / "pieces" / "0" / "U").exists() == (named != MESH)
 
 
+def test_points_behind_a_link_stay(case, tmp_path):
+    shutil.move(case / MESH / "points", tmp_path / "elsewhere")
+    (case / MESH / "points").symlink_to(tmp_path / "elsewhere")
+    before = (tmp_path / "elsewhere").read_bytes()
+    with in_pieces(case) as found:
+        found.pieces.rewrite(np.array([1]), np.full((1, 3), 0.25), tmp_path / "out")
+    assert (tmp_path / "elsewhere").read_bytes() == before
+    assert not (tmp_path / "out" / MESH / "points").is_symlink()
+    assert read(tmp_path / "out").points[1].tolist() == [0.25, 0.25, 0.25]
+
+
 @pytest.mark.parametrize("out", ["", "constant/new", "full"])
 def test_neither_the_case_nor_another_is_written_upon(case, out, tmp_path):
     (case / "full").mkdir()
