@@ -1,19 +1,25 @@
-"""A block of hexahedra of any size with a flap in its floor, written as CGNS piece by piece.
+"""A block of hexahedra of any size with a flap in its floor, written piece by piece as CGNS or as a case of OpenFOAM.
 
-``python -m benchmarks.large_block 464 block.cgns`` writes 1e8 nodes (5.6 GB); 216 nodes along an edge are 1e7. The unit
+``python -m benchmarks.large_block 464 block.cgns`` writes 1e8 nodes (5.6 GB); 216 nodes along an edge are 1e7. A name
+without suffix, such as ``block``, makes a case in binary (1e7 cells: 1.1 GB). The unit
 cube's floor has the patch `flap`, a tenth of its edge wide, and `wall` around it; all other sides are `far`. Beside it
 ``block.npz`` has the displacements of a flap that turns by 15 degrees about its front edge (`sdm deflect --table`).
 """
 
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 import h5py
 import numpy as np
 
+from sdm_deflect.deform.faces import FACES
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create, create_sized
 from sdm_deflect.meshing.formats.cgns_write import write_root
+from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
+from sdm_deflect.meshing.formats.openfoam_write import header, written
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 LOW, HIGH = 0.45, 0.55
@@ -49,8 +55,70 @@ def write_block(path: Path, count: int) -> None:
             create(condition, "PointRange", "IndexRange_t", np.array([[first], [first + len(faces) - 1]], dtype=KIND))
             create(condition, "GridLocation", "GridLocation_t", "FaceCenter")
             first += len(faces)
-    flap, vectors = table(count, DEGREES)
-    np.savez(path.with_suffix(".npz"), points=flap, vectors=vectors)
+    write_table(path, count)
+
+
+def write_case(path: Path, count: int) -> None:
+    """Write the same as an OpenFOAM case, faces between cells by lower cell, then by higher."""
+    folder, cells = path / MESH, count - 1
+    folder.mkdir(parents=True)
+    (path / "case.foam").touch()
+    outer = dict(sides(count))
+    inner = 3 * cells**2 * (cells - 1)
+    total = inner + sum(map(len, outer.values()))
+    patches, first = [], inner
+    for name, faces in outer.items():
+        patches.append(FoamPatch(name, "wall", len(faces), first))
+        first += len(faces)
+    (folder / "boundary").write_text(header("polyBoundaryMesh", "boundary") + written(patches), encoding="utf-8")
+    with _list(folder / "points", "vectorField", count**3) as file:
+        for layer in range(count):
+            points(count, layer).tofile(file)
+    with (
+        _list(folder / "faces", "faceCompactList", total + 1) as faces_file,
+        _list(folder / "owner", "labelList", total) as owner_file,
+        _list(folder / "neighbour", "labelList", inner) as neighbour_file,
+    ):
+        for start in range(0, total + 1, 1 << 20):
+            np.arange(4 * start, 4 * min(start + (1 << 20), total + 1), 4, dtype=KIND).tofile(faces_file)
+        faces_file.write(b")\n%d\n(" % (4 * total))
+        for layer in range(cells):
+            nodes, owner, neighbour = between(count, layer)
+            nodes.astype(KIND).tofile(faces_file)
+            owner.astype(KIND).tofile(owner_file)
+            neighbour.astype(KIND).tofile(neighbour_file)
+        for faces in outer.values():
+            faces.astype(KIND).tofile(faces_file)
+            _cell_behind(count, faces).astype(KIND).tofile(owner_file)
+    write_table(path, count)
+
+
+def between(count: int, layer: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Return the nodes (F, 4) of faces between cells of a layer and higher ones, and the cells on either side (F,)."""
+    nodes, cells = hexahedra(count, layer), count - 1
+    own = layer * cells**2 + np.arange(cells**2)
+    column, row = own % cells, own // cells % cells
+    there = np.column_stack([column < cells - 1, row < cells - 1, np.full(cells**2, layer < cells - 1)])
+    corners = [FACES["hexahedron"][side] for side in (1, 3, 5)]
+    faces = np.stack([nodes[:, list(side)] for side in corners], axis=1)
+    other = own[:, None] + [1, cells, cells**2]
+    return faces[there], np.repeat(own, there.sum(axis=1)), other[there]
+
+
+def _cell_behind(count: int, faces: IntArray) -> IntArray:
+    """Return the cell (F,) of faces of the boundary."""
+    low = faces.min(axis=1)
+    place = (np.minimum(low // count**axis % count, count - 2) for axis in range(3))
+    return np.asarray(sum(own * (count - 1) ** axis for axis, own in enumerate(place)))
+
+
+@contextmanager
+def _list(path: Path, kind: str, rows: int) -> Iterator[BinaryIO]:
+    """Give a file of OpenFOAM in which the rows of a list are to be written."""
+    with path.open("wb") as file:
+        file.write(header(kind, path.name, form="binary").encode() + b"%d\n(" % rows)
+        yield file
+        file.write(b")\n")
 
 
 def points(count: int, layer: int) -> FloatArray:
@@ -82,6 +150,12 @@ def sides(count: int) -> Iterator[tuple[str, IntArray]]:
     yield "far", np.concatenate([top, left, left[:, ::-1] + far[0], front, front[:, ::-1] + far[1]])
 
 
+def write_table(path: Path, count: int) -> None:
+    """Write the displacements of a block's flap."""
+    flap, vectors = table(count, DEGREES)
+    np.savez(path.with_suffix(".npz"), points=flap, vectors=vectors)
+
+
 def table(count: int, degrees: float) -> tuple[FloatArray, FloatArray]:
     """Return the flap's nodes (K, 3) and their displacements (K, 3): turned about their front edge, held at all."""
     _, faces = next(sides(count))
@@ -107,4 +181,5 @@ def _section(zone: h5py.Group, name: str, kind: int, first: int, cells: int, wid
 
 
 if __name__ == "__main__":
-    write_block(Path(sys.argv[2]), int(sys.argv[1]))
+    out, edge = Path(sys.argv[2]), int(sys.argv[1])
+    (write_block if out.suffix else write_case)(out, edge)

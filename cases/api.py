@@ -343,8 +343,8 @@ def plan(
 ) -> Field:
     """Decide and fit a deflection, but move no node: a small value does, wherever the nodes are.
 
-    Of a file that can be read in pieces (CGNS in HDF5, binary UGRID) no more than the boundary and what is in the box
-    is held in memory. Cells are judged, and repaired where that is wanted, as by `deflect`.
+    Of a file that can be read in pieces (CGNS in HDF5, binary UGRID, Gmsh and OpenFOAM) no more than the boundary and
+    what is in the box is held in memory. Cells are judged, and repaired where that is wanted, as by `deflect`.
 
     Parameters
     ----------

@@ -265,10 +265,13 @@ def _alike(package: str, own: str, found: dict[str, Any]) -> None:
 def _missing(source: Path, size: int, out: Path) -> str:
     """Return what a worker cannot do, or nothing."""
     try:
-        if source.stat().st_size != size:
+        if source.is_dir():
+            next(source.iterdir(), None)
+        elif source.stat().st_size != size:
             return f"read {source}, of which they see another"
-        with source.open("rb"):
-            return "" if os.access(out, os.W_OK | os.X_OK) else f"write to {out}"
+        else:
+            source.open("rb").close()
+        return "" if os.access(out, os.W_OK | os.X_OK) else f"write to {out}"
     except OSError as error:
         return f"read {source} ({error.strerror})"
 

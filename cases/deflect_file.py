@@ -17,11 +17,14 @@ from sdm_deflect.deform.touched import Layers
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.meshing.formats.registry import STORED, format_of, in_pieces, read
+from sdm_deflect.meshing.formats.registry import STORED, format_of, in_pieces, read, size_of
 
 LARGE = 1 << 25
 """Bytes of a file from which on it is read in pieces."""
-SENT = "CGNS files in HDF5 of one unstructured zone, binary UGRID files, or binary Gmsh files of version 4.1"
+SENT = (
+    "CGNS files in HDF5 of one unstructured zone, binary UGRID files, binary Gmsh files of version 4.1, or OpenFOAM "
+    "cases in binary"
+)
 """What workers can read."""
 
 
@@ -71,7 +74,7 @@ def needed(wanted: Targets, job: Job, progress: Progress, runner: Runner = HERE)
     """
     if not runner.shares_memory:
         return _by_workers(wanted, job, progress, runner)
-    if wanted.is_copy and wanted.source.stat().st_size >= LARGE:
+    if wanted.is_copy and size_of(wanted.source) >= LARGE:
         with in_pieces(wanted.source, progress) as large:
             if large and not (wanted.reported and large.cell_count <= SHOWN_WHOLE):
                 return excerpt(large, job, wanted.angles, runner, progress)

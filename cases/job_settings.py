@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sdm_deflect.cases.cpacs import hinge_and_angle
 from sdm_deflect.cases.selections import selection, selections_of
 from sdm_deflect.cases.settings import Nested, assigned, names_of, read_toml, structured
 from sdm_deflect.deform.checks import MIN_QUALITY
@@ -76,6 +75,8 @@ class SurfaceSettings:
             raise InputError("cpacs and device go together: a CPACS file, and the uID of a trailing edge device in it")
         if self.hinge:
             raise InputError(f"hinge = {self.hinge}: that of the device is taken; leave out hinge or cpacs")
+        from sdm_deflect.cases.cpacs import hinge_and_angle
+
         hinge, angle = hinge_and_angle(Path(self.cpacs), self.device, self.angle if self.table is None else 0.0)
         return replace(self, hinge=hinge, angle=angle, cpacs=None, device=None)
 

@@ -15,12 +15,7 @@ from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.meshing.formats.format import only_rewritten
-from sdm_deflect.meshing.formats.openfoam import case_folder
-from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, ending, format_of
-from sdm_deflect.meshing.formats.ugrid import check_names, mapbc, stands_otherwise
-from sdm_deflect.meshing.formats.ugrid_file import SUFFIX
-from sdm_deflect.meshing.formats.vtu import Vtu
-from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.formats.registry import WRITTEN, ending, format_of
 from sdm_deflect.meshing.temporary import settle, settle_in
 
 SENSITIVITY = "d_points_d_angle"
@@ -57,7 +52,7 @@ class Targets:
         without a name, or with another suffix where a file is only rewritten.
         """
         chosen = out or _beside(source)
-        named = case_folder(chosen) if format_of(chosen) is FORMATS["openfoam"] else chosen
+        named = _case_folder(chosen) if format_of(chosen).name == "openfoam" else chosen
         if named.name in ("", "..") and not (named := named.resolve()).name:
             raise InputError(f"{chosen} is no place for a mesh; name a file or a folder in out")
         if format_of(chosen).name not in WRITTEN:
@@ -88,8 +83,10 @@ class Targets:
     @property
     def is_copy(self) -> bool:
         """Whether no more is written than copies of one file with other coordinates, and reports."""
-        alike = ending(self.out).lower() == ending(self.source).lower()  # an encoding of UGRID may become another
-        return self.source.is_file() and not self.sensitive and alike and format_of(self.out) is format_of(self.source)
+        if self.sensitive or not self.source.exists() or format_of(self.out) is not format_of(self.source):
+            return False
+        # an encoding of UGRID may become another
+        return self._is_folder or ending(self.out).lower() == ending(self.source).lower()
 
     @property
     def extra(self) -> tuple[Path, ...]:
@@ -99,12 +96,17 @@ class Targets:
     @property
     def tables(self) -> tuple[Path, ...]:
         """Names of patches beside UGRID meshes, a file for each."""
-        ours = format_of(self.out) is FORMATS["ugrid"]
-        return tuple(mapbc(self.mesh(angle)) for angle in self.angles) if ours else ()
+        if format_of(self.out).name != "ugrid":
+            return ()
+        from sdm_deflect.meshing.formats.ugrid import mapbc
+
+        return tuple(mapbc(self.mesh(angle)) for angle in self.angles)
 
     def check_names(self, mesh: Mesh) -> None:
         """Refuse names that are there and are not those of the mesh that is to be written, with a MeshFileError."""
-        if self.tables and format_of(self.source) is not FORMATS["ugrid"]:
+        if self.tables and format_of(self.source).name != "ugrid":
+            from sdm_deflect.meshing.formats.ugrid import check_names
+
             for angle in self.angles:
                 check_names(mesh, self.mesh(angle))
 
@@ -116,8 +118,7 @@ class Targets:
         settle_in(self.out.absolute().parent)
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
-        others = [table for table in self.tables if stands_otherwise(self.source, table.with_suffix(SUFFIX))]
-        for target in (*meshes, *self.extra, *others):
+        for target in (*meshes, *self.extra, *self._other_tables()):
             if any(target.exists() and given.exists() and target.samefile(given) for given in (self.source, *inputs)):
                 raise InputError(f"{target}: this is a file that is read; name another one in out")
             if target.resolve() in seen:
@@ -129,8 +130,17 @@ class Targets:
         for folder in self.reports:
             if folder.exists() and not is_report(folder):
                 raise InputError(f"{folder} exists already and is no earlier report; delete it, or choose another out")
-        if self._is_folder and self.out.resolve().is_relative_to(case_folder(self.source).resolve()):
+        if self._is_folder and self.out.resolve().is_relative_to(_case_folder(self.source).resolve()):
             raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
+
+    def _other_tables(self) -> list[Path]:
+        """Return the tables whose place another one has."""
+        if not self.tables:
+            return []
+        from sdm_deflect.meshing.formats.ugrid import stands_otherwise
+        from sdm_deflect.meshing.formats.ugrid_file import SUFFIX
+
+        return [table for table in self.tables if stands_otherwise(self.source, table.with_suffix(SUFFIX))]
 
     def _replaced(self, target: Path) -> bool:
         """Whether what is there may be replaced."""
@@ -144,7 +154,7 @@ class Targets:
 
     @property
     def _is_folder(self) -> bool:
-        return format_of(self.out) is FORMATS["openfoam"]
+        return format_of(self.out).name == "openfoam"
 
 
 def is_report(folder: Path) -> bool:
@@ -183,9 +193,11 @@ def write_mesh(
         form.rewrite(source, points, out, progress)
         return ()
     moved = mesh.with_points(points)
-    if isinstance(form, Vtu):
+    if form.name == "vtu":
+        from sdm_deflect.meshing.formats.vtu import Vtu
+
         quality = np.concatenate([np.empty(0), *(quality_of(points, block) for block in mesh.cells)])
-        lost = form.write(moved, out, progress, {"displacement": points - mesh.points}, {"quality": quality})
+        lost = Vtu().write(moved, out, progress, {"displacement": points - mesh.points}, {"quality": quality})
     else:
         lost = form.write(moved, out, progress)
     return tuple(map(printable, lost))
@@ -193,6 +205,8 @@ def write_mesh(
 
 def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tuple[Path, Path], unit: str) -> None:
     """Write d(points)/d(angle): an .npz with the points, and a .vtu to look at."""
+    from sdm_deflect.meshing.formats.vtu_write import write_vtu
+
     arrays, picture = out
     np.savez_compressed(arrays, points=points, unit=np.array(unit), d_points_d_angle=rates)
     write_vtu(picture, replace(mesh, points=points, patches=()), {SENSITIVITY: rates})
@@ -200,14 +214,21 @@ def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tu
 
 def _beside(source: Path) -> Path:
     known = format_of(source)
-    if known is not FORMATS["openfoam"]:
+    if known.name != "openfoam":
         own = ending(source)
         suffix = own if own.lower().endswith(known.suffixes) else known.suffixes[0]
         return source.with_name(f"{source.name.removesuffix(own)}-deflected{suffix}")
-    folder = case_folder(source)
+    folder = _case_folder(source)
     named = folder if folder.name not in ("", "..") else folder.resolve()
     name = f"{named.name}-deflected"
     return named.with_name(name.replace(".", "-") if Path(name).suffix[1:2].isalpha() else name)
+
+
+def _case_folder(path: Path) -> Path:
+    """Return the folder of a case; all that reads cases is loaded by no other format's files."""
+    from sdm_deflect.meshing.formats.openfoam import case_folder
+
+    return case_folder(path)
 
 
 def _is_ours(path: Path) -> bool:

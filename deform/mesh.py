@@ -32,6 +32,9 @@ from one to the other.
 VOLUMES = ("tetra", "pyramid", "wedge", "hexahedron")
 PLANE = ("triangle", "quad")
 """Cells of a plane mesh, whose points have one z; its boundary consists of lines."""
+RISING = "offsets must rise from 0 to {} in steps of 2 or more"
+OWNERS = "{} faces need as many owners, got {}, and no more neighbours, got {}"
+"""What is wrong with faces, and with their cells, wherever that is found."""
 LARGEST = 1e40
 """Coordinates beyond this would overflow where the sixth power of a length is taken."""
 
@@ -118,7 +121,7 @@ class Polygons:
     def __post_init__(self) -> None:
         o = self.offsets
         if o.ndim != 1 or not len(o) or o[0] != 0 or o[-1] != len(self.nodes) or np.any(np.diff(o) < 2):
-            raise ValueError(f"offsets must rise from 0 to {len(self.nodes)} in steps of 2 or more")
+            raise ValueError(RISING.format(len(self.nodes)))
 
     def __len__(self) -> int:
         return len(self.offsets) - 1
@@ -146,10 +149,7 @@ class Polyhedra:
 
     def __post_init__(self) -> None:
         if len(self.owner) != len(self.faces) or len(self.neighbour) > len(self.faces):
-            raise ValueError(
-                f"{len(self.faces)} faces need as many owners, got {len(self.owner)}, and no more neighbours, "
-                f"got {len(self.neighbour)}"
-            )
+            raise ValueError(OWNERS.format(len(self.faces), len(self.owner), len(self.neighbour)))
 
     def __len__(self) -> int:
         return int(max(self.owner.max(initial=-1), self.neighbour.max(initial=-1))) + 1

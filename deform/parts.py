@@ -4,8 +4,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from sdm_deflect.deform.edges import Joints, polygons_of
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Patch, Polygons
@@ -115,6 +113,9 @@ def placed(point: Iterable[float]) -> str:
 
 def _joined(members: IntArray, offsets: IntArray, count: int) -> IntArray:
     """Return the component (count,) of things of which each group joins some, its members (K,) one after another."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components  # takes a while to load
+
     groups = len(offsets) - 1
     starts = np.concatenate([offsets, np.full(count, len(members))])  # a graph of the groups, and then of the things
     links = csr_array((np.ones(len(members)), members + groups, starts), shape=(groups + count, groups + count))

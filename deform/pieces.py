@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Patch, Zone
+from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Patch, Zone
+from sdm_deflect.deform.polyhedra import SomePolyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.rbf.threads import available_threads
 
@@ -90,7 +91,7 @@ class Pieces(Protocol):
 
     @property
     def blocks(self) -> tuple[tuple[str, int], ...]:
-        """Shape and number of the cells of each block."""
+        """Shape and number of the cells of each block; the shape of polyhedra is ``"polyhedron"``."""
 
     def coordinates(self, start: int, stop: int) -> FloatArray:
         """Return the coordinates (stop - start, 3) of points start to stop - 1."""
@@ -98,8 +99,8 @@ class Pieces(Protocol):
     def places(self, nodes: IntArray) -> FloatArray:
         """Return the coordinates (K, 3) of points in any order, as often as they are named."""
 
-    def nodes(self, block: int, start: int, stop: int) -> IntArray:
-        """Return the nodes (stop - start, k), counted from 0, of some cells of a block, in VTK's order."""
+    def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
+        """Return cells start to stop - 1 of a block, with the mesh's numbers of nodes, counted from 0."""
 
     def rewrite(
         self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE

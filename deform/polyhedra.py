@@ -3,17 +3,22 @@
 The formulas are those of OpenFOAM's primitiveMesh, so that a cell is inverted here if checkMesh says so.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.edges import edges_of
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Polygons, Polyhedra
+from sdm_deflect.deform.edges import edges_of, polygons_of, rows_of
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Polygons, Polyhedra
+from sdm_deflect.deform.parts import taken
+from sdm_deflect.deform.sets import union
 
 SMALLEST_PYRAMID = -1e-15
 """checkMesh finds fault with a face pyramid of a smaller volume, in the mesh's unit of length cubed."""
 TINY = np.finfo(np.float64).tiny
+ROWS, PARTS = 1 << 14, 16
+"""Cells measured at a time, so that temporaries stay small; but in so many parts at most: each looks at all faces."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,8 +56,20 @@ def pyramids_of(
     orientation
         -1 if the normals of the faces point into their owners, else 1.
     """
+    some = np.arange(len(cells)) if rows is None else rows
+    parts = [
+        _measured(points, cells, some[part], orientation)
+        for part in rows_of(len(some), max(ROWS, -(-len(some) // PARTS)))
+    ]
+    smallest, volume = (
+        np.concatenate([np.empty(0), *(getattr(part, name) for part in parts)]) for name in ("smallest", "volume")
+    )
+    return Pyramids(smallest, volume)
+
+
+def _measured(points: FloatArray, cells: Polyhedra, rows: IntArray, orientation: float) -> Pyramids:
     faces, face, cell, sign = _sides(cells, rows)
-    count = len(cells) if rows is None else len(rows)
+    count = len(rows)
     centres, areas = face_centres_and_areas(points, faces)
     centre, area = centres[face], (orientation * sign)[:, None] * areas[face]
     estimate = _sums(cell, centre, count) / np.maximum(np.bincount(cell, minlength=count), 1)[:, None]
@@ -109,11 +126,67 @@ def nodes_of(cells: Polyhedra, row: int) -> IntArray:
     return np.unique(_sides(cells, np.array([row]))[0].nodes)
 
 
-def _sides(cells: Polyhedra, rows: IntArray | None) -> tuple[Polygons, IntArray, IntArray, FloatArray]:
+@dataclass(frozen=True, slots=True, eq=False)
+class SomePolyhedra:
+    """Some cells of a mesh of polyhedra, with all their faces.
+
+    Attributes
+    ----------
+    numbers : (F,) rising index in the mesh of each face.
+    sides : the faces, first those between two cells; their nodes, owners and neighbours are numbered as in the mesh.
+        Cells beyond the faces of those that are meant are owners and neighbours, too.
+    """
+
+    numbers: IntArray = field(repr=False)
+    sides: Polyhedra
+
+    @property
+    def nodes(self) -> IntArray:
+        """Nodes (K,) of all faces, one face after another."""
+        return self.sides.faces.nodes
+
+    def counted(self, nodes: IntArray, start: int, stop: int) -> Polyhedra:
+        """Return it with other nodes (K,), and cells start to stop - 1 from 0 on; all others are one after them."""
+        owner, neighbour = (
+            np.where((cells >= start) & (cells < stop), cells - start, stop - start).astype(np.intp, copy=False)
+            for cells in (self.sides.owner, self.sides.neighbour)
+        )
+        return Polyhedra(Polygons(nodes, self.sides.faces.offsets), owner, neighbour)
+
+    def some(self, wanted: BoolArray) -> "SomePolyhedra":
+        """Return what is left with some of the faces, a mask (F,)."""
+        rows, inner = np.flatnonzero(wanted), wanted[: len(self.sides.neighbour)]
+        sides = Polyhedra(taken(self.sides.faces, rows), self.sides.owner[rows], self.sides.neighbour[inner])
+        return SomePolyhedra(self.numbers[rows], sides)
+
+    def within(self, nodes: IntArray) -> tuple[Polyhedra, IntArray]:
+        """Return it as a mesh of its own with points of rising numbers (N,), and the numbers (R,) of its cells."""
+        cells = union(self.sides.owner, self.sides.neighbour)
+        faces = Polygons(np.searchsorted(nodes, self.nodes), self.sides.faces.offsets)
+        owner, neighbour = (np.searchsorted(cells, own) for own in (self.sides.owner, self.sides.neighbour))
+        return Polyhedra(faces, owner, neighbour), cells
+
+
+def joined(parts: Sequence[SomePolyhedra]) -> SomePolyhedra:
+    """Return the polyhedra of several parts of a mesh, every face once."""
+    numbers, sides = np.concatenate([part.numbers for part in parts]), [part.sides for part in parts]
+    faces, owner = polygons_of([own.faces for own in sides]), np.concatenate([own.owner for own in sides])
+    neighbour = np.concatenate([_padded(own) for own in sides])
+    if (np.diff(numbers) <= 0).any():
+        numbers, first = np.unique(numbers, return_index=True)
+        faces, owner, neighbour = taken(faces, first), owner[first], neighbour[first]
+    return SomePolyhedra(numbers, Polyhedra(faces, owner, neighbour[neighbour >= 0]))
+
+
+def _padded(cells: Polyhedra) -> IntArray:
+    """Return the neighbour (F,) of each face; -1 on the boundary."""
+    return np.pad(cells.neighbour, (0, len(cells.owner) - len(cells.neighbour)), constant_values=-1)
+
+
+def _sides(cells: Polyhedra, rows: IntArray) -> tuple[Polygons, IntArray, IntArray, FloatArray]:
     """Return the faces of the rows, and for each side of one of them its face, its row and the sign of its normal."""
-    some = np.arange(len(cells)) if rows is None else rows
     place = np.full(len(cells), -1, dtype=np.intp)
-    place[some] = np.arange(len(some))
+    place[rows] = np.arange(len(rows))
     inner = len(cells.neighbour)
     own, other = place[cells.owner], place[cells.neighbour]
     wanted = own >= 0

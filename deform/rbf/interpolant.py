@@ -6,7 +6,6 @@ from typing import Self
 
 import numpy as np
 from scipy.linalg.lapack import dsysv
-from scipy.sparse.linalg import gmres
 
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel
@@ -133,6 +132,7 @@ def krylov(rtol: float = 1e-10, restart: int = 200, max_cycles: int = 50) -> Sol
     """
     if not 0.0 < rtol < 1.0:
         raise ValueError(f"rtol = {rtol} must lie between 0 and 1")
+    from scipy.sparse.linalg import gmres  # takes a while to load
 
     def solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
         columns = []

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from sdm_deflect.deform.edges import Joints, area_vectors, polygons_of, unit
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Patch, Polygons
@@ -202,6 +200,9 @@ def _parts(patch: Patch, points: FloatArray, inside: BoolArray, turn: float) -> 
 
 def _regions(faces: Polygons, normals: FloatArray, turn: float) -> IntArray:
     """Return a label (F,) for each face: equal for those joined by edges beside which normals (F, 3) differ by less."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # takes a while to load
+
     _, a, b, _ = Joints.of(faces)
     alike = np.linalg.norm(normals[a] - normals[b], axis=1) < turn
     graph = coo_array((np.ones(int(alike.sum())), (a[alike], b[alike])), shape=(len(faces), len(faces)))

@@ -12,9 +12,11 @@ import numpy as np
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.faces import Keys, node_keys, patch_keys
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh import CORNERS, Cells, Faces, FloatArray, IntArray, Mesh, Patch, Whole, Zone
+from sdm_deflect.deform.mesh import CORNERS, Cells, Faces, FloatArray, IntArray, Mesh, Patch, Volume, Whole, Zone
 from sdm_deflect.deform.pieces import MeshInPieces, Pieces, Runner
+from sdm_deflect.deform.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.quality import POLYHEDRON
 from sdm_deflect.deform.selection import selected
 from sdm_deflect.deform.sets import distinct, union
 from sdm_deflect.deform.volume.boundary import Boundary
@@ -24,6 +26,8 @@ from sdm_deflect.deform.volume.scan import CELLS, POINTS, CellsFound, Frame, che
 
 HELD = 1 << 23
 """Points up to so many are held in memory, by a runner that shares it."""
+LARGER = 4
+"""How many times the memory of another cell a polyhedron takes while it is judged."""
 Block = TypeVar("Block", bound=Faces)
 
 
@@ -44,7 +48,7 @@ def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runne
     inside, places = _nodes_inside(frame, runner, progress)
     found, frame = _cells(mesh, frame, runner, progress)
     known = union(frame.boundary, inside)
-    beyond = np.setdiff1d(union(*(one.nodes for block in found for one in block)), known, assume_unique=True)
+    beyond = np.setdiff1d(union(*(one.cells.nodes for block in found for one in block)), known, assume_unique=True)
     nodes = union(known, beyond)
     points = np.empty((len(nodes), 3))
     for own, at in ((frame.boundary, border.points), (inside, places), (beyond, _gathered(pieces, beyond))):
@@ -65,7 +69,7 @@ def _border(mesh: MeshInPieces) -> Mesh:
     return _numbered(mesh, points, (), Whole(mesh.pieces, nodes))
 
 
-def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Cells, ...], whole: Whole) -> Mesh:
+def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...], whole: Whole) -> Mesh:
     """Return a mesh of some nodes: patches and zones in their numbers."""
 
     def own(block: Block) -> Block:
@@ -130,7 +134,8 @@ def _cells(
 
 def _judged_cells(frame: Frame, block: int, runner: Runner, progress: Progress) -> list[CellsFound]:
     shape, count = frame.pieces.blocks[block]
-    items = [(block, start, min(start + CELLS, count)) for start in range(0, count, CELLS)]
+    size = CELLS // LARGER if shape == POLYHEDRON else CELLS
+    items = [(block, start, min(start + size, count)) for start in range(0, count, size)]
     found = []
     for i, own in enumerate(runner.map(judged, frame, items), 1):
         found.append(own)
@@ -158,15 +163,21 @@ def _gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
     return found
 
 
-def _block(shape: str, found: Sequence[CellsFound], nodes: IntArray) -> tuple[Cells, IntArray]:
-    """Return the touched cells of a block in the numbers of the excerpt, and their rows in the whole mesh."""
+def _block(shape: str, found: Sequence[CellsFound], nodes: IntArray) -> tuple[Volume, IntArray]:
+    """Return the touched cells of a block in the numbers of the excerpt, and their rows in the whole mesh.
+
+    Of polyhedra those beyond their faces are there, too, but not all of their own faces: none of their nodes moves.
+    """
+    some = [one.cells for one in found if isinstance(one.cells, SomePolyhedra)]
+    if some:
+        return joined(some).within(nodes)
     count, end = sum(len(one.rows) for one in found), 0
     cells, rows = np.empty((count, CORNERS[shape]), dtype=np.intp), np.empty(count, dtype=np.intp)
     for one in found:
         own = slice(end, end := end + len(one.rows))
         rows[own] = one.rows
         if len(one.rows):
-            low, high = int(one.nodes.min()), int(one.nodes.max()) + 1
+            low, high = int(one.cells.nodes.min()), int(one.cells.nodes.max()) + 1
             first, stop = np.searchsorted(nodes, (low, high))
-            cells[own] = first + np.searchsorted(nodes[first:stop], one.nodes)
+            cells[own] = first + np.searchsorted(nodes[first:stop], one.cells.nodes)
     return Cells(shape, cells), rows

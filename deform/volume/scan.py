@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.faces import Keys, cell_face_keys
+from sdm_deflect.deform.faces import Keys, cell_face_keys, face_keys
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh import LARGEST, BoolArray, Cells, FloatArray, IntArray
+from sdm_deflect.deform.mesh import LARGEST, BoolArray, Cells, FloatArray, IntArray, Polyhedra, Volume
 from sdm_deflect.deform.pieces import Pieces
+from sdm_deflect.deform.polyhedra import SomePolyhedra
 from sdm_deflect.deform.quality import inverted_of
 from sdm_deflect.deform.sets import distinct
 from sdm_deflect.deform.touched import touching
@@ -71,7 +72,7 @@ class Frame:
         return replace(self, held=self.view_of(points, 0))
 
     def view(self, nodes: IntArray) -> tuple[View, IntArray]:
-        """Return the points that cells with nodes (M, k) need, and the rows (M, k) of their nodes there.
+        """Return the points that cells with nodes (M, k) or (K,) need, and the rows of these there, as many.
 
         Where cells near one another in the file have nodes near one another, they are a range of points, else the
         corners of these cells alone. InputError for nodes that are not there.
@@ -116,17 +117,17 @@ class Frame:
         far = places = 0
         for block, (_, count) in enumerate(self.pieces.blocks):
             for start in np.linspace(0, max(0, count - PROBED), PROBES).astype(int).tolist() if count else ():
-                nodes = self.pieces.nodes(block, start, min(start + PROBED, count))
+                nodes = self.pieces.cells_of(block, start, min(start + PROBED, count)).nodes
                 far += int(np.ptp(nodes)) > POINTS
                 places += 1
         return 2 * far > places
 
 
 class CellsFound(NamedTuple):
-    """Rows (R,) and nodes (R, k) of touched cells; of all how many are inverted, and their faces (F,) on patches."""
+    """Rows (R,) of touched cells, and these; of all how many are inverted, and their faces (F,) on patches."""
 
     rows: IntArray
-    nodes: IntArray
+    cells: Cells | SomePolyhedra
     inverted: int
     faces: IntArray
 
@@ -152,12 +153,29 @@ def check_points(pieces: Pieces, points: FloatArray, numbers: IntArray) -> None:
 def judged(frame: Frame, item: tuple[int, int, int]) -> CellsFound:
     """Judge some cells of a block."""
     block, start, stop = item
-    shape, nodes = frame.pieces.blocks[block][0], frame.pieces.nodes(block, start, stop)
-    view, rows = frame.view(nodes)
-    cells = Cells(shape, rows)
-    inverted = int(np.count_nonzero(inverted_of(view.points, cells, orientation=frame.sign[block])))
+    stored = frame.pieces.cells_of(block, start, stop)
+    view, nodes = frame.view(stored.nodes)
+    cells: Volume
+    if isinstance(stored, Cells):
+        cells, rows = Cells(stored.shape, nodes), None
+    else:
+        cells, rows = stored.counted(nodes, start, stop), np.arange(stop - start)
+    inverted = int(np.count_nonzero(inverted_of(view.points, cells, rows, frame.sign[block])))
     found = touching(cells, view.changed) if frame.held or view.changed.any() else np.empty(0, dtype=np.intp)
-    return CellsFound(start + found, nodes[found], inverted, _faces_seen(frame, view, cells))
+    found = found[found < stop - start]  # the last of polyhedra stands for all others
+    return CellsFound(start + found, _some(stored, cells, found), inverted, _faces_seen(frame, view, cells))
+
+
+def _some(stored: Cells | SomePolyhedra, cells: Volume, rows: IntArray) -> Cells | SomePolyhedra:
+    """Return rows (R,) of cells as they are stored."""
+    if isinstance(stored, Cells):
+        return Cells(stored.shape, stored.nodes[rows])
+    assert isinstance(cells, Polyhedra)
+    chosen = np.zeros(len(cells), dtype=np.bool_)
+    chosen[rows] = True
+    faces = chosen[cells.owner]
+    faces[: len(cells.neighbour)] |= chosen[cells.neighbour]
+    return stored.some(faces)
 
 
 def _common(own: IntArray, known: IntArray) -> tuple[IntArray, IntArray]:
@@ -169,9 +187,12 @@ def _common(own: IntArray, known: IntArray) -> tuple[IntArray, IntArray]:
     return place[there], first + there
 
 
-def _faces_seen(frame: Frame, view: View, cells: Cells) -> IntArray:
+def _faces_seen(frame: Frame, view: View, cells: Volume) -> IntArray:
     """Return which faces (F,) of patches the cells have."""
-    found = np.concatenate([np.empty(0, np.uint64), *cell_face_keys((cells,), view.keys, view.keys > 0)])
+    if isinstance(cells, Polyhedra):
+        found = face_keys(cells.faces.rows(len(cells.neighbour), len(cells.faces)), view.keys)
+    else:
+        found = np.concatenate([np.empty(0, np.uint64), *cell_face_keys((cells,), view.keys, view.keys > 0)])
     if not len(frame.faces):
         return np.empty(0, dtype=np.intp)
     place = np.minimum(np.searchsorted(frame.faces, found), len(frame.faces) - 1)

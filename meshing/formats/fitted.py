@@ -5,8 +5,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from sdm_deflect.deform.faces import cell_face_keys, face_keys, node_keys
 from sdm_deflect.deform.mesh import Cells, Faces, Mesh, Patch, Polygons, Polyhedra, Volume, Zone
@@ -115,6 +113,9 @@ def _welded(order: IntArray, same: Sequence[IntArray]) -> tuple[IntArray, IntArr
 
 
 def _components(count: int, pairs: IntArray) -> IntArray:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # takes a while to load
+
     graph = coo_array((np.ones(len(pairs), dtype=np.bool_), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
 

@@ -1,16 +1,26 @@
 """OpenFOAM cases: the mesh in the folder ``constant/polyMesh``."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from sdm_deflect.deform.mesh import Mesh, Patch, Polyhedra
+from sdm_deflect.deform.mesh import Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import copied, fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.openfoam_decomposed import homes, is_part, move_points, read_parts, rewrite_parts
-from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamFile, faces, labels, open_foam, parse, vectors
+from sdm_deflect.meshing.formats.openfoam_files import (
+    MESH,
+    FoamFile,
+    FoamPatch,
+    faces,
+    labels,
+    open_foam,
+    parse,
+    vectors,
+)
 from sdm_deflect.meshing.formats.openfoam_parts import BETWEEN, CYCLIC
 from sdm_deflect.meshing.formats.openfoam_write import write_mesh, write_system
 from sdm_deflect.meshing.formats.polyhedra import check_cells
@@ -44,44 +54,25 @@ class OpenFoam:
         if has_parts(path):
             return read_parts(case_folder(path), progress)
         folder = mesh_folder(path)
-        points = _stored(folder, "points", vectors).values
+        points = stored(folder, "points", vectors).values
         progress("reading faces", 0.3)
-        polygons, owner = _stored(folder, "faces", faces), _stored(folder, "owner", labels)
-        neighbour = _stored(folder, "neighbour", labels)[: len(owner)]
+        polygons, owner = stored(folder, "faces", faces), stored(folder, "owner", labels)
+        neighbour = stored(folder, "neighbour", labels)[: len(owner)]
         progress("reading patches", 0.8)
-        patches = _stored(folder, "boundary", lambda file: parse(file.text()))
+        patches = stored(folder, "boundary", lambda file: parse(file.text()))
         with about(folder):
             cells = Polyhedra(polygons, owner, neighbour[neighbour >= 0])
             check_cells(cells)
-            named, count = [], len(polygons)
-            for patch in patches:
-                if patch.type in (BETWEEN, CYCLIC):
-                    raise MeshFileError(
-                        f"patch {patch.name} joins it to other parts of a decomposed case; name the case, or its "
-                        "folder processor0, to read all parts"
-                    )
-                first, end = patch.start, patch.start + patch.count
-                if not 0 <= first <= end <= count:
-                    raise MeshFileError(f"patch {patch.name} has the faces {first} to {end - 1}, but there are {count}")
-                if first < end and first < len(cells.neighbour):
-                    raise MeshFileError(
-                        f"patch {patch.name} begins at face {first}, but the faces before {len(cells.neighbour)} are "
-                        "inside the mesh"
-                    )
-                named.append(Patch(patch.name, (polygons.rows(first, end),)))
-            return Mesh(points, (cells,), tuple(named), notes=_beside(case_folder(path)))
+            named = patches_of(patches, len(polygons), len(cells.neighbour), polygons.rows)
+            return Mesh(points, (cells,), named, notes=parts_beside(case_folder(path)))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; `out` is a copy of the case (of the folder ``polyMesh`` if `source` is one)."""
         if has_parts(source):
             rewrite_parts(case_folder(source), points, case_folder(out), progress)
             return
-        mesh = mesh_folder(source)
-        case = mesh if mesh.resolve() == source.resolve() else mesh.parent.parent
-        with fresh_folder(case_folder(out), case) as beside:
-            copied(case, beside, STALE)
-            progress(f"writing {out.name}", 0.5)
-            move_points(mesh, beside / mesh.relative_to(case), [points])
+        with case_copied(source, out, progress) as mesh:
+            move_points(mesh_folder(source), mesh, [points])
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; types of patches follow from their names, the case can be read by checkMesh.
@@ -98,6 +89,45 @@ class OpenFoam:
         return lost
 
 
+@contextmanager
+def case_copied(source: Path, out: Path, progress: Progress) -> Iterator[Path]:
+    """Give the folder of the mesh in a copy of a case (of the folder ``polyMesh`` if `source` is one).
+
+    The copy becomes `out` once the block has ended well; errors as of `fresh_folder`.
+    """
+    mesh = mesh_folder(source)
+    case = mesh if mesh.resolve() == source.resolve() else mesh.parent.parent
+    with fresh_folder(case_folder(out), case) as beside:
+        copied(case, beside, STALE)
+        progress(f"writing {out.name}", 0.5)
+        yield beside / mesh.relative_to(case)
+
+
+def patches_of(
+    patches: Sequence[FoamPatch], count: int, inner: int, rows: Callable[[int, int], Polygons]
+) -> tuple[Patch, ...]:
+    """Return patches with their faces, of so many faces with the inner ones first; MeshFileError if one has others.
+
+    `rows` gives faces, from one on and up to another.
+    """
+    named = []
+    for patch in patches:
+        if patch.type in (BETWEEN, CYCLIC):
+            raise MeshFileError(
+                f"patch {patch.name} joins it to other parts of a decomposed case; name the case, or its "
+                "folder processor0, to read all parts"
+            )
+        first, end = patch.start, patch.start + patch.count
+        if not 0 <= first <= end <= count:
+            raise MeshFileError(f"patch {patch.name} has the faces {first} to {end - 1}, but there are {count}")
+        if first < end and first < inner:
+            raise MeshFileError(
+                f"patch {patch.name} begins at face {first}, but the faces before {inner} are inside the mesh"
+            )
+        named.append(Patch(patch.name, (rows(first, end),)))
+    return tuple(named)
+
+
 def case_folder(path: Path) -> Path:
     """Return the folder of a case: `path`, or the one that a file ``case.foam`` or a part ``processor0`` lies in."""
     return path.parent if path.suffix == ".foam" or is_part(path) else path
@@ -110,7 +140,17 @@ def has_parts(path: Path) -> bool:
     return (is_part(path) or alone) and bool(homes(case))
 
 
-def _beside(case: Path) -> tuple[str, ...]:
+def size_of(path: Path) -> int:
+    """Return the bytes of the mesh of a case; 0 if it is decomposed. MeshFileError if there is none."""
+    if has_parts(path):
+        return 0
+    folder = mesh_folder(path)
+    return sum(
+        file.stat().st_size for name in ("points", "faces", "owner", "neighbour") for file in folder.glob(f"{name}*")
+    )
+
+
+def parts_beside(case: Path) -> tuple[str, ...]:
     """A note on parts that stand beside the mesh of the whole."""
     parts = sorted(folder for folder in case.glob(STALE[0]) if is_part(folder) and (folder / MESH).is_dir())
     return (BESIDE.format(parts[0]),) if parts else ()
@@ -127,6 +167,7 @@ def mesh_folder(path: Path) -> Path:
     raise MeshFileError(f"{path}: is not an OpenFOAM case; it has no file {MESH / 'points'}")
 
 
-def _stored(folder: Path, name: str, read: Callable[[FoamFile], Read]) -> Read:
+def stored(folder: Path, name: str, read: Callable[[FoamFile], Read]) -> Read:
+    """Return what a file of a mesh's folder holds; a MeshFileError names the file."""
     with about(folder / name):
         return read(open_foam(folder, name))

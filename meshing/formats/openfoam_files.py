@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,8 @@ COUNT = re.compile(rb"\s*(\d+)\s*([({])")
 BINARY_COUNT = re.compile(rb"(?>(?:\s|//[^\n]*|/\*.*?(?:\*/|\Z))*)(\d+)\s*", re.DOTALL)
 FLAT = bytes.maketrans(b"(){}", b"    ")
 WORD = re.compile(rb"\"[^\"]*\"|[{}();]|[^\s{}();\"]+")
+COMPACT = "faceCompactList"
+"""Class of faces whose numbers of corners are in a list of their own; in binary there are no others."""
 COLLATED = "decomposedBlockData"
 """Class of a file that holds a file of each part of a decomposed case."""
 HEAD = 10_000
@@ -81,10 +84,15 @@ def open_foam(folder: Path, name: str) -> FoamFile:
     except (OSError, EOFError, zlib.error) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "is truncated or damaged"
         raise MeshFileError(f"{name}: {reason}") from error
+    return headed(data, name, len(stored))
+
+
+def headed(data: bytes, name: str, stored: int) -> FoamFile:
+    """Return what a file of `stored` bytes holds; MeshFileError if it has no header."""
     header = HEADER.search(data)
     if not header:
         raise MeshFileError(f"{name}: has no FoamFile header; it is truncated, or not a file of OpenFOAM")
-    return FoamFile(data, header.end(), _header_entries(header[1]), len(stored))
+    return FoamFile(data, header.end(), _header_entries(header[1]), stored)
 
 
 def _header_entries(text: bytes) -> dict[str, str]:
@@ -180,7 +188,7 @@ def vectors(file: FoamFile) -> Placed:
 def faces(file: FoamFile) -> Polygons:
     """Return a list of faces: ``4(0 1 2 3)`` each in text, offsets and nodes in binary."""
     if file.binary:
-        if file.entries.get("class") != "faceCompactList":
+        if file.entries.get("class") != COMPACT:
             raise MeshFileError(f"a binary {file.entries.get('class')} cannot be read; run foamFormatConvert")
         offsets, first = _binary(file, file.start, "label", 1)
         nodes, _ = _binary(file, first + offsets.nbytes + 1, "label", 1)
@@ -215,23 +223,37 @@ def _count(file: FoamFile, text: bytes, columns: int) -> tuple[int, bool, int]:
     return count, found[2] == b"{", found.end()
 
 
-def _binary(file: FoamFile, at: int, what: str, columns: int) -> tuple[FloatArray | IntArray, int]:
-    """Rows (K, columns) of a binary list, and the byte where they begin."""
+class Stored(NamedTuple):
+    """A binary list: type of its numbers, how many rows, the byte where they begin, and whether one stands for all."""
+
+    kind: np.dtype[np.generic]
+    rows: int
+    begin: int
+    uniform: bool
+
+
+def located(file: FoamFile, at: int, what: str, columns: int) -> Stored:
+    """Return where the binary list after a byte has its rows of numbers; MeshFileError if the file is shorter."""
     kind = file.kind(what)
     found = BINARY_COUNT.match(file.data, at)
-    if found and int(found[1]) == 0:
-        return np.empty((0, columns), kind), found.end()
     if not found:
         raise MeshFileError("no list follows the header; the file is truncated or damaged")
     count, begin = int(found[1]), found.end() + 1
-    end = begin + count * columns * kind.itemsize
-    bracket = file.data[found.end() : begin]
-    if bracket == b"{":
-        end = begin + columns * kind.itemsize
+    if count == 0:
+        return Stored(kind, 0, found.end(), False)
+    uniform = file.data[found.end() : begin] == b"{"
+    end = begin + (1 if uniform else count) * columns * kind.itemsize
     if end >= len(file.data) or file.data[end : end + 1] not in b")}":
         raise MeshFileError(f"{count} values should follow, but the file ends before or goes on; it is damaged")
-    rows = np.frombuffer(file.data[begin:end], kind).reshape(-1, columns)
-    if bracket == b"{":
+    return Stored(kind, count, begin, uniform)
+
+
+def _binary(file: FoamFile, at: int, what: str, columns: int) -> tuple[FloatArray | IntArray, int]:
+    """Rows (K, columns) of a binary list, and the byte where they begin."""
+    kind, count, begin, uniform = located(file, at, what, columns)
+    size = (1 if uniform else count) * columns * kind.itemsize
+    rows = np.frombuffer(file.data[begin : begin + size], kind).reshape(-1, columns)
+    if uniform:
         check_unpacked(count * rows.nbytes, file.stored, f"a list of {count}")
         rows = np.repeat(rows, count, axis=0)
     return rows, begin

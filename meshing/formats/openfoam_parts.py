@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from sdm_deflect.deform.mesh import Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.parts import taken
@@ -144,6 +142,9 @@ def _starts(counts: Sequence[int]) -> IntArray:
 
 def _joined(count: int, one: IntArray, other: IntArray) -> IntArray:
     """Number (count,) of each of so many points when those of each pair are one, in the order of the first of them."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # takes a while to load
+
     graph = coo_array((np.ones(len(one), dtype=np.bool_), (one, other)), shape=(count, count))
     _, label = connected_components(graph, directed=False)
     _, first, label = np.unique(label, return_index=True, return_inverse=True)

@@ -14,6 +14,8 @@ from sdm_deflect.meshing.mesh import IntArray
 
 LOOSE = "unnamed"
 """Patch of the boundary faces that are on no patch."""
+FEWEST = 4
+"""Faces of a cell in space."""
 SIDES = {"tetra": (4, 0), "pyramid": (4, 1), "wedge": (2, 3), "hexahedron": (0, 6)}
 """Numbers of triangles and quadrilaterals of each shape."""
 
@@ -125,14 +127,24 @@ def _patch_of(mesh: Mesh, key: Keys, keys: Keys) -> tuple[IntArray, list[str]]:
     return found, lost
 
 
-def check_cells(cells: Polyhedra, least: int = 4) -> None:
+def check_cells(cells: Polyhedra, least: int = FEWEST) -> None:
     """Refuse cells with fewer than `least` faces, which damaged labels leave behind, with a MeshFileError."""
     sides = np.concatenate([cells.owner, cells.neighbour])
-    if not len(sides) or sides.min() < 0 or sides.max() >= len(sides):
-        raise MeshFileError(f"owner and neighbour name cells that {len(cells.faces)} faces cannot bound")
-    if few := np.count_nonzero(np.bincount(sides) < least):
+    check_labels(int(sides.min(initial=0)), int(sides.max(initial=-1)), len(cells.owner), len(cells.neighbour))
+    check_sides(int(np.count_nonzero(np.bincount(sides) < least)), len(cells), least)
+
+
+def check_labels(low: int, high: int, owners: int, neighbours: int) -> None:
+    """Refuse, with a MeshFileError, a least and a largest cell that so many owners and neighbours cannot name."""
+    if low < 0 or not 0 <= high < owners + neighbours:
+        raise MeshFileError(f"owner and neighbour name cells that {owners} faces cannot bound")
+
+
+def check_sides(few: int, cells: int, least: int = FEWEST) -> None:
+    """Refuse, with a MeshFileError, a mesh of which a few cells have fewer faces than `least`."""
+    if few:
         number = {3: "three", 4: "four"}[least]
-        raise MeshFileError(f"{few} of {len(cells)} cells have fewer than {number} faces; the file is damaged")
+        raise MeshFileError(f"{few} of {cells} cells have fewer than {number} faces; the file is damaged")
 
 
 def faces_by_cell(block: Polyhedra) -> tuple[Polygons, IntArray]:

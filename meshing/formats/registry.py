@@ -1,27 +1,17 @@
 """The formats we know, by name and by suffix, and what to do with files of others."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
+from importlib import import_module
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.formats.cgns import Cgns
-from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.format import Format, MeshFileError
-from sdm_deflect.meshing.formats.gmsh import Gmsh
-from sdm_deflect.meshing.formats.gmsh_pieces import in_pieces as gmsh_in_pieces
-from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.formats.plot3d import Plot3d
-from sdm_deflect.meshing.formats.su2 import Su2
-from sdm_deflect.meshing.formats.su2_pieces import in_pieces as su2_in_pieces
-from sdm_deflect.meshing.formats.tau import Tau
-from sdm_deflect.meshing.formats.ugrid import Ugrid
-from sdm_deflect.meshing.formats.ugrid_file import ending as ugrid_ending
-from sdm_deflect.meshing.formats.ugrid_pieces import in_pieces as ugrid_in_pieces
-from sdm_deflect.meshing.formats.vtu import Vtu
 from sdm_deflect.meshing.temporary import scratch_folder, settle_in
 
 FLUENT = (
@@ -40,23 +30,67 @@ ADVICE = {
     ".step": SURFACE, ".stp": SURFACE, ".igs": SURFACE, ".iges": SURFACE, ".brep": SURFACE,
 }  # fmt: skip
 """By suffix, in lower case."""
-CGNS, TAU = Cgns(), Tau()
-FORMATS: dict[str, Format] = {
-    "su2": Su2(), "cgns": CGNS, "gmsh": Gmsh(), "ugrid": Ugrid(), "tau": TAU, "fluent": Fluent(),
-    "plot3d": Plot3d(), "vtu": Vtu(), "openfoam": OpenFoam(),
-}  # fmt: skip
+
+
+class Entry(NamedTuple):
+    """A format that is not loaded yet: its module here, its class there, and its suffixes."""
+
+    module: str
+    kind: str
+    suffixes: tuple[str, ...]
+
+
+ENTRIES = {
+    "su2": Entry("su2", "Su2", (".su2",)),
+    "cgns": Entry("cgns", "Cgns", (".cgns",)),
+    "gmsh": Entry("gmsh", "Gmsh", (".msh",)),
+    "ugrid": Entry("ugrid", "Ugrid", (".ugrid",)),
+    "tau": Entry("tau", "Tau", (".grid", ".taumesh", ".nc")),
+    "fluent": Entry("fluent", "Fluent", (".msh.h5", ".cas.h5")),
+    "plot3d": Entry("plot3d", "Plot3d", (".p3d", ".p3dfmt", ".p2d", ".p2dfmt", ".xyz", ".x", ".g", ".ufmt")),
+    "vtu": Entry("vtu", "Vtu", (".vtu",)),
+    "openfoam": Entry("openfoam", "OpenFoam", (".foam",)),
+}
 """Every format by its name; a format is added here and nowhere else."""
+
+
+def _module(name: str) -> Any:
+    """Load a module of this folder: a command on one file needs but that of its format."""
+    return import_module(f"{__package__}.{name}")
+
+
+@cache
+def _loaded(name: str) -> Format:
+    known: Format = getattr(_module(ENTRIES[name].module), ENTRIES[name].kind)()
+    return known
+
+
+class Formats(Mapping[str, Format]):
+    """Formats by their names, each loaded when it is first asked for."""
+
+    def __getitem__(self, name: str) -> Format:
+        return _loaded(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(ENTRIES)
+
+    def __len__(self) -> int:
+        return len(ENTRIES)
+
+
+FORMATS = Formats()
 WRITTEN = tuple(name for name in FORMATS if name not in ("fluent", "plot3d"))
 """Formats in which meshes from elsewhere can be written; files of the others are only rewritten."""
 IN_PIECES: dict[str, Callable[[Path, Path, Progress], MeshInPieces | None]] = {
-    "cgns": lambda path, _, __: CGNS.in_pieces(path),
-    "gmsh": lambda path, _, __: gmsh_in_pieces(path),
-    "ugrid": lambda path, _, __: ugrid_in_pieces(path),
-    "su2": su2_in_pieces,
+    "cgns": lambda path, _, __: _module("cgns").Cgns().in_pieces(path),
+    "gmsh": lambda path, _, __: _module("gmsh_pieces").in_pieces(path),
+    "ugrid": lambda path, _, __: _module("ugrid_pieces").in_pieces(path),
+    "su2": lambda path, scratch, progress: _module("su2_pieces").in_pieces(path, scratch, progress),
+    "openfoam": lambda path, _, __: _module("openfoam_pieces").in_pieces(path),
 }
 """By format, what returns a file's mesh in pieces, or None where it must be read as a whole; text goes to tables in an
 empty folder."""
-STORED = ("cgns", "gmsh", "ugrid")
+STORED = ("cgns", "gmsh", "ugrid", "openfoam")
 """Formats of these whose numbers stand in the file itself, where other processes can read them."""
 
 
@@ -88,6 +122,11 @@ def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshInPieces 
         yield IN_PIECES[form](path, scratch, progress)
 
 
+def size_of(path: Path) -> int:
+    """Return the bytes of a mesh file, or of the mesh in an OpenFOAM case."""
+    return int(_module("openfoam").size_of(path) if format_of(path).name == "openfoam" else path.stat().st_size)
+
+
 def format_of(path: str | Path) -> Format:
     """Return the format of a file by its suffix; a folder, or a new name without suffix, is an OpenFOAM case.
 
@@ -99,7 +138,7 @@ def format_of(path: str | Path) -> Format:
     path = Path(path)
     if known := known_format(path):
         return known
-    suffixes = sorted(suffix for known in FORMATS.values() for suffix in known.suffixes)
+    suffixes = sorted(suffix for entry in ENTRIES.values() for suffix in entry.suffixes)
     packed = f"unpack it first: gunzip {path.name}" if path.suffix.lower() == ".gz" else ""
     hint = packed or ADVICE.get(path.suffix.lower(), f"known are {', '.join(suffixes)}").replace("FILE", path.name)
     raise MeshFileError(f"{path}: no mesh format has the suffix {path.suffix!r}; {hint}")
@@ -109,13 +148,15 @@ def known_format(path: Path) -> Format | None:
     """Return the format as `format_of` does; None if there is none."""
     if path.is_dir() or not (path.is_file() or path.suffix[1:2].isalpha()):
         return FORMATS["openfoam"]
-    for known in FORMATS.values():
-        if path.suffix and path.name.lower().endswith(known.suffixes):
-            return known
-    return TAU if path.is_file() and TAU.holds(path) else None
+    for name, entry in ENTRIES.items():
+        if path.suffix and path.name.lower().endswith(entry.suffixes):
+            return FORMATS[name]
+    return FORMATS["tau"] if path.is_file() and _module("tau").Tau().holds(path) else None
 
 
 def ending(path: Path) -> str:
     """Return the suffix of a mesh file, with the word before it that belongs to it: ``.b8.ugrid``, ``.msh.h5``."""
     own = Path(path.stem).suffix + path.suffix
-    return own if own.lower() in FORMATS["fluent"].suffixes else ugrid_ending(path)
+    if own.lower() in ENTRIES["fluent"].suffixes:
+        return own
+    return str(_module("ugrid_file").ending(path)) if path.suffix.lower() in ENTRIES["ugrid"].suffixes else path.suffix

@@ -10,8 +10,9 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.mesh import CORNERS
+from sdm_deflect.deform.mesh import CORNERS, Cells
 from sdm_deflect.deform.pieces import HERE, Runner
+from sdm_deflect.deform.polyhedra import SomePolyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh, written
 from sdm_deflect.meshing.formats.format import MeshFileError, about
@@ -189,9 +190,9 @@ class TablePieces:
                 found[rows, columns] = table.some(nodes[rows] - own.start)
         return found
 
-    def nodes(self, block: int, start: int, stop: int) -> IntArray:
-        """See `Pieces.nodes`."""
-        return self.cells[block].nodes(start, stop)
+    def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
+        """See `Pieces.cells_of`."""
+        return Cells(self.cells[block].shape, self.cells[block].nodes(start, stop))
 
     def oriented(self) -> Self:
         """Return it with each block in VTK's order, whichever of the two orders the file used (`shapes.oriented`)."""
@@ -216,13 +217,16 @@ class TablePieces:
         """See `Pieces.rewrite`; MeshFileError for points that the file's numbers cannot hold."""
         source = Path(self.source)
         with fresh(out, source) as beside, about(source):
-            changes = tuple(self._changes(nodes, points))
-            size = source.stat().st_size
+            items = self.items(nodes, points, source)
             with written(out):
-                os.truncate(beside, size)
-            items = [item_of(changes, start, min(start + RANGE, size)) for start in range(0, size, RANGE)]
+                os.truncate(beside, source.stat().st_size)
             for i, _ in enumerate(runner.map(copy_range, (source, beside), items), 1):
                 progress(f"writing {out.name}", i / len(items))
+
+    def items(self, nodes: IntArray, points: FloatArray, file: Path) -> list["Item"]:
+        """Return all bytes of the file of the points, range by range, with what is to stand there (`copy_range`)."""
+        changes, size = tuple(self._changes(nodes, points)), file.stat().st_size
+        return [item_of(changes, start, min(start + RANGE, size)) for start in range(0, size, RANGE)]
 
     def _changes(self, nodes: IntArray, points: FloatArray) -> Iterator["Change"]:
         for own in self.ranges:

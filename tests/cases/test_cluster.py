@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from io import StringIO
 from pathlib import Path
 
+import by_workers
 import numpy as np
 import pytest
 from distributed import Client
@@ -28,6 +29,7 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.volume import excerpt, step
 from sdm_deflect.meshing.formats import tables
 from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces
 from tests.cases.test_in_pieces import FLAP, written
 from tests.meshing.formats.examples import hybrid
@@ -175,6 +177,18 @@ def test_two_workers_come_to_the_same_bytes(block, deflected, two):
     assert out(block, "two").read_bytes() == deflected
 
 
+def test_the_script_of_the_guide_comes_to_the_same_bytes(block, deflected, two, monkeypatch):
+    @contextmanager
+    def own(*_):
+        yield two
+
+    monkeypatch.setattr(by_workers, "workers", own)
+    table = {"table": str(block.with_suffix(".npz")), "fixed": "wall", "margin": 0.17, "repair": "off"}
+    settings = by_workers.settings_of("flap", None, None, table)
+    assert by_workers.deflected(block, out(block, "script"), settings, Wanted(2)).passed
+    assert out(block, "script").read_bytes() == deflected
+
+
 def test_four_workers_of_the_command_come_to_the_same_bytes_and_say_where_to_look(block, deflected):
     code, said = sdm(block, out(block, "four"), "--workers", 4, "--worker-memory", "1.5GB")
     assert code == 0
@@ -183,15 +197,16 @@ def test_four_workers_of_the_command_come_to_the_same_bytes_and_say_where_to_loo
     assert [line.split()[0] for line in said.splitlines()] == ["workers", "read", "plan", "deflect", "quality", "write"]
 
 
-@pytest.mark.parametrize("suffix", [".lb8.ugrid", ".msh"])
+@pytest.mark.parametrize("suffix", [".lb8.ugrid", ".msh", pytest.param("", id="case")])
 def test_other_formats_and_a_repair_come_to_the_same_bytes(suffix, two, tmp_path):
     path = written(wing(cells=3).mesh, tmp_path / f"wing{suffix}")
     words = (*FLAP, "--angle", "8", "--angles", "4,8", "--repair", "always")
     for name, runner in (("one", HERE), ("two", two)):
         assert deflect(path, tmp_path / f"{name}{suffix}", runner, words)[0] == 0
     for angle in (4, 8):
-        first, second = ((tmp_path / f"{name}_+{angle}{suffix}").read_bytes() for name in ("one", "two"))
-        assert first == second != path.read_bytes()
+        meshes = path, *(tmp_path / f"{name}_+{angle}{suffix}" for name in ("one", "two"))
+        before, first, second = ((own if suffix else own / MESH / "points").read_bytes() for own in meshes)
+        assert first == second != before
 
 
 def test_killed_workers_lose_nothing(block, deflected, two):
@@ -298,6 +313,16 @@ def test_a_scheduler_without_workers_and_workers_of_another_version(block, tmp_p
         with worker(address, path=tmp_path):
             said = refused(block, "--scheduler", address)
             assert re.search(r"worker tcp://\S+ has 9.9 of sdm-deflect, but \S+ is needed: start it in", said), said
+
+
+def test_a_case_in_a_folder_that_workers_see(elsewhere, tmp_path):
+    case = written(wing(cells=3).mesh, tmp_path / "case")
+    words = (*FLAP, "--angle", "8", "--quiet")
+    code, said = sdm(case, tmp_path / "there", "--scheduler", elsewhere, options=words)
+    assert code == 0, said
+    assert sdm(case, tmp_path / "here", options=words)[0] == 0
+    first, second = ((tmp_path / name / MESH / "points").read_bytes() for name in ("there", "here"))
+    assert first == second
 
 
 def test_workers_of_another_python(block, elsewhere, monkeypatch):

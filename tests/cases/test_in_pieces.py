@@ -11,10 +11,11 @@ import pytest
 
 from sdm_deflect.cases import cli, deflect_file
 from sdm_deflect.cases.report import folder
+from sdm_deflect.deform import polyhedra
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.pieces import Threads
 from sdm_deflect.deform.volume import excerpt, scan
-from sdm_deflect.meshing.formats import tables
+from sdm_deflect.meshing.formats import openfoam_pieces, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces
 from sdm_deflect.meshing.formats.shapes import mirrored
 from tests.deform.blocks import two_bodies
@@ -22,7 +23,8 @@ from tests.deform.repair.meshes import lattice
 from tests.meshing.formats.gmsh_files import gmsh_data
 from tests.meshing.formats.wing import boundary_faces, wing
 
-SUFFIXES = (".cgns", ".su2", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid", ".msh")
+SUFFIXES = (".cgns", ".su2", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid", ".msh", pytest.param("", id="case"))
+SOME = (".cgns", ".lb8.ugrid", ".msh", SUFFIXES[-1])
 FLAP = [
     "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended",
     "--hinge", "0.7,0.3,0", "0.7,0.7,0",
@@ -48,6 +50,13 @@ def left_handed(mesh: Mesh) -> Mesh:
     """The same with the nodes of the first and the last block in the order of the mirror image."""
     first, *others, last = (Cells(own.shape, mirrored(own.shape, own.nodes)) for own in mesh.cells)
     return Mesh(mesh.points, (first, *mesh.cells[1:-1], last), mesh.patches) if others else mesh
+
+
+def turned(mesh: Mesh) -> Mesh:
+    """The same with all cells left-handed, as those of a case are if some are: they are one block."""
+    return Mesh(
+        mesh.points, tuple(Cells(own.shape, mirrored(own.shape, own.nodes)) for own in mesh.cells), mesh.patches
+    )
 
 
 def written(mesh: Mesh, path: Path) -> Path:
@@ -93,7 +102,8 @@ def alike(called, monkeypatch, tmp_path):
     for module in (excerpt, scan):
         monkeypatch.setattr(module, "POINTS", 1000)
         monkeypatch.setattr(module, "CELLS", 700)
-    for module, name, size in ((excerpt, "HELD", 0), (tables, "SMALL", 0), (tables, "RANGE", 500)):
+    small_values = (excerpt, "HELD", 0), (tables, "SMALL", 0), (tables, "RANGE", 500), (polyhedra, "ROWS", 300)
+    for module, name, size in (*small_values, (openfoam_pieces, "SPAN", 50), (openfoam_pieces, "BATCH", 200)):
         monkeypatch.setattr(module, name, size)
 
     def compare(source, *words, code=0):
@@ -108,7 +118,7 @@ def alike(called, monkeypatch, tmp_path):
             assert own == code, complaint
             assert taken == (not large)
             ended.append(figures(json.loads(text)))
-            found.append({path.name: path.read_bytes() for path in folder.iterdir()})
+            found.append({path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()})
         assert ended[0].items() ^ ended[1].items() == set()
         assert found[0] == found[1]
         return ended[0]
@@ -135,12 +145,14 @@ def test_a_flap_in_cells_of_four_shapes(suffix, change, shared, small, alike, tm
             return own(mesh, job, angles, Apart(), told)
 
         monkeypatch.setattr(excerpt, "excerpt", apart)
+    if not suffix and change is left_handed:
+        change = turned
     found = alike(written(change(small), tmp_path / f"wing{suffix}"), *FLAP, "--angle", "8")
     assert found["/passed"]
     assert found["/mesh/cells"] == sum(len(own) for own in small.cells)
 
 
-@pytest.fixture(params=(".cgns", ".lb8.ugrid", ".msh"))
+@pytest.fixture(params=SOME)
 def plates(request, tmp_path):
     """Two plates of hexahedra, in one patch."""
     mesh = two_bodies()
@@ -191,7 +203,7 @@ def body_among_tetrahedra() -> Mesh:
     return Mesh(points, own, patches)
 
 
-@pytest.mark.parametrize("suffix", [".cgns", ".lb8.ugrid", ".msh"])
+@pytest.mark.parametrize("suffix", SOME)
 def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
     path = written(body_among_tetrahedra(), tmp_path / f"body{suffix}")
     words = ["--surface", "body", "--fixed", "far", "--hinge", "2,0,2", "2,4,2", "--margin", "0.9", "--steps", "1"]
@@ -199,15 +211,16 @@ def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
     assert any("repair" in key for key in found)
 
 
-def test_the_first_inverted_cell_is_named_by_its_number_in_the_file(alike, tmp_path, monkeypatch):
+@pytest.mark.parametrize("suffix", SOME[-2:])
+def test_the_first_inverted_cell_is_named_by_its_number_in_the_file(suffix, alike, tmp_path, monkeypatch):
     monkeypatch.setattr(excerpt, "CELLS", 50)
-    path = written(shuffled(body_among_tetrahedra()), tmp_path / "body.msh")
+    path = written(shuffled(body_among_tetrahedra()), tmp_path / f"body{suffix}")
     words = ["--surface", "body", "--fixed", "far", "--hinge", "2,0,2", "2,4,2", "--margin", "0.5", "--steps", "1"]
     found = alike(path, *words, "--repair", "off", "--angle", "50", code=1)
     assert any(re.search(r"cell \d\d\d+", str(value)) for value in found.values()), found
 
 
-@pytest.mark.parametrize("suffix", [".cgns", ".lb8.ugrid", ".msh"])
+@pytest.mark.parametrize("suffix", SOME)
 def test_two_surfaces_and_a_section(suffix, alike, tmp_path):
     (tmp_path / "job.toml").write_text(
         'fixed = ["wall"]\n'
@@ -309,8 +322,56 @@ def test_what_is_wrong_is_said_in_one_line(suffix, shared, damage, small, called
     assert {own.suffix for own in tmp_path.iterdir()} <= {path.suffix, ".mapbc"}
 
 
+def put_list(name: str, row: int, values):
+    def change(path: Path) -> None:
+        with in_pieces(path) as found:
+            put_row(getattr(found.pieces.lists, name), row, values)
+
+    return change
+
+
+def turn(path: Path) -> None:
+    """Turn a face between two cells round."""
+    with in_pieces(path) as found:
+        nodes = found.pieces.lists.faces(0, 1).nodes[::-1]
+        for row, node in enumerate(nodes):
+            put_row(found.pieces.lists.nodes, row, lambda own, node=node: own * 0 + node)
+
+
+DAMAGED_CASE = {
+    "a node too many": (put_list("nodes", 99, lambda own: own * 0 + 99999), r"nodes \d+ to 99999, but there are"),
+    "a node too few": (put_list("nodes", 99, lambda own: own * 0 - 1), r"nodes -1 to \d+, but there are"),
+    "no number": (put_list("points", 7, lambda own: own * np.nan), "points are not finite, the first is point 7$"),
+    "too large": (
+        put_list("points", 7, lambda own: own * 0 + 1e41),
+        r"points are beyond 1e\+40, the first is point 7$",
+    ),
+    "an owner too large": (put_list("owner", 7, lambda own: own * 0 + 99999), "name cells that"),
+    "inverted": (turn, r"2 of \d+ polyhedra are inverted"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGED_CASE)
 @pytest.mark.parametrize("shared", [True, False])
-@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_what_is_wrong_with_a_case_is_said_in_one_line(shared, damage, small, called, tmp_path, monkeypatch):
+    monkeypatch.setattr(Threads, "shares_memory", shared)
+    path = written(small, tmp_path / "wing")
+    change, said = DAMAGED_CASE[damage]
+    change(path)
+    complaints = []
+    for large in (1 << 60, 0):
+        words = ["--angle", "8", "--quiet", "--no-report", "--out", tmp_path / "out"]
+        code, table, complaint, _ = called(large, "deflect", path, *FLAP, *words)
+        assert (code, table, complaint.count("\n")) == (2, "", 1), complaint
+        assert re.search(said, complaint)
+        assert path.name in complaint
+        complaints.append(complaint)
+    assert complaints[0] == complaints[1] or damage not in ("inverted", "an owner too large")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("suffix", SUFFIXES[:-1])
 def test_a_face_of_no_cell(suffix, shared, small, called, tmp_path, monkeypatch):
     monkeypatch.setattr(Threads, "shares_memory", shared or suffix == ".su2")  # whose tables are in this machine
     monkeypatch.setattr(excerpt, "HELD", 0)
@@ -332,11 +393,11 @@ def test_another_encoding_or_format_is_written_from_the_whole(suffix, other, sma
     assert out.is_file()
 
 
-@pytest.mark.parametrize("suffix", [".cgns", ".lb8.ugrid", ".msh"])
+@pytest.mark.parametrize("suffix", SOME)
 def test_a_disk_that_is_full_leaves_nothing(suffix, small, called, tmp_path):
     path = written(small, tmp_path / f"wing{suffix}")
-    before = {own.name: own.read_bytes() for own in tmp_path.iterdir()}
-    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size // 2, resource.RLIM_INFINITY))
+    before = {own: own.read_bytes() for own in tmp_path.rglob("*") if own.is_file()}
+    resource.setrlimit(resource.RLIMIT_FSIZE, (max(map(len, before.values())) // 2, resource.RLIM_INFINITY))
     try:
         words = ["--angle", "8", "--quiet", "--no-report", "--out", tmp_path / f"out{suffix}"]
         code, _, complaint, taken = called(0, "deflect", path, *FLAP, *words)
@@ -344,4 +405,5 @@ def test_a_disk_that_is_full_leaves_nothing(suffix, small, called, tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     assert (code, taken, complaint.count("\n")) == (2, 1, 1), complaint
     assert "cannot be written" in complaint
-    assert {own.name: own.read_bytes() for own in tmp_path.iterdir()} == before
+    assert {own: own.read_bytes() for own in tmp_path.rglob("*") if own.is_file()} == before
+    assert not (tmp_path / f"out{suffix}").exists()

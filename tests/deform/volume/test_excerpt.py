@@ -38,8 +38,9 @@ class Held:
     def places(self, nodes):
         return self.mesh.points[nodes]
 
-    def nodes(self, block, start, stop):
-        return self.mesh.cells[block].nodes[start:stop].astype(np.int32)
+    def cells_of(self, block, start, stop):
+        own = self.mesh.cells[block]
+        return Cells(own.shape, own.nodes[start:stop].astype(np.int32))
 
 
 class Elsewhere:
@@ -124,7 +125,7 @@ def test_a_job_that_does_not_suit_is_refused_before_cells_are_read():
     mesh = block_with_body()
 
     class NoCells(Held):
-        def nodes(self, block, start, stop):
+        def cells_of(self, block, start, stop):
             raise AssertionError
 
     one = MeshInPieces("block", NoCells(mesh), mesh.patches, mesh.zones)

@@ -53,8 +53,9 @@ def check_same(path: Path) -> None:
         order = np.random.default_rng(3).integers(0, pieces.points, 40)
         np.testing.assert_array_equal(pieces.places(order), mesh.points[order])
         for i, own in enumerate(mesh.cells):
-            np.testing.assert_array_equal(pieces.nodes(i, 0, len(own)), own.nodes)
-            np.testing.assert_array_equal(pieces.nodes(i, len(own) // 2, len(own)), own.nodes[len(own) // 2 :])
+            np.testing.assert_array_equal(pieces.cells_of(i, 0, len(own)).nodes, own.nodes)
+            later = pieces.cells_of(i, len(own) // 2, len(own))
+            np.testing.assert_array_equal(later.nodes, own.nodes[len(own) // 2 :])
         assert content(Mesh(mesh.points, (), found.patches, found.zones)) == {**content(mesh), "cells": {}}
         assert (found.name, pieces.source, found.notes) == (mesh.name, mesh.source, mesh.notes)
 
@@ -122,7 +123,7 @@ def test_a_file_that_becomes_shorter(suffix, tmp_path):
             with pytest.raises(MeshFileError, match="has become shorter"):
                 take()
         with pytest.raises(MeshFileError, match="has become shorter"):
-            found.pieces.nodes(0, 0, 1)
+            found.pieces.cells_of(0, 0, 1)
 
 
 @pytest.mark.parametrize("suffix", [".lb4.ugrid", ".r4.ugrid"])
@@ -239,7 +240,7 @@ def taken(path: Path) -> str:
         with in_pieces(path) as found:
             for block, (_, count) in enumerate(found.pieces.blocks if found else ()):
                 for start in range(0, min(count, 1000), 100):
-                    found.pieces.nodes(block, start, min(start + 100, count))
+                    found.pieces.cells_of(block, start, min(start + 100, count))
     except MeshFileError as error:
         said = str(error)
     peak = tracemalloc.get_traced_memory()[1]

@@ -1,12 +1,14 @@
 """A file's name says its format, or what to do with it."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, format_of, read
+from sdm_deflect.meshing.formats.registry import ENTRIES, FORMATS, WRITTEN, format_of, read
 from tests.meshing.formats.examples import hybrid
 
 
@@ -22,6 +24,27 @@ from tests.meshing.formats.examples import hybrid
 def test_suffixes(name, form):
     assert format_of(Path(name)) is FORMATS[form]
     assert format_of(name) is FORMATS[form]
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_what_is_known_of_a_format_before_it_is_loaded(form):
+    assert (FORMATS[form].name, FORMATS[form].suffixes) == (form, ENTRIES[form].suffixes)
+    assert FORMATS[form] is FORMATS[form]
+
+
+def test_a_file_loads_the_modules_of_its_own_format():
+    ask = """
+import sys
+from pathlib import Path
+from sdm_deflect.cases.mesh_files import Targets
+
+Targets.of(Path("a.cgns"), None, (1.0,)).check()
+print(*sys.modules)
+"""
+    loaded = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout.split()
+    assert "sdm_deflect.meshing.formats.cgns" in loaded
+    others = {entry.module for name, entry in ENTRIES.items() if name != "cgns"}
+    assert not {f"sdm_deflect.meshing.formats.{name}" for name in others} & set(loaded)
 
 
 def test_any_folder_is_an_openfoam_case(tmp_path):

@@ -1,0 +1,29 @@
+"""Deflect a mesh file by workers, from Python: what `sdm deflect --workers` and `--scheduler` do.
+
+Run `python by_workers.py` beside naca15.cgns, or import `deflected`.
+"""
+
+from pathlib import Path
+
+from sdm_deflect.cases.cluster import Wanted, workers
+from sdm_deflect.cases.deflect_file import Outcome, deflect_file
+from sdm_deflect.cases.job_settings import JobSettings, settings_of
+from sdm_deflect.cases.mesh_files import Targets
+from sdm_deflect.cases.progress import Silent, Stopwatch
+
+HINGE = [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]]
+
+
+def deflected(source: Path, out: Path, settings: JobSettings, helpers: Wanted) -> Outcome:
+    """Write the deflected mesh and return what was found: checks, quality, figures."""
+    job, watch = settings.job(), Stopwatch(Silent())
+    wanted = Targets.of(source, out, (job.angle,))
+    wanted.check()
+    with workers(helpers, watch, source, out.absolute().parent) as runner:
+        return deflect_file(wanted, job, watch, settings.min_quality, runner)
+
+
+if __name__ == "__main__":  # workers import this file
+    flap = settings_of("flap", HINGE, -5.0, {"motion": "blended", "fixed": "wing", "slide": "symmetry:plane"})
+    done = deflected(Path("naca15.cgns"), Path("naca10.cgns"), flap, Wanted(workers=2, memory="1.5GB"))
+    print("all checks passed" if done.passed else "A CHECK FAILED")

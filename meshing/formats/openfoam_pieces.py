@@ -1,0 +1,237 @@
+"""Binary OpenFOAM cases read in pieces: the faces of some cells are looked for where they may be in the lists."""
+
+import mmap
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from sdm_deflect.deform.mesh import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone
+from sdm_deflect.deform.parts import taken
+from sdm_deflect.deform.pieces import HERE, MeshInPieces, Runner
+from sdm_deflect.deform.polyhedra import SomePolyhedra, joined
+from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.quality import POLYHEDRON
+from sdm_deflect.meshing.formats.format import MeshFileError, about
+from sdm_deflect.meshing.formats.openfoam import (
+    case_copied,
+    case_folder,
+    has_parts,
+    mesh_folder,
+    parts_beside,
+    patches_of,
+    stored,
+)
+from sdm_deflect.meshing.formats.openfoam_files import COMPACT, FoamFile, headed, located, parse
+from sdm_deflect.meshing.formats.polyhedra import FEWEST, check_labels, check_sides
+from sdm_deflect.meshing.formats.tables import PointRange, Table, TablePieces, copy_range
+from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
+
+NAMES = ("points", "faces", "owner", "neighbour")
+"""Files of lists; patches are in text, and in memory."""
+SPAN = 1 << 13
+"""Faces of which the least and the largest owner, and neighbour, are kept."""
+BATCH = SPAN << 5
+"""Faces that are read at a time."""
+
+
+class Lists(NamedTuple):
+    """The lists of a case: points, where each face begins in `nodes` and the last ends, owners and neighbours."""
+
+    points: Table
+    offsets: Table
+    nodes: Table
+    owner: Table
+    neighbour: Table
+
+    def faces(self, start: int, stop: int) -> Polygons:
+        """Return faces start to stop - 1."""
+        offsets = self.offsets.read(start, stop + 1)[:, 0].astype(np.intp)
+        return Polygons(self.nodes.read(int(offsets[0]), int(offsets[-1]))[:, 0], offsets - offsets[0])
+
+    def cells(self, spans: IntArray) -> int:
+        """Return the number of cells; MeshFileError for owners and neighbours that reading all of them refuses.
+
+        It takes a byte for each cell, and eight more for each between the least and the largest of a batch of faces.
+        `spans` has the least and the largest of all (R, 2).
+        """
+        faces, inner = self.offsets.rows - 1, self.neighbour.rows
+        if self.owner.rows != faces:
+            raise MeshFileError(OWNERS.format(faces, self.owner.rows, inner))
+        check_labels(int(spans.min()), int(spans.max()), faces, inner)
+        sides = np.zeros(int(spans.max()) + 1, dtype=np.uint8)
+        for part in chain(_batches(self.owner), _batches(self.neighbour)):
+            first = int(part.min())
+            found = np.bincount(part - first)
+            own = sides[first : first + len(found)]
+            own[:] = np.minimum(own + found, FEWEST)
+        check_sides(int(np.count_nonzero(sides < FEWEST)), len(sides))
+        return len(sides)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoamPieces(TablePieces):
+    """See `Pieces`: of the lists of faces are in memory no more than the least and the largest cell of some at a time.
+
+    Attributes
+    ----------
+    given : the case as it was named.
+    lists : points, faces, owners and neighbours.
+    count : number of cells.
+    owners, neighbours : (R, 2) least and largest cell of each `SPAN` of faces.
+    """
+
+    given: Path
+    lists: Lists
+    count: int
+    owners: IntArray = field(repr=False)
+    neighbours: IntArray = field(repr=False)
+
+    @property
+    def blocks(self) -> tuple[tuple[str, int], ...]:
+        """See `Pieces.blocks`."""
+        return ((POLYHEDRON, self.count),)
+
+    def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
+        """See `Pieces.cells_of`."""
+        with about(self.given):
+            return joined([self._some(low, high, start, stop) for low, high in self._ranges(start, stop)])
+
+    def _ranges(self, start: int, stop: int) -> Iterator[tuple[int, int]]:
+        """Yield ranges of faces among which those of cells start to stop - 1 are, a batch at most."""
+        near = _meets(self.owners, start, stop)
+        near[: len(self.neighbours)] |= _meets(self.neighbours, start, stop)
+        spans = np.flatnonzero(near)
+        for part in np.split(spans, np.flatnonzero(np.diff(spans) > 1) + 1):
+            for first in range(int(part[0]), int(part[-1]) + 1, BATCH // SPAN):
+                end = min(first + BATCH // SPAN, int(part[-1]) + 1)
+                yield first * SPAN, min(end * SPAN, self.lists.owner.rows)
+
+    def _some(self, low: int, high: int, start: int, stop: int) -> SomePolyhedra:
+        """Return those of faces low to high - 1 that bound cells start to stop - 1."""
+        inner = self.lists.neighbour.rows
+        owner = self.lists.owner.read(low, high)[:, 0]
+        neighbour = self.lists.neighbour.read(min(low, inner), min(high, inner))[:, 0]
+        wanted = _within(owner, start, stop)
+        wanted[: len(neighbour)] |= _within(neighbour, start, stop)
+        rows = np.flatnonzero(wanted)
+        first, end = (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 0)
+        faces = taken(self.lists.faces(low + first, low + end), rows - first)
+        return SomePolyhedra(low + rows, Polyhedra(faces, owner[rows], neighbour[wanted[: len(neighbour)]]))
+
+    def rewrite(
+        self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
+    ) -> None:
+        """See `Pieces.rewrite`; errors as of `OpenFoam.rewrite`."""
+        file = self.lists.points.path
+        with case_copied(self.given, out, progress) as mesh, about(file):
+            items = [item for item in self.items(nodes, points, file) if item[2]]
+            for i, _ in enumerate(runner.map(copy_range, (file, mesh / "points"), items), 1):
+                progress(f"writing {out.name}", 0.5 + 0.5 * i / len(items))
+
+
+def in_pieces(path: Path) -> MeshInPieces | None:
+    """Return the mesh of a case; None if it is decomposed, or one of its lists is text or packed.
+
+    MeshFileError if the case is damaged.
+    """
+    if has_parts(path):
+        return None
+    folder = mesh_folder(path)
+    lists = _lists(folder)
+    if lists is None or lists.neighbour.rows > lists.owner.rows:
+        return None
+    boundary = stored(folder, "boundary", lambda file: parse(file.text()))
+    spans = _spans(lists.owner), _spans(lists.neighbour)
+    if spans[1].min() < 0:  # faces of the boundary, in files of old
+        return None
+    with about(folder):
+        cells = lists.cells(np.concatenate(spans))
+        patches = patches_of(boundary, lists.owner.rows, lists.neighbour.rows, lists.faces)
+    count = lists.points.rows
+    ranges = (PointRange(0, count, (lists.points,)),)
+    pieces = FoamPieces(str(path.resolve()), count, ranges, (), path.absolute(), lists, cells, *spans)
+    return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, count),), parts_beside(case_folder(path)))
+
+
+def _lists(folder: Path) -> Lists | None:
+    """Return where the numbers of a case are; None if some are text, packed, or one number for all.
+
+    MeshFileError if a file is shorter than it says.
+    """
+    points = _tables(folder / "points", "scalar", 3)
+    faces = _tables(folder / "faces", "label", lists=2) if points else None
+    if not (points and faces):
+        return None
+    with about(folder / "faces"):
+        check_offsets(*faces)
+    owner = _tables(folder / "owner", "label")
+    neighbour = _tables(folder / "neighbour", "label") if owner else None
+    return Lists(*points, *faces, *owner, *neighbour) if owner and neighbour else None
+
+
+def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[Table] | None:
+    """Return where the lists of a file are, each of rows of labels or scalars; None as `_lists`."""
+    if not path.is_file():
+        return None
+    found: list[Table] = []
+    with about(path), _mapped(path) as file:
+        if not file.binary or (lists > 1 and file.entries.get("class") != COMPACT):
+            return None
+        at = file.start
+        for _ in range(lists):
+            own = located(file, at, what, width)
+            if own.uniform or not own.rows:
+                return None
+            found.append(Table(path.resolve(), own.begin, own.kind.str, own.rows, width))
+            at = own.begin + own.rows * found[-1].step + 1
+    return found
+
+
+@contextmanager
+def _mapped(path: Path) -> Iterator[FoamFile]:
+    """Give a file of which no more is read than is looked at."""
+    with path.open("rb") as file:
+        if not (size := os.fstat(file.fileno()).st_size):
+            yield headed(b"", path.name, 0)
+            return
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            yield headed(cast(bytes, data), path.name, size)  # it can be searched, and cut, as bytes can
+
+
+def check_offsets(offsets: Table, nodes: Table) -> None:
+    """Refuse faces that do not follow one another, with a ValueError."""
+    last = offsets.rows - 1
+    for start in range(0, max(last, 1), BATCH):
+        part = offsets.read(start, min(start + BATCH, last) + 1)[:, 0]
+        first, end = not start and part[0] != 0, start + BATCH >= last and part[-1] != nodes.rows
+        if first or end or (np.diff(part) < 2).any():
+            raise ValueError(RISING.format(nodes.rows))
+
+
+def _spans(labels: Table) -> IntArray:
+    """Return the least and the largest (R, 2) of each `SPAN` of labels."""
+    found = [np.empty((0, 2), dtype=np.intp)]
+    for part in _batches(labels):
+        starts = np.arange(0, len(part), SPAN)
+        found.append(np.column_stack([np.minimum.reduceat(part, starts), np.maximum.reduceat(part, starts)]))
+    return np.concatenate(found)
+
+
+def _batches(labels: Table) -> Iterator[IntArray]:
+    for start in range(0, labels.rows, BATCH):
+        yield labels.read(start, min(start + BATCH, labels.rows))[:, 0]
+
+
+def _meets(spans: IntArray, start: int, stop: int) -> BoolArray:
+    """Return which ranges of cells, least and largest (R, 2), have one of start to stop - 1."""
+    return np.asarray((spans[:, 1] >= start) & (spans[:, 0] < stop))
+
+
+def _within(cells: IntArray, start: int, stop: int) -> BoolArray:
+    return np.asarray((cells >= start) & (cells < stop))
