@@ -182,7 +182,7 @@ def settings_of(one: Deflection, home: Path, folder: Path) -> dict[str, Any]:
     """Return every setting as resolved, as a configuration in `home` has it; tables become files in `folder`."""
     plan, job = one.plan, one.plan.job
     fitting = {item.name: getattr(job.fitting, item.name) for item in fields(Fitting)}
-    fitting |= {"tolerance": plan.sites.tolerance, "spacing": plan.sites.spacing}
+    fitting |= {"tolerance": plan.sites.tolerance, "spacing": plan.sites.spacing, "kernel_radius": plan.sites.radius}
     source = plan.mesh.source
     surfaces = zip(job.surfaces, plan.boundary.surfaces, one.amounts, strict=True)
     return {
