@@ -75,15 +75,12 @@ def kernel_text(figures: Json) -> str:
 
 
 def fit_text(figures: Json, unit: str = "") -> str:
-    """Say by what was interpolated and how well, of the figures of a deflection; lengths in a unit."""
+    """Say how well was interpolated, of the figures of a deflection; lengths in a unit."""
     fits, between, end = figures["adaptation"], figures["error_between_sites"], unit and f" {unit}"
     condition = max((fit["condition"] or 0.0 for fit in fits.values()), default=0.0)
     error = max(fit["max_error"] for fit in fits.values())
     off = f", between them {between['max']:.1e}{end} (99 %: {between['p99']:.1e}{end})" if between else ""
-    return (
-        f"interpolated by the {kernel_text(figures['kernel'])}: condition {condition:.1e}, error at the sites "
-        f"{error:.1e}{end}{off}"
-    )
+    return f"interpolation: condition {condition:.1e}, error at the sites {error:.1e}{end}{off}"
 
 
 def repair_figures(one: Deflection) -> Json | None:

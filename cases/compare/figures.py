@@ -17,6 +17,8 @@ FACTOR = 2.0
 """From here on a change is told as a factor, below as a percentage."""
 LEAST = 5e-4
 """Smallest change that is told as a percentage."""
+LONGEST = 60
+"""Letters of a text that is shown."""
 DIRECTIONS = "xyz"
 
 
@@ -194,7 +196,9 @@ def _alike(one: Value, other: Value) -> bool:
 def _written(value: Value, form: str) -> str:
     if isinstance(value, int | float):
         return format(value, form if isinstance(value, float) or form != "g" else ",")
-    return "\N{EN DASH}" if value is None else value
+    if value is None:
+        return "\N{EN DASH}"
+    return value if len(value) <= LONGEST else f"{value[:LONGEST]}..."
 
 
 def _change(first: Value, value: Value) -> str:

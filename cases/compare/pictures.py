@@ -27,7 +27,7 @@ STYLES = (
     ("#56b4e9", (0, (5, 1, 1, 1))), ("#e69f00", (0, (1, 1))), ("#332288", (0, (7, 2))), ("#882255", (0, (3, 1, 1, 1))),
 )  # fmt: skip
 """Colours and dashes of runs: they are told apart in grey, too."""
-AXES_AT, BAR_AT = (0.1, 0.1, 0.72, 0.83), (0.86, 0.2, 0.03, 0.62)
+AXES_AT, BAR_AT = (0.13, 0.1, 0.68, 0.83), (0.84, 0.2, 0.03, 0.62)
 """Where a section and its bar of colours stand: in the same place in each picture."""
 
 
@@ -37,11 +37,12 @@ class Overlay:
 
     Attributes
     ----------
-    title : what is seen.
+    title, caption : what is seen.
     exhibits : by name, of the undeflected mesh and of each run.
     """
 
     title: str
+    caption: str
     exhibits: dict[str, Exhibit]
 
 
@@ -141,12 +142,15 @@ def _sections(runs: Sequence[Run], pair: Pair, row: int, folder: Path) -> Overla
     measure = drawn_measure(first.mesh)
     place = f"{plane.what}, {AXES[plane.axis]} = {first.length.text(plane.station)}"
     exhibits: dict[str, Exhibit] = {}
+    smallest = []
     for name, data, points, own, moved in _states(runs, pair):
         turned = "" if name == BEFORE else f", {moved.turned}"
         figure, least = _section(data, points, own, plane, measure)
         words = f"{surface.name}, {place}, {name}{turned}: smallest of its cells {least:.3f} ({measure})."
         exhibits[name] = saved(folder, f"section{row}", f"{surface.name}_{len(exhibits)}", figure, words)
-    return Overlay(f"{surface.name}: {place}", exhibits)
+        smallest.append(f"{name} {least:.3f}")
+    caption = f"Smallest quality of the cells that are cut: {', '.join(smallest)}. The hexahedron is dashed."
+    return Overlay(f"{surface.name}: {place}", caption, exhibits)
 
 
 def _section(data: ReportData, points: FloatArray, box: Box, plane: Plane, measure: str) -> tuple[Figure, float]:
@@ -156,7 +160,8 @@ def _section(data: ReportData, points: FloatArray, box: Box, plane: Plane, measu
     least = draw_slice(axes, data, points, box, plane, "")
     axes.set_title("")
     shades = ScalarMappable(QUALITY_RANGE, QUALITY_MAP)
-    figure.colorbar(shades, cax=figure.add_axes(BAR_AT), label=f"{measure} of a cell", extend="min")
+    bar = figure.colorbar(shades, cax=figure.add_axes(BAR_AT), extend="min")
+    bar.set_label(f"{measure} of a cell".replace("; ", ";\n"), fontsize="small")
     return figure, least
 
 
@@ -174,7 +179,8 @@ def _surface_views(runs: Sequence[Run], pairs: Sequence[Pair], folder: Path) -> 
                 words = f"Surface mesh of {moved.name} and its surroundings, {name}{turned}, with the hexahedron."
                 place = f"{moved.name}_{len(exhibits)}"
                 exhibits[name] = saved(folder, "surface", place, _pasted(next(rest)), words)
-            overlays.append(Overlay(f"{own[0][4].name}: surface mesh", exhibits))
+            name = own[0][4].name
+            overlays.append(Overlay(f"{name}: surface mesh", f"{name}, and the edges of the hexahedron.", exhibits))
     return overlays
 
 

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.cases.mesh_files import is_report
-from sdm_deflect.cases.report.data import ReportData
+from sdm_deflect.cases.report.data import RUN, ReportData
 from sdm_deflect.cases.report.folder import report_data_of_folder
 from sdm_deflect.cases.sdm.report import stored_report_data
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.reading import damaged
 
 LEAST, MOST = 2, 8
 """Runs that a page compares."""
@@ -50,6 +51,8 @@ def read_runs(folders: Sequence[Path], progress: Progress = silent) -> tuple[Run
     for i, (folder, name) in enumerate(zip(folders, names, strict=True)):
         progress(str(folder), i / len(folders))
         data = report_data_of_folder(folder) if is_report(folder) else stored_report_data(folder)
+        with damaged(folder, RUN):
+            sum(check.passed and len(check.name) for check in data.checks)  # what the page says of each
         found.append(Run(name if alone else str(folder), folder, data))
     return tuple(found)
 

@@ -1,5 +1,6 @@
 """Kernels by name: every one deflects, says what it is, and is the same kernel in every file and for every angle."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 
 from sdm_deflect import Field, InputError, deflect, read
 from sdm_deflect.cases.mesh_files import write_mesh
-from sdm_deflect.cases.metrics import fit_text
+from sdm_deflect.cases.metrics import fit_text, kernel_text
 from sdm_deflect.cases.output import write_convergence, write_interpolants
 from sdm_deflect.cases.report.folder import settings_of
 from sdm_deflect.cases.sdm.case import SurfaceTurn
@@ -39,7 +40,8 @@ def test_every_kernel_deflects_and_says_what_it_is(name, turned):
     assert result.passed
     assert figures["kernel"] == {"name": name, "radius": pytest.approx(radius), "polynomial": "linear"}
     assert all(1.0 < fit["condition"] < 1e8 for fit in figures["adaptation"].values())
-    assert KERNELS[name].name in fit_text(figures)
+    assert KERNELS[name].name in kernel_text(figures["kernel"])
+    assert re.fullmatch(r"interpolation: condition \S+, error at the sites \S+, between them .*", fit_text(figures))
     assert figures["error_between_sites"]["max"] > figures["error_between_sites"]["p99"] > 0.0
     assert settings_of(result.deflection, Path(), Path())["kernel_radius"] == sites.radius
 
