@@ -14,6 +14,7 @@ from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.rbf.threads import single_threaded_blas
 from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Repaired
@@ -182,7 +183,8 @@ class Deflection:
     @cached_property
     def conditions(self) -> tuple[float, ...]:
         """Condition of each group of directions, the largest of all steps; none if its factors are not at hand."""
-        of_steps = [[factor.condition() for factor in step.fits.factors] for step in self.steps]
+        with single_threaded_blas():
+            of_steps = [[factor.condition() for factor in step.fits.factors] for step in self.steps]
         return tuple(map(max, zip(*of_steps, strict=True)))
 
     @property
