@@ -66,7 +66,8 @@ def drawn(runs: Sequence[Run], folder: Path) -> Shown:
         return Shown(tuple(histograms), (), tuple(missing))
     pairs, left_out = _surfaces(same)
     missing += [f"too many pictures for one page: {name} is left out" for name in left_out]
-    overlays = [_sections(same, pair, row, folder) for pair in pairs for row in range(2)]
+    cut = range(2 if runs[0].data.mesh.cells else 0)
+    overlays = [_sections(same, pair, row, folder) for pair in pairs for row in cut]
     if not runs[0].data.mesh.plane:
         try:
             overlays += _surface_views(same, pairs, folder)
