@@ -316,6 +316,12 @@ def deflect(
         - `spacing`: distance of the sites on the box, a length; 0 (default): from `spacing_edges`, the same in
           median edges of the surface (1.75).
         - `max_steps`: largest number of steps in which the angle is taken if cells invert (8).
+        - `kernel`: ``"tps"``, the thin plate spline (default), ``"mq"``, the multiquadric, ``"wendland"``, Wendland's
+          C2 function with compact support, or ``"cubic"``.
+        - `kernel_radius`: of ``"mq"`` and ``"wendland"``, a length; 0 (default): the surface's median edge, and the
+          diagonal of the box.
+        - `polynomial`: ``"linear"`` (default), which every kernel may have and ``"tps"`` and ``"cubic"`` need,
+          ``"constant"``, which is enough for ``"mq"``, or ``"none"``, which is enough for ``"wendland"``.
 
     Returns
     -------

@@ -10,7 +10,7 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from sdm_deflect.cases.metrics import notes_of, repair_text
+from sdm_deflect.cases.metrics import fit_text, kernel_figures, kernel_text, notes_of, repair_text
 from sdm_deflect.deform.checks import Check, Verdict
 from sdm_deflect.deform.errors import printable
 from sdm_deflect.deform.quality import Quality
@@ -71,11 +71,11 @@ def result_table(done: "Outcome") -> Group:
     if len(ordered) == 1:
         only = ordered[0]
         body = [verdict(only.checks, f"{title}, {only.angle:+g} {unit}"), quality_table(plan.before, only.quality)]
-        repairs = [text for text in [repair_text(only.figures)] if text]
+        told = [text for text in [repair_text(only.figures), fit_text(only.figures)] if text]
     else:
         failed = [one for one in ordered if not one.passed]
         body = [sweep_table(ordered, title), *(verdict(one.checks, f"{one.angle:+g} {unit}") for one in failed)]
-        repairs = [f"{one.angle:+g} {unit}: {text}" for one in ordered if (text := repair_text(one.figures))]
+        told = [f"{one.angle:+g} {unit}: {text}" for one in ordered if (text := repair_text(one.figures))]
     together = [verdict(done.checks, "from time to time")] if done.checks else []
     extra = [one.seconds for one in done.angles[1:]]
     further = f", {sum(extra) / len(extra):.2f} s for each further one" if extra else ""
@@ -84,7 +84,7 @@ def result_table(done: "Outcome") -> Group:
     last = "all validations passed" if done.passed else "A VALIDATION FAILED"
     losses = [f"not held by this format: {text}" for text in done.lost]
     notes = [f"note: {text}" for text in done.notes]
-    return Group(*body, *together, *_texts([*repairs, *_lines(plan), *notes, *losses, speed, *wrote, last]))
+    return Group(*body, *together, *_texts([*told, *_lines(plan), *notes, *losses, speed, *wrote, last]))
 
 
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
@@ -139,6 +139,7 @@ def _lines(plan: Plan) -> list[str]:
         f"{len(region.inside)} of {plan.mesh.point_count} nodes inside, {plan.touched.count} cells touched",
         f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
         f"{sum(map(len, sites.zero))} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
+        f"kernel: {kernel_text(kernel_figures(plan))}",
         *(f"note: {note}" for note in notes_of(plan)),
     ]
 

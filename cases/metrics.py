@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.fitting import KERNELS, ORDERS
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS
@@ -46,7 +47,9 @@ def deflection_figures(one: Deflection) -> Json:
             "median_edge": sites.edge,
             "coincident": sites.coincident,
         },
+        "kernel": kernel_figures(plan),
         "adaptation": _adaptation(one),
+        "error_between_sites": asdict(one.error_between) if one.error_between else None,
         "cells_touched": plan.touched.count,
         "quality_inside": {"before": by_shape(plan.before), "after": by_shape(one.quality)},
         "repair": repair_figures(one),
@@ -54,6 +57,30 @@ def deflection_figures(one: Deflection) -> Json:
         "seconds": one.seconds,
         "largest_correction": max(step.correction for step in one.steps),
     }
+
+
+def kernel_figures(plan: Plan) -> Json:
+    """Return by what is interpolated; a kernel without radius has null."""
+    fitting = plan.job.fitting
+    return {"name": fitting.kernel, "radius": plan.sites.radius or None, "polynomial": fitting.polynomial}
+
+
+def kernel_text(figures: Json) -> str:
+    """Say by what was interpolated, of the figures of a kernel; the radius in the mesh's unit of length."""
+    needs, radius = KERNELS[figures["name"]], figures["radius"]
+    wide = f" of radius {radius:.4g}" if radius else ""
+    added = f"a {figures['polynomial']} polynomial" if ORDERS[figures["polynomial"]] else "no polynomial"
+    definite = f"conditionally positive definite of order {needs.order}" if needs.order else "positive definite"
+    return f"{needs.name}{wide} ({definite}) with {added}"
+
+
+def fit_text(figures: Json, unit: str = "") -> str:
+    """Say how well was interpolated, of the figures of a deflection; lengths in a unit."""
+    fits, between, end = figures["adaptation"], figures["error_between_sites"], unit and f" {unit}"
+    condition = max((fit["condition"] or 0.0 for fit in fits.values()), default=0.0)
+    error = max(fit["max_error"] for fit in fits.values())
+    off = f", between them {between['max']:.1e}{end} (99 %: {between['p99']:.1e}{end})" if between else ""
+    return f"interpolation: condition {condition:.1e}, error at the sites {error:.1e}{end}{off}"
 
 
 def repair_figures(one: Deflection) -> Json | None:
@@ -117,15 +144,17 @@ def peak_rss_bytes() -> int:
 
 
 def _adaptation(one: Deflection) -> Json:
-    """Per direction, summed over steps: centres of the largest step, its error, seconds of all."""
+    """Per direction, summed over steps: centres of the largest step, its error and condition, seconds of all."""
     table: Json = {}
-    for fits in zip(*(step.fits.adaptations for step in one.steps), strict=True):
+    groups = list(zip(*(step.fits.adaptations for step in one.steps), strict=True))
+    for fits, condition in zip(groups, one.conditions or [None] * len(groups), strict=True):
         entry = {
             "centers": max(len(fit.chosen) for fit in fits),
             "iterations": sum(fit.history[-1].iteration for fit in fits),
             "max_error": max(fit.max_error for fit in fits),
             "seconds": sum(fit.history[-1].seconds for fit in fits),
             "stop": fits[-1].stop.value,
+            "condition": condition,
         }
         table.update({DIRECTIONS[c]: entry for c in fits[0].components})
     return table

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sdm_deflect.deform.rbf.kernels import arrays_of
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
 from sdm_deflect.meshing.files import replacing_files, replacing_folder
@@ -68,15 +69,16 @@ def _named(target: Path, scratch: AbstractContextManager[Path]) -> Iterator[Path
 
 
 def write_interpolants(path: Path, deflections: Sequence[Deflection]) -> None:
-    """Write centres and coefficients per direction, enough to evaluate the deformation elsewhere.
+    """Write kernel, centres and coefficients per direction, enough to evaluate the deformation elsewhere.
 
     The first surface's first step has the plain names `centers_x`, `beta_x`, `alpha_x`; further surfaces and
     steps append `_<surface>` and `_step<k>`. Those of the fit that carries sliding nodes, before these are put on
     their shapes, begin with `sliding_`. `hexahedron` (8, 3) says where each applies.
     """
-    arrays: dict[str, np.ndarray] = {"kernel": np.array("thin_plate_spline")}
+    arrays: dict[str, np.ndarray] = {}
     for i, one in enumerate(deflections):
         tag = f"_{one.plan.surface}" if i else ""
+        arrays |= arrays_of(one.plan.sites.kernel, tag)
         arrays[f"hexahedron{tag}"] = one.plan.region.hexahedron.corners
         for k, step in enumerate(one.steps):
             suffix = tag + (f"_step{k + 1}" if k else "")

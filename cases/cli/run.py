@@ -1,4 +1,4 @@
-"""Commands on cases and on finished runs: list, run, validate, report, view, export, limit, geometry, study."""
+"""Commands on cases and finished runs: list, run, validate, report, compare, view, export, limit, geometry, study."""
 
 import csv
 from dataclasses import asdict
@@ -125,6 +125,30 @@ def report(folder: Path, quiet: bool, verbose: bool) -> int:
         data = deflected.report_of_folder(folder) if of_mesh else sdm.report_of_folder(folder)
     click.echo(f"{folder / 'report.html'}: {(folder / 'report.html').stat().st_size / 1e6:.1f} MB")
     return options.code_of(data.passed)
+
+
+@click.command()
+@click.argument("folders", metavar="RUN RUN...", nargs=-1, required=True, type=options.FILE)
+@click.option("--out", type=options.FILE, default=Path("compare.html"), show_default=True, help="Page to write: .html.")
+@options.json_option
+@options.progress_options
+def compare(folders: tuple[Path, ...], out: Path, as_json: bool, quiet: bool, verbose: bool) -> None:
+    """Compare finished runs, or deflected meshes by the folders beside them: figures, histograms, pictures.
+
+    Writes one page: what differs in settings and figures, and pictures of the same mesh over each other.
+    """
+    from sdm_deflect.cases.compare.page import write_page
+    from sdm_deflect.cases.compare.runs import read_runs
+    from sdm_deflect.deform.errors import InputError
+
+    if out.suffix != ".html":
+        raise InputError(f"--out {out}: the suffix must be .html")
+    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+        with watch.stage("read") as progress:
+            runs = read_runs(folders, progress)
+        with watch.stage("page"):
+            figures = write_page(runs, out)
+    options.print_either(as_json, figures, f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
 
 @click.command()

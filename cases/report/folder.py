@@ -101,15 +101,20 @@ def write_run_folder(
 
 def report_of_folder(folder: Path) -> ReportData:
     """Make report.html and the figures anew; InputError if a file is missing or damaged, or the mesh is another."""
+    data = report_data_of_folder(folder)
+    with output_folder(folder, PAGE) as scratch:
+        write_report(data, drawn(data, scratch / "figures"), scratch)
+    return data
+
+
+def report_data_of_folder(folder: Path) -> ReportData:
+    """Return what a report shows; InputError if a file is missing or damaged, or the mesh is another."""
     with damaged(folder, RUN):
         settle(folder)
         settings = (folder / SETTINGS).read_text(encoding="utf-8")
     figures, checks, all_fits = read_figures(folder)
     plan, points = read_folder(folder)
-    data = _data(plan, plan.angle, points, settings, all_fits[0]).judged(checks, figures)
-    with output_folder(folder, PAGE) as scratch:
-        write_report(data, drawn(data, scratch / "figures"), scratch)
-    return data
+    return _data(plan, plan.angle, points, settings, all_fits[0]).judged(checks, figures)
 
 
 def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
@@ -182,7 +187,7 @@ def settings_of(one: Deflection, home: Path, folder: Path) -> dict[str, Any]:
     """Return every setting as resolved, as a configuration in `home` has it; tables become files in `folder`."""
     plan, job = one.plan, one.plan.job
     fitting = {item.name: getattr(job.fitting, item.name) for item in fields(Fitting)}
-    fitting |= {"tolerance": plan.sites.tolerance, "spacing": plan.sites.spacing}
+    fitting |= {"tolerance": plan.sites.tolerance, "spacing": plan.sites.spacing, "kernel_radius": plan.sites.radius}
     source = plan.mesh.source
     surfaces = zip(job.surfaces, plan.boundary.surfaces, one.amounts, strict=True)
     return {

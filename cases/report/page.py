@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, TemplateError
 from markupsafe import Markup
 from PIL import Image
 
-from sdm_deflect.cases.metrics import Json
+from sdm_deflect.cases.metrics import Json, kernel_text
 from sdm_deflect.cases.report.data import ReportData, drawn_measure
 from sdm_deflect.cases.report.pictures import Exhibit, Gallery
 from sdm_deflect.cases.report.turnable import MOST_CELLS, turnable
@@ -36,7 +36,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
     library, viewer = read("plotly", "package_data", "plotly.min.js"), read(HERE, "viewer.js")
     loader = PackageLoader(HERE, ".")
     jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    jinja.filters |= {"inline": inline, "pixels": pixels, "meaning": meaning}
+    jinja.filters |= {"inline": inline, "pixels": pixels, "meaning": meaning, "kernel": kernel_text}
     shown = {
         "data": data,
         "figures": data.figures,

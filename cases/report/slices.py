@@ -108,7 +108,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
     axes, texts = figure.subplots(2, 2), []
     for row, plane in zip(axes, planes(data, box, surface), strict=True):
         states = zip(row, (data.mesh.points, data.points), ("undeflected", surface.turned), strict=True)
-        before, after = [_slice(one, data, points, box, plane, state) for one, points, state in states]
+        before, after = [draw_slice(one, data, points, box, plane, state) for one, points, state in states]
         place = f"{plane.what.capitalize()}, {AXES[plane.axis]} = {data.length.text(plane.station)}"
         texts.append(f"{place}: smallest of its cells {before:.3f} before, {after:.3f} after.")
     shades, measure = ScalarMappable(QUALITY_RANGE, QUALITY_MAP), drawn_measure(data.mesh)
@@ -120,7 +120,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
     )
 
 
-def _slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane: Plane, state: str) -> float:
+def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane: Plane, state: str) -> float:
     """Draw one slice; return the smallest quality of a cell in it."""
     factor, unit, (right, up) = data.length.factor, data.length.shown, plane.across
     signed = zip(data.mesh.cells, box.touched.orientation, strict=True)

@@ -8,6 +8,8 @@ from sdm_deflect.cases.metrics import (
     Json,
     by_shape,
     deflection_figures,
+    fit_text,
+    kernel_text,
     mesh_figures,
     peak_rss_bytes,
     repair_text,
@@ -117,6 +119,7 @@ def summary(run: Run) -> Iterator[str]:
             f"{name} {one['angle_deg']:+g} deg: {one['confinement']['inside']} nodes inside, centres {fits}, "
             f"{one['steps']} step{'s' if one['steps'] > 1 else ''}"
         )
+        yield f"{name} {fit_text(one, 'm')}; kernel: {kernel_text(one['kernel'])}"
         if one["repair"]:
             yield f"{name} {repair_text(one)}"
     if run.pinned:

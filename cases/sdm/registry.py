@@ -57,6 +57,8 @@ ALL = Case(
 
 CASES: dict[str, Case] = {case.name: case for case in (AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
 
+KERNEL = ("kernel", "kernel_radius", "polynomial")
+"""Settings of the interpolation that may be given without the name of their table."""
 PAPER_SPACING = {"aileron-chimera": 8.0, "tail": 3.25}
 """Spacing of zero sites, over edges of the moving surface, that gives the paper's meshes its number of sites."""
 
@@ -87,7 +89,7 @@ def resolve(
 
     Raises InputError: one sentence: what is wrong, which value, what would be right.
     """
-    tables, changes = read_toml(config) if config else {}, assigned(assignments)
+    tables, changes = read_toml(config) if config else {}, _placed(assigned(assignments))
     options: Nested = {"angle": angle} if angle is not None else {}
     if repair is not None:
         options["repair"] = repair
@@ -109,3 +111,10 @@ def resolve(
 
     check_case(case)
     return case
+
+
+def _placed(changes: Nested) -> Nested:
+    """Put the kernel where a case has it: it may be named as for `sdm deflect`, without ``adaptation.``."""
+    own = {name: changes[name] for name in KERNEL if name in changes}
+    rest = {name: value for name, value in changes.items() if name not in own}
+    return merged({"adaptation": own} if own else {}, rest)

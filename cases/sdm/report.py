@@ -13,6 +13,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
+from sdm_deflect.cases.metrics import Json
 from sdm_deflect.cases.output import PAGE, output_folder
 from sdm_deflect.cases.report.data import METRES, RUN, Box, FitRows, MovedSurface, ReportData, Rows, read_figures, shown
 from sdm_deflect.cases.report.page import write_report
@@ -25,6 +26,7 @@ from sdm_deflect.cases.sdm.run_folder import read_run, stored_repair
 from sdm_deflect.cases.sdm.validation import validate
 from sdm_deflect.cases.settings import to_toml
 from sdm_deflect.cases.view.run import InteractiveRun, Manner
+from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.reading import damaged
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
@@ -55,14 +57,26 @@ def report_data_of_folder(folder: Path) -> ReportData:
     case, mesh, deflected = read_run(folder)
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
     plans = plans_of(case, mesh.as_mesh(case.name))
-    figures, stored, fits = read_figures(folder)
-    with damaged(folder, RUN):
-        boxes = [_box(plan, own) for plan, own in zip(plans, fits, strict=True)]
+    figures, stored, boxes = _stored(folder, plans)
     with reference(case) as deflected_cad:
         checks = validate(case, mesh, deflected, plans, deflected_cad(), background, stored_repair(folder, mesh))
     # the interpolants are not fitted again
     checks += tuple(check for check in stored if check.name.startswith("site_error"))
     return _data(case, mesh, deflected, boxes).judged(checks, figures)
+
+
+def stored_report_data(folder: Path) -> ReportData:
+    """Return the same with the checks that the run made itself, so that no CAD is built."""
+    case, mesh, deflected = read_run(folder)
+    figures, checks, boxes = _stored(folder, plans_of(case, mesh.as_mesh(case.name)))
+    return _data(case, mesh, deflected, boxes).judged(checks, figures)
+
+
+def _stored(folder: Path, plans: Sequence[Plan]) -> tuple[Json, tuple[Check, ...], list[Box]]:
+    """Return the figures and checks of a finished case, and its boxes."""
+    figures, checks, fits = read_figures(folder)
+    with damaged(folder, RUN):
+        return figures, checks, [_box(plan, own) for plan, own in zip(plans, fits, strict=True)]
 
 
 def report_of_folder(folder: Path) -> ReportData:

@@ -21,11 +21,12 @@ from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.rbf.greedy import Adaptation, Iteration, Stop
 from sdm_deflect.deform.rbf.interpolant import Interpolant, check_finite
-from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.kernels import KERNEL, arrays_of
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.reading import damaged, read_arrays
 from sdm_deflect.deform.sets import distinct
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, as_repaired, combined
+from sdm_deflect.deform.volume.sites import Sites
 from sdm_deflect.deform.volume.step import DIRECTIONS, Fits, carried_out
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
@@ -42,11 +43,10 @@ ROUNDING, SHARE = 1e-12, 1e-9
 WRITTEN = 1e-6
 """The same of a residual in convergence.csv, which is written with seven digits."""
 NOT_AGAIN = frozenset({
-    "after_pinned", "filter_seconds", "pairs_per_second", "peak_rss_bytes", "search_steps", "seconds", "timings",
-    "total_seconds",
-    "version", "where", "whole_mesh_seconds",
+    "after_pinned", "condition", "filter_seconds", "pairs_per_second", "peak_rss_bytes", "search_steps", "seconds",
+    "timings", "total_seconds", "version", "where", "whole_mesh_seconds",
 })  # fmt: skip
-"""Names of what metrics.json tells of the run alone: its times and memory, and rounding errors in words."""
+"""Names of what metrics.json tells of the run alone: its times, memory and factors, and rounding errors in words."""
 NAMED = 3
 """So many faults a check names."""
 
@@ -97,13 +97,11 @@ def stored_deflections(folder: Path, plans: Sequence[Plan]) -> tuple[Deflection,
     path = folder / "interpolant.npz"
     arrays, courses = read_arrays(path), read_courses(folder)
     with damaged(folder, RUN):
-        if str(arrays.pop("kernel")) != "thin_plate_spline":
-            raise ValueError("the kernel of interpolant.npz is not thin_plate_spline")
         found = tuple(
             _deflection(plan, courses.pop(plan.surface), arrays, f"_{plan.surface}" if i else "")
             for i, plan in enumerate(plans)
         )
-        for name in (*arrays, *courses):
+        for name in (*(name for name in arrays if name != KERNEL), *courses):
             raise ValueError(f"{name} is of no surface or step of the run")
     return found
 
@@ -111,6 +109,7 @@ def stored_deflections(folder: Path, plans: Sequence[Plan]) -> tuple[Deflection,
 def _deflection(plan: Plan, courses: Sequence[Convergence], arrays: dict[str, Any], tag: str) -> Deflection:
     """Carry out a plan step by step, and take what it needs out of the arrays; KeyError if something is missing."""
     count = max(course.step for course in courses)
+    _check_kernel(plan, arrays, tag)
     points, steps, reached = plan.mesh.points, [], np.zeros((len(plan.sites.moving), 3))
     corners = arrays.pop(f"hexahedron{tag}")
     if corners.shape != (8, 3) or not np.allclose(corners, plan.region.hexahedron.corners, rtol=0.0, atol=ROUNDING):
@@ -120,16 +119,22 @@ def _deflection(plan: Plan, courses: Sequence[Convergence], arrays: dict[str, An
         target = plan.boundary.displacement(tuple(amount * k / count for amount in plan.job.amounts))
         groups = state.groups(state.values(target - reached), sliding=False)
         rows = [course for course in courses if course.step == k]
-        fits = Fits(
-            tuple(_fit(*pair, arrays, suffix, plan.sites.tolerance) for pair in zip(groups, rows, strict=True)), ()
-        )
+        fits = Fits(tuple(_fit(*pair, arrays, suffix, plan.sites) for pair in zip(groups, rows, strict=True)), ())
         steps.append(carried_out(state, target - reached, fits))
         points, reached = steps[-1].points.copy(), target
     points[plan.sites.moving] = plan.mesh.points[plan.sites.moving] + reached
     return Deflection(plan, plan.angle, tuple(steps), points, plan.touched.inverted_at(points), 0.0)
 
 
-def _fit(group: DataSites, course: Convergence, arrays: dict[str, Any], suffix: str, tolerance: float) -> Adaptation:
+def _check_kernel(plan: Plan, arrays: dict[str, Any], tag: str) -> None:
+    """Take the kernel's number out of the arrays; ValueError if their kernel is not that of the plan."""
+    expected = arrays_of(plan.sites.kernel, tag)
+    same = str(arrays[KERNEL]) == str(expected.pop(KERNEL))
+    if not same or not all(np.isclose(arrays.pop(name), number, SHARE, 0.0) for name, number in expected.items()):
+        raise ValueError("the kernel of interpolant.npz is not that of the case")
+
+
+def _fit(group: DataSites, course: Convergence, arrays: dict[str, Any], suffix: str, sites: Sites) -> Adaptation:
     """Take the interpolant of one group of directions, and measure its error at all data sites."""
     names = [f"{DIRECTIONS[component]}{suffix}" for component in group.components]
     if course.directions != "".join(DIRECTIONS[component] for component in group.components):
@@ -138,12 +143,12 @@ def _fit(group: DataSites, course: Convergence, arrays: dict[str, Any], suffix: 
     if not all(np.array_equal(one, centers[0]) for one in centers):
         raise ValueError(f"the centres of {' and '.join(names)} are not the same")
     check_finite(centers=centers[0], beta=np.column_stack(beta), alpha=np.column_stack(alpha))
-    interpolant = Interpolant(ThinPlateSpline(), centers[0], np.column_stack(beta), np.column_stack(alpha))
+    interpolant = Interpolant(sites.kernel, centers[0], np.column_stack(beta), np.column_stack(alpha))
     rows = zip(course.centres, course.errors, strict=True)
     history = tuple(Iteration(i, count, error, 0.0) for i, (count, error) in enumerate(rows))
     error = float(np.abs(interpolant(group.points) - group.values).max())
     chosen = np.arange(len(centers[0]))
-    stop = Stop.CONVERGED if error <= tolerance else Stop.MAX_CENTERS
+    stop = Stop.CONVERGED if error <= sites.tolerance else Stop.MAX_CENTERS
     return Adaptation(interpolant, group.components, chosen, history, stop, error)
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
+from scipy.sparse.linalg import LinearOperator, onenormest
 
 from sdm_deflect.deform.rbf.interpolant import SolveError
 from sdm_deflect.deform.rbf.kernels import FloatArray
@@ -125,7 +126,7 @@ class CholeskyBasis:
     def of(cls, problem: Problem, initial: IndexArray) -> Self:
         """Start from the rows `initial` of the sites: at least four that span a volume."""
         kernel = ReducedKernel.of(problem, initial)
-        places = np.array([np.flatnonzero(initial == anchor)[0] for anchor in kernel.anchors])
+        places = np.array([np.flatnonzero(initial == anchor)[0] for anchor in kernel.anchors], dtype=np.intp)
         beside = np.setdiff1d(np.arange(len(initial)), places)
         none = np.empty(0, dtype=np.intp)
         empty = cls(kernel, none, places, none, Factor(), np.empty((0, problem.values.shape[1])))
@@ -147,6 +148,24 @@ class CholeskyBasis:
         missing = self.kernel.lagrange[rows] @ errors[self.anchor_places] - errors[self.beside]
         correction = self.factor.backward(self.factor.forward(missing))
         return self._completed(self.factor.backward(self.z) + correction)
+
+    def condition(self) -> float:
+        """Return the condition of the reduced kernel on the centres, in the 1-norm; that of the inverse is estimated.
+
+        Higham and Tisseur (2000) with one vector: the same bits each time, and seldom off by more than a factor of 3.
+        """
+        rows = self.chosen[self.beside]
+        if not len(rows):
+            return 1.0
+        cuts = [rows[start : start + WIDTH] for start in range(0, len(rows), WIDTH)]
+        norm = max(float(np.abs(self.kernel.matrix(rows, cut)).sum(axis=0).max()) for cut in cuts)
+
+        def solve(right: FloatArray) -> FloatArray:
+            return self.factor.backward(self.factor.forward(right.reshape(len(rows), -1))).reshape(right.shape)
+
+        shape = len(rows), len(rows)
+        inverse = LinearOperator(shape, matvec=solve, rmatvec=solve, matmat=solve, rmatmat=solve, dtype=np.float64)
+        return norm * float(onenormest(inverse, t=1))
 
     def _grown(self, chosen: IndexArray, new: IndexArray) -> Self:
         """Extend the factor by the centres that stand at the places `new` of `chosen`."""

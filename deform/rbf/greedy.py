@@ -161,7 +161,7 @@ def adapt(
     Parameters
     ----------
     sites, kernel : What to interpolate, by what.
-    initial : (M,) rows of the sites: the first centres; at least four that span a volume.
+    initial : (M,) rows of the sites: the first centres; at least four that span a volume, for a linear polynomial.
     options : Steps (5) and (6).
     rule : `Separated()` adds large blocks of sites that are no neighbours, `Worst()` is the paper's.
     basis : `CholeskyBasis.of` extends one factor; `DirectBasis.of` solves again in every iteration, as the paper does.
@@ -169,7 +169,7 @@ def adapt(
     _check_initial(initial, sites, options)
     history = History(options, progress, perf_counter())
     with single_threaded_blas():
-        problem = Problem.of(sites, kernel)
+        problem = Problem.of(sites, kernel, options.polynomial)
         trail = [TrialBasis.of(basis(problem, initial))]
         while (found := _checked(problem, trail, rule, history)).stop is None:
             trail = _tried(problem, found, rule, options)

@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 from scipy.linalg.lapack import dsysv
 
+from sdm_deflect.deform.fitting import Polynomial
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel
 from sdm_deflect.deform.rbf.points import first_coincident
@@ -26,10 +27,11 @@ class UnitBox:
 
     origin: FloatArray  # (3,) m
     length: float  # m
-    axes: FloatArray  # (q - 1, 3) orthonormal: the directions in which the points extend
+    axes: FloatArray  # (., 3) orthonormal: the directions in which the points extend and the polynomial has a slope
+    constant: bool = True  # whether the polynomial has one
 
     @classmethod
-    def around(cls, points: FloatArray) -> Self:
+    def around(cls, points: FloatArray, polynomial: Polynomial = "linear") -> Self:
         """Fit the box to points (N, 3); points of a plane or a line give fewer than three axes."""
         low, high = points.min(axis=0), points.max(axis=0)
         origin = 0.5 * (low + high)
@@ -38,7 +40,8 @@ class UnitBox:
         centered = scaled - scaled.mean(axis=0)
         spread, axes = np.linalg.svd(centered, full_matrices=False)[1:]
         extended = spread > FLAT * max(spread[0], FLAT)
-        return cls(origin, length, np.eye(3) if extended.sum() == 3 else axes[extended])
+        slopes = np.eye(3) if extended.sum() == 3 else axes[extended]
+        return cls(origin, length, slopes if polynomial == "linear" else slopes[:0], polynomial != "none")
 
     def scaled(self, points: FloatArray) -> FloatArray:
         """Return points (N, 3) in units of the box."""
@@ -46,11 +49,12 @@ class UnitBox:
 
     def polynomials(self, scaled: FloatArray) -> FloatArray:
         """Return [1, coordinates along the axes] at scaled points (N, 3): the matrix Q (N, q) of eq. 6."""
-        return np.column_stack([np.ones(len(scaled)), scaled @ self.axes.T])
+        return np.column_stack([np.ones((len(scaled), int(self.constant))), scaled @ self.axes.T])
 
     def complete(self, alpha: FloatArray) -> FloatArray:
         """Turn coefficients (q, k) of these polynomials into those (4, k) of 1 and the scaled coordinates."""
-        return np.vstack([alpha[:1], self.axes.T @ alpha[1:]])
+        slopes = self.axes.T @ alpha[int(self.constant) :]
+        return np.vstack([alpha[:1] if self.constant else np.zeros((1, alpha.shape[1])), slopes])
 
     def in_metres(
         self, kernel: Kernel, centers: FloatArray, alpha: FloatArray, beta: FloatArray

@@ -1,23 +1,24 @@
-"""Radial kernels as frozen values (paper eqs. 8 and 9).
+"""Radial kernels as frozen values (paper eqs. 8 and 9, and two others in wide use).
 
-Every kernel is a function of the squared distance and is used together with a linear polynomial (eq. 2). The
-multiquadric would be solvable without one (paper section 2.1), but only with it does the surface blending of
-appendix A keep planar faces planar.
+Every kernel is a function of the squared distance and is used together with a linear polynomial (eq. 2), unless
+another one is asked for. The multiquadric would be solvable without one (paper section 2.1), but only with it does the
+surface blending of appendix A keep planar faces planar.
 
 The compiled loops take `kernel.compiled()`: a named tuple of the kernel's numbers, on whose *type* the
 compiled function `phi` is overloaded. A new kernel brings its own tuple and overload; no loop is written
 again. The logarithm is our own: LLVM vectorises it, which it cannot do with a call into the C library.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, NamedTuple, Protocol, cast
 
 import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 from scipy.special import xlogy
 
+from sdm_deflect.deform.fitting import KernelName
 from sdm_deflect.deform.rbf.compiled import compiled
 
 LOG_UNIT = float(np.log(2.0)) / 2.0**52
@@ -106,6 +107,16 @@ class MultiquadricCode(NamedTuple):
     epsilon2: float
 
 
+class WendlandC2Code(NamedTuple):
+    """Selects the compiled Wendland function."""
+
+    inverse2: float  # 1 / radius**2
+
+
+class CubicCode(NamedTuple):
+    """Selects the compiled cubic."""
+
+
 @dataclass(frozen=True, slots=True)
 class ThinPlateSpline:
     """phi(r) = r**2 log r, zero at r = 0 (eq. 8)."""
@@ -157,6 +168,92 @@ class Multiquadric:
         return Rescaling(Multiquadric(self.epsilon * length), 1.0, 0.0)
 
 
+@dataclass(frozen=True, slots=True)
+class WendlandC2:
+    """phi(r) = (1 - r / radius)**4 (4 r / radius + 1), zero beyond the radius (Wendland 1995, in three dimensions).
+
+    Parameters
+    ----------
+    radius : Of the support, in metres of the coordinates as handed in.
+    """
+
+    radius: float
+    sign: ClassVar[float] = 1.0
+    unit: ClassVar[float] = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.radius < np.inf:
+            raise ValueError(f"radius = {self.radius} must be a positive length")
+
+    def __call__(self, r2: FloatArray) -> FloatArray:
+        """Return phi for squared distances r2 of any shape."""
+        rho = np.sqrt(r2) / self.radius
+        return np.asarray(np.maximum(1.0 - rho, 0.0) ** 4 * (4.0 * rho + 1.0), dtype=np.float64)
+
+    def compiled(self) -> WendlandC2Code:
+        """Return what selects the compiled phi."""
+        return WendlandC2Code(self.radius**-2)
+
+    def rescaled(self, length: float) -> Rescaling:
+        """Return the kernel for distances measured in units of `length`."""
+        return Rescaling(WendlandC2(self.radius / length), 1.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Cubic:
+    """phi(r) = r**3."""
+
+    sign: ClassVar[float] = 1.0
+    unit: ClassVar[float] = 1.0
+
+    def __call__(self, r2: FloatArray) -> FloatArray:
+        """Return phi for squared distances r2 of any shape."""
+        return np.asarray(r2 * np.sqrt(r2), dtype=np.float64)
+
+    def compiled(self) -> CubicCode:
+        """Return what selects the compiled phi."""
+        return CubicCode()
+
+    def rescaled(self, length: float) -> Rescaling:
+        """Return the kernel for distances measured in units of `length`."""
+        return Rescaling(self, length**3, 0.0)
+
+
+OF_RADIUS: dict[KernelName, Callable[[float], Kernel]] = {
+    "tps": lambda _: ThinPlateSpline(),
+    "mq": lambda radius: Multiquadric(1.0 / radius),
+    "wendland": WendlandC2,
+    "cubic": lambda _: Cubic(),
+}
+"""The kernels of `Fitting` by name, given their radius, which two of them have no use for."""
+
+
+KERNEL = "kernel"
+"""Name of the array in a file that holds the kernel's name."""
+IN_FILES: dict[str, Callable[..., Kernel]] = {
+    "thin_plate_spline": ThinPlateSpline,
+    "multiquadric": Multiquadric,
+    "wendland_c2": WendlandC2,
+    "cubic": Cubic,
+}
+
+
+def arrays_of(kernel: Any, tag: str = "") -> dict[str, NDArray[Any]]:
+    """Return what `stored_kernel` makes the same kernel of: its name, and its number, if it has one, with a tag."""
+    name = next(name for name, kind in IN_FILES.items() if kind is type(kernel))
+    numbers = {f"kernel_{one.name}{tag}": np.array(getattr(kernel, one.name)) for one in fields(kernel)}
+    return {KERNEL: np.array(name), **numbers}
+
+
+def stored_kernel(arrays: Mapping[str, NDArray[Any]], tag: str = "") -> Kernel:
+    """Return the kernel that arrays of a file tell of; ValueError or KeyError if they tell of none."""
+    name = str(arrays[KERNEL])
+    if name not in IN_FILES:
+        raise ValueError(f"the kernel {name} is none of {', '.join(IN_FILES)}")
+    kind: Any = IN_FILES[name]
+    return cast(Kernel, kind(**{one.name: float(arrays[f"kernel_{one.name}{tag}"]) for one in fields(kind)}))
+
+
 def phi(code: tuple[float, ...], r2: float) -> float:
     """Return phi / unit at the squared distance r2; for use inside compiled loops only."""
     raise NotImplementedError("phi is compiled: call it from compiled code, or call the kernel itself")
@@ -170,9 +267,21 @@ def _multiquadric(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
     return np.sqrt(1.0 + code.epsilon2 * r2)
 
 
+def _wendland_c2(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
+    rho = np.sqrt(r2 * code.inverse2)
+    left = max(1.0 - rho, 0.0)
+    return left * left * left * left * (4.0 * rho + 1.0)
+
+
+def _cubic(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
+    return r2 * np.sqrt(r2)
+
+
 FORMULAS: dict[Any, Callable[[Any, Any], Any]] = {
     ThinPlateSplineCode: _thin_plate_spline,
     MultiquadricCode: _multiquadric,
+    WendlandC2Code: _wendland_c2,
+    CubicCode: _cubic,
 }
 
 

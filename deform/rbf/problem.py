@@ -1,7 +1,7 @@
 """One adaptation problem in well-conditioned coordinates, and what is left of it without its polynomial.
 
-Four unisolvent centres, the *anchors* a, take the linear polynomial out. With L (N, 4) the values of the
-anchors' Lagrange polynomials at the sites, the reduced kernel
+Four unisolvent centres, the *anchors* a, take the linear polynomial out; one takes a constant, none no polynomial. With
+L (N, 4) the values of the anchors' Lagrange polynomials at the sites, the reduced kernel
 
     K~(i, j) = K(i, j) - L_i . K(a, j) - K(i, a) . L_j + L_i . K(a, a) L_j
 
@@ -17,6 +17,7 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.spatial import cKDTree
 
+from sdm_deflect.deform.fitting import Polynomial
 from sdm_deflect.deform.rbf.interpolant import Interpolant, UnitBox
 from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel
 from sdm_deflect.deform.rbf.points import IndexArray
@@ -46,9 +47,9 @@ class Problem:
     tree: cKDTree
 
     @classmethod
-    def of(cls, sites: DataSites, kernel: Kernel) -> Self:
+    def of(cls, sites: DataSites, kernel: Kernel, polynomial: Polynomial = "linear") -> Self:
         """Scale `sites`."""
-        box = UnitBox.around(sites.points)
+        box = UnitBox.around(sites.points, polynomial)
         points = box.scaled(sites.points)
         scaled_kernel = kernel.rescaled(box.length).kernel
         return cls(sites, kernel, box, points, box.polynomials(points), scaled_kernel, cKDTree(points))
@@ -141,6 +142,8 @@ class ReducedKernel:
 def _unisolvent(polynomials: FloatArray, initial: IndexArray) -> IndexArray:
     """Return those of the initial centres that determine a polynomial best."""
     count = polynomials.shape[1]
+    if not count:
+        return np.empty(0, dtype=np.intp)
     _, r, pivots = qr(polynomials[initial].T, mode="economic", pivoting=True)
     diagonal = np.abs(np.diagonal(r))
     if len(diagonal) < count or diagonal[-1] < UNISOLVENT * diagonal[0]:

@@ -6,6 +6,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.fitting import Polynomial
 from sdm_deflect.deform.rbf.compiled import compiled
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.deform.rbf.points import IndexArray
@@ -22,6 +23,7 @@ class GreedyOptions:
     n_add : Number of sites added in an iteration, at most (`Worst`), or least size of a block (`Separated`).
     tol_add, tol_stop : Residuals in metres: sites above the first may be added, the second ends the adaptation.
     max_centers, max_iterations : Limits; reaching one is a result, not an error.
+    polynomial : Added to the kernels (eq. 2): at least what the kernel needs.
     """
 
     n_add: int
@@ -29,6 +31,7 @@ class GreedyOptions:
     tol_stop: float
     max_centers: int = 10_000
     max_iterations: int = 100_000
+    polynomial: Polynomial = "linear"
 
     def __post_init__(self) -> None:
         for name in ("n_add", "max_centers"):

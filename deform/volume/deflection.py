@@ -14,6 +14,7 @@ from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.rbf.threads import single_threaded_blas
 from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Repaired
@@ -21,6 +22,7 @@ from sdm_deflect.deform.repair.repair import repaired
 from sdm_deflect.deform.selection import selected
 from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.volume.between import ErrorBetween
 from sdm_deflect.deform.volume.boundary import Amounts, Boundary
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.region import ON_FACE, Region
@@ -172,6 +174,18 @@ class Deflection:
     def quality(self) -> tuple[Quality, ...]:
         """Quality of the touched cells by type."""
         return self.plan.touched.quality(self.points)
+
+    @cached_property
+    def error_between(self) -> ErrorBetween | None:
+        """Error of the interpolants on the moving surfaces between their nodes; None for surfaces without faces."""
+        return ErrorBetween.of(self.plan.boundary, self.steps, self.plan.boundary.displacement(self.amounts))
+
+    @cached_property
+    def conditions(self) -> tuple[float, ...]:
+        """Condition of each group of directions, the largest of all steps; none if its factors are not at hand."""
+        with single_threaded_blas():
+            of_steps = [[factor.condition() for factor in step.fits.factors] for step in self.steps]
+        return tuple(map(max, zip(*of_steps, strict=True)))
 
     @property
     def moved_by_repair(self) -> FloatArray:

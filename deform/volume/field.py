@@ -20,7 +20,7 @@ from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh import FloatArray, IntArray, bounded
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.kernels import KERNEL, ThinPlateSpline, arrays_of, stored_kernel
 from sdm_deflect.deform.reading import damaged, read_arrays
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.near_wall import Nearby, NearWall
@@ -167,6 +167,8 @@ class Field:
             "kind": np.array(FILE), "corners": self.box.corners, "places": self.places, "ends": self.ends,
             "planes": self.planes, "steps": np.array(len(self.steps)),
         }  # fmt: skip
+        if self.steps and self.steps[0].interpolant.kernel != ThinPlateSpline():
+            arrays |= arrays_of(self.steps[0].interpolant.kernel)
         for i, step in enumerate(self.steps):
             own = {
                 "centers": step.interpolant.centers, "beta": step.interpolant.beta, "alpha": step.interpolant.alpha,
@@ -205,6 +207,7 @@ def _step(stored: Mapping[str, Any], i: int) -> FieldStep:
     for name, shape in (("values", (count, 3)), ("turns", (count, 3, 3)), ("part", (count,)), ("boundary", (count, 3))):
         if one[name].shape != shape:
             raise ValueError(f"{name} {one[name].shape} of step {i} must be {shape}")
-    interpolant = Interpolant(ThinPlateSpline(), one["centers"], one["beta"], one["alpha"])
+    kernel = stored_kernel(stored) if KERNEL in stored else ThinPlateSpline()
+    interpolant = Interpolant(kernel, one["centers"], one["beta"], one["alpha"])
     arrays = one["boundary"], one["values"], one["turns"], one["part"].astype(np.intp)
     return FieldStep(interpolant, *arrays, float(one["reach"]))

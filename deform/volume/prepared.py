@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import FloatArray, IntArray
 from sdm_deflect.deform.rbf.interpolant import UnitBox, coefficient_matrix
-from sdm_deflect.deform.rbf.kernels import Kernel, ThinPlateSpline
+from sdm_deflect.deform.rbf.kernels import Kernel
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
 from sdm_deflect.deform.rbf.threads import single_threaded_blas
@@ -65,12 +65,12 @@ class PreparedFit:
     evaluation: FloatArray | None = field(repr=False)
 
     @classmethod
-    def of(cls, sites: DataSites, chosen: IntArray, points: FloatArray) -> "PreparedFit":
+    def of(cls, state: StepState, sites: DataSites, chosen: IntArray, points: FloatArray) -> "PreparedFit":
         """Factorise for the chosen rows of the sites, and prepare the evaluation at points (M, 3)."""
         with single_threaded_blas():
-            box = UnitBox.around(sites.points[chosen])
+            box = UnitBox.around(sites.points[chosen], state.fitting.polynomial)
             centers, at = box.scaled(sites.points[chosen]), box.scaled(np.vstack([points, sites.points]))
-            kernel = ThinPlateSpline().rescaled(box.length).kernel
+            kernel = state.sites.kernel.rescaled(box.length).kernel
             matrix = coefficient_matrix(box.polynomials(centers), kernel, centers)
             try:
                 factor, pivots = lu_factor(matrix)
@@ -213,7 +213,7 @@ def _prepared(state: StepState, sites: DataSites, centers: Mapping[int, FloatArr
     distance, rows = cKDTree(sites.points).query(found)
     if np.any(distance > SAME * state.sites.edge) or len(np.unique(rows)) != len(rows):
         raise InputError(f"{state.boundary.mesh.name}: the centres are no data sites")
-    return PreparedFit.of(sites, np.asarray(rows, dtype=np.intp), points)
+    return PreparedFit.of(state, sites, np.asarray(rows, dtype=np.intp), points)
 
 
 def _evaluated(fits: Sequence[PreparedFit], values: FloatArray) -> tuple[FloatArray, float]:

@@ -8,8 +8,10 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.fitting import KERNELS, Fitting
 from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
 from sdm_deflect.deform.rbf.points import first_coincident
 from sdm_deflect.deform.rbf.sites import DataSites, pinned
 from sdm_deflect.deform.sets import union
@@ -24,6 +26,7 @@ APART = 0.5  # of their spacing: zero sites keep it from the boundary's nodes an
 MOST_FIXED = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole
 MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
 MOST_EDGE = 3_000  # of them on an edge of the box, in a box that is like a needle
+MOST_RADIUS = 1e4  # of a kernel: diagonals of the box; at least a median edge of the surface over this
 HALVINGS = 6  # of the distance of sites on the box at most, while none is left
 FINER = 0.1  # of that distance: sites on the box may not stand closer, even if they shall
 
@@ -42,6 +45,7 @@ class Sites:
     sampled_sliding : rows of `slid` that are data sites, at most `MOST_FIXED`.
     zero : sites of zero displacement on the box, and on sections of it for some directions.
     spacing, edge, tolerance : lengths: between zero sites, of the surface's median edge, of a site's error.
+    kernel, radius : what interpolates, and its radius, a length; 0 for a kernel without.
     """
 
     moving: IntArray = field(repr=False)
@@ -54,6 +58,8 @@ class Sites:
     spacing: float
     edge: float
     tolerance: float
+    kernel: Kernel
+    radius: float
 
     @property
     def slid(self) -> IntArray:
@@ -86,9 +92,12 @@ class Sites:
         known = [boundary.nodes, region.fixed, *sliding] if job.near_wall else [boundary.nodes]
         spacing, zero = _placed(boundary, region, mesh.points[np.concatenate(known)], edge)
         tolerance = job.fitting.tolerance or TOLERANCE * edge
+        radius = _radius(job.fitting, region.hexahedron.corners, edge)
+        kernel = OF_RADIUS[job.fitting.kernel](radius)
         return cls(
-            boundary.nodes, distinct, region.fixed, sampled, sliding, sampled_sliding, zero, spacing, edge, tolerance
-        )
+            boundary.nodes, distinct, region.fixed, sampled, sliding, sampled_sliding, zero,
+            spacing, edge, tolerance, kernel, radius,
+        )  # fmt: skip
 
     def parts(self, boundary: Boundary) -> list[IntArray]:
         """Return rows of `known` that may move differently: each moving surface, and the rest."""
@@ -108,6 +117,24 @@ class Sites:
         row[known] = np.arange(len(known))
         edges = row[edges_of(polygons_of(faces))[0]]
         return np.unique(np.sort(edges[(edges >= 0).all(axis=1)], axis=1), axis=0).astype(np.intp)
+
+
+def _radius(fitting: Fitting, corners: FloatArray, edge: float) -> float:
+    """Return the radius of the kernel: given, or chosen; 0 for a kernel without. InputError if it is out of range.
+
+    Chosen is for Wendland's function the diagonal of the box, so that no site is beyond the reach of another; for the
+    multiquadric the surface's median edge, as Hardy (1971) took about the distance of neighbouring points.
+    """
+    if not KERNELS[fitting.kernel].radius:
+        return 0.0
+    size = float(np.linalg.norm(np.ptp(corners, axis=0)))
+    radius = fitting.kernel_radius or (size if fitting.kernel == "wendland" else edge)
+    if not edge / MOST_RADIUS <= radius <= MOST_RADIUS * size:
+        raise InputError(
+            f"kernel_radius = {radius:g} is out of range: the surface's median edge is {edge:.3g}, the diagonal of the "
+            f"box {size:.3g}; leave it out to have it chosen by them"
+        )
+    return radius
 
 
 def apart_from(sites: FloatArray, points: FloatArray, distance: float) -> FloatArray:

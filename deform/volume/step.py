@@ -1,11 +1,13 @@
 """One step: from displacements of the moving nodes to those of every node inside the box, and their derivative."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
 
 import numpy as np
 
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting, RuleName, Strategy
 from sdm_deflect.deform.mesh import FloatArray, IntArray
 from sdm_deflect.deform.pieces import HERE, Runner
@@ -13,8 +15,7 @@ from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.rbf.bases import RecordingBasis, with_values
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, adapt, fused
-from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError
 from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
@@ -278,7 +279,10 @@ def _fit(state: StepState, sliding: bool, values: FloatArray, progress: Progress
     fitting, tolerance = state.fitting, state.sites.tolerance
     found: list[Adaptation] = []
     kept: list[CholeskyBasis] = []
-    options = GreedyOptions(n_add=fitting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=fitting.max_centers)
+    options = GreedyOptions(
+        n_add=fitting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=fitting.max_centers,
+        polynomial=fitting.polynomial,
+    )  # fmt: skip
     for i, group in enumerate(state.groups(values, sliding)):
         if earlier:
             initial = earlier.factors[i].chosen
@@ -290,13 +294,27 @@ def _fit(state: StepState, sliding: bool, values: FloatArray, progress: Progress
             basis = with_values(earlier.factors[i], problem.values) if earlier else CholeskyBasis.of(problem, rows)
             return RecordingBasis(basis, kept.append)
 
-        found.append(
-            adapt(
-                group, ThinPlateSpline(), initial, options,
-                rule=RULES[fitting.rule], basis=start, progress=_named(progress, group),
-            )
-        )  # fmt: skip
+        with _solvable(state):
+            found.append(
+                adapt(
+                    group, state.sites.kernel, initial, options,
+                    rule=RULES[fitting.rule], basis=start, progress=_named(progress, group),
+                )
+            )  # fmt: skip
     return Fits(tuple(found), tuple(kept))
+
+
+@contextmanager
+def _solvable(state: StepState) -> Iterator[None]:
+    """Blame the radius of a kernel that has one for a system that cannot be solved: InputError."""
+    try:
+        yield
+    except SolveError as error:
+        if not state.sites.radius:
+            raise
+        fitting, name = state.fitting, state.boundary.mesh.name
+        given = f"kernel = {fitting.kernel} with kernel_radius = {state.sites.radius:.4g}"
+        raise InputError(f"{name}: {given}: {error} A smaller radius makes the system better conditioned") from None
 
 
 def _named(progress: Progress, group: DataSites) -> Progress:

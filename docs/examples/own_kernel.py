@@ -1,4 +1,4 @@
-"""A kernel of one's own: the cubic r^3, conditionally positive definite of order 2 like the thin plate spline.
+"""A kernel of one's own: the inverse multiquadric, positive definite, so that it needs no polynomial.
 
 Compiled loops know a kernel by the type of the named tuple that `compiled()` returns, and find its formula in
 `sdm_deflect.deform.rbf.kernels.FORMULAS`:
@@ -17,36 +17,39 @@ from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.sites import DataSites
 
 
-class CubicCode(NamedTuple):
-    """Selects the compiled cubic; a kernel with parameters keeps them here."""
+class InverseMultiquadricCode(NamedTuple):
+    """Selects the compiled inverse multiquadric, and holds its number."""
+
+    inverse2: float  # 1 / radius**2
 
 
 @dataclass(frozen=True, slots=True)
-class Cubic:
-    """phi(r) = r**3."""
+class InverseMultiquadric:
+    """phi(r) = 1 / sqrt(1 + (r / radius)**2)."""
 
+    radius: float
     sign: ClassVar[float] = 1.0
     unit: ClassVar[float] = 1.0
 
     def __call__(self, r2: FloatArray) -> FloatArray:
         """Return phi for squared distances r2 of any shape."""
-        return np.asarray(r2 * np.sqrt(r2))
+        return np.asarray(1.0 / np.sqrt(1.0 + r2 / self.radius**2))
 
-    def compiled(self) -> CubicCode:
+    def compiled(self) -> InverseMultiquadricCode:
         """Return what selects the compiled phi."""
-        return CubicCode()
+        return InverseMultiquadricCode(self.radius**-2)
 
     def rescaled(self, length: float) -> Rescaling:
-        """Return the kernel for distances in units of `length`: (length rho)**3 = length**3 rho**3."""
-        return Rescaling(self, length**3, 0.0)
+        """Return the kernel for distances in units of `length`."""
+        return Rescaling(InverseMultiquadric(self.radius / length), 1.0, 0.0)
 
 
-def _cubic(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
+def _inverse_multiquadric(code: Any, r2: Any) -> Any:  # pragma: no cover - machine code
     """Return phi at a squared distance; names and annotations of the arguments must be these."""
-    return r2 * np.sqrt(r2)
+    return 1.0 / np.sqrt(1.0 + code.inverse2 * r2)
 
 
-FORMULAS[CubicCode] = _cubic
+FORMULAS[InverseMultiquadricCode] = _inverse_multiquadric
 
 
 def wave() -> DataSites:
@@ -62,6 +65,6 @@ def adapted(kernel: Kernel) -> Adaptation:
 
 
 if __name__ == "__main__":
-    for kernel in (ThinPlateSpline(), Cubic()):
+    for kernel in (ThinPlateSpline(), InverseMultiquadric(0.5)):
         found = adapted(kernel)
         print(f"{type(kernel).__name__}: {len(found.chosen)} centres, largest error {found.max_error:.1e} m")

@@ -149,6 +149,7 @@ def options(folder: Path) -> Iterator[Input]:
         ("geometry", "--out", "out.step", "--case", "tail"), ("limit", "aileron", "--quality", "0.3", "--resolution",
         "2"),
         ("validate", run, "-q"), ("report", run, "-q"), ("view", run, "--no-open", "-q", "--port", "0"),
+        ("compare", run, "run", "-q", "--out", "out.html"), ("compare", run, "run", "--json"),
         ("export", run, "--format", "su2", "--which", "deflected", "--out", "out.su2", "-q"), ("study", "table1", "-q"),
         ("cache",), ("cache", "--json"), ("doctor", "-q"),
     ):  # fmt: skip

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import RBFInterpolator
 
 from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError, direct, fit, krylov
-from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
+from sdm_deflect.deform.rbf.kernels import Cubic, Multiquadric, ThinPlateSpline, WendlandC2
 
-KERNELS = [ThinPlateSpline(), Multiquadric(1.0), Multiquadric(1e4)]
+KERNELS = [ThinPlateSpline(), Multiquadric(1.0), Multiquadric(1e4), WendlandC2(2.0), Cubic()]
 SOLVERS = [direct, krylov(1e-12)]
 seeds = st.integers(0, 2**32 - 1)
 
@@ -29,6 +29,14 @@ def test_agrees_with_scipy(scale):
     f = scale * np.sin(4 * x / scale)
     theirs = RBFInterpolator(x, f, kernel="thin_plate_spline", degree=1)(y)
     np.testing.assert_allclose(fit(ThinPlateSpline(), x, f)(y), theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
+
+
+def test_cubic_agrees_with_scipy():
+    rng = np.random.default_rng(4)
+    x, y = rng.uniform(size=(200, 3)), rng.uniform(size=(200, 3))
+    f = rng.normal(size=(200, 2))
+    theirs = RBFInterpolator(x, f, kernel="cubic", degree=1)(y)
+    np.testing.assert_allclose(fit(Cubic(), x, f)(y), theirs, rtol=1e-8, atol=1e-8 * np.abs(theirs).max())
 
 
 def test_multiquadric_agrees_with_scipy():

@@ -6,10 +6,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 
-from sdm_deflect.deform.rbf.kernels import LOG_UNIT, Multiquadric, ThinPlateSpline, phi, scaled_log
+from sdm_deflect.deform.rbf.kernels import (
+    LOG_UNIT,
+    Cubic,
+    Multiquadric,
+    ThinPlateSpline,
+    WendlandC2,
+    arrays_of,
+    phi,
+    scaled_log,
+    stored_kernel,
+)
 from sdm_deflect.deform.rbf.sums import kernel_matrix
 
-KERNELS = [ThinPlateSpline(), Multiquadric(0.7), Multiquadric(1e4)]
+KERNELS = [ThinPlateSpline(), Multiquadric(0.7), Multiquadric(1e4), WendlandC2(0.8), WendlandC2(30.0), Cubic()]
 
 
 def test_thin_plate_spline_is_r_squared_log_r():
@@ -28,6 +38,26 @@ def test_multiquadric_is_linear_in_r_for_a_large_parameter():
 def test_multiquadric_rejects(epsilon):
     with pytest.raises(ValueError, match="epsilon"):
         Multiquadric(epsilon)
+
+
+def test_wendland_ends_at_its_radius_as_smoothly_as_it_begins():
+    """It is zero there with its first three derivatives, and so near to it as the fourth power of the distance."""
+    kernel, gap = WendlandC2(0.3), np.array([1e-2, 1e-3])
+    assert kernel(np.zeros(1)) == 1.0
+    assert not kernel(np.array([0.3, 0.31, 5.0]) ** 2).any()
+    np.testing.assert_allclose(kernel((0.3 - 0.3 * gap) ** 2) / gap**4, 5.0 - 4.0 * gap, rtol=1e-9)
+    assert kernel(np.array([1e-4]) ** 2)[0] == pytest.approx(1.0 - 10.0 * (1e-4 / 0.3) ** 2, abs=1e-9)
+
+
+@pytest.mark.parametrize("radius", [0.0, -1.0, np.inf, np.nan])
+def test_wendland_rejects(radius):
+    with pytest.raises(ValueError, match="radius"):
+        WendlandC2(radius)
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=repr)
+def test_a_file_gives_the_same_kernel(kernel):
+    assert stored_kernel(arrays_of(kernel)) == stored_kernel(arrays_of(kernel, "_rudder"), "_rudder") == kernel
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=repr)

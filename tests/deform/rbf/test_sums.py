@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
+from sdm_deflect.deform.rbf.kernels import Cubic, Multiquadric, ThinPlateSpline, WendlandC2
 from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
 
-KERNELS = [ThinPlateSpline(), Multiquadric(30.0)]
+KERNELS = [ThinPlateSpline(), Multiquadric(30.0), WendlandC2(2.0), Cubic()]
 
 
 def _problem(n, c, k, seed=0):

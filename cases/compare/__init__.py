@@ -1,0 +1,1 @@
+"""Finished runs beside each other: their figures and settings in tables, their pictures over each other."""

@@ -1,0 +1,213 @@
+"""The figures of several runs in rows: what is the same, what differs, and by how much."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import isclose, isfinite
+from tomllib import loads
+from typing import Any
+
+from sdm_deflect.cases.compare.runs import Run
+from sdm_deflect.cases.metrics import Json
+from sdm_deflect.cases.report.data import shown
+
+Value = float | int | str | None
+SAME = 1e-9
+"""Numbers that differ by no more than this share are the same."""
+FACTOR = 2.0
+"""From here on a change is told as a factor, below as a percentage."""
+LEAST = 5e-4
+"""Smallest change that is told as a percentage."""
+LONGEST = 60
+"""Letters of a text that is shown."""
+DIRECTIONS = "xyz"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One figure of every run.
+
+    Attributes
+    ----------
+    name, unit : of the figure.
+    values : by run; None where a run has none.
+    form : how a number is written.
+    """
+
+    name: str
+    values: tuple[Value, ...]
+    unit: str = ""
+    form: str = ","
+
+    @property
+    def same(self) -> bool:
+        """True if all runs have the same."""
+        return all(_alike(self.values[0], value) for value in self.values[1:])
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The values as they are shown, from the second on with their change from the first one."""
+        return tuple(_written(value, self.form) + _change(self.values[0], value) for value in self.values)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows that belong together."""
+
+    title: str
+    rows: tuple[Row, ...]
+
+
+def tables(runs: Sequence[Run]) -> tuple[Table, ...]:
+    """Return the figures of runs, in tables; none without a row that any run has a value for."""
+    found = [Table("What was run", tuple(_subject(runs)))]
+    for title, blocks in _deflections(runs):
+        place = f": {title}" if title else ""
+        unit = _common([run.data.length.name for run in runs])
+        found += [
+            Table(f"Interpolation{place}", tuple(_interpolation(blocks, unit))),
+            Table(f"Mesh{place}", tuple(_mesh(blocks))),
+        ]
+    found += [Table("Verdict", tuple(_verdict(runs))), Table("Time", tuple(_time(runs)))]
+    kept = [Table(one.title, tuple(row for row in one.rows if set(row.values) != {None})) for one in found]
+    return tuple(one for one in kept if one.rows)
+
+
+def differing_settings(runs: Sequence[Run]) -> tuple[Row, ...]:
+    """Return the settings that are not the same in all runs, by their names in the file of settings."""
+    own = [dict(_flat(loads(run.data.settings))) for run in runs]
+    names = dict.fromkeys(name for one in own for name in one)
+    rows = [Row(name, tuple(one.get(name) for one in own), form="g") for name in names]
+    return tuple(row for row in rows if not row.same)
+
+
+def _subject(runs: Sequence[Run]) -> Iterator[Row]:
+    data = [run.data for run in runs]
+    yield Row("mesh", tuple(one.mesh.name for one in data))
+    yield Row("moves", tuple("; ".join(f"{s.name} {s.turned}" for s in one.surfaces) for one in data))
+    for name in ("points", "cells"):
+        yield Row(name, _of([one.figures for one in data], "mesh", name))
+    for name in ("scale", "strategy", "version"):
+        yield Row(name, _of([one.figures for one in data], name))
+
+
+def _interpolation(blocks: Sequence[Json], unit: str) -> Iterator[Row]:
+    for name in ("name", "radius", "polynomial"):
+        label, own = ("kernel", "") if name == "name" else (f"kernel {name}", unit) if name == "radius" else (name, "")
+        yield Row(label, _of(blocks, "kernel", name), own, ".4g")
+    for name in ("surface", "fixed", "sliding"):
+        yield Row(f"data sites, {name}", _of(blocks, "sites", name))
+    yield Row("data sites, box", _of(blocks, "sites", "hexahedron", "x"))
+    yield Row("tolerance", _of(blocks, "sites", "tolerance"), unit, ".3g")
+    for direction in DIRECTIONS:
+        yield Row(f"centres, {direction}", _of(blocks, "adaptation", direction, "centers"))
+    yield Row("condition", _largest(blocks, "condition"), "", ".1e")
+    yield Row("error at the sites", _largest(blocks, "max_error"), unit, ".2e")
+    yield Row("error between the sites, largest", _of(blocks, "error_between_sites", "max"), unit, ".2e")
+    yield Row("error between the sites, 99 %", _of(blocks, "error_between_sites", "p99"), unit, ".2e")
+    yield Row("steps", _of(blocks, "steps"))
+
+
+def _mesh(blocks: Sequence[Json]) -> Iterator[Row]:
+    yield Row("nodes in the box", _of(blocks, "confinement", "inside"))
+    yield Row("cells touched", _of(blocks, "cells_touched"))
+    states = [_at(one, "quality_inside", "after") for one in blocks]
+    shapes = dict.fromkeys(shape for one in states if isinstance(one, Mapping) for shape in one)
+    for shape in shapes:
+        for state, words in (("before", "undeflected"), ("after", "deflected")):
+            yield Row(f"{shape}: least quality, {words}", _of(blocks, "quality_inside", state, shape, "min"), "", ".3f")
+        yield Row(f"{shape}: mean quality, deflected", _of(blocks, "quality_inside", "after", shape, "mean"), "", ".4f")
+        yield Row(f"{shape}: inverted", _of(blocks, "quality_inside", "after", shape, "inverted"))
+    yield Row("cells spoiled before the repair", _of(blocks, "repair", "spoiled"))
+    yield Row("nodes moved by the repair", _of(blocks, "repair", "moved"))
+
+
+def _verdict(runs: Sequence[Run]) -> Iterator[Row]:
+    checks = [run.data.checks for run in runs]
+    yield Row("checks passed", tuple(f"{sum(c.passed for c in own)} of {len(own)}" for own in checks))
+    yield Row("failed", tuple(", ".join(c.name for c in own if not c.passed) or "none" for own in checks))
+
+
+def _time(runs: Sequence[Run]) -> Iterator[Row]:
+    figures = [run.data.figures for run in runs]
+    deformation = [sum(one["seconds"] for one in _blocks(own).values() if _is(one.get("seconds"))) for own in figures]
+    yield Row("deflection", tuple(deformation), "s", ".2f")
+    yield Row("all stages", _of(figures, "total_seconds"), "s", ".1f")
+
+
+def _deflections(runs: Sequence[Run]) -> Iterator[tuple[str, list[Json]]]:
+    """Yield the figures of each deflection by run, empty where a run has none of its name; a single one has no name."""
+    own = [_blocks(run.data.figures) for run in runs]
+    if all(len(blocks) == 1 for blocks in own):
+        yield "", [next(iter(blocks.values())) for blocks in own]
+        return
+    for name in dict.fromkeys(name for blocks in own for name in blocks):
+        yield name, [blocks.get(name, {}) for blocks in own]
+
+
+def _blocks(figures: Json) -> dict[str, Json]:
+    found = figures.get("deflections")
+    return {k: v for k, v in found.items() if isinstance(v, dict)} if isinstance(found, Mapping) else {}
+
+
+def _of(figures: Sequence[Json], *path: str) -> tuple[Value, ...]:
+    """Return what stands at a place in the figures of each run; None where nothing does."""
+    return tuple(found if _is(found := _at(one, *path)) or isinstance(found, str) else None for one in figures)
+
+
+def _largest(blocks: Sequence[Json], name: str) -> tuple[Value, ...]:
+    """Return the largest of a figure over the directions of each run."""
+    own = [[value for value in (_at(one, "adaptation", d, name) for d in DIRECTIONS) if _is(value)] for one in blocks]
+    return tuple(max(values, default=None) for values in own)
+
+
+def _at(figures: Any, *path: str) -> Any:
+    for name in path:
+        figures = figures.get(name) if isinstance(figures, Mapping) else None
+    return figures
+
+
+def _is(value: Any) -> bool:
+    """True for a number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+
+
+def _common(texts: Sequence[str]) -> str:
+    return texts[0] if len(set(texts)) == 1 else "each its unit"
+
+
+def _flat(table: Any, name: str = "") -> Iterator[tuple[str, Value]]:
+    """Yield the settings of nested tables by their names with dots."""
+    if isinstance(table, Mapping):
+        for key, value in table.items():
+            yield from _flat(value, f"{name}.{key}" if name else str(key))
+    elif isinstance(table, list) and table and all(isinstance(one, Mapping) for one in table):
+        for i, one in enumerate(table):
+            yield from _flat(one, f"{name}[{i}]")
+    else:
+        yield name, table if _is(table) else shown(table)
+
+
+def _alike(one: Value, other: Value) -> bool:
+    if isinstance(one, int | float) and isinstance(other, int | float):
+        return isclose(one, other, rel_tol=SAME)
+    return one == other
+
+
+def _written(value: Value, form: str) -> str:
+    if isinstance(value, int | float):
+        return format(value, form if isinstance(value, float) or form != "g" else ",")
+    if value is None:
+        return "\N{EN DASH}"
+    return value if len(value) <= LONGEST else f"{value[:LONGEST]}..."
+
+
+def _change(first: Value, value: Value) -> str:
+    """Return by how much a number differs from the first one, in brackets; nothing if it does not."""
+    if not isinstance(value, int | float) or not isinstance(first, int | float) or _alike(first, value):
+        return ""
+    if first * value <= 0.0:
+        return f" ({value - first:+.3g})"
+    ratio = value / first
+    if not 1.0 / FACTOR < ratio < FACTOR:
+        return f" (\N{MULTIPLICATION SIGN} {ratio:.3g})"
+    return f" ({100.0 * (ratio - 1.0):+.2g} %)" if abs(ratio - 1.0) >= LEAST else " (by less than 0.05 %)"

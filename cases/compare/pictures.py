@@ -1,0 +1,202 @@
+"""Pictures of several runs: histograms in one plot, and views of one mesh that fit over each other to the pixel."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+
+from sdm_deflect.cases.compare.runs import Run, alike
+from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, shape_of
+from sdm_deflect.cases.report.figures import panels
+from sdm_deflect.cases.report.offscreen import Image, RenderError, rendering
+from sdm_deflect.cases.report.pictures import PIXELS, Exhibit, close, saved, towards
+from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE, View, framed
+from sdm_deflect.cases.report.slices import AXES, Plane, draw_slice, planes
+from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.quality import MEASURES, POLYHEDRON, quality_of
+
+BEFORE = "undeflected"
+MOST = 60
+"""Pictures to lay over each other in one page; surfaces that would need more are left out."""
+STYLES = (
+    ("#0072b2", "-"), ("#d55e00", "--"), ("#009e73", "-."), ("#aa4499", ":"),
+    ("#56b4e9", (0, (5, 1, 1, 1))), ("#e69f00", (0, (1, 1))), ("#332288", (0, (7, 2))), ("#882255", (0, (3, 1, 1, 1))),
+)  # fmt: skip
+"""Colours and dashes of runs: they are told apart in grey, too."""
+AXES_AT, BAR_AT = (0.13, 0.1, 0.68, 0.83), (0.84, 0.2, 0.03, 0.62)
+"""Where a section and its bar of colours stand: in the same place in each picture."""
+
+
+@dataclass(frozen=True, slots=True)
+class Overlay:
+    """Pictures of one view that fit over each other.
+
+    Attributes
+    ----------
+    title, caption : what is seen.
+    exhibits : by name, of the undeflected mesh and of each run.
+    """
+
+    title: str
+    caption: str
+    exhibits: dict[str, Exhibit]
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """All pictures of a comparison, and why some are missing (empty if none is)."""
+
+    histograms: tuple[Exhibit, ...]
+    overlays: tuple[Overlay, ...]
+    missing: tuple[str, ...]
+
+
+def drawn(runs: Sequence[Run], folder: Path) -> Shown:
+    """Draw every picture into `folder`."""
+    histograms = [saved(folder, "quality", "", *found) for found in _histograms(runs)]
+    same, missing = alike(runs), []
+    if len(same) < len(runs):
+        others = ", ".join(run.name for run in runs if run not in same)
+        missing.append(f"of another mesh than {runs[0].name}, so that no pictures fit over each other: {others}")
+    if len(same) < 2:
+        return Shown(tuple(histograms), (), tuple(missing))
+    pairs, left_out = _surfaces(same)
+    missing += [f"too many pictures for one page: {name} is left out" for name in left_out]
+    cut = range(2 if runs[0].data.mesh.cells else 0)
+    overlays = [_sections(same, pair, row, folder) for pair in pairs for row in cut]
+    if not runs[0].data.mesh.plane:
+        try:
+            overlays += _surface_views(same, pairs, folder)
+        except RenderError as error:
+            missing.append(f"the surface meshes could not be drawn: {error}")
+    return Shown(tuple(histograms), tuple(overlays), tuple(missing))
+
+
+Pair = tuple[tuple[Box, MovedSurface], ...]
+"""A surface, and its box, of each run."""
+
+
+def _surfaces(runs: Sequence[Run]) -> tuple[list[Pair], list[str]]:
+    """Return the surfaces that all runs move, and the names of those for which there is no room."""
+    own = [{s.patches: (box, s) for box in run.data.boxes for s in box.surfaces} for run in runs]
+    common = [patches for patches in own[0] if all(patches in one for one in own)]
+    room = max(1, MOST // (3 * (len(runs) + 1)))
+    pairs = [tuple(one[patches] for one in own) for patches in common]
+    return pairs[:room], [pair[0][1].name for pair in pairs[room:]]
+
+
+def _histograms(runs: Sequence[Run]) -> Iterator[tuple[Figure, str]]:
+    """Draw the quality of the touched cells, a panel for each type, as shares: meshes may differ in size."""
+    before, after = _qualities(runs[0].data, True), [_qualities(run.data, False) for run in runs]
+    shapes = dict.fromkeys(shape for one in after for shape in one)
+    if not shapes:
+        return
+    figure, axes = panels(len(shapes))
+    names = [f"{runs[0].name}, {BEFORE}", *(run.name for run in runs)]
+    looks: list[dict[str, Any]] = [{"color": "black", "lw": 1.0}]
+    looks += [{"color": color, "ls": dashes, "lw": 2.0} for color, dashes in STYLES]
+    texts = []
+    for one, shape in zip(axes, shapes, strict=True):
+        lines = zip(names, (before, *after), looks, strict=False)
+        curves = [(name, own[shape], look) for name, own, look in lines if shape in own]
+        top = 1.0 if shape != POLYHEDRON else 0.25
+        bins = np.linspace(min(0.0, *(float(values.min()) for _, values, _ in curves)), top, 41)
+        for name, values, look in curves:
+            share = 100.0 * np.histogram(np.clip(values, bins[0], top), bins)[0] / len(values)
+            one.stairs(share, bins, label=name, **look)
+        one.set(xlabel=f"{MEASURES[shape]} of a cell", ylabel="share of the cells, %", xlim=(bins[0], top))
+        one.set_yscale("symlog", linthresh=0.1)
+        one.set_title(shape, fontsize="medium")
+        one.legend(loc="upper left", fontsize="small")
+        one.grid(alpha=0.3)
+        least = ", ".join(f"{name} {values.min():.3f}" for name, values, _ in curves)
+        texts.append(f"Smallest {MEASURES[shape]} of the {shape} cells: {least}.")
+    yield figure, "Histograms of the quality of the cells that touch the hexahedra, over each other. " + " ".join(texts)
+
+
+def _qualities(data: ReportData, before: bool) -> dict[str, FloatArray]:
+    """Quality (M,) of the cells that touch any box, by type."""
+    parts: dict[str, list[FloatArray]] = {}
+    points = data.mesh.points if before else data.points
+    for box in data.boxes:
+        for block, rows, sign in zip(data.mesh.cells, box.touched.rows, box.touched.orientation, strict=True):
+            if len(rows):
+                parts.setdefault(shape_of(block), []).append(quality_of(points, block, rows, sign))
+    return {shape: np.concatenate(own) for shape, own in parts.items()}
+
+
+def _states(runs: Sequence[Run], pair: Pair) -> Iterator[tuple[str, ReportData, FloatArray, Box, MovedSurface]]:
+    """Yield name, data, points (N, 3), box and surface of the undeflected mesh, and of each run."""
+    yield BEFORE, runs[0].data, runs[0].data.mesh.points, *pair[0]
+    for run, own in zip(runs, pair, strict=True):
+        yield run.name, run.data, run.data.points, *own
+
+
+def _sections(runs: Sequence[Run], pair: Pair, row: int, folder: Path) -> Overlay:
+    """Draw one of the two sections of a surface in each state, with the same axes."""
+    first, (box, surface) = runs[0].data, pair[0]
+    plane = planes(first, box, surface)[row]
+    measure = drawn_measure(first.mesh)
+    place = f"{plane.what}, {AXES[plane.axis]} = {first.length.text(plane.station)}"
+    exhibits: dict[str, Exhibit] = {}
+    smallest = []
+    for name, data, points, own, moved in _states(runs, pair):
+        turned = "" if name == BEFORE else f", {moved.turned}"
+        figure, least = _section(data, points, own, plane, measure)
+        words = f"{surface.name}, {place}, {name}{turned}: smallest of its cells {least:.3f} ({measure})."
+        exhibits[name] = saved(folder, f"section{row}", f"{surface.name}_{len(exhibits)}", figure, words)
+        smallest.append(f"{name} {least:.3f}")
+    caption = f"Smallest quality of the cells that are cut: {', '.join(smallest)}. The hexahedron is dashed."
+    return Overlay(f"{surface.name}: {place}", caption, exhibits)
+
+
+def _section(data: ReportData, points: FloatArray, box: Box, plane: Plane, measure: str) -> tuple[Figure, float]:
+    """Draw a section without a title, which the line would cut, and return the smallest quality in it."""
+    figure = Figure(figsize=(6.6, 5.8))
+    axes = figure.add_axes(AXES_AT)
+    least = draw_slice(axes, data, points, box, plane, "")
+    axes.set_title("")
+    shades = ScalarMappable(QUALITY_RANGE, QUALITY_MAP)
+    bar = figure.colorbar(shades, cax=figure.add_axes(BAR_AT), extend="min")
+    bar.set_label(f"{measure} of a cell".replace("; ", ";\n"), fontsize="small")
+    return figure, least
+
+
+def _surface_views(runs: Sequence[Run], pairs: Sequence[Pair], folder: Path) -> list[Overlay]:
+    """Draw each surface in each state, seen from one place; RenderError if they cannot be drawn."""
+    states = [list(_states(runs, pair)) for pair in pairs]
+    views = [view for own in states for view in _views(own)]
+    overlays = []
+    with rendering(tuple(views)) as images:
+        rest = iter(images())
+        for own in states:
+            exhibits: dict[str, Exhibit] = {}
+            for name, _, _, _, moved in own:
+                turned = "" if name == BEFORE else f", {moved.turned}"
+                words = f"Surface mesh of {moved.name} and its surroundings, {name}{turned}, with the hexahedron."
+                place = f"{moved.name}_{len(exhibits)}"
+                exhibits[name] = saved(folder, "surface", place, _pasted(next(rest)), words)
+            name = own[0][4].name
+            overlays.append(Overlay(f"{name}: surface mesh", f"{name}, and the edges of the hexahedron.", exhibits))
+    return overlays
+
+
+def _views(states: Sequence[tuple[str, ReportData, FloatArray, Box, MovedSurface]]) -> list[View]:
+    """Return the same view of a surface in each state; it holds the surface in all of them."""
+    _, data, _, box, surface = states[0]
+    held = np.vstack([points[moved.nodes] for _, _, points, _, moved in states])
+    frame = framed((), held, towards(data, box, surface), PIXELS)
+    return [replace(frame, layers=close(own, points, at, moved).layers) for _, own, points, at, moved in states]
+
+
+def _pasted(image: Image) -> Figure:
+    height, width = image.shape[:2]
+    figure = Figure(figsize=(7.0, 7.0 * height / width))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(image)
+    axes.set_axis_off()
+    return figure

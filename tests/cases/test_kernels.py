@@ -1,0 +1,132 @@
+"""Kernels by name: every one deflects, says what it is, and is the same kernel in every file and for every angle."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdm_deflect import Field, InputError, deflect, read
+from sdm_deflect.cases.mesh_files import write_mesh
+from sdm_deflect.cases.metrics import fit_text, kernel_text
+from sdm_deflect.cases.output import write_convergence, write_interpolants
+from sdm_deflect.cases.report.folder import settings_of
+from sdm_deflect.cases.sdm.case import SurfaceTurn
+from sdm_deflect.cases.sdm.job import deflected, plans_of
+from sdm_deflect.cases.sdm.registry import case_named, resolve
+from sdm_deflect.cases.sdm.stored import stored_deflections
+from sdm_deflect.cases.view.run import InteractiveRun
+from sdm_deflect.deform.fitting import KERNELS
+from sdm_deflect.deform.reading import read_arrays
+from tests.cases.view.conftest import written
+from tests.frozen.test_frozen import frozen_mesh
+
+HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+
+
+@pytest.fixture(scope="module")
+def turned(block):
+    """By kernel."""
+    return {name: deflect(block, "body", HINGE, 10.0, kernel=name) for name in KERNELS}
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_every_kernel_deflects_and_says_what_it_is(name, turned):
+    result, figures = turned[name], turned[name].figures()
+    sites, region = result.plan.sites, result.plan.region
+    diagonal = np.linalg.norm(np.ptp(region.hexahedron.corners, axis=0))
+    radius = {"mq": sites.edge, "wendland": diagonal}.get(name)
+    assert result.passed
+    assert figures["kernel"] == {"name": name, "radius": pytest.approx(radius), "polynomial": "linear"}
+    assert all(1.0 < fit["condition"] < 1e8 for fit in figures["adaptation"].values())
+    assert KERNELS[name].name in kernel_text(figures["kernel"])
+    assert re.fullmatch(r"interpolation: condition \S+, error at the sites \S+, between them .*", fit_text(figures))
+    assert figures["error_between_sites"]["max"] > figures["error_between_sites"]["p99"] > 0.0
+    assert settings_of(result.deflection, Path(), Path())["kernel_radius"] == sites.radius
+
+
+def test_kernels_differ(turned):
+    points = [result.points for result in turned.values()]
+    for i, one in enumerate(points):
+        assert all(np.abs(one - other).max() > 1e-6 for other in points[:i])
+
+
+def test_without_a_choice_it_is_the_thin_plate_spline(turned, block):
+    assert deflect(block, "body", HINGE, 10.0).points.tobytes() == turned["tps"].points.tobytes()
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_a_field_moves_the_mesh_to_the_bit(name, turned, block, tmp_path):
+    turned[name].field.save(tmp_path / "field.npz")
+    moved = Field.load(tmp_path / "field.npz").apply(block.points)
+    assert moved.tobytes() == turned[name].points.tobytes()
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_the_view_turns_with_the_kernel_of_the_run(name, hybrid_wing, tmp_path):
+    """It refuses a folder whose points are not those of its own interpolant."""
+    write_mesh(None, hybrid_wing.mesh, hybrid_wing.mesh.points, tmp_path / "wing.su2")
+    options = {"motion": "blended", "fixed": "wing_*", "slide": "symmetry:plane", "repair": "off", "kernel": name}
+    one = deflect(read(tmp_path / "wing.su2"), "flap_*", hybrid_wing.hinge, 5.0, **options)
+    run = InteractiveRun.of(written(tmp_path / "report", one.deflection))
+    assert np.abs(run.at(5.0).points - one.points).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["tps", "mq", "wendland"])
+def test_a_finished_run_is_carried_out_again_by_its_kernel(name, tmp_path):
+    """Two surfaces, each with a box and so a radius of its own."""
+    case = replace(resolve("aileron", repair="off", assignments=[f"kernel={name}"]))
+    case = replace(case, deflections=(SurfaceTurn("aileron_left"), SurfaceTurn("rudder", 0.5)))
+    plans = plans_of(case, frozen_mesh("aircraft"))
+    results = deflected(case, plans)
+    write_interpolants(tmp_path / "interpolant.npz", results)
+    write_convergence(tmp_path / "convergence.csv", results)
+    for one, again in zip(results, stored_deflections(tmp_path, plans), strict=True):
+        assert np.abs(one.points - again.points).max() < 1e-12
+        assert again.error_between.max == pytest.approx(one.error_between.max, rel=1e-9)
+    arrays = read_arrays(tmp_path / "interpolant.npz")
+    if name != "tps":
+        number = {"mq": "kernel_epsilon", "wendland": "kernel_radius"}[name]
+        assert arrays[number] != arrays[f"{number}_rudder"]
+        np.savez(tmp_path / "interpolant.npz", **{**arrays, number: 1.01 * arrays[number]})
+        with pytest.raises(InputError, match=r"the kernel of interpolant\.npz is not that of the case"):
+            stored_deflections(tmp_path, plans)
+
+
+def test_a_run_takes_the_kernel_with_its_table_and_without():
+    for text in ("kernel=wendland", "polynomial=none", "kernel_radius=0.1"):
+        kernel = [] if text.startswith("kernel=") else ["kernel=wendland"]
+        one, other = (resolve("aileron", assignments=[*kernel, before + text]) for before in ("", "adaptation."))
+        assert one == other != case_named("aileron")
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"kernel": "gauss"}, "kernel = 'gauss' is not one of tps, mq, wendland, cubic"),
+        ({"kernel": "cubic", "polynomial": "constant"}, "the cubic is conditionally positive definite of order 2 and"),
+        ({"kernel": "mq", "polynomial": "none"}, "order 1 and needs polynomial = linear or constant"),
+        ({"kernel_radius": 0.1}, r"kernel_radius = 0\.1: the thin plate spline has none; .* kernel = mq or wendland"),
+        ({"kernel": "mq", "kernel_radius": -1.0}, r"kernel_radius = -1\.0 must be a number of at least 0"),
+        ({"kernel": "mq", "kernel_radius": 1e-300}, "kernel_radius = 1e-300 is out of range: .* median edge is"),
+        ({"kernel": "wendland", "kernel_radius": 1e300}, r"1e\+300 is out of range: .* the diagonal of the box"),
+        ({"kernel": "mq", "kernel_radius": 1e3}, "kernel = mq with kernel_radius = 1000: .* A smaller radius"),
+    ],
+)
+def test_what_a_kernel_lacks_is_told_in_one_sentence(given, words, block):
+    with pytest.raises(InputError, match=words) as caught:
+        deflect(block, "body", HINGE, 10.0, **given)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_narrower_the_support_the_less_a_node_far_away_moves(block):
+    """Without a polynomial, Wendland's functions move nothing beyond their radius from the last centre."""
+    options = {"kernel": "wendland", "polynomial": "none", "near_wall": False, "box": [[-1.9] * 3, [1.9] * 3]}
+    far = np.flatnonzero(np.abs(block.points).max(axis=1) == 1.5)
+    means = []
+    for radius in (1.0, 2.0, 8.0):
+        found = deflect(block, "body", HINGE, 10.0, kernel_radius=radius, **options)
+        assert found.plan.sites.radius == radius
+        means.append(np.abs(found.displacement[far]).mean())
+    assert means[0] < 0.5 * means[1] < 0.5 * means[2]
