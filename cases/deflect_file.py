@@ -8,13 +8,13 @@ from sdm_deflect.cases.metrics import SHOWN_WHOLE, Json, deflection_figures, mes
 from sdm_deflect.cases.output import output_files
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, printable
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.touched import Layers
-from sdm_deflect.deform.volume.deflection import Plan, sweep
+from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.formats.registry import STORED, format_of, in_pieces, read
@@ -77,7 +77,9 @@ def _by_workers(wanted: Targets, job: Job, progress: Progress, runner: Runner) -
     if format_of(wanted.source).name not in STORED:
         raise InputError(f"{wanted.source}: workers need {SENT}; leave out --workers and --scheduler, or convert it")
     if not wanted.is_copy:
-        raise InputError(f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity")
+        raise InputError(
+            f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity or case"
+        )
     with in_pieces(wanted.source, progress) as mesh:
         if mesh:
             return excerpt(mesh, job, wanted.angles, runner, progress)
@@ -89,7 +91,10 @@ def planned(wanted: Targets, job: Job, watch: Stopwatch, runner: Runner = HERE) 
     with watch.stage("read") as progress:
         mesh = needed(wanted, job, progress, runner)
     with watch.stage("plan") as progress:
-        return replace(Plan.of(mesh, job, wanted.angles, progress), runner=runner)
+        plan = replace(Plan.of(mesh, job, wanted.angles, progress), runner=runner)
+    if wanted.flow:
+        wanted.flow.setup(plan)
+    return plan
 
 
 def deflect_file(
@@ -112,13 +117,14 @@ def deflect_file(
             with watch.stage("quality"):
                 judged = one.quality, layers_of(one), checks_of(one, min_quality)
                 found.append(Judged(one.angle, deflection_figures(one), *judged, one.seconds))
-            names.append(wanted.mesh(one.angle))
+            mesh = wanted.mesh(one.angle)
             with watch.stage("write") as progress:
-                lost = write_mesh(wanted.source, plan.mesh, one.points, scratch / names[-1].name, progress, runner)
+                written, lost = _written(wanted, one, scratch / mesh.name, progress)
+                names += [wanted.out.with_name(name) for name in written]
             if wanted.reported:
                 with watch.stage("report") as progress:
                     place, seconds = scratch / wanted.report(one.angle).name, {**watch.seconds}
-                    write_run_folder(place, one, found[-1].checks, names[-1], seconds, min_quality)
+                    write_run_folder(place, one, found[-1].checks, mesh, seconds, min_quality)
             if wanted.sensitive:
                 with watch.stage("sensitivity"):
                     arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))
@@ -128,6 +134,16 @@ def deflect_file(
             if table.exists():  # with the same names, and perhaps boundary conditions of its owner's
                 (scratch / table.name).unlink(missing_ok=True)
     return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost)
+
+
+def _written(
+    wanted: Targets, one: Deflection, out: Path, progress: Progress
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Write the mesh at one angle, or the case that it is to be in; return the names of what is written, and losses."""
+    if wanted.flow:
+        files, lost = wanted.flow.write(one.plan, one.points, out, progress)
+        return tuple(path.name for path in files), tuple(map(printable, lost))
+    return (out.name,), write_mesh(wanted.source, one.plan.mesh, one.points, out, progress, one.plan.runner)
 
 
 def plan_figures(plan: Plan) -> Json:

@@ -45,6 +45,10 @@ from sdm_deflect.cases.cli import options
 @options.set_option
 @click.option("--config", type=options.FILE, help="The same in a TOML file; several surfaces as [[surface]].")
 @click.option("--out", type=options.FILE, help="File to write (default: MESH-deflected); the suffix says the format.")
+@click.option("--to-solver", type=options.SOLVERS, help="Write a case that this flow solver can start from as it is.")
+@click.option("--mach", type=float, help="Of --to-solver: Mach number of the free stream (0.6).")
+@click.option("--alpha", type=float, help="Of --to-solver: angle of attack in degrees, nose up (0).")
+@click.option("--far-field", multiple=True, metavar="NAME", help="Of --to-solver: patches of the far field; repeat.")
 @click.option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
 @click.option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @click.option("--workers", type=int, metavar="N", help="Let so many processes do the work, with Dask.")
@@ -61,19 +65,21 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     from sdm_deflect.cases.cluster import Wanted, workers
     from sdm_deflect.cases.console import plan_table, result_table
     from sdm_deflect.cases.deflect_file import deflect_file, figures, plan_figures, planned
+    from sdm_deflect.cases.flow.flow_case import FlowCase
     from sdm_deflect.cases.job_settings import angles_of, job_settings
     from sdm_deflect.cases.mesh_files import Targets, inputs_of
 
     text, as_json = given.pop("angles"), given.pop("as_json")
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
     helpers = Wanted(*(given.pop(name) for name in ("workers", "scheduler", "worker_memory")))
+    flow = FlowCase.of(*(given.pop(name) for name in ("to_solver", "mach", "alpha", "far_field")))
     many = angles_of(text) if text else ()
     if many:
         given["angle"] = max(many, key=abs)
     nested, config = _tables(given), given["config"]
     settings = job_settings(nested)
     job = settings.job()
-    wanted = Targets.of(mesh, out, many or (job.angle,), sensitivity, report)
+    wanted = Targets.of(mesh, out, many or (job.angle,), sensitivity, report, flow)
     wanted.check((*inputs_of(nested, Path()), *([config] if config else ())))
     with (
         options.watched(quiet or (as_json and not verbose), verbose) as watch,
@@ -84,7 +90,8 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
         else:
             done = deflect_file(wanted, job, watch, settings.min_quality, runner)
     if dry_run:
-        names = [str(path) for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *wanted.reports)]
+        meshes = map(wanted.mesh, wanted.angles)
+        names = [str(path) for path in (*meshes, *wanted.configurations, *wanted.extra, *wanted.reports)]
         figured = {**plan_figures(plan), "files": names}
         options.print_either(as_json, figured, plan_table(plan), f"would write {', '.join(names)}")
         return 0

@@ -19,6 +19,7 @@ SCALES = click.Choice(("small", "medium", "paper"))
 STRATEGIES = click.Choice(("squv", "mv"))
 REPAIRS = click.Choice(("auto", "off", "always"))
 FORMATS = click.Choice(("su2", "cgns", "gmsh", "ugrid", "tau", "vtu", "openfoam"))
+SOLVERS = click.Choice(("openfoam", "su2"))
 
 Command = Callable[..., Any]
 
