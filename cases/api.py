@@ -139,8 +139,8 @@ class Result:
         Parameters
         ----------
         path : The file to write, or the folder of an OpenFOAM case; its suffix says the format.
-        to_solver : ``"openfoam"`` or ``"su2"``: write a case that starts as it is, of an inviscid flow, which reports the
-            forces on all walls and the moment of each moving surface about its hinge. Lengths are taken as metres.
+        to_solver : ``"openfoam"`` or ``"su2"``: write a case that starts as it is, of an inviscid flow, which reports
+            the forces on all walls and each moving surface's moment about its hinge. Lengths are taken as metres.
         mach, alpha : Mach number (0.6) and angle of attack in degrees, nose up (0), of such a case.
         far_field : Its far field: names of patches or wildcards, where the names of the patches do not say it.
 
@@ -148,8 +148,8 @@ class Result:
         -------
         Sentences on what that format cannot hold; none if it holds everything.
 
-        Raises InputError if the format is unknown, the file is the one that was read, or it cannot be written; of a case
-        also if it has no far field, or a value is out of its range.
+        Raises InputError if the format is unknown, the file is the one that was read, or it cannot be written; of a
+        case also if it has no far field, or a value is out of its range.
         """
         from sdm_deflect.cases.flow.flow_case import FlowCase
         from sdm_deflect.cases.mesh_files import Targets, write_mesh
@@ -159,9 +159,7 @@ class Result:
         with _about_files():
             if not mesh.source and not flow:
                 return write_mesh(None, mesh, self.points, out)
-            source = (
-                Path(mesh.source) if mesh.source else out.with_name(f"{mesh.name}.vtu")
-            )  # of arrays there is no file
+            source = Path(mesh.source or out.parent / "mesh.vtu")  # a mesh of arrays has no file
             wanted = Targets.of(source, out, (self.angle,), flow=flow)
             wanted.check()
             return self._save_case(flow, wanted.out) if flow else write_mesh(source, mesh, self.points, wanted.out)

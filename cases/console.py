@@ -80,9 +80,10 @@ def result_table(done: "Outcome") -> Group:
     further = f", {sum(extra) / len(extra):.2f} s for each further one" if extra else ""
     speed = f"first angle {done.angles[0].seconds:.2f} s{further}"
     wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}"] if done.files else []
+    case = [done.flow.text(plan)] if done.flow else []
     last = "all validations passed" if done.passed else "A VALIDATION FAILED"
     losses = [f"not held by this format: {text}" for text in done.lost]
-    return Group(*body, *_texts([*repairs, *_lines(plan), *losses, speed, *wrote, last]))
+    return Group(*body, *_texts([*repairs, *_lines(plan), *losses, *case, speed, *wrote, last]))
 
 
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:

@@ -3,6 +3,7 @@
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+from sdm_deflect.cases.flow.flow_case import FlowCase
 from sdm_deflect.cases.mesh_files import Targets, write_mesh, write_sensitivity
 from sdm_deflect.cases.metrics import SHOWN_WHOLE, Json, deflection_figures, mesh_figures, notes_of, verdict_figures
 from sdm_deflect.cases.output import output_files
@@ -51,6 +52,7 @@ class Outcome:
     files: tuple[Path, ...]
     reports: tuple[Path, ...]
     lost: tuple[str, ...]
+    flow: FlowCase | None = None
 
     @property
     def passed(self) -> bool:
@@ -133,7 +135,7 @@ def deflect_file(
         for table in wanted.tables:
             if table.exists():  # with the same names, and perhaps boundary conditions of its owner's
                 (scratch / table.name).unlink(missing_ok=True)
-    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost)
+    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost, wanted.flow)
 
 
 def _written(
@@ -146,8 +148,8 @@ def _written(
     return (out.name,), write_mesh(wanted.source, one.plan.mesh, one.points, out, progress, one.plan.runner)
 
 
-def plan_figures(plan: Plan) -> Json:
-    """Return what was decided before the fit, as JSON has it."""
+def plan_figures(plan: Plan, flow: FlowCase | None = None) -> Json:
+    """Return what was decided before the fit, as JSON has it, with the case for a flow solver if there is one."""
     region, sites = plan.region, plan.sites
     return {
         "mesh": mesh_figures(plan),
@@ -155,13 +157,14 @@ def plan_figures(plan: Plan) -> Json:
         "sites": {"surface": len(sites.distinct), "fixed": len(sites.sampled), "tolerance": sites.tolerance},
         "cells_touched": plan.touched.count,
         "notes": list(notes_of(plan)),
+        **({"case": flow.figures(plan)} if flow else {}),
     }
 
 
 def figures(done: Outcome, watch: Stopwatch) -> Json:
     """Return the figures of a job as JSON has them."""
     return {
-        **plan_figures(done.plan),
+        **plan_figures(done.plan, done.flow),
         "angles": [
             {
                 "angle": one.angle,

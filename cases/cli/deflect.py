@@ -90,10 +90,11 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
         else:
             done = deflect_file(wanted, job, watch, settings.min_quality, runner)
     if dry_run:
+        case = [flow.text(plan)] if flow else []
         meshes = map(wanted.mesh, wanted.angles)
         names = [str(path) for path in (*meshes, *wanted.configurations, *wanted.extra, *wanted.reports)]
-        figured = {**plan_figures(plan), "files": names}
-        options.print_either(as_json, figured, plan_table(plan), f"would write {', '.join(names)}")
+        figured = {**plan_figures(plan, flow), "files": names}
+        options.print_either(as_json, figured, plan_table(plan), *case, f"would write {', '.join(names)}")
         return 0
     options.print_either(as_json, figures(done, watch), result_table(done))
     return options.code_of(done.passed)

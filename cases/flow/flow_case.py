@@ -1,13 +1,13 @@
 """A deflected mesh as a case for a flow solver, which starts as it is: what users ask for, and how it is written."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sdm_deflect.cases.flow.openfoam import RESERVED, write_case
-from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup, kinds_of
+from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Kind, Setup, kinds_of
 from sdm_deflect.cases.flow.su2 import check_name, configuration
 from sdm_deflect.deform.errors import InputError, shortened
 from sdm_deflect.deform.mesh import FloatArray
@@ -23,6 +23,8 @@ from sdm_deflect.meshing.formats.su2_read import PARALLEL
 
 SOLVERS = ("openfoam", "su2")
 """Solvers for which cases are written, by the names of their meshes' formats."""
+WORDS: dict[Kind, str] = {"wall": "walls", "far": "far_field", "symmetry": "symmetry"}
+"""What the kinds of patches are called in figures."""
 OPTION = "--to-solver"
 LARGEST = 1e300
 
@@ -50,7 +52,7 @@ class FlowCase:
 
         Raises InputError for an unknown solver, a value out of its range, and values without a solver.
         """
-        given = {"mach": mach, "alpha": alpha, "far_field": None if far == () else far}
+        given = {"mach": mach, "alpha": alpha, "far_field": None if isinstance(far, tuple) and not far else far}
         if solver is None:
             if useless := [name for name, value in given.items() if value is not None]:
                 raise InputError(f"{useless[0]} has no use without a solver: give {OPTION} {' or '.join(SOLVERS)}")
@@ -95,6 +97,27 @@ class FlowCase:
             if axis is not None
         )
         return Setup(self.stream, tuple(hinges), iterations=self.iterations, far=self.far)
+
+    def figures(self, plan: Plan) -> dict[str, Any]:
+        """Return what each patch is, and what is monitored, as JSON has it."""
+        kinds = kinds_of(plan.mesh, self.far)
+        patches = {what: [name for name, own in kinds.items() if own == kind] for kind, what in WORDS.items()}
+        hinges = [asdict(hinge) for hinge in self.setup(plan).hinges]
+        return {
+            "solver": self.solver,
+            "mach": self.stream.mach,
+            "alpha": self.stream.alpha,
+            **patches,
+            "hinges": hinges,
+        }
+
+    def text(self, plan: Plan) -> str:
+        """Return the same as a sentence."""
+        own = self.figures(plan)
+        flow = f"case for {self.solver}, Mach {own['mach']:g}, alpha {own['alpha']:g} deg"
+        parts = [f"{what.replace('_', ' ')}: {', '.join(own[what]) or 'none'}" for what in WORDS.values()]
+        monitors = ", ".join(hinge["name"] for hinge in own["hinges"]) or "none"
+        return "; ".join([flow, *parts, f"hinge moment of: {monitors}"])
 
     def write(
         self, plan: Plan, points: FloatArray, out: Path, progress: Progress = silent

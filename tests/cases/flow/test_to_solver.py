@@ -92,6 +92,12 @@ def test_each_angle_has_a_configuration_of_su2_beside_its_mesh(naca, sdm, tmp_pa
     words = ["--angles", "-5,5", "--to-solver", "su2", "--mach", "0.4", "--alpha", "3", "--out", tmp_path / "flap.su2"]
     names = [f"flap_{angle}.{end}" for angle in ("-5", "+5") for end in ("cfg", "su2")]
     dry = json.loads(sdm(naca, *TURN, *words, "--dry-run", "--json")[1])
+    assert dry["case"] | {"hinges": []} == {
+        "solver": "su2", "mach": 0.4, "alpha": 3.0, "walls": ["wing", "flap"], "far_field": ["far_field"],
+        "symmetry": ["symmetry"], "hinges": [],
+    }  # fmt: skip
+    (hinge,) = dry["case"]["hinges"]
+    assert (hinge["name"], hinge["patches"], hinge["axis"]) == ("flap", ["flap"], [0.0, 1.0, 0.0])
     assert {*dry["files"]} == {str(tmp_path / name) for name in names}
     assert not list(tmp_path.iterdir())
     code, said, _ = sdm(naca, *TURN, *words, "--json")
@@ -109,6 +115,12 @@ def test_each_angle_has_a_configuration_of_su2_beside_its_mesh(naca, sdm, tmp_pa
     code, _, said = sdm(naca, *TURN, *words)
     assert code == 2
     assert "exists already" in said
+
+
+def test_the_table_says_what_each_patch_is(naca, sdm):
+    words = ["--angle", "5", "--to-solver", "openfoam", "--dry-run"]
+    told = "far field: far_field; symmetry: symmetry; hinge moment of: flap"
+    assert told in " ".join(sdm(naca, *TURN, *words)[1].split())
 
 
 def test_of_su2_s_own_file_only_coordinates_change_unless_parts_become_markers(naca, sdm, tmp_path):
