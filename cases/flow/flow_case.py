@@ -10,7 +10,7 @@ from sdm_deflect.cases.flow.openfoam import RESERVED, write_case
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Kind, Setup, kinds_of
 from sdm_deflect.cases.flow.su2 import check_name, configuration
 from sdm_deflect.deform.errors import InputError, shortened
-from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.parts import MARK
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.volume.deflection import Plan
@@ -63,7 +63,8 @@ class FlowCase:
         names = [far] if isinstance(far, str) else far
         if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
             raise InputError(f"far_field = {shortened(far)} must be a name of a patch, or several")
-        return cls(solver, FreeStream(**numbers), tuple(names))
+        parts = (part.strip() for name in names for part in name.split(","))
+        return cls(solver, FreeStream(**numbers), tuple(parts))
 
     def check_files(self, source: Path, out: Path) -> None:
         """Refuse an `out` in another format than the solver's, and a source that is a case already: InputError."""
@@ -126,21 +127,30 @@ class FlowCase:
 
         Raises InputError as `setup` does, MeshFileError as the solver's format does.
         """
-        mesh, setup = plan.mesh.with_points(points), self.setup(plan)
-        if self.solver == "openfoam":
-            return (out,), write_case(mesh, out, setup, progress)
-        names = fitting_names(mesh.names, UNFIT_MARKER, (PARALLEL,))
-        kinds = {names[name]: kind for name, kind in kinds_of(mesh, self.far).items()}
-        hinges = tuple(hinge.renamed(names) for hinge in setup.hinges)
-        text = configuration(kinds, out, replace(setup, hinges=hinges))
-        lost: tuple[str, ...] = ()
-        if _is_copy(plan):
-            FORMATS["su2"].rewrite(Path(mesh.source), points, out, progress)
-        else:
-            lost = FORMATS["su2"].write(mesh, out, progress)
-        config = configuration_of(out)
-        config.write_text(text, encoding="utf-8")
-        return (out, config), lost
+        return write_flow(self.solver, plan.mesh.with_points(points), self.setup(plan), out, progress, _is_copy(plan))
+
+
+def write_flow(
+    solver: str, mesh: Mesh, setup: Setup, out: Path, progress: Progress = silent, copied: bool = False
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Write a flow as a case for a solver; return what was written, and what it cannot hold.
+
+    A mesh of SU2 is a copy of the file that it was read from, with other coordinates, if it is to be `copied`. Raises
+    InputError if there is no far field or no wall, MeshFileError as the solver's format does.
+    """
+    if solver == "openfoam":
+        return (out,), write_case(mesh, out, setup, progress)
+    names = fitting_names(mesh.names, UNFIT_MARKER, (PARALLEL,))
+    kinds = {names[name]: kind for name, kind in kinds_of(mesh, setup.far).items()}
+    text = configuration(kinds, out, replace(setup, hinges=tuple(hinge.renamed(names) for hinge in setup.hinges)))
+    lost: tuple[str, ...] = ()
+    if copied:
+        FORMATS["su2"].rewrite(Path(mesh.source), mesh.points, out, progress)
+    else:
+        lost = FORMATS["su2"].write(mesh, out, progress)
+    config = configuration_of(out)
+    config.write_text(text, encoding="utf-8")
+    return (out, config), lost
 
 
 def configuration_of(mesh: Path) -> Path:

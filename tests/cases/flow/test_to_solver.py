@@ -159,7 +159,7 @@ def test_a_table_has_no_hinge_moment(naca, sdm, tmp_path):
         (["--to-solver", "openfoam", "--out", "x.su2"], "x.su2: --to-solver openfoam writes a folder"),
         (["--to-solver", "su2", "--out", "my wing.su2"], "SU2 reads no name of a file with blanks"),
         (["--to-solver", "openfoam", "--far-field", "nosuch"], "far field 'nosuch' is no patch"),
-        (["--to-solver", "openfoam", "--far-field", "wing,flap"], "far field 'wing,flap' is no patch"),
+        (["--to-solver", "openfoam", "--far-field", "wing, flap"], "no patch is a wall"),
         (["--to-solver", "openfoam", "--mach", "0"], "mach = 0 must be between 0.01 and 5"),
     ],
 )
