@@ -45,10 +45,7 @@ from sdm_deflect.cases.cli import options
 @options.set_option
 @click.option("--config", type=options.FILE, help="The same in a TOML file; several surfaces as [[surface]].")
 @click.option("--out", type=options.FILE, help="File to write (default: MESH-deflected); the suffix says the format.")
-@click.option("--to-solver", type=options.SOLVERS, help="Write a case that this flow solver can start from as it is.")
-@click.option("--mach", type=float, help="Of --to-solver: Mach number of the free stream (0.6).")
-@click.option("--alpha", type=float, help="Of --to-solver: angle of attack in degrees, nose up (0).")
-@click.option("--far-field", multiple=True, metavar="NAME", help="Of --to-solver: patches of the far field; repeat.")
+@options.flow_options
 @click.option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
 @click.option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @click.option("--workers", type=int, metavar="N", help="Let so many processes do the work, with Dask.")

@@ -78,6 +78,15 @@ report_option = click.option("--report/--no-report", default=True, help="Whether
 scale_option = click.option("--scale", type=SCALES, default="small", show_default=True, help="Size of the mesh.")
 
 
+def flow_options(command: Command) -> Command:
+    """Give a command ``--to-solver`` and what belongs to it."""
+    solver = click.option("--to-solver", type=SOLVERS, help="Write a case that this flow solver can start as it is.")
+    mach = click.option("--mach", type=float, help="Of --to-solver: Mach number of the free stream (0.6).")
+    alpha = click.option("--alpha", type=float, help="Of --to-solver: angle of attack in degrees, nose up (0).")
+    far = click.option("--far-field", multiple=True, metavar="NAME", help="Of --to-solver: a far field; repeat.")
+    return solver(mach(alpha(far(command))))
+
+
 def progress_options(command: Command) -> Command:
     """Give a command ``--quiet`` and ``--verbose``; its function takes both."""
     quiet = click.option("-q", "--quiet", is_flag=True, help="No progress.")
