@@ -86,7 +86,6 @@ class FlowCase:
         if len(plan.mesh.zones) > 1:
             names = ", ".join(zone.name for zone in plan.mesh.zones)
             raise InputError(f"{plan.mesh.name}: {OPTION} takes a mesh of one zone, and this one has several: {names}")
-        kinds_of(plan.mesh, self.far)
         monitored = [
             (surface.patches, moving.motion.axis)
             for moving, surface in zip(plan.job.surfaces, plan.boundary.surfaces, strict=True)
@@ -97,13 +96,15 @@ class FlowCase:
             for patches, axis in monitored
             if axis is not None
         )
-        return Setup(self.stream, tuple(hinges), iterations=self.iterations, far=self.far)
+        kinds = kinds_of(plan.mesh, self.far, plan.patches)
+        return Setup(self.stream, tuple(hinges), iterations=self.iterations, far=self.far, kinds=kinds)
 
     def figures(self, plan: Plan) -> dict[str, Any]:
         """Return what each patch is, and what is monitored, as JSON has it."""
-        kinds = kinds_of(plan.mesh, self.far)
-        patches = {what: [name for name, own in kinds.items() if own == kind] for kind, what in WORDS.items()}
-        hinges = [asdict(hinge) for hinge in self.setup(plan).hinges]
+        setup = self.setup(plan)
+        kinds = setup.kinds_on(plan.mesh).items()
+        patches = {what: [name for name, own in kinds if own == kind] for kind, what in WORDS.items()}
+        hinges = [asdict(hinge) for hinge in setup.hinges]
         return {
             "solver": self.solver,
             "mach": self.stream.mach,
@@ -141,7 +142,7 @@ def write_flow(
     if solver == "openfoam":
         return (out,), write_case(mesh, out, setup, progress)
     names = fitting_names(mesh.names, UNFIT_MARKER, (PARALLEL,))
-    kinds = {names[name]: kind for name, kind in kinds_of(mesh, setup.far).items()}
+    kinds = {names[name]: kind for name, kind in setup.kinds_on(mesh).items()}
     text = configuration(kinds, out, replace(setup, hinges=tuple(hinge.renamed(names) for hinge in setup.hinges)))
     lost: tuple[str, ...] = ()
     if copied:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Kind, Setup, kinds_of
+from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Kind, Setup
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh_folder
@@ -130,7 +130,7 @@ def write_case(mesh: Mesh, out: Path, setup: Setup, progress: Progress = silent)
     and not empty or cannot be written.
     """
     refuse_plane(mesh, "OpenFOAM")
-    types = {name: TYPES[kind] for name, kind in kinds_of(mesh, setup.far).items()}
+    types = {name: TYPES[kind] for name, kind in setup.kinds_on(mesh).items()}
     for patch in mesh.patches:
         if types[patch.name] == "symmetryPlane" and not is_planar(mesh.points[patch.nodes]):
             types[patch.name] = "symmetry"

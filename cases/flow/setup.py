@@ -88,8 +88,8 @@ class Hinge:
         return cls(name, tuple(patches), tuple(first.tolist()), tuple(axis.tolist()))
 
     def renamed(self, names: Mapping[str, str]) -> "Hinge":
-        """Return the same hinge where patches have other names."""
-        return replace(self, patches=tuple(names[name] for name in self.patches))
+        """Return the same hinge where some patches have other names."""
+        return replace(self, patches=tuple(names.get(name, name) for name in self.patches))
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +104,7 @@ class Setup:
     area, length, span : reference area (m2), chord of the pitching moment and span of rolling and yawing moment (m).
     iterations : steps in all; the first `settling` of them are of first order.
     far : patches of the far field beside those that are found.
+    kinds : what each patch is, if that is known; else `kinds_of` finds it.
     """
 
     stream: FreeStream = field(default_factory=FreeStream)
@@ -115,18 +116,24 @@ class Setup:
     iterations: int = 3000
     settling: int = 500
     far: tuple[str, ...] = ()
+    kinds: Mapping[str, Kind] | None = None
+
+    def kinds_on(self, mesh: Mesh) -> Mapping[str, Kind]:
+        """Return what each patch of a mesh is; InputError as of `kinds_of`."""
+        return self.kinds or kinds_of(mesh, self.far)
 
 
 ENCLOSING = 3
 """Sides of the mesh's bounding box that a patch reaches which may be its far field."""
 
 
-def kinds_of(mesh: Mesh, far: Sequence[str] = ()) -> Mapping[str, Kind]:
+def kinds_of(mesh: Mesh, far: Sequence[str] = (), moving: Sequence[str] = ()) -> Mapping[str, Kind]:
     """Return what each patch is: its name says it; a far field must also reach the outside of the mesh.
 
     Where no name says far field, patches that reach at least three sides of the mesh's bounding box are it: those of
     them that are no plane, if there are any. A patch without a telling name that covers nothing but a side of that box
-    is a plane of symmetry: an inviscid wall all the same, but its force is not the body's.
+    is a plane of symmetry: an inviscid wall all the same, but its force is not the body's. Patches that are `moving`
+    are walls.
 
     Raises InputError if there is no far field or no wall, or a name or wildcard in `far` stands for no patch.
     """
@@ -143,6 +150,7 @@ def kinds_of(mesh: Mesh, far: Sequence[str] = ()) -> Mapping[str, Kind]:
         around = [name for name, count in sides.items() if count >= ENCLOSING and kinds[name] == "wall"]
         kinds |= dict.fromkeys([name for name in around if name not in flat] or around, "far")
     kinds |= {name: "symmetry" for name in flat if kinds[name] == "wall"}
+    kinds |= {name: "wall" for name in moving if name not in given}
     for kind, wrong in MISSING.items():
         if kind not in kinds.values():
             raise InputError(f"{mesh.name}: {wrong}; the patches are {', '.join(mesh.names)}")

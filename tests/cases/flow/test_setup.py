@@ -50,6 +50,11 @@ def test_a_closed_inlet_of_the_body_is_a_wall():
     assert kinds_of(named(merged(block_with_body(4), "outer", *SIDES), body="inlet"))["inlet"] == "wall"
 
 
+def test_what_moves_is_a_wall_though_it_lies_in_a_side_of_the_mesh():
+    mesh = merged(block_with_body(4), "outer", *SIDES[1:5])
+    assert kinds_of(mesh, moving=["z+"]) == {"body": "wall", "x-": "symmetry", "z+": "wall", "outer": "far"}
+
+
 def test_in_a_plane_mesh():
     """A square around a square: z has no room, and makes no side."""
     points = np.array([[x, y, 0.5] for x in range(4) for y in range(4)], dtype=float)
