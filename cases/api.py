@@ -29,6 +29,8 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from sdm_deflect.cases.flow.flow_case import FlowCase
+
 
 def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
     """Read a mesh file: SU2, CGNS, Gmsh, UGRID, TAU, Fluent, PLOT3D, OpenFOAM, VTK.
@@ -123,28 +125,53 @@ class Result:
 
         return metrics_of(self.deflection, self.checks, None, {})
 
-    def save(self, path: str | PathLike[str]) -> tuple[str, ...]:
-        """Write the mesh; in the format of the file it was read from, only coordinates change.
+    def save(
+        self,
+        path: str | PathLike[str],
+        to_solver: str | None = None,
+        *,
+        mach: float | None = None,
+        alpha: float | None = None,
+        far_field: str | Sequence[str] = (),
+    ) -> tuple[str, ...]:
+        """Write the mesh, or a case for a flow solver; in the format that was read, only coordinates change.
 
         Parameters
         ----------
         path : The file to write, or the folder of an OpenFOAM case; its suffix says the format.
+        to_solver : ``"openfoam"`` or ``"su2"``: write a case that starts as it is, of an inviscid flow, which reports
+            the forces on all walls and each moving surface's moment about its hinge. Lengths are taken as metres.
+        mach, alpha : Mach number (0.6) and angle of attack in degrees, nose up (0), of such a case.
+        far_field : Its far field: names of patches or wildcards, where the names of the patches do not say it.
 
         Returns
         -------
         Sentences on what that format cannot hold; none if it holds everything.
 
-        Raises InputError if the format is unknown, the file is the one that was read, or it cannot be written.
+        Raises InputError if the format is unknown, the file is the one that was read, or it cannot be written; of a
+        case also if it has no far field, or a value is out of its range.
         """
+        from sdm_deflect.cases.flow.flow_case import FlowCase
         from sdm_deflect.cases.mesh_files import Targets, write_mesh
 
         mesh, out = self.plan.mesh, _path(path)
+        flow = FlowCase.of(to_solver, mach, alpha, far_field)
         with _about_files():
-            if not mesh.source:
+            if not mesh.source and not flow:
                 return write_mesh(None, mesh, self.points, out)
-            wanted = Targets.of(Path(mesh.source), out, (self.angle,))
+            source = Path(mesh.source or out.parent / "mesh.vtu")  # a mesh of arrays has no file
+            wanted = Targets.of(source, out, (self.angle,), flow=flow)
             wanted.check()
-            return write_mesh(wanted.source, mesh, self.points, wanted.out)
+            return self._save_case(flow, wanted.out) if flow else write_mesh(source, mesh, self.points, wanted.out)
+
+    def _save_case(self, flow: "FlowCase", out: Path) -> tuple[str, ...]:
+        from sdm_deflect.cases.output import OutputError, output_files
+
+        try:
+            with output_files(out.parent) as scratch:
+                return flow.write(self.plan, self.points, scratch / out.name)[1]
+        except OutputError as error:
+            raise InputError(str(error)) from None
 
     def report(self, folder: str | PathLike[str]) -> Path:
         """Write a report of one self-contained page, with its pictures, figures and settings.

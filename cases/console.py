@@ -81,10 +81,11 @@ def result_table(done: "Outcome") -> Group:
     further = f", {sum(extra) / len(extra):.2f} s for each further one" if extra else ""
     speed = f"first angle {done.angles[0].seconds:.2f} s{further}"
     wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}"] if done.files else []
+    case = [done.flow.text(plan)] if done.flow else []
     last = "all validations passed" if done.passed else "A VALIDATION FAILED"
     losses = [f"not held by this format: {text}" for text in done.lost]
     notes = [f"note: {text}" for text in done.notes]
-    return Group(*body, *together, *_texts([*told, *_lines(plan), *notes, *losses, speed, *wrote, last]))
+    return Group(*body, *together, *_texts([*told, *_lines(plan), *notes, *losses, *case, speed, *wrote, last]))
 
 
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:

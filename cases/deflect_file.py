@@ -2,13 +2,14 @@
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sdm_deflect.cases.mesh_files import Targets, write_mesh, write_sensitivity
 from sdm_deflect.cases.metrics import SHOWN_WHOLE, Json, deflection_figures, mesh_figures, notes_of, verdict_figures
 from sdm_deflect.cases.output import output_files
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, printable
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress
@@ -18,6 +19,9 @@ from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.formats.registry import STORED, format_of, in_pieces, read, size_of
+
+if TYPE_CHECKING:
+    from sdm_deflect.cases.flow.flow_case import FlowCase
 
 LARGE = 1 << 25
 """Bytes of a file from which on it is read in pieces."""
@@ -59,6 +63,7 @@ class Outcome:
     lost: tuple[str, ...]
     checks: tuple[Check, ...] = ()
     notes: tuple[str, ...] = ()
+    flow: "FlowCase | None" = None
 
     @property
     def passed(self) -> bool:
@@ -85,7 +90,9 @@ def _by_workers(wanted: Targets, job: Job, progress: Progress, runner: Runner) -
     if format_of(wanted.source).name not in STORED:
         raise InputError(f"{wanted.source}: workers need {SENT}; leave out --workers and --scheduler, or convert it")
     if not wanted.is_copy:
-        raise InputError(f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity")
+        raise InputError(
+            f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity or case"
+        )
     with in_pieces(wanted.source, progress) as mesh:
         if mesh:
             return excerpt(mesh, job, wanted.angles, runner, progress)
@@ -97,7 +104,10 @@ def planned(wanted: Targets, job: Job, watch: Stopwatch, runner: Runner = HERE, 
     with watch.stage("read") as progress:
         mesh = needed(wanted, job, progress, runner)
     with watch.stage("plan") as progress:
-        return replace(Plan.of(mesh, job, angles or wanted.angles, progress), runner=runner)
+        plan = replace(Plan.of(mesh, job, angles or wanted.angles, progress), runner=runner)
+    if wanted.flow:
+        wanted.flow.setup(plan)
+    return plan
 
 
 def judged(one: Deflection, min_quality: float) -> Judged:
@@ -125,13 +135,14 @@ def deflect_file(
                 progress(f"{one.angle:+g} {job.surfaces[0].motion.unit}", 1.0)
             with watch.stage("quality"):
                 found.append(judged(one, min_quality))
-            names.append(wanted.mesh(one.angle))
+            mesh = wanted.mesh(one.angle)
             with watch.stage("write") as progress:
-                lost = write_mesh(wanted.source, plan.mesh, one.points, scratch / names[-1].name, progress, runner)
+                written, lost = _written(wanted, one, scratch / mesh.name, progress)
+                names += [wanted.out.with_name(name) for name in written]
             if wanted.reported:
                 with watch.stage("report") as progress:
                     place, seconds = scratch / wanted.report(one.angle).name, {**watch.seconds}
-                    write_run_folder(place, one, found[-1].checks, names[-1], seconds, min_quality)
+                    write_run_folder(place, one, found[-1].checks, mesh, seconds, min_quality)
             if wanted.sensitive:
                 with watch.stage("sensitivity"):
                     arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))
@@ -140,11 +151,21 @@ def deflect_file(
         for table in wanted.tables:
             if table.exists():  # with the same names, and perhaps boundary conditions of its owner's
                 (scratch / table.name).unlink(missing_ok=True)
-    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost)
+    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost, flow=wanted.flow)
 
 
-def plan_figures(plan: Plan) -> Json:
-    """Return what was decided before the fit, as JSON has it."""
+def _written(
+    wanted: Targets, one: Deflection, out: Path, progress: Progress
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Write the mesh at one angle, or the case that it is to be in; return the names of what is written, and losses."""
+    if wanted.flow:
+        files, lost = wanted.flow.write(one.plan, one.points, out, progress)
+        return tuple(path.name for path in files), tuple(map(printable, lost))
+    return (out.name,), write_mesh(wanted.source, one.plan.mesh, one.points, out, progress, one.plan.runner)
+
+
+def plan_figures(plan: Plan, flow: "FlowCase | None" = None) -> Json:
+    """Return what was decided before the fit, as JSON has it, with the case for a flow solver if there is one."""
     region, sites = plan.region, plan.sites
     return {
         "mesh": mesh_figures(plan),
@@ -152,13 +173,14 @@ def plan_figures(plan: Plan) -> Json:
         "sites": {"surface": len(sites.distinct), "fixed": len(sites.sampled), "tolerance": sites.tolerance},
         "cells_touched": plan.touched.count,
         "notes": list(notes_of(plan)),
+        **({"case": flow.figures(plan)} if flow else {}),
     }
 
 
 def figures(done: Outcome, watch: Stopwatch) -> Json:
     """Return the figures of a job as JSON has them."""
     return {
-        **plan_figures(done.plan),
+        **plan_figures(done.plan, done.flow),
         "notes": [*notes_of(done.plan), *done.notes],
         "angles": [
             {

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,9 +14,12 @@ from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import quality_of
-from sdm_deflect.meshing.formats.format import only_rewritten
-from sdm_deflect.meshing.formats.registry import WRITTEN, ending, format_of
+from sdm_deflect.meshing.formats.format import Format, only_rewritten
+from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, ending, format_of
 from sdm_deflect.meshing.temporary import settle, settle_in
+
+if TYPE_CHECKING:
+    from sdm_deflect.cases.flow.flow_case import FlowCase
 
 SENSITIVITY = "d_points_d_angle"
 SETTINGS = "settings.toml"
@@ -34,6 +37,7 @@ class Targets:
     angles : distinct, in the order asked for.
     sensitive : whether d(points)/d(angle) is written beside each mesh.
     reported : whether a folder with a report is written beside each mesh.
+    flow : the case for a flow solver that each mesh is to be in; None: a mesh alone.
     """
 
     source: Path
@@ -41,17 +45,26 @@ class Targets:
     angles: tuple[float, ...]
     sensitive: bool = False
     reported: bool = False
+    flow: "FlowCase | None" = None
 
     @classmethod
     def of(
-        cls, source: Path, out: Path | None, angles: Sequence[float], sensitive: bool = False, reported: bool = False
+        cls,
+        source: Path,
+        out: Path | None,
+        angles: Sequence[float],
+        sensitive: bool = False,
+        reported: bool = False,
+        flow: "FlowCase | None" = None,
     ) -> "Targets":
         """Return the targets of a job; `out` is beside the source if None.
 
         Raises MeshFileError for an unknown format, or one in which this mesh cannot be written, InputError for an `out`
-        without a name, or with another suffix where a file is only rewritten.
+        without a name, with another suffix where a file is only rewritten, or in another format than the solver's.
         """
-        chosen = out or _beside(source)
+        chosen = out or _beside(source, FORMATS[flow.solver] if flow else format_of(source))
+        if flow:
+            flow.check_files(source, chosen)
         named = _case_folder(chosen) if format_of(chosen).name == "openfoam" else chosen
         if named.name in ("", "..") and not (named := named.resolve()).name:
             raise InputError(f"{chosen} is no place for a mesh; name a file or a folder in out")
@@ -60,7 +73,7 @@ class Targets:
                 raise only_rewritten(chosen)
             if ending(chosen).lower() != (own := ending(source)).lower():
                 raise InputError(f"{chosen}: is to be a copy of a file {own} and must have that suffix")
-        return cls(source, named, tuple(angles), sensitive, reported)
+        return cls(source, named, tuple(angles), sensitive, reported, flow)
 
     def mesh(self, angle: float) -> Path:
         """Return the mesh of one angle, such as ``wing-deflected_-12.su2`` where there are several."""
@@ -83,7 +96,7 @@ class Targets:
     @property
     def is_copy(self) -> bool:
         """Whether no more is written than copies of one file with other coordinates, and reports."""
-        if self.sensitive or not self.source.exists() or format_of(self.out) is not format_of(self.source):
+        if self.sensitive or self.flow or not self.source.exists() or format_of(self.out) is not format_of(self.source):
             return False
         # an encoding of UGRID may become another
         return self._is_folder or ending(self.out).lower() == ending(self.source).lower()
@@ -92,6 +105,15 @@ class Targets:
     def extra(self) -> tuple[Path, ...]:
         """Sensitivities beside the meshes."""
         return tuple(path for angle in self.angles for path in self.sensitivity(angle)) if self.sensitive else ()
+
+    @property
+    def configurations(self) -> tuple[Path, ...]:
+        """Configurations of SU2 beside the meshes."""
+        if self.flow is None or self.flow.solver != "su2":
+            return ()
+        from sdm_deflect.cases.flow.flow_case import configuration_of
+
+        return tuple(configuration_of(self.mesh(angle)) for angle in self.angles)
 
     @property
     def tables(self) -> tuple[Path, ...]:
@@ -118,7 +140,7 @@ class Targets:
         settle_in(self.out.absolute().parent)
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
-        for target in (*meshes, *self.extra, *self._other_tables()):
+        for target in (*meshes, *self.extra, *self.configurations, *self._other_tables()):
             if any(target.exists() and given.exists() and target.samefile(given) for given in (self.source, *inputs)):
                 raise InputError(f"{target}: this is a file that is read; name another one in out")
             if target.resolve() in seen:
@@ -212,16 +234,18 @@ def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tu
     write_vtu(picture, replace(mesh, points=points, patches=()), {SENSITIVITY: rates})
 
 
-def _beside(source: Path) -> Path:
-    known = format_of(source)
-    if known.name != "openfoam":
-        own = ending(source)
-        suffix = own if own.lower().endswith(known.suffixes) else known.suffixes[0]
-        return source.with_name(f"{source.name.removesuffix(own)}-deflected{suffix}")
-    folder = _case_folder(source)
-    named = folder if folder.name not in ("", "..") else folder.resolve()
-    name = f"{named.name}-deflected"
-    return named.with_name(name.replace(".", "-") if Path(name).suffix[1:2].isalpha() else name)
+def _beside(source: Path, form: Format) -> Path:
+    """Return the name of a mesh of some format beside the source."""
+    if format_of(source).name == "openfoam":
+        folder = _case_folder(source)
+        named = folder if folder.name not in ("", "..") else folder.resolve()
+        suffix, name = "", f"{named.name}-deflected"
+    else:
+        named, suffix = source, ending(source)
+        name = f"{source.name.removesuffix(suffix)}-deflected"
+    if form.name == "openfoam":
+        return named.with_name(name.replace(".", "-") if Path(name).suffix[1:2].isalpha() else name)
+    return named.with_name(name + (suffix if suffix.lower().endswith(form.suffixes) else form.suffixes[0]))
 
 
 def _case_folder(path: Path) -> Path:

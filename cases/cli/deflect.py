@@ -2,14 +2,19 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from sdm_deflect.cases.cli import options
 
-IDLE_IN_TIME = ("angle", "angles", "sensitivity", "workers", "scheduler", "worker_memory")
+if TYPE_CHECKING:
+    from sdm_deflect.cases.flow.flow_case import FlowCase
+
+CASE = ("to_solver", "mach", "alpha", "far_field")
+"""Options of a case for a flow solver."""
+IDLE_IN_TIME = ("angle", "angles", "sensitivity", "workers", "scheduler", "worker_memory", *CASE)
 """Options that mean nothing beside a history."""
 
 
@@ -50,6 +55,7 @@ IDLE_IN_TIME = ("angle", "angles", "sensitivity", "workers", "scheduler", "worke
 @options.set_option
 @click.option("--config", type=options.FILE, help="The same in a TOML file; several surfaces as [[surface]].")
 @click.option("--out", type=options.FILE, help="File to write (default: MESH-deflected); the suffix says the format.")
+@options.flow_options
 @click.option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
 @click.option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @click.option("--workers", type=int, metavar="N", help="Let so many processes do the work, with Dask.")
@@ -74,13 +80,14 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     text, as_json = given.pop("angles"), given.pop("as_json")
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
     helpers = Wanted(*(given.pop(name) for name in ("workers", "scheduler", "worker_memory")))
+    flow = _flow([given.pop(name) for name in CASE])
     many = angles_of(text) if text else ()
     if many:
         given["angle"] = max(many, key=abs)
     nested, config = _tables(given), given["config"]
     settings = job_settings(nested)
     job = settings.job()
-    wanted = Targets.of(mesh, out, many or (job.angle,), sensitivity, report)
+    wanted = Targets.of(mesh, out, many or (job.angle,), sensitivity, report, flow)
     wanted.check((*inputs_of(nested, Path()), *([config] if config else ())))
     with (
         options.watched(quiet or (as_json and not verbose), verbose) as watch,
@@ -91,9 +98,11 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
         else:
             done = deflect_file(wanted, job, watch, settings.min_quality, runner)
     if dry_run:
-        names = [str(path) for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *wanted.reports)]
-        figured = {**plan_figures(plan), "files": names}
-        options.print_either(as_json, figured, plan_table(plan), f"would write {', '.join(names)}")
+        case = [flow.text(plan)] if flow else []
+        meshes = map(wanted.mesh, wanted.angles)
+        names = [str(path) for path in (*meshes, *wanted.configurations, *wanted.extra, *wanted.reports)]
+        figured = {**plan_figures(plan, flow), "files": names}
+        options.print_either(as_json, figured, plan_table(plan), *case, f"would write {', '.join(names)}")
         return 0
     options.print_either(as_json, figures(done, watch), result_table(done))
     return options.code_of(done.passed)
@@ -142,12 +151,21 @@ def _in_time(mesh: Path, out: Path | None, path: Path, dry_run: bool, given: dic
     return options.code_of(done.passed)
 
 
+def _flow(given: list[Any]) -> "FlowCase | None":
+    """Return the case for a flow solver that is asked for; what writes it is loaded if there is one."""
+    if all(value in (None, ()) for value in given):
+        return None
+    from sdm_deflect.cases.flow.flow_case import FlowCase
+
+    return FlowCase.of(*given)
+
+
 def _check_alone(given: dict[str, Any]) -> None:
     """Refuse options that a history has no use for, and leave them out."""
     from sdm_deflect.deform.errors import InputError
 
     for name in IDLE_IN_TIME:
-        if (value := given.pop(name)) is not None and value is not False:
+        if given.pop(name) not in (None, False, ()):
             raise InputError(f"--{name.replace('_', '-')}: --history has no use for it; leave one of them out")
     here = click.get_current_context()
     if here.params["report"] and here.get_parameter_source("report") is ParameterSource.COMMANDLINE:

@@ -19,6 +19,7 @@ SCALES = click.Choice(("small", "medium", "paper"))
 STRATEGIES = click.Choice(("squv", "mv"))
 REPAIRS = click.Choice(("auto", "off", "always"))
 FORMATS = click.Choice(("su2", "cgns", "gmsh", "ugrid", "tau", "vtu", "openfoam"))
+SOLVERS = click.Choice(("openfoam", "su2"))
 
 Command = Callable[..., Any]
 
@@ -75,6 +76,15 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON t
 cache_option = click.option("--cache/--no-cache", default=True, help="Whether to use the mesh cache.")
 report_option = click.option("--report/--no-report", default=True, help="Whether to make report and pictures.")
 scale_option = click.option("--scale", type=SCALES, default="small", show_default=True, help="Size of the mesh.")
+
+
+def flow_options(command: Command) -> Command:
+    """Give a command ``--to-solver`` and what belongs to it."""
+    solver = click.option("--to-solver", type=SOLVERS, help="Write a case that this flow solver can start as it is.")
+    mach = click.option("--mach", type=float, help="Of --to-solver: Mach number of the free stream (0.6).")
+    alpha = click.option("--alpha", type=float, help="Of --to-solver: angle of attack in degrees, nose up (0).")
+    far = click.option("--far-field", multiple=True, metavar="NAME", help="Of --to-solver: a far field; repeat.")
+    return solver(mach(alpha(far(command))))
 
 
 def progress_options(command: Command) -> Command:

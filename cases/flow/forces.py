@@ -10,6 +10,8 @@ from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import FloatArray, IntArray
 
 REPORTS = Path("postProcessing")
+VALUES = 4
+"""Numbers in a line, at least: the iteration and the whole vector; then what pressure and friction give of it."""
 BRACKETS = str.maketrans("()", "  ")
 
 
@@ -48,13 +50,13 @@ class Forces:
 
 
 def _numbers(path: Path) -> FloatArray:
-    """Return the rows of a table of vectors in brackets; an unfinished last one is left out."""
+    """Return the rows (K, 4 or more) of a table of vectors in brackets; an unfinished last line is left out."""
     try:
-        lines = [line.translate(BRACKETS) for line in path.read_text().splitlines() if not line.startswith("#")]
-        rows = [[float(word) for word in line.split()] for line in lines]
+        lines = [line.translate(BRACKETS) for line in path.read_text().split("\n")[:-1] if not line.startswith("#")]
+        table = np.array([[float(word) for word in line.split()] for line in lines])
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
-    return np.array([row for row in rows if rows and len(row) == len(rows[0])]).reshape(len(rows), -1)
+    return table if len(lines) else np.empty((0, VALUES))
 
 
 LIFT, DRAG, PITCH, ROLL, YAW = "CL", "CD", "Cm", "Cl", "Cn"

@@ -1,20 +1,23 @@
 """Cases of OpenFOAM's rhoCentralFoam, inviscid and steady by local time steps, which start as they are."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
-from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Kind, Setup, kinds_of
+from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Kind, Setup
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh_folder
-from sdm_deflect.meshing.formats.format import about
+from sdm_deflect.meshing.formats.format import about, fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
-from sdm_deflect.meshing.formats.openfoam_write import header, is_planar, write_mesh
+from sdm_deflect.meshing.formats.openfoam_write import UNFIT, header, is_planar, write_mesh
 from sdm_deflect.meshing.formats.shapes import refuse_plane
 
 SOLVER = "rhoCentralFoam"
 WHOLE = "all"
 """Name under which the forces on all walls are reported; those of hinges bear the hinges' names."""
+RESERVED = (WHOLE, "settle")
+"""Names that no hinge may have."""
 EVERY, INTERVAL = 5, 250
 """Iterations between two reports of forces, and two of all fields, from which a run that was stopped goes on."""
 UNIVERSAL = 8314.46
@@ -123,18 +126,19 @@ def write_case(mesh: Mesh, out: Path, setup: Setup, progress: Progress = silent)
     Walls slip; through the far field the free stream enters, and leaves, by the sign of the flow there; planes of
     symmetry are such. `Setup.settling` iterations are of first order, by a function object of the case.
 
-    Raises InputError if no patch is a far field, MeshFileError if `out` is there and not empty or cannot be written.
+    Raises InputError if no patch is a far field, or none a wall, MeshFileError for a plane mesh, and if `out` is there
+    and not empty or cannot be written.
     """
     refuse_plane(mesh, "OpenFOAM")
-    kinds = kinds_of(mesh, setup.far)
-    types = {name: TYPES[kind] for name, kind in kinds.items()}
+    types = {name: TYPES[kind] for name, kind in setup.kinds_on(mesh).items()}
     for patch in mesh.patches:
         if types[patch.name] == "symmetryPlane" and not is_planar(mesh.points[patch.nodes]):
             types[patch.name] = "symmetry"
     with fresh_folder(out) as beside, about(out):
         progress(f"writing {out.name}", 0.0)
         lost = write_mesh(mesh, beside / MESH, types)
-        write_settings(beside, setup)
+        names = fitting_names(mesh.names, UNFIT)
+        write_settings(beside, replace(setup, hinges=tuple(hinge.renamed(names) for hinge in setup.hinges)))
         (beside / "case.foam").touch()
     return lost
 

@@ -1,7 +1,7 @@
 """What a flow solver is to compute: the free stream, what each patch is, and the forces that it reports."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import cos, isfinite, radians, sin, sqrt
 from typing import Literal
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import FloatArray, Mesh
-from sdm_deflect.meshing.formats.openfoam_write import kind_of, sides_reached
+from sdm_deflect.meshing.formats.openfoam_write import kind_of, on_one_side, sides_reached
 
 GAMMA, GAS = 1.4, 287.058
 """Ratio of specific heats, and the gas constant (J/kg/K), of air."""
@@ -87,6 +87,10 @@ class Hinge:
         axis = (second - first) / np.linalg.norm(second - first)
         return cls(name, tuple(patches), tuple(first.tolist()), tuple(axis.tolist()))
 
+    def renamed(self, names: Mapping[str, str]) -> "Hinge":
+        """Return the same hinge where some patches have other names."""
+        return replace(self, patches=tuple(names.get(name, name) for name in self.patches))
+
 
 @dataclass(frozen=True, slots=True)
 class Setup:
@@ -100,6 +104,7 @@ class Setup:
     area, length, span : reference area (m2), chord of the pitching moment and span of rolling and yawing moment (m).
     iterations : steps in all; the first `settling` of them are of first order.
     far : patches of the far field beside those that are found.
+    kinds : what each patch is, if that is known; else `kinds_of` finds it.
     """
 
     stream: FreeStream = field(default_factory=FreeStream)
@@ -111,32 +116,48 @@ class Setup:
     iterations: int = 3000
     settling: int = 500
     far: tuple[str, ...] = ()
+    kinds: Mapping[str, Kind] | None = None
+
+    def kinds_on(self, mesh: Mesh) -> Mapping[str, Kind]:
+        """Return what each patch of a mesh is; InputError as of `kinds_of`."""
+        return self.kinds or kinds_of(mesh, self.far)
 
 
-def kinds_of(mesh: Mesh, far: Sequence[str] = ()) -> Mapping[str, Kind]:
+ENCLOSING = 3
+"""Sides of the mesh's bounding box that a patch reaches which may be its far field."""
+
+
+def kinds_of(mesh: Mesh, far: Sequence[str] = (), moving: Sequence[str] = ()) -> Mapping[str, Kind]:
     """Return what each patch is: its name says it; a far field must also reach the outside of the mesh.
 
-    Where no name does, the patches that reach at least three sides of the mesh's bounding box are the far field.
+    Where no name says far field, patches that reach at least three sides of the mesh's bounding box are it: those of
+    them that are no plane, if there are any. A patch without a telling name that covers nothing but a side of that box
+    is a plane of symmetry: an inviscid wall all the same, but its force is not the body's. Patches that are `moving`
+    are walls.
 
-    Raises InputError if nothing is, or a patch in `far` is none.
+    Raises InputError if there is no far field or no wall, or a name or wildcard in `far` stands for no patch.
     """
-    if unknown := [name for name in far if name not in mesh.names]:
-        raise InputError(f"far field {unknown[0]}: the mesh has no such patch; there are {', '.join(mesh.names)}")
+    given = mesh.named(far, "far field")
     sides = {patch.name: sides_reached(mesh.points, patch.nodes) for patch in mesh.patches}
+    flat = {patch.name for patch in mesh.patches if on_one_side(mesh.points, patch.nodes)}
     said = {name: kind_of(name, planar=True, outside=sides[name] > 0) for name in sides}
     kinds: dict[str, Kind] = {
         name: "symmetry" if kind == "symmetryPlane" else "far" if kind == "patch" else "wall"
         for name, kind in said.items()
     }
-    kinds |= dict.fromkeys(far, "far")
+    kinds |= dict.fromkeys(given, "far")
     if "far" not in kinds.values():
-        kinds |= {name: "far" for name, count in sides.items() if count >= ENCLOSING and kinds[name] == "wall"}
-    if "far" not in kinds.values():
-        raise InputError(
-            "no patch is a far field: neither a name says so, nor does one enclose the mesh; name it with --far-field"
-        )
+        around = [name for name, count in sides.items() if count >= ENCLOSING and kinds[name] == "wall"]
+        kinds |= dict.fromkeys([name for name in around if name not in flat] or around, "far")
+    kinds |= {name: "symmetry" for name in flat if kinds[name] == "wall"}
+    kinds |= {name: "wall" for name in moving if name not in given}
+    for kind, wrong in MISSING.items():
+        if kind not in kinds.values():
+            raise InputError(f"{mesh.name}: {wrong}; the patches are {', '.join(mesh.names)}")
     return kinds
 
 
-ENCLOSING = 3
-"""Sides of the mesh's bounding box that a patch reaches which must be its far field."""
+MISSING: Mapping[Kind, str] = {
+    "far": "no patch is a far field: no name says so, and none encloses the mesh; name it with --far-field",
+    "wall": "no patch is a wall, so that there is no force to report",
+}

@@ -10,13 +10,13 @@ from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
 from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
+from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 LABEL, SCALAR = np.dtype("<i4"), np.dtype("<f8")
 FLAT = 1e-9
 """Fraction of a patch's extent by which its nodes may leave a plane that is called planar."""
-UNFIT = r"[\s\"'/;{}()\[\]$#\\]"
-"""What OpenFOAM cannot read in a word."""
+UNFIT = r"[\s\"'/;{}()\[\]$#\\]|^(?=[\d+.-])"
+"""What OpenFOAM cannot read in a word; one that begins like a number is none."""
 BANNER = "// Written by sdm-deflect.\n"
 SYMMETRY = ("symmetry", "sym")
 OPEN = ("far", "inlet", "outlet", "inflow", "outflow", "freestream", "chimera", "overset", "interface", "volume")
@@ -138,12 +138,24 @@ def written(patches: Sequence[FoamPatch]) -> str:
 
 
 def sides_reached(points: FloatArray, nodes: IntArray) -> int:
-    """Return how many of the six sides of the box around all points (N, 3) some nodes (K,) lie on."""
+    """Return how many sides of the box around all points (N, 3) some nodes (K,) lie on; of a plane mesh's, four."""
+    return int(_reached(points, nodes).sum()) if len(nodes) else 0
+
+
+def on_one_side(points: FloatArray, nodes: IntArray) -> bool:
+    """Whether some nodes (K,) all lie on one and the same side of the box around all points (N, 3)."""
     if not len(nodes):
-        return 0
+        return False
+    flat = np.ptp(points[nodes], axis=0) <= FLAT * np.ptp(points, axis=0).max()
+    return bool((_reached(points, nodes).any(axis=0) & flat).any())
+
+
+def _reached(points: FloatArray, nodes: IntArray) -> BoolArray:
+    """Return whether some nodes reach the low and the high side (2, 3) along each axis along which there is room."""
     low, high, own = points.min(axis=0), points.max(axis=0), points[nodes]
     near = FLAT * (high - low).max()
-    return int((own.min(axis=0) <= low + near).sum() + (own.max(axis=0) >= high - near).sum())
+    reached = np.array([own.min(axis=0) <= low + near, own.max(axis=0) >= high - near])
+    return np.asarray(reached & (high - low > near), dtype=np.bool_)
 
 
 def kind_of(name: str, planar: bool, outside: bool = True) -> str:

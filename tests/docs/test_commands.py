@@ -35,6 +35,7 @@ ELSEWHERE = (
     (r"sdm deflect wing\.cas\.h5", "tests/cases/test_deflect_command.py", 'folder / "wing.cas.h5"'),
     (r"sdm deflect wing\.p3d", "tests/meshing/formats/test_plot3d_map.py", "sdm.deflect(path, "),
     (r"sdm view", "tests/cases/view", ""),
+    (r"rhoCentralFoam -case naca-flow", "tests/cases/flow/test_to_solver.py", 'lines("rhoCentralFoam", case)'),
     (r"sdm (quality|deflect) case", "tests/cases/test_decomposed.py", 'sdm("deflect", case'),
     (r"pip install 'sdm-deflect\[cluster\]'", "pyproject.toml", '"sdm-deflect[cluster]"'),
     (r"dask (scheduler|worker)", "tests/cases/test_cluster.py", "distributed.cli.dask_scheduler"),

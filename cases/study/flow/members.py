@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.cases.flow.openfoam import write_case
-from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
+from sdm_deflect.cases.flow.setup import FreeStream, Setup
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.cases.sdm.case import Case
+from sdm_deflect.cases.sdm.flow_case import setup_of
 from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.cases.sdm.pipeline import cached, meshed
 from sdm_deflect.cases.sdm.reference import turned
@@ -19,9 +20,7 @@ from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import combined
-from sdm_deflect.geometry.datum import SURFACES, hinge_line
 from sdm_deflect.geometry.deflected import CadTurn
-from sdm_deflect.geometry.reference_values import reference_values
 from sdm_deflect.meshing.mesh import TetMesh
 
 SETTLING = 800
@@ -64,13 +63,9 @@ class FlowStudy:
 
     def setup(self, first: bool) -> Setup:
         """Return the flow to compute, on the `first` mesh or on one that starts from its flow."""
-        fighter = self.case.fighter
-        values = reference_values(fighter)
-        hinges = tuple(Hinge.through(name, [name], hinge_line(fighter, name)) for name in SURFACES)
-        return Setup(
-            self.stream, hinges, values.point, values.area, values.chord, values.span, self.iterations,
-            self.settling if first else 0,
-        )  # fmt: skip
+        return replace(
+            setup_of(self.case.fighter, self.stream, self.iterations), settling=self.settling if first else 0
+        )
 
 
 def study_of(
