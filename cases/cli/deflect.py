@@ -165,7 +165,8 @@ def _check_alone(given: dict[str, Any]) -> None:
     from sdm_deflect.deform.errors import InputError
 
     for name in IDLE_IN_TIME:
-        if given.pop(name) not in (None, False, ()):
+        value = given.pop(name)
+        if value is not None and value is not False and value != ():
             raise InputError(f"--{name.replace('_', '-')}: --history has no use for it; leave one of them out")
     here = click.get_current_context()
     if here.params["report"] and here.get_parameter_source("report") is ParameterSource.COMMANDLINE:

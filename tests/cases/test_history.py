@@ -320,6 +320,8 @@ def test_a_file_that_is_no_history_is_one_sentence(content, said, sdm, tmp_path)
         (["--workers", "2"], "--workers: --history has no use for it"),
         (["--scheduler", "tcp://x:1"], "--scheduler: --history has no use for it"),
         (["--worker-memory", "2GB"], "--worker-memory: --history has no use for it"),
+        (["--to-solver", "openfoam"], "--to-solver: --history has no use for it"),
+        (["--far-field", "body"], "--far-field: --history has no use for it"),
         (["--report"], "--report: --history makes none"),
         (["--out", "turned.su2"], "a history becomes an OpenFOAM case; name a folder in out"),
         (["--out", "."], "exists already"),
