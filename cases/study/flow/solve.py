@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from threading import Event, Lock
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,7 @@ from sdm_deflect.meshing.files import replacing
 from sdm_deflect.meshing.mesh import TetMesh
 
 SETTINGS, SECONDS, FOLDER = "study.json", "seconds.json", "members"
-TIME = re.compile(r"^Time = (\d+)")
+TIME, USED = re.compile(r"^Time = (\d+)"), re.compile(r"^ExecutionTime = ([\d.]+) s")
 TOLD = 10
 """Iterations between two reports of progress."""
 
@@ -142,22 +141,23 @@ class Solvers:
 
 
 def solve(case: Path, setup: Setup, tell: Callable[[int], None]) -> None:
-    """Go on with a case up to `Setup.iterations`; what it took is added to ``seconds.json`` beside it."""
+    """Go on with a case up to `Setup.iterations`; processor seconds are added to those in its ``seconds.json``."""
     done = iterations_done(case)
     if done >= setup.iterations:
         tell(done)
         return
     write_settings(case, setup, fields=False)
-    start = perf_counter()
+    spent = 0.0
     for line in lines(SOLVER, case):
         if (found := TIME.match(line)) and int(found[1]) % TOLD == 0:
             tell(int(found[1]))
-    spent = perf_counter() - start
+        elif used := USED.match(line):
+            spent = float(used[1])
     path = case / SECONDS
     before = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else 0.0
     path.write_text(json.dumps(before + spent), encoding="utf-8")
 
 
 def seconds_of(cases: Iterable[Path]) -> float:
-    """Return the seconds that the solvers of some cases took together."""
+    """Return the processor seconds that the solvers of some cases took together."""
     return float(sum(json.loads((case / SECONDS).read_text(encoding="utf-8")) for case in cases))
