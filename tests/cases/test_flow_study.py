@@ -49,9 +49,10 @@ def test_the_study_leaves_its_page_its_figures_and_its_cases(flow):
     assert code in (0, 1)  # so short a run may disagree
     names = {path.name for path in out.iterdir()}
     figures = {f"flow-aileron-{name}.png" for name in ("increments", "pressure", "settling")}
-    assert names == {"flow-aileron.md", "flow-aileron.json", "study.json", FOLDER, *figures}
+    assert names == {"flow-aileron.md", "flow-aileron.json", "study.json", FOLDER, "figures"}
+    assert {path.name for path in (out / "figures").iterdir()} == figures
     page = (out / "flow-aileron.md").read_text()
-    assert all(f"({name})" in page for name in figures)
+    assert all(f"(figures/{name})" in page for name in figures)
     assert {path.name for path in (out / FOLDER).iterdir()} == {"undeflected", "-12-deflected", "-12-fresh-1"}
     for member in (out / FOLDER).iterdir():
         assert Forces.read(member, "all").iteration.tolist() == list(range(5, 55, 5))

@@ -42,10 +42,11 @@ def write_page(results: Results, members: tuple[Member, ...], cases: Path, folde
         "pressure": (pressures(study, shown), f"Pressure coefficient at {first:+g} degrees on each mesh."),
         "settling": (settling(study, members, cases), "Lift and rolling moment coefficient over the iterations."),
     }
+    (folder / "figures").mkdir()
     for key, (figure, _) in figures.items():
-        write_png(figure, folder / f"{name}-{key}.png")
+        write_png(figure, folder / "figures" / f"{name}-{key}.png")
     seconds = seconds_of(cases / member.name for member in members)
-    pictures = [f"![{words}]({name}-{key}.png)" for key, (_, words) in figures.items()]
+    pictures = [f"![{words}](figures/{name}-{key}.png)" for key, (_, words) in figures.items()]
     text = "\n\n".join([*_sections(results, seconds, len(members)), *pictures])
     (folder / f"{name}.md").write_text(f"{text}\n", encoding="utf-8")
     (folder / f"{name}.json").write_text(json.dumps(figures_of(results), indent=2), encoding="utf-8")
@@ -78,7 +79,7 @@ def _sections(results: Results, seconds: float, count: int) -> Iterator[str]:
     study = results.study
     stream, values = study.stream, reference_values(study.case.fighter)
     own = surface_reference(study.case.fighter, study.surface)
-    yield f"## {study.case.title}: the flow"
+    yield f"# The flow about the {study.case.name} case"
     yield (
         f"Inviscid flow of Mach {stream.mach:g} at {stream.alpha:g} degrees, {stream.pressure:g} Pa and "
         f"{stream.temperature:g} K, by rhoCentralFoam with local time steps and second order, on meshes of scale "

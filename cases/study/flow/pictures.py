@@ -119,7 +119,7 @@ def settling(study: FlowStudy, members: Sequence[Member], cases: Path) -> Figure
     """Draw lift and rolling moment of all members over the iterations."""
     figure = Figure(figsize=(9.0, 3.2), layout="constrained")
     for axes, name in zip(figure.subplots(1, 2), ("CL", "Cl"), strict=True):
-        for member in members:
+        for member in sorted(members, key=lambda one: one.kind != FRESH):  # those to be judged on top
             forces = Forces.read(cases / member.name, WHOLE)
             late = forces.iteration > forces.iteration[-1] // 10
             series = coefficients(forces, study.setup(True))[name]
@@ -127,6 +127,8 @@ def settling(study: FlowStudy, members: Sequence[Member], cases: Path) -> Figure
             axes.plot(forces.iteration[late], series[late], color=colour, lw=0.8)
         axes.set(xlabel="iteration", ylabel=name)
         axes.grid(alpha=0.3)
-    handles = [axes.plot([], [], color=COLOURS.get(kind, "0.5"))[0] for kind in (UNDEFLECTED, *COLOURS)]
-    figure.legend(handles, [UNDEFLECTED, *LABELS.values()], loc="outside upper center", ncols=4, fontsize="small")
+    kinds = [kind for kind in (UNDEFLECTED, *COLOURS) if any(one.kind == kind for one in members)]
+    handles = [axes.plot([], [], color=COLOURS.get(kind, "0.5"))[0] for kind in kinds]
+    names = [LABELS.get(kind, kind) for kind in kinds]
+    figure.legend(handles, names, loc="outside upper center", ncols=4, fontsize="small")
     return figure
