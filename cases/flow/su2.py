@@ -92,7 +92,6 @@ def configuration(kinds: Mapping[str, Kind], mesh: Path, setup: Setup) -> str:
     kinds : what each marker is, by its name in the file.
     mesh : the file, which the configuration stands beside and names, as it does what SU2 is to write.
     setup : the flow; `Setup.settling` has no meaning for SU2.
-
     """
     stream, walls = setup.stream, [name for name, kind in kinds.items() if kind == "wall"]
     moment = stream.dynamic_pressure * setup.area * setup.length
