@@ -121,7 +121,7 @@ def _cells(one: Increment) -> list[str]:
 
     agrees = "" if not (one.fresh and one.judged) else "yes" if one.agrees else "no"
     share = "" if not one.fresh else f"{100.0 * one.share:+.1f} %"
-    scatter = "" if len(one.fresh) < 2 else number(one.scatter)  # noqa: PLR2004: one has none
+    scatter = "" if len(one.fresh) < 2 else number(one.scatter)  # one has none
     middle = [number(one.base), number(one.deflected), number(one.repaired), number(one.expected), scatter]
     return [f"{one.angle:+g}", one.name, *middle, number(one.difference), share, agrees, number(one.amplitude)]
 
