@@ -43,7 +43,10 @@ RESET = Path("/proc/self/clear_refs")
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Wall-clock time, processor time of all threads, and the process's peak memory meanwhile."""
+    """Wall-clock time, processor time of all threads, and the process's peak memory.
+
+    The peak is that of the time meanwhile where the system lets it be reset, else that since the process began.
+    """
 
     seconds: float
     processor_seconds: float

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +19,21 @@ def corner() -> TetMesh:
     return split(one)
 
 
+# In a process of its own: not every system lets a process forget the peak that other tests have left.
+MEASURE = """
+import numpy as np
+from benchmarks.refinement_scaling import measured
+_, nothing = measured(lambda: None)
+_, much = measured(lambda: np.ones(20_000_000).sum())
+print(much.peak_bytes - nothing.peak_bytes, much.processor_seconds)
+"""
+
+
 def test_memory_of_an_action_is_seen() -> None:
-    _, nothing = measured(lambda: None)
-    _, much = measured(lambda: np.ones(20_000_000).sum())
-    assert much.peak_bytes - nothing.peak_bytes > 100e6
-    assert much.processor_seconds > 0.0
+    done = subprocess.run([sys.executable, "-c", MEASURE], check=True, capture_output=True, text=True)
+    peak, processor = map(float, done.stdout.split())
+    assert peak > 100e6
+    assert processor > 0.0
 
 
 def test_the_fastest_is_no_slower_than_one(corner: TetMesh) -> None:
