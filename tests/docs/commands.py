@@ -1,13 +1,20 @@
-"""The commands that the guide shows: every line of every block marked `sh`."""
+"""The commands that the guide shows: every line of every block marked `sh`.
+
+python3 -m tests.docs.commands PAGE TEXT
+
+prints the first line of a page's blocks that has the text in it, lines that are continued joined to one.
+"""
 
 import re
 import shlex
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`(sdm [^`]*)`")
+CONTINUED = re.compile(r"\s*\\\n\s*")
 
 
 def pages() -> list[Path]:
@@ -15,11 +22,20 @@ def pages() -> list[Path]:
     return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
+def lines_of(page: Path) -> list[str]:
+    """Return the lines of a page's blocks, those that end with a backslash joined to what follows."""
+    blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
+    return [line for block in blocks for line in CONTINUED.sub(" ", block).splitlines()]
+
+
+def line_with(page: Path, text: str) -> str:
+    """Return the first line of a page's blocks that has a text in it."""
+    return next(line for line in lines_of(page) if text in line)
+
+
 def shown(page: Path) -> list[str]:
     """Return the commands of a page in their order, one for each part between `&&`, without comments."""
-    blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
-    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
-    return [command for line in lines for command in parts(line)]
+    return [command for line in lines_of(page) for command in parts(line)]
 
 
 def parts(line: str) -> Iterator[str]:
@@ -34,3 +50,7 @@ def mentioned(page: Path) -> list[list[str]]:
     """Return the words of commands within sentences and tables; brackets mark what may be left out."""
     found = INLINE.findall(page.read_text(encoding="utf-8"))
     return [re.sub(r"\\\||[\[\]|,;]|\.\.\.", " ", text).split() for text in found]
+
+
+if __name__ == "__main__":
+    sys.stdout.write(f"{line_with(Path(sys.argv[1]), sys.argv[2])}\n")

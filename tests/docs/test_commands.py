@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from sdm_deflect.cases.cli import cli, main
-from tests.docs.commands import ROOT, mentioned, pages, shown
+from tests.docs.commands import ROOT, lines_of, mentioned, pages, shown
 
 CI = ".ci/run"
 ELSEWHERE = (
     (r"apt-get (update|install)", CI, "apt-get install"),
     (r"python3 -m venv \.venv", CI, "python3 -m venv"),
     (r"\.venv/bin/pip install -e '\.\[test\]'( pre-commit)?", CI, 'bash -euc "$install -q"'),
-    (r"\.venv/bin/pip install \.", CI, "pip install -q --no-deps --target"),
+    (r"(\.venv/bin/)?pip install \.$", CI, "pip install -q --no-deps --target"),
     (r"\. \.venv/bin/activate", CI, "python3 -m venv"),
     (r"\.venv/bin/pre-commit install", ".pre-commit-config.yaml", "repos:"),
     (r"\.venv/bin/python -m pytest -n 2 --dist loadfile", CI, ".venv/bin/python -m pytest"),
@@ -97,6 +97,27 @@ def test_costly_commands_are_found_where_the_table_says(page):
     for command in shown(page):
         path, text = elsewhere(command) or (str(page), "")
         assert not text or text in (ROOT / path).read_text(encoding="utf-8"), command
+
+
+def test_the_pipeline_reads_packages_and_set_up_from_the_readme():
+    """Its own lines, carried out: what they find, put together again, is the command of the README."""
+    text = (ROOT / CI).read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if re.match(r"(command|packages|install)=", line)]
+    show = 'printf "%s\\n" "$packages" "$install" "${command##*-m pytest}"'
+    words = ["bash", "-euc", "\n".join([*lines, show])]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
+    packages, install, options = done.stdout.splitlines()
+    assert {"python3-venv", "openfoam", "chromium"} <= set(packages.split())
+    assert install == "python3 -m venv .venv && .venv/bin/pip install -e '.[test]'"
+    whole = f"apt-get update && apt-get install -y --no-install-recommends {packages} && {install} && "
+    assert f"{whole}.venv/bin/python -m pytest{options}" in lines_of(ROOT / "README.md")
+
+
+def test_the_readme_shows_and_links_what_is_there():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    places = re.findall(r"\]\(([^)#]+)\)", text)
+    assert len(places) > 10
+    assert [place for place in places if not (ROOT / place).exists()] == []
 
 
 @pytest.mark.mesher

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import airfoils
+import animated
 import blending
 import evaluate_interpolant
 import greedy_centres
@@ -17,6 +19,7 @@ import pictures
 import point_cloud
 import pytest
 import tail_root
+from PIL import Image
 
 from sdm_deflect.cases.history import History
 from sdm_deflect.cases.sdm.registry import case_named
@@ -37,6 +40,21 @@ def test_every_picture_of_the_guide_is_drawn_as_stored_and_small(tmp_path):
         assert shades(image) > 100
         assert differing(image, pixels(FIGURES / f"{name}.png")) < 0.03
         assert (tmp_path / f"{name}.png").stat().st_size < 300_000
+
+
+@pytest.mark.mesher
+def test_the_animated_picture_shows_deflected_meshes_and_is_stored_as_drawn(tmp_path, aileron_mesh):
+    airfoils.build(tmp_path)
+    still, down = (np.asarray(image) for image in animated.frames(tmp_path / "naca0012.su2", [0.0, 1.0]))
+    half = still.shape[1] // 2
+    for side in (slice(half), slice(half, None)):
+        assert differing(still[:, side], down[:, side]) > 0.01
+    with Image.open(FIGURES / "deflecting.gif") as stored:
+        assert stored.n_frames == animated.PERIOD
+        for place, drawn in ((0, still), (animated.PERIOD // 4, down)):
+            stored.seek(place)
+            assert differing(np.asarray(stored.convert("RGB"))[:, half:], drawn[:, half:]) < 0.2
+    assert (FIGURES / "deflecting.gif").stat().st_size < 3_000_000
 
 
 def test_a_period_of_the_oscillation_ends_where_it_began_and_most_angles_come_twice(tmp_path):

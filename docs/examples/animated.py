@@ -1,0 +1,127 @@
+"""Draw the README's animated picture: all control surfaces of the aircraft, and the mesh around the flap of an airfoil.
+
+python docs/examples/airfoils.py FOLDER
+python docs/examples/animated.py FOLDER deflecting.gif
+
+Every frame shows meshes deflected to its angle: the aircraft of the case `all` at its small scale, and the
+``naca0012.su2`` that airfoils.py has written into FOLDER.
+"""
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from PIL import Image
+
+import sdm_deflect as sdm
+from sdm_deflect.cases.progress import Silent, Stopwatch
+from sdm_deflect.cases.sdm.job import deflected, plans_of
+from sdm_deflect.cases.sdm.pipeline import meshed
+from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.meshing.adapters import to_pyvista
+
+AIRCRAFT, AIRFOIL = 15.0, 25.0
+"""Largest angles, degrees."""
+BLUE, GREY, PERIOD, COLOURS, MILLISECONDS = "#0072B2", "#B8B8B8", 28, 64, 80
+EYE, FOCUS, SCALE = (1.76, -1.35, 0.80), (0.80, -0.11, 0.01), 0.255
+BAR = {
+    "title": "quality of the cells", "n_labels": 2, "fmt": "%.1f", "color": "black", "position_x": 0.55,
+    "position_y": 0.02, "width": 0.42, "height": 0.12, "title_font_size": 17, "label_font_size": 15,
+}  # fmt: skip
+
+PLACES = (12, 24), (12, 188)
+LABEL: dict[str, Any] = {"font_size": 11, "color": "black"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """What one frame shows: its share of the largest angles, the aircraft's cells and faces, the airfoil's."""
+
+    share: float
+    aircraft: Any = field(repr=False)
+    airfoil: Any = field(repr=False)
+
+
+def shares(period: int = PERIOD) -> list[float]:
+    """Return the different shares of the largest angle in a period of an oscillation, ascending."""
+    return np.unique(np.sin(2.0 * np.pi * np.arange(period) / period).round(9) + 0.0).tolist()
+
+
+def aircraft(parts: Sequence[float]) -> Iterator[Any]:
+    """Yield the aircraft with all control surfaces at each share of their angle; they reuse the first one's centres."""
+    case = replace(case_named("all"), angle=AIRCRAFT)
+    mesh = meshed(case, Stopwatch(Silent()))[0].as_mesh(case.name)
+    plans = plans_of(case, mesh, [AIRCRAFT * part for part in parts])
+    known = deflected(case, plans)
+    orientation = plans[0].touched.orientation
+    for part in parts:
+        results = deflected(replace(case, angle=AIRCRAFT * part), plans, earlier=known)
+        displacement = sum(one.points - mesh.points for one in results)
+        yield to_pyvista(mesh.with_points(mesh.points + displacement), displacement, orientation)
+
+
+def airfoil(mesh: Path, parts: Sequence[float]) -> list[Any]:
+    """Return the airfoil with its flap at each share of the angle, trailing edge down where positive."""
+    angles = [-AIRFOIL * part for part in parts]
+    return [one.to_pyvista() for one in sdm.sweep(mesh, "flap", [0.75, 0.0], angles, motion="blended", fixed="wing")]
+
+
+def faces_of(grid: Any, far: str = "far_field") -> tuple[Any, Any]:
+    """Return the faces of the aircraft that never move, and those of patches that do."""
+    names = [str(name) for name in grid.field_data["patch_names"]]
+    patch = grid.cell_data["patch"]
+    turns = np.array([name.startswith(("aileron", "tail", "rudder")) for name in names])[patch]
+    still = (patch > 0) & (patch != names.index(far)) & ~turns
+    return grid.extract_cells(still), grid.extract_cells(turns)
+
+
+def drawn(frame: Frame) -> Image.Image:
+    """Draw one frame: on the left the aircraft, on the right the cells around the flap by their quality."""
+    plotter = pv.Plotter(off_screen=True, shape=(1, 2), border=False, window_size=[960, 400])
+    plotter.background_color = "white"
+    still, turned = faces_of(frame.aircraft)
+    plotter.add_mesh(still, color=GREY, ambient=0.35)
+    plotter.add_mesh(turned, color=BLUE, ambient=0.45, show_edges=True, edge_color="white")
+    plotter.camera_position = [EYE, FOCUS, (0.0, 0.0, 1.0)]
+    plotter.enable_parallel_projection()
+    plotter.camera.parallel_scale = SCALE
+    plotter.add_text(f"{AIRCRAFT * frame.share:+5.1f}°", position=PLACES[0], **LABEL)
+    plotter.subplot(0, 1)
+    cells = frame.airfoil.extract_cells(frame.airfoil.cell_data["patch"] == 0)
+    actor = plotter.add_mesh(
+        cells, scalars="quality", cmap="cividis", clim=(0.4, 1.0), show_edges=True, edge_color="#303030",
+        line_width=0.5, lighting=False, show_scalar_bar=False,
+    )  # fmt: skip
+    plotter.camera_position = [(0.865, 0.0, 1.0), (0.865, 0.0, 0.0), (0.0, 1.0, 0.0)]
+    plotter.enable_parallel_projection()
+    plotter.camera.parallel_scale = 0.16
+    plotter.add_text(f"{AIRFOIL * frame.share:+5.1f}°", position=PLACES[1], **LABEL)
+    plotter.subplot(0, 0)
+    plotter.add_scalar_bar(mapper=actor.mapper, **BAR)
+    image = Image.fromarray(plotter.screenshot(None, return_img=True))
+    plotter.close()
+    return image
+
+
+def frames(mesh: Path, parts: Sequence[float]) -> Iterator[Image.Image]:
+    """Yield a picture for each share of the largest angles."""
+    for part, grid, plane in zip(parts, aircraft(parts), airfoil(mesh, parts), strict=True):
+        yield drawn(Frame(part, grid, plane))
+
+
+def main(folder: Path, picture: Path, period: int = PERIOD) -> None:
+    """Write the animated picture of a period, which ends where it begins."""
+    parts = shares(period)
+    images = dict(zip(parts, frames(folder / "naca0012.su2", parts), strict=True))
+    order = [images[min(parts, key=lambda part: abs(part - np.sin(a)))] for a in 2 * np.pi * np.arange(period) / period]
+    palette = order[0].quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE)
+    first, *rest = (one.quantize(palette=palette, dither=Image.Dither.NONE) for one in order)
+    first.save(picture, save_all=True, append_images=rest, duration=MILLISECONDS, loop=0, optimize=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))
