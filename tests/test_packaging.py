@@ -1,6 +1,7 @@
 """What pip installs: one import name, with all its files, and nothing beside it."""
 
 import csv
+import email
 import shutil
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("sdm_deflect", "cases", "deform", "geometry", "meshing")
-FILES = ("pyproject.toml", "README.md", "LICENSE")
+FILES = ("pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "CHANGELOG.md", "CITATION.cff", "SECURITY.md")
 BUILD = "import sys; from setuptools import build_meta; print(getattr(build_meta, sys.argv[1])(sys.argv[2]))"
 DATA = (".html", ".css", ".js", ".toml")
 
@@ -43,6 +44,7 @@ def source(tmp_path_factory):
     for name in ("tests", "benchmarks", "docs"):
         (folder / name).mkdir()
         (folder / name / "__init__.py").touch()
+    (folder / "tests" / "test_something.py").touch()
     return folder
 
 
@@ -68,8 +70,32 @@ def test_every_module_and_data_file_of_the_checkout_is_inside(wheel):
     assert files | {"sdm_deflect/__init__.py", "sdm_deflect/py.typed"} <= recorded(wheel)
 
 
-def test_a_wheel_from_the_source_distribution_is_the_same(source, wheel, tmp_path):
-    archive = built("build_sdist", source, tmp_path)
+def test_licence_readme_and_command_are_in_the_metadata(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        names = {PurePosixPath(name).name: name for name in archive.namelist() if ".dist-info/" in name}
+        about = email.message_from_bytes(archive.read(names["METADATA"]))
+        commands = archive.read(names["entry_points.txt"]).decode()
+        licence = archive.read(names["LICENSE"]).decode()
+    assert about["License-Expression"] == "MIT"
+    assert licence == (ROOT / "LICENSE").read_text(encoding="utf-8")
+    assert about.get_payload().strip() == (ROOT / "README.md").read_text(encoding="utf-8").strip()
+    assert "sdm = sdm_deflect.cases.supervisor:main" in commands
+
+
+@pytest.fixture(scope="module")
+def source_archive(source, tmp_path_factory):
+    return built("build_sdist", source, tmp_path_factory.mktemp("sdist"))
+
+
+def test_the_source_distribution_holds_what_a_build_needs_and_no_tests(source_archive):
+    with tarfile.open(source_archive) as content:
+        names = {PurePosixPath(*PurePosixPath(name).parts[1:]) for name in content.getnames()}
+    assert {PurePosixPath(name) for name in FILES} <= names
+    assert {str(name.parts[0]) for name in names if name.parts} & {"tests", "benchmarks", "docs"} == set()
+
+
+def test_a_wheel_from_the_source_distribution_is_the_same(source_archive, wheel, tmp_path):
+    archive = source_archive
     with tarfile.open(archive) as content:
         content.extraction_filter = getattr(tarfile, "data_filter", None)  # Python 3.11.2 has none
         content.extractall(tmp_path)
