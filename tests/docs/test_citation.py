@@ -1,6 +1,7 @@
 """CITATION.cff says what the package says, in the form that others read (schema 1.2.0 of citation-file-format)."""
 
 import json
+import re
 import tomllib
 
 import pytest
@@ -37,4 +38,5 @@ def test_version_and_licence_are_those_of_the_package(citation):
 
 def test_version_and_date_are_those_of_the_newest_entry_of_the_changelog(citation):
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    assert text.split("\n## ")[1].splitlines()[0] == f"[{citation['version']}] - {citation['date-released']}"
+    newest = re.search(r"^## (\[\d.*)$", text, re.MULTILINE)
+    assert newest[1] == f"[{citation['version']}] - {citation['date-released']}"
