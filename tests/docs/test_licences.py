@@ -30,6 +30,15 @@ def test_what_is_installed_under_the_gpl_is_listed():
     assert copyleft == {name for name, text in LISTED.items() if "GPL" in text or "General Public" in text}
 
 
+def test_the_table_alone_is_made_anew(tmp_path):
+    page = tmp_path / "licences.md"
+    page.write_text(f"before\n{licences.BEGIN}\nold\n{licences.END}\nafter\n", encoding="utf-8")
+    licences.main(page)
+    text = page.read_text(encoding="utf-8")
+    assert text == f"before\n{licences.table()}\nafter\n"
+    assert "| numpy | BSD-3-Clause" in text
+
+
 @pytest.mark.parametrize("text", ["ruamel.yaml>=0.18", "Ruamel_YAML", "ruamel-yaml[x]<1"])
 def test_names_are_spelled_as_the_index_does(text):
     assert Requirement(text)
