@@ -3,14 +3,17 @@
 import csv
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from sdm_deflect.cases.cli import options
 
+if TYPE_CHECKING:
+    from sdm_deflect.cases.progress import Stopwatch
+
 TABLES = ("table1", "table2", "table3", "table4")
-PAGE, FLOW = "page", "flow"
+PAGE, FLOW, DONORS = "page", "flow", "donors"
 
 
 @click.command("list")
@@ -248,11 +251,11 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
 
 
 @click.command()
-@click.argument("name", type=click.Choice((*TABLES, PAGE, FLOW)))
+@click.argument("name", type=click.Choice((*TABLES, PAGE, FLOW, DONORS)))
 @options.scale_option
 @click.option("--out", type=options.FILE, help="Output folder (default: runs/NAME).")
-@click.option("--case", type=options.CaseName(), help="flow: the case (aileron).")
-@click.option("--angles", metavar="A,B,...", help="flow: angles; at the first there are --fresh meshes, else one.")
+@click.option("--case", type=options.CaseName(), help="flow, donors: the case.")
+@click.option("--angles", metavar="A,B,...", help="flow, donors: angles; at flow's first there are --fresh meshes.")
 @click.option("--mach", type=float, help="flow: Mach number of the free stream (0.6).")
 @click.option("--alpha", type=float, help="flow: angle of attack, degrees (0).")
 @click.option("--fresh", type=int, help="flow: meshes made anew around the deflected CAD (3).")
@@ -268,15 +271,20 @@ def study(
 
     flow: compute the flow on the deflected mesh and on meshes made anew around the deflected CAD, with OpenFOAM, and
     compare forces and moments. It takes hours, and goes on in its folder where it was stopped.
+
+    donors: count the nodes of a Chimera block, and of what surrounds it, that find no donor, over the angle.
     """
     given = {key: value for key, value in given.items() if value not in (None, ())}
     if name == FLOW:
         return _flow(scale, out, as_json, quiet, verbose, given)
+    if name == DONORS and given.keys() <= {"case", "angles", "assignments"}:
+        with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+            return _donors(scale, out, cache, as_json, watch, given)
     if given:
         from sdm_deflect.deform.errors import InputError
 
         option = next(iter(given)).replace("assignments", "set")
-        raise InputError(f"--{option} belongs to sdm study flow, not to {name}; leave it out")
+        raise InputError(f"--{option} belongs to another study than {name}; leave it out")
 
     from sdm_deflect.cases.output import output_folder
     from sdm_deflect.cases.study.files import write_study
@@ -320,6 +328,24 @@ def _flow(scale: str, out: Path | None, as_json: bool, quiet: bool, verbose: boo
         results, text = write_results(wanted, members, folder)
     options.print_either(as_json, figures_of(results), f"{text}\nresults in {folder}")
     return options.code_of(results.passed)
+
+
+def _donors(scale: str, out: Path | None, cache: bool, as_json: bool, watch: "Stopwatch", given: dict[str, Any]) -> int:
+    """Carry out ``sdm study donors``."""
+    from sdm_deflect.cases.job_settings import angles_of
+    from sdm_deflect.cases.output import output_folder
+    from sdm_deflect.cases.sdm.registry import resolve
+    from sdm_deflect.cases.study.donors import ANGLES, donors_at, row_of, write_donors
+
+    case = resolve(given.get("case", "aileron-chimera"), scale, assignments=given.get("assignments", ()))
+    angles = angles_of(given["angles"]) if "angles" in given else ANGLES
+    folder = out or Path("runs") / f"donors-{case.name}"
+    with output_folder(folder, ()) as scratch:
+        found = donors_at(case, angles, watch, cache)
+        text = write_donors(case, found, scratch)
+    figures = {"case": case.name, "scale": scale, "folder": folder, "positions": [row_of(one) for one in found]}
+    options.print_either(as_json, figures, f"{text}\nresults in {folder}")
+    return options.code_of(all(one.passed for one in found))
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:

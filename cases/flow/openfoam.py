@@ -149,7 +149,7 @@ def write_settings(case: Path, setup: Setup, fields: bool = True) -> None:
     for folder in ("system", "0"):
         (case / folder).mkdir(exist_ok=True)
     start = dict(_fields(found, setup.stream)) if fields else {}
-    for name, content in {**_system(found, setup), **_constant(), **start}.items():
+    for name, content in {**_system(found, setup), **GAS_FILES, **start}.items():
         path = case / name
         kind = CLASSES.get(path.name, "dictionary")
         path.write_text(header(kind, path.name, path.parent.name) + content, encoding="utf-8")
@@ -177,29 +177,33 @@ def vector_of(scheme: str) -> str:
     return scheme if scheme == FIRST else f"{scheme}V"
 
 
-def _constant() -> dict[str, str]:
-    return {
-        "constant/thermophysicalProperties": GAS_MODEL.format(weight=UNIVERSAL / GAS, heat=GAMMA / (GAMMA - 1.0) * GAS),
-        "constant/turbulenceProperties": "simulationType laminar;\n",
-    }
+GAS_FILES = {
+    "constant/thermophysicalProperties": GAS_MODEL.format(weight=UNIVERSAL / GAS, heat=GAMMA / (GAMMA - 1.0) * GAS),
+    "constant/turbulenceProperties": "simulationType laminar;\n",
+}
 
 
 def _monitors(walls: list[str], setup: Setup) -> Iterator[str]:
-    def monitor(name: str, patches: list[str], point: tuple[float, float, float], comment: str = "") -> str:
-        about = " ".join(f"{value:.17g}" for value in point)
-        return FORCES.format(
-            name=name, patches=" ".join(patches), pressure=setup.stream.pressure, point=about, every=EVERY,
-            comment=comment,
-        )  # fmt: skip
-
-    yield monitor(WHOLE, walls, setup.point)
+    yield forces(WHOLE, walls, setup.point, setup)
     for hinge in setup.hinges:
         axis = " ".join(f"{value:.9g}" for value in hinge.axis)
-        yield monitor(hinge.name, list(hinge.patches), hinge.point, f"  // hinge moment: its moment times ({axis})")
+        comment = f"  // hinge moment: its moment times ({axis})"
+        yield forces(hinge.name, list(hinge.patches), hinge.point, setup, comment)
+
+
+def forces(name: str, patches: list[str], point: tuple[float, float, float], setup: Setup, comment: str = "") -> str:
+    """Return the function object that reports forces on patches and their moment about a point (m)."""
+    about = " ".join(f"{value:.17g}" for value in point)
+    return FORCES.format(
+        name=name, patches=" ".join(patches), pressure=setup.stream.pressure, point=about, every=EVERY, comment=comment
+    )
 
 
 CLASSES = {"U": "volVectorField", "p": "volScalarField", "T": "volScalarField"}
-DIMENSIONS = {"U": "[0 1 -1 0 0 0 0]", "p": "[1 -1 -2 0 0 0 0]", "T": "[0 0 0 1 0 0 0]"}
+DIMENSIONS = {
+    "U": "[0 1 -1 0 0 0 0]", "p": "[1 -1 -2 0 0 0 0]", "T": "[0 0 0 1 0 0 0]",
+    "pointDisplacement": "[0 1 0 0 0 0 0]", "zoneID": "[0 0 0 0 0 0 0]",
+}  # fmt: skip
 WALL = {"U": "type slip;", "p": "type zeroGradient;", "T": "type zeroGradient;"}
 FAR = {
     "U": "type freestreamVelocity; freestreamValue uniform {0}; value uniform {0};",
@@ -209,18 +213,24 @@ FAR = {
 
 
 def _fields(patches: Mapping[str, str], stream: FreeStream) -> Iterator[tuple[str, str]]:
+    for name, value in initial_values(stream).items():
+        conditions = {"wall": WALL[name], "patch": FAR[name].format(value)}
+        yield f"0/{name}", field_file(name, f"uniform {value}", patches, conditions)
+
+
+def initial_values(stream: FreeStream) -> dict[str, str]:
+    """Return the free stream's velocity, pressure and temperature as OpenFOAM has them."""
     velocity = stream.speed * stream.directions[0]
-    values = {
+    return {
         "U": f"({' '.join(f'{value:.17g}' for value in velocity)})",
         "p": f"{stream.pressure:.17g}",
         "T": f"{stream.temperature:.17g}",
     }
-    for name, value in values.items():
-        conditions = {"wall": WALL[name], "patch": FAR[name].format(value)}
-        boundary = "".join(
-            f"    {patch} {{ {conditions.get(kind, f'type {kind};')} }}\n" for patch, kind in patches.items()
-        )
-        yield (
-            f"0/{name}",
-            f"dimensions {DIMENSIONS[name]};\ninternalField uniform {value};\nboundaryField\n{{\n{boundary}}}\n",
-        )
+
+
+def field_file(name: str, inner: str, patches: Mapping[str, str], conditions: Mapping[str, str]) -> str:
+    """Return a field: its values inside, and a condition for each patch by its type, which else is its own."""
+    boundary = "".join(
+        f"    {patch} {{ {conditions.get(kind, f'type {kind};')} }}\n" for patch, kind in patches.items()
+    )
+    return f"dimensions {DIMENSIONS[name]};\ninternalField {inner};\nboundaryField\n{{\n{boundary}}}\n"

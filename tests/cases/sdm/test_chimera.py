@@ -1,19 +1,30 @@
 """Case 5.2: nodes slide in the Chimera face, both blocks find donors, pinning is worse."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from sdm_deflect.cases.cli import cli
+from sdm_deflect.cases.flow.flow_case import FlowCase
+from sdm_deflect.cases.flow.overset import END, FIRST_STEP
+from sdm_deflect.cases.flow.overset import SOLVER as OVERSET_SOLVER
+from sdm_deflect.cases.progress import Silent, Stopwatch
+from sdm_deflect.cases.sdm.flow_case import export_flow
 from sdm_deflect.cases.sdm.job import BLOCK, block_stations
 from sdm_deflect.cases.sdm.overset import has_donor, orphans
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.sdm.run_folder import read_run, undeflected_models
 from sdm_deflect.cases.sdm.stored import judged
+from sdm_deflect.cases.study.donors import donors_at, write_donors
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.geometry.parameters import Aileron, Fighter
+from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from tests.cases import foam
 from tests.cases.sdm.deflected_cad import built
 
 pytestmark = pytest.mark.mesher
@@ -60,6 +71,51 @@ def test_a_hole_larger_than_the_block_leaves_orphans(chimera_run):
     run, _ = chimera_run
     low, high = run.mesh.points.min(axis=0) - 0.02, run.mesh.points.max(axis=0) + 0.02
     assert orphans(run.deflected, run.background, low, high).value > 0
+
+
+def test_every_node_in_need_has_a_donor_at_each_angle(chimera_run, tmp_path, capsys):
+    out = tmp_path / "donors"
+    assert cli(["study", "donors", "--angles", "-30,0,20", "--out", str(out), "--json"], standalone_mode=False) == 0
+    found = json.loads(capsys.readouterr().out)["positions"]
+    assert [one["angle"] for one in found] == [-30.0, 0.0, 20.0]
+    assert {one["faces_without"] + one["fringe_without"] for one in found} == {0}
+    assert all(one["faces"] > 1000 and one["fringe"] > 500 for one in found)
+    assert "find none" in (out / "donors-aileron-chimera.md").read_text()
+
+
+def test_an_angle_without_a_mesh_says_why(chimera_run, tmp_path):
+    case, watch = chimera_run[0].case, Stopwatch(Silent())
+    small = replace(case, confinement=replace(case.confinement, up=0.005))
+    found = donors_at(small, [-30.0], watch)
+    assert "leave the box at -30" in found[0].reason
+    assert not found[0].passed
+    assert found[0].reason in write_donors(small, found, tmp_path)
+
+
+def test_a_case_without_a_block_has_no_donors():
+    with pytest.raises(InputError, match="case tail: has no Chimera block; aileron-chimera has"):
+        donors_at(case_named("tail"), [12.0], Stopwatch(Silent()))
+
+
+def test_openfoam_finds_hole_and_donors_for_the_block_and_its_background(chimera_run, tmp_path):
+    run, folder = chimera_run
+    (case,), _ = export_flow(folder, FlowCase("openfoam", iterations=1), out=tmp_path / "overset")
+    types = {patch.name: patch.type for patch in parse(open_foam(case / MESH, "boundary").text())}
+    assert next(iter(types)) == "chimera"  # OpenFOAM wants the overset patch first
+    assert [name for name, kind in types.items() if kind == "overset"] == ["chimera"]
+    assert {name for name, kind in types.items() if kind == "symmetry"} == {"background_wing_left", "block_wing_left"}
+    assert types["far_field"] == "patch"
+    assert types["aileron_left"] == "wall"
+    foam.run("checkMesh", case)
+    settings = case / "system" / "controlDict"
+    settings.write_text(settings.read_text().replace(f"endTime         {END}", f"endTime         {FIRST_STEP}"))
+    said = foam.run(OVERSET_SOLVER, case)
+    counts = {word: int(number) for word, number in re.findall(r"(calculated|interpolated|hole) +: (\d+)", said)}
+    cells = len(run.mesh.tets) + len(run.background.tets)
+    assert sum(counts.values()) == cells
+    assert 0 < counts["hole"] < 0.05 * cells
+    assert 1000 < counts["interpolated"] < 0.1 * cells
+    assert "ExecutionTime" in said
 
 
 def test_donors_are_found_inside_and_nowhere_else(chimera_run):
