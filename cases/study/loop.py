@@ -20,6 +20,9 @@ from sdm_deflect.deform.rbf.threads import single_threaded_blas
 RESTART, MOST = 300, 900
 """Iterations of GMRES between restarts, and in all, after which its solution is taken as it is."""
 
+COLUMNS = {"linear": 4, "constant": 1, "none": 0}
+"""Terms of a polynomial."""
+
 
 @dataclass(frozen=True, slots=True)
 class Gmres:
@@ -54,13 +57,15 @@ def adapted(sites: DataSites, first: IndexArray, options: GreedyOptions, solve: 
     the tolerance, because the solves are inexact, the loop ends as exhausted.
     """
     points, chosen, kernel = sites.points / unit, np.array(first), ThinPlateSpline()
-    polynomials = np.column_stack([np.ones(len(points)), points])
+    polynomials = np.column_stack([np.ones(len(points)), points])[:, : COLUMNS[options.polynomial]]
+    q = polynomials.shape[1]
     iteration = 0
     with single_threaded_blas():
         while True:
             matrix = coefficient_matrix(polynomials[chosen], kernel, points[chosen])
-            solution = solve(matrix, np.vstack([np.zeros((4, 1)), sites.values[chosen]]))
-            field = kernel_sum(kernel, points, points[chosen], solution[4:], solution[:4])
+            solution = solve(matrix, np.vstack([np.zeros((q, 1)), sites.values[chosen]]))
+            alpha = np.vstack([solution[:q], np.zeros((4 - q, 1))])
+            field = kernel_sum(kernel, points, points[chosen], solution[q:], alpha)
             residual = np.abs(field - sites.values)[:, 0]
             block = _worst(residual, chosen, options)
             stop = _stop(float(residual.max()), len(chosen), iteration, options)

@@ -80,7 +80,8 @@ def because(verdict: Verdict, page: Page) -> str:
     found = [reason for reason in reasons() if reason.explains(verdict)]
     if not found or page.reasons is None:
         return f"{UNKNOWN} ({verdict.finding.evidence})"
-    return found[0].text.format(**figures_for(verdict.place, verdict.by, page))
+    text = found[0].text.format(**figures_for(verdict.place, verdict.by, page))
+    return f"{verdict.finding.evidence}. Why: {text}"
 
 
 def counted(page: Page) -> str:
