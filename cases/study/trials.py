@@ -10,8 +10,8 @@ from sdm_deflect.cases.study.trends import title
 CASES = {"table1": "aileron", "table3": "Chimera block", "table4": "tail"}
 NOTHING, TOLERANCE, GMRES = "nothing changed", "tolerance", "GMRES"
 """Names of changes."""
-STUCK = "{}, stuck at {:.1e} m"
-ENDED = {"MAX_CENTERS": "{} left {:.1e} m", "EXHAUSTED": STUCK, "MAX_ITERATIONS": STUCK, "ROUNDING": STUCK}
+STUCK = "{}, stuck at {:.2g} mm"
+ENDED = {"MAX_CENTERS": "{} left {:.2g} mm", "EXHAUSTED": STUCK, "MAX_ITERATIONS": STUCK, "ROUNDING": STUCK}
 """How a cell says that an adaptation did not reach the tolerance."""
 
 
@@ -56,7 +56,7 @@ def row_name(one: Trial) -> str:
 
 def cell(one: Trial) -> str:
     """Return the centres, and what is left where the tolerance was not reached."""
-    return ENDED.get(one.stop, "{}").format(one.centers, one.max_error)
+    return ENDED.get(one.stop, "{}").format(one.centers, 1e3 * one.max_error)
 
 
 def factors(trials: Trials) -> dict[tuple[str, float, str], float]:
