@@ -180,7 +180,7 @@ def _panel(trials: Trials) -> str:
     enough = any(one.stop == "MAX_CENTERS" and TWICE * one.max_error >= theirs.max_error for one in rough)
     return (
         f"{sufficient(enough)} The panel's displacement: if its nodes are rough, f_z ends with {left} (paper: "
-        f"{theirs.centers} left {1e3 * theirs.max_error:.2g} mm, if its unit is the metre). A panel that stays while the "
-        f"tail moves: {cell(still)}. The paper moves the panel's nodes by interpolation and then projects them; how "
-        "smoothly is not said."
+        f"{theirs.centers} left {1e3 * theirs.max_error:.2g} mm, if its unit is the metre). A panel that stays "
+        f"while the tail moves: {cell(still)}. The paper moves the panel's nodes by interpolation and then projects "
+        "them; how smoothly is not said."
     )
