@@ -73,7 +73,7 @@ def _tolerance(trials: Trials) -> str:
             text = f"{factor:.1f}" if factor < inf else "none"
             yield [row_name(own[0]), str(own[0].theirs), *(cell(one) for one in own), text]
 
-    heads = ["", "paper", *(f"8e-5 m / {factor:g}" for factor in FACTORS), "paper's number at"]
+    heads = ["8e-5 m divided by", "paper", *(f"{factor:g}" for factor in FACTORS), "paper's number at"]
     return _table(heads, rows())
 
 
