@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.progress import Stopwatch
 
 TABLES = ("table1", "table2", "table3", "table4")
-PAGE, FLOW, DONORS = "page", "flow", "donors"
+PAGE, REASONS, FLOW, DONORS = "page", "reasons", "flow", "donors"
+OWN = {"again": (PAGE,), **dict.fromkeys(("case", "angles", "assignments"), (FLOW, DONORS))}
+"""Options of the studies named; the others are those of the flow alone."""
 
 
 @click.command("list")
@@ -251,9 +253,10 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
 
 
 @click.command()
-@click.argument("name", type=click.Choice((*TABLES, PAGE, FLOW, DONORS)))
+@click.argument("name", type=click.Choice((*TABLES, PAGE, REASONS, FLOW, DONORS)))
 @options.scale_option
 @click.option("--out", type=options.FILE, help="Output folder (default: runs/NAME).")
+@click.option("--again", is_flag=True, help="page: write it again from what is in the output folder.")
 @click.option("--case", type=options.CaseName(), help="flow, donors: the case.")
 @click.option("--angles", metavar="A,B,...", help="flow, donors: angles; at flow's first there are --fresh meshes.")
 @click.option("--mach", type=float, help="flow: Mach number of the free stream (0.6).")
@@ -269,36 +272,39 @@ def study(
 ) -> int:
     """Measure a table of the paper and write it as .csv, .md and .png; page: all tables and figures.
 
+    reasons: measure why the paper's numbers differ, for the page to quote; before it, into the same folder.
+
     flow: compute the flow on the deflected mesh and on meshes made anew around the deflected CAD, with OpenFOAM, and
     compare forces and moments. It takes hours, and goes on in its folder where it was stopped.
 
     donors: count the nodes of a Chimera block, and of what surrounds it, that find no donor, over the angle.
     """
-    given = {key: value for key, value in given.items() if value not in (None, ())}
-    if name == FLOW:
-        return _flow(scale, out, as_json, quiet, verbose, given)
-    if name == DONORS and given.keys() <= {"case", "angles", "assignments"}:
-        with options.watched(quiet or (as_json and not verbose), verbose) as watch:
-            return _donors(scale, out, cache, as_json, watch, given)
-    if given:
+    given = {key: value for key, value in given.items() if value not in (None, (), False)}
+    if wrong := next((key for key in given if name not in OWN.get(key, (FLOW,))), None):
         from sdm_deflect.deform.errors import InputError
 
-        option = next(iter(given)).replace("assignments", "set")
-        raise InputError(f"--{option} belongs to another study than {name}; leave it out")
+        owners, option = " and ".join(OWN.get(wrong, (FLOW,))), wrong.replace("assignments", "set")
+        raise InputError(f"--{option} belongs to sdm study {owners}, not to {name}; leave it out")
+    if name == FLOW:
+        return _flow(scale, out, as_json, quiet, verbose, given)
+    if name == DONORS:
+        with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+            return _donors(scale, out, cache, as_json, watch, given)
 
     from sdm_deflect.cases.output import output_folder
-    from sdm_deflect.cases.study.files import write_study
-    from sdm_deflect.cases.study.measure import run_study
-    from sdm_deflect.cases.study.page import write_page
+    from sdm_deflect.cases.study import studies
 
     folder = out or Path("runs") / name
     with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
-        if name == PAGE:
-            write_page(scale, scratch, watch.display, cache)
+        if given:
+            text = studies.again(scratch, folder)
+        elif name == PAGE:
+            text = studies.page(scale, scratch, folder, watch, cache)
+        elif name == REASONS:
+            text = studies.reasons(scale, scratch, watch, cache)
         else:
-            write_study(run_study(name, scale, watch, cache), scratch)
+            text = studies.table(name, scale, scratch, watch, cache)
         tables = {path.stem: _rows(path) for path in sorted(scratch.rglob("*.csv"))}
-        text = (scratch / ("paper.md" if name == PAGE else f"{name}.md")).read_text(encoding="utf-8")
     if as_json:
         options.print_json({"study": name, "scale": scale, "folder": folder, "tables": tables})
     else:

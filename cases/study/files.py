@@ -51,14 +51,15 @@ def write_csv(result: Result, path: Path) -> None:
 
 
 def markdown(result: Result) -> str:
-    """Return heading, sizes, table, loops and trends."""
+    """Return heading, sizes, tables, loops and trends."""
     table = result.table
     loops = [f"- `{loop.name}`: {loop.meaning}." for loop in result.loops]
     parts = [
         f"## Table {result.name[-1]}: {table.title}",
         sizes(result),
-        "\n".join(rows(result)),
+        counts(result),
         f"Seconds by loop (wall time, median of up to {REPETITIONS} runs):\n\n" + "\n".join(loops),
+        seconds(result),
         convergence(result),
         "\n".join(verdicts(result)),
     ]
@@ -67,35 +68,39 @@ def markdown(result: Result) -> str:
 
 def sizes(result: Result) -> str:
     """Say on what the study was carried out, ours and theirs, and how far the sites move."""
-    theirs, sites = paper().size(result.table.case), next(iter(result.sites.values()))
-    x, y, z = (sites.plan.sites.zero_sites(c) for c in range(3))
-    ours = Size(theirs.case, result.points, result.cells, len(sites.plan.sites.moving), (x, y, z))
-    moved = "; ".join(f"{listed(map(one.largest_mm, 'xyz'))} mm at {angle:+g}°" for angle, one in result.sites.items())
+    ground, theirs = result.ground, paper().size(result.table.case)
+    moved = "; ".join(f"{listed(one.values())} mm at {angle:+g}°" for angle, one in ground.largest_mm.items())
     return (
-        f"Here (scale `{result.case.scale}`): {_size(ours)}. The paper: {_size(theirs)}. "
+        f"Here (scale `{ground.scale}`): {_size(ground.size)}. The paper: {_size(theirs)}. "
         f"Largest prescribed displacement in x, y, z: {moved}."
     )
 
 
-def rows(result: Result) -> list[str]:
-    """Return the lines of the Markdown table."""
+def counts(result: Result) -> str:
+    """Return the Markdown table of iterations, centres and errors, the paper's and those of its rule here."""
+    heads = ["", "initial", "M_add", "t_end paper", "here", "N_c,end paper", "here", "max error, m"]
+    told = any(not isnan(row.max_error) for row in result.table.rows)
+    lines = [[*heads[:-1], "max error paper, m", "here"] if told else heads]
+    for theirs, ours in zip(result.table.rows, result.by(GROWN), strict=True):
+        figures = (theirs.iterations, ours.iterations, theirs.centers, ours.centers)
+        errors = [f"{row.max_error:.2e}" for row in ((theirs, ours) if told else (ours,))]
+        lines.append([*_named(theirs.setting), *map(str, figures), *errors])
+    return _table(lines)
+
+
+def seconds(result: Result) -> str:
+    """Return the Markdown table of times by loop; the loop of `sdm run` has centres of its own."""
     loops = [loop for loop in result.loops if loop != DEFAULT]
-    heads = ["", "initial", "M_add", "t_end paper", "here", "N_c,end paper", "here", "max error, m", "s paper"]
-    heads += [f"s `{loop.name}`" for loop in loops] + [f"`{DEFAULT.name}`: t_end, N_c,end, s"]
-    lines = [_line(heads), _line(["---", "---", *["---:"] * (len(heads) - 2)])]
+    lines = [
+        ["", "initial", "M_add", "paper", *(f"`{one.name}`" for one in loops), f"`{DEFAULT.name}`: t_end, N_c,end", "s"]
+    ]
     ours = {(one.row.setting, one.loop): one.row for one in result.measured}
     for theirs in result.table.rows:
         setting = theirs.setting
-        times = [_seconds(ours.get((setting, loop))) for loop in loops]
-        row, own = ours[setting, loops[0]], ours[setting, DEFAULT]
-        what = f"{title(setting.columns)} at {setting.angle:+g}°"
-        counts = map(str, (setting.n_add, theirs.iterations, row.iterations, theirs.centers, row.centers))
-        times += [f"{own.iterations}, {own.centers}, {_seconds(own)}"]
-        initial, error = "{} + {}".format(*setting.initial), f"{row.max_error:.2e}"
-        if not isnan(theirs.max_error):
-            error = f"paper {theirs.max_error:.2e}, here {error}"
-        lines.append(_line([what, initial, *counts, error, _seconds(theirs), *times]))
-    return lines
+        times = [_seconds(theirs), *(_seconds(ours.get((setting, loop))) for loop in loops)]
+        own = ours[setting, DEFAULT]
+        lines.append([*_named(setting), *times, f"{own.iterations}, {own.centers}", _seconds(own)])
+    return _table(lines)
 
 
 def convergence(result: Result) -> str:
@@ -111,13 +116,13 @@ def convergence(result: Result) -> str:
 
 def small_motions(result: Result) -> Iterator[str]:
     """Say which directions move by less than the tolerance, and what they then cost."""
-    for angle, sites in result.sites.items():
-        for d in "xyz":
+    for angle, largest in result.ground.largest_mm.items():
+        for d, most_mm in largest.items():
             rows = [row for row in result.by(GROWN) if row.setting.columns == d and row.setting.angle == angle]
-            if rows and sites.largest_mm(d) < 1e3 * result.table.tolerance:
+            if rows and most_mm < 1e3 * result.table.tolerance:
                 most = max(row.iterations for row in rows)
                 yield (
-                    f"At {angle:+g}° f_{d} is nowhere larger than {sites.largest_mm(d):.3g} mm, less than the "
+                    f"At {angle:+g}° f_{d} is nowhere larger than {most_mm:.3g} mm, less than the "
                     f"tolerance; it takes {most} iterations."
                 )
 
@@ -151,8 +156,15 @@ def _seconds(row: Row | None) -> str:
     return "" if row is None else f"{row.seconds:.3g}"
 
 
-def _line(cells: list[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
+def _named(setting: Setting) -> list[str]:
+    what = f"{title(setting.columns)} at {setting.angle:+g}°"
+    return [what, "{} + {}".format(*setting.initial), str(setting.n_add)]
+
+
+def _table(lines: list[list[str]]) -> str:
+    """Return a Markdown table of a heading and rows; the first two columns are words."""
+    rule = ["---", "---", *["---:"] * (len(lines[0]) - 2)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (lines[0], rule, *lines[1:]))
 
 
 def table1(result: Result, figure: Figure) -> str:
@@ -168,7 +180,7 @@ def table1(result: Result, figure: Figure) -> str:
     start = 0.0
     for columns in ("xyz", "x", "y", "z"):
         curve(left, chosen[columns])
-        seconds = [start + step.seconds for step in chosen[columns].fit.history]
+        seconds = [start + step.seconds for step in chosen[columns].history]
         curve(right, chosen[columns], seconds)
         start = 0.0 if columns == "xyz" else seconds[-1]
     finish(left, result, "centres")
@@ -201,7 +213,7 @@ def table2(result: Result, figure: Figure) -> str:
 
 def table3(result: Result, figure: Figure) -> str:
     """Residual against centres for each angle."""
-    angles = sorted(result.sites, key=abs)
+    angles = sorted(result.ground.largest_mm, key=abs)
     for angle, axes in zip(angles, figure.subplots(1, len(angles), sharey=True), strict=True):
         for one in result.measured:
             if one.loop == GROWN and one.row.setting.angle == angle:
@@ -234,10 +246,10 @@ def curve(axes: Axes, one: Measured, seconds: list[float] | None = None) -> None
     """Draw one adaptation's residuals against centres or times; MV as a wide line, so that f_z shows on top of it."""
     columns = one.row.setting.columns
     wide = {"lw": 6, "alpha": 0.6} if columns == "xyz" else {"lw": 1.8}
-    residuals = [step.max_residual for step in one.fit.history]
+    residuals = [step.max_residual for step in one.history]
     marker = "o" if len(residuals) == 1 else ""
     name = f"${title(columns)}$" if len(columns) == 1 else title(columns)
-    abscissa = seconds or [step.n_centers for step in one.fit.history]
+    abscissa = seconds or [step.n_centers for step in one.history]
     axes.semilogy(abscissa, residuals, color=COLOURS[columns], label=name, marker=marker, **wide)
 
 

@@ -14,12 +14,12 @@ from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import job_of
 from sdm_deflect.cases.sdm.pipeline import meshed
 from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.study.paper import Evaluation, Row, Setting, Table, paper
+from sdm_deflect.cases.study.paper import Evaluation, Row, Setting, Size, Table, paper
 from sdm_deflect.cases.study.trends import Finding, Trend
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.rbf.bases import DirectBasis
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
-from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Stop, adapt
+from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Iteration, Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import krylov
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.points import IndexArray
@@ -83,9 +83,14 @@ class SiteGroups:
     groups: dict[str, DataSites]
     plan: Plan
 
-    def largest_mm(self, columns: str) -> float:
-        """Return the largest prescribed displacement in these directions, millimetres."""
-        return 1e3 * float(np.abs(self.groups[columns].values).max())
+    def largest_mm(self) -> dict[str, float]:
+        """Return the largest prescribed displacement in x, y and z, millimetres."""
+        return {d: 1e3 * float(np.abs(self.groups[d].values).max()) for d in "xyz"}
+
+    def size(self, case: str, mesh: TetMesh) -> Size:
+        """Return the sizes of mesh and sites."""
+        x, y, z = (self.plan.sites.zero_sites(c) for c in range(3))
+        return Size(case, len(mesh.points), len(mesh.tets), len(self.plan.sites.moving), (x, y, z))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,19 +101,16 @@ class Measured:
     ----------
     row : as in the paper's table; its time is the median of `repetitions`.
     sites : number of data sites.
-    fit : with the residual in every iteration, and the interpolant in metres.
+    converged : whether the tolerance was reached.
+    history : the residual in every iteration; empty where the row was read from a .csv.
     """
 
     row: Row
     loop: Loop
     sites: int
-    fit: Adaptation
+    converged: bool
     repetitions: int
-
-    @property
-    def converged(self) -> bool:
-        """True if the tolerance was reached."""
-        return self.fit.stop is Stop.CONVERGED
+    history: tuple[Iteration, ...] = ()
 
 
 def sites_of(case: Case, mesh: TetMesh) -> SiteGroups:
@@ -147,7 +149,7 @@ class Task:
     def measured(self, fit: Adaptation, seconds: list[float]) -> Measured:
         """Return the row of a fit that took these times."""
         row = Row(self.setting, fit.history[-1].iteration, len(fit.chosen), median(seconds), fit.max_error)
-        return Measured(row, self.loop, len(self.group), fit, len(seconds))
+        return Measured(row, self.loop, len(self.group), fit.stop is Stop.CONVERGED, len(seconds), fit.history)
 
 
 def measure(tasks: Sequence[Task], progress: Progress = silent) -> tuple[Measured, ...]:
@@ -167,6 +169,15 @@ def measure(tasks: Sequence[Task], progress: Progress = silent) -> tuple[Measure
     return tuple(task.measured(fits[i], seconds[i]) for i, task in enumerate(tasks))
 
 
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """What a study was carried out on: sizes of mesh and sites, and how far the sites go in x, y, z at each angle."""
+
+    scale: str
+    size: Size
+    largest_mm: dict[float, dict[str, float]]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
     """A study carried out on a mesh.
@@ -174,17 +185,11 @@ class Result:
     Attributes
     ----------
     name : of the paper's table.
-    case : as it was run; its angle is that of the first row.
-    points, cells : of the mesh.
-    sites : the data sites at each angle.
     measured : every row, once for each of its loops.
     """
 
     name: str
-    case: Case
-    points: int
-    cells: int
-    sites: dict[float, SiteGroups]
+    ground: Ground
     measured: tuple[Measured, ...]
 
     @property
@@ -219,7 +224,9 @@ def carry_out(name: str, case: Case, mesh: TetMesh, progress: Progress) -> Resul
         for one in settings
         for loop in (for_fewest if one.initial == fewest else others)
     ]
-    return Result(name, case, len(mesh.points), len(mesh.tets), sites, measure(tasks, progress))
+    first = next(iter(sites.values()))
+    ground = Ground(case.scale, first.size(case.name, mesh), {angle: one.largest_mm() for angle, one in sites.items()})
+    return Result(name, ground, measure(tasks, progress))
 
 
 def run_study(name: str, scale: str, watch: Stopwatch, cache: bool = True) -> Result:
@@ -237,7 +244,7 @@ def run_study(name: str, scale: str, watch: Stopwatch, cache: bool = True) -> Re
 def timed(theirs: Evaluation, case: Case, mesh: TetMesh) -> Evaluation:
     """Find the interpolant as the paper did and time filter and evaluation, medians of several runs."""
     sites = sites_of(replace(case, angle=theirs.setting.angle), mesh)
-    region, fit = sites.plan.region, measure([Task.of(sites, theirs.setting, theirs, GROWN)])[0].fit
+    region, fit = sites.plan.region, Task.of(sites, theirs.setting, theirs, GROWN).run()
     inside = mesh.points[region.inside]
     return replace(
         theirs,

@@ -1,6 +1,6 @@
 """The page `docs/paper.md`: every table and figure of the paper's section 5, every sentence from the numbers."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -17,10 +17,23 @@ from sdm_deflect.cases.sdm import pictures as aircraft
 from sdm_deflect.cases.sdm.metrics import Run
 from sdm_deflect.cases.sdm.pipeline import meshed, run_case
 from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.study.files import markdown, write_csv, write_plot
-from sdm_deflect.cases.study.measure import filter_is_cheap, run_study, savings, timed
-from sdm_deflect.cases.study.paper import QualityStatement, paper
-from sdm_deflect.cases.study.trends import Finding
+from sdm_deflect.cases.study import sections, verdicts
+from sdm_deflect.cases.study.centres_page import why
+from sdm_deflect.cases.study.files import write_csv, write_plot
+from sdm_deflect.cases.study.measure import run_study, sites_of, timed
+from sdm_deflect.cases.study.paper import paper
+from sdm_deflect.cases.study.sections import Page, Text
+from sdm_deflect.cases.study.stored import (
+    FILE,
+    REASONS,
+    Counted,
+    Reasons,
+    Seen,
+    Stored,
+    read_json,
+    read_result,
+    write_json,
+)
 from sdm_deflect.deform.fitting import Strategy
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
@@ -30,34 +43,11 @@ INTRODUCTION = """# The paper's section 5, measured here
 
 This page is made by `sdm study page --scale {scale} --out docs`; no sentence on it is written by hand that a
 measurement could contradict. Each verdict compares numbers: "holds" where the trend that the paper names is found in
-ours, "does not hold" where it is not. Every trend holds on the paper's own numbers by the same tests.
-
-Our times are wall times on {threads} threads; the paper's are CPU times on {machine}.
+ours, "does not hold" where it is not. Every trend holds on the paper's own numbers by the same tests."""
+TERMS = """Our times are wall times on {threads} threads; the paper's are CPU times on {machine}.
 They can be compared within a column, not across. Geometry and meshes are our own (scale `{scale}`), so numbers of
 iterations and centres differ. The deformed meshes of the figures were made with the paper's settings and its rule of
-adding centres."""
-VISIBLE = 3e-4
-"""A histogram is as before if at most this share of all cells is new below the limit: a hundredth of the height of its
-highest bars, which hold some 3 % of the cells each. Less is not visible."""
-
-SAID = {
-    "none": "At {:+g}° the deformed mesh has no cell below {:g}.",
-    "as before": "At {:+g}° no deterioration is visible below {:g}.",
-}
-
-
-def judged(theirs: QualityStatement, run: Run) -> Finding:
-    """Count the cells below the mean ratio that the paper names, before and after."""
-    before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
-    near = run.mesh.touching(run.deflections[0].plan.region.inside)
-    old, new = before < theirs.below, after < theirs.below
-    holds = not new.any() if theirs.finding == "none" else new.sum() - old.sum() <= VISIBLE * len(new)
-    return Finding(
-        bool(holds),
-        f"{old.sum()} of {len(old)} cells below {theirs.below:g} before, {new.sum()} after; of the {near.sum()} cells "
-        f"that touch the hexahedron, {old[near].sum()} before, {new[near].sum()} after, the smallest "
-        f"{before[near].min():.3f} before, {after[near].min():.3f} after",
-    )
+adding centres. What was measured is kept in `tables`; `sdm study page --again --out docs` writes the page from it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,168 +76,164 @@ class Sources:
         return self._runs[key]
 
 
-Write = Callable[[Sources, Path], str]
-"""Writes the pictures of a section into a folder and returns its Markdown."""
+Measure = Callable[[Sources, Stored, Path], None]
+"""Measures what a section says into the stored results and writes its pictures and tables into a folder."""
 
 
-def figure1(runs: Sources, folder: Path) -> str:
-    """The aircraft and the two blocks, with the sizes of both meshes."""
+def figure1(runs: Sources, stored: Stored, folder: Path) -> None:
+    """The aircraft and the two blocks."""
     whole, block = runs.run("aileron", -12.0), runs.run("aileron-chimera", -12.0)
-    lines = [_sizes("full model", whole, "aileron"), _sizes("Chimera block", block, "aileron-chimera")]
-    return _drawn(aircraft.blocks(whole, block), folder / "figure1.png") + "\n\n" + "\n".join(lines)
+    for run in (whole, block):
+        _sized(runs, stored, run.case.name)
+    _drawn(aircraft.blocks(whole, block), "figure1", stored, folder)
 
 
-def figure3(runs: Sources, folder: Path) -> str:
-    """Histograms of MV and SQUV for the aileron."""
-    squv, mv = runs.run("aileron", -12.0), runs.run("aileron", -12.0, "mv")
-    found = [*_statements(3, {-12.0: squv}), *_statements(3, {-12.0: mv}, " (MV)")]
-    return _histograms(3, [mv, squv], ["MV", "SQUV"], found, folder)
+def table(runs: Sources, stored: Stored, folder: Path, name: str) -> None:
+    """A table of the paper; its CSV goes beside the figures."""
+    result = run_study(name, runs.scale, Stopwatch(runs.display), runs.cache)
+    write_csv(result, folder / "tables" / f"{name}.csv")
+    stored.pictures[name] = write_plot(result, folder / "figures" / f"{name}.png")
+    stored.grounds[name] = result.ground
 
 
-def histograms(runs: Sources, folder: Path, number: int, name: str, angles: tuple[float, ...]) -> str:
-    """Histograms of a case at some angles."""
-    found = {angle: runs.run(name, angle) for angle in angles}
-    titles = [f"{angle:+g} deg" for angle in angles]
-    return _histograms(number, list(found.values()), titles, _statements(number, found), folder)
+Wanted = tuple[tuple[str, float, Strategy, str], ...]
 
 
-def figure5(runs: Sources, folder: Path) -> str:
-    """The gap at both angles, and the checks that the paper does by eye."""
+def histograms(runs: Sources, stored: Stored, folder: Path, number: int, wanted: Wanted) -> None:
+    """Histograms of some runs (case, angle, strategy, title), and the cells that the paper speaks of."""
+    found = [runs.run(name, angle, strategy) for name, angle, strategy, _ in wanted]
+    for run in sorted(found, key=lambda run: run.case.adaptation.strategy, reverse=True):  # SQUV first
+        before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
+        theirs = [one for one in paper().quality if (one.figure, one.angle) == (number, run.case.angle)]
+        stored.counted.extend(Counted.of(one, run, before, after) for one in theirs)
+    figure, alternative = aircraft.histograms(found, [title for *_, title in wanted])
+    _shown(figure, alternative, f"figure{number}", stored, folder)
+
+
+def figure5(runs: Sources, stored: Stored, folder: Path) -> None:
+    """The gap at both angles."""
     pair = [runs.run("aileron-chimera", angle) for angle in (-12.0, -30.0)]
-    seen = "nothing changes outside the hexahedron, that the wing is not influenced and that the aileron stays planar"
     names = ("outside_moved", "fixed_surfaces_moved", "planarity", "inverted_cells")
-    return _drawn(aircraft.gaps(pair), folder / "figure5.png") + _checks(seen, pair, names)
+    _checked(5, pair, names, stored)
+    _drawn(aircraft.gaps(pair), "figure5", stored, folder)
 
 
-def figure6(runs: Sources, folder: Path) -> str:
+def figure6(runs: Sources, stored: Stored, folder: Path) -> None:
     """The tail with its hexahedron and sites."""
-    run = runs.run("tail", 12.0)
-    theirs, plan = paper().size("tail"), run.deflections[0].plan
-    return _drawn(aircraft.confinement(run), folder / "figure6.png") + (
-        f"\n\n- Sites: here {len(plan.sites.moving)} on the surface and {plan.sites.zero_sites(0)} on the hexahedron; "
-        f"the paper: {theirs.surface} and {theirs.zero_sites[0]}.\n"
-        f"- Mesh points inside the hexahedron: here {len(plan.region.inside)} of {len(run.mesh.points)}; "
-        f"the paper: {paper().evaluations[1].inside} of {theirs.points}."
-    )
+    _sized(runs, stored, "tail")
+    _drawn(aircraft.confinement(runs.run("tail", 12.0)), "figure6", stored, folder)
 
 
-def figure8(runs: Sources, folder: Path) -> str:
-    """The mesh around the tail, and the checks that the paper does by eye."""
-    run = runs.run("tail", 12.0)
-    seen = "the tail stays planar, the fuselage circular and closed at the root, and that only the adjacent panel moves"
+def figure8(runs: Sources, stored: Stored, folder: Path) -> None:
+    """The mesh around the tail."""
     names = ("planarity", "cylindricity", "root_on_cylinder", "fixed_surfaces_moved", "outside_moved")
-    return _drawn(aircraft.around(run), folder / "figure8.png") + _checks(seen, [run], names)
+    run = runs.run("tail", 12.0)
+    _checked(8, [run], names, stored)
+    _drawn(aircraft.around(run), "figure8", stored, folder)
 
 
-def timings(runs: Sources, _folder: Path) -> str:
+def timings(runs: Sources, stored: Stored, _folder: Path) -> None:
     """Filter and evaluation times for f_x."""
-    lines = [
-        "| case | | N_c | points inside | filter, s | evaluation inside, s | on the whole mesh, s |",
-        "| --- | --- | ---: | ---: | ---: | ---: | ---: |",
-    ]
-    notes = []
-    for theirs in paper().evaluations:
-        mesh = runs.mesh(theirs.case)
-        ours = timed(theirs, case_named(theirs.case, runs.scale), mesh)
-        for who, one in (("paper", theirs), ("here", ours)):
-            times = (one.filter_seconds, one.inside_seconds, one.whole_seconds)
-            cells = (theirs.case, who, one.centers, one.inside, *(f"{seconds:.3g}" for seconds in times))
-            lines.append(f"| {' | '.join(map(str, cells))} |")
-        saved, cheap = savings(ours, len(mesh.points)), filter_is_cheap(ours)
-        notes.append(
-            f"- {theirs.case}: confined evaluation is faster at least by the ratio of the numbers of points: "
-            f"**{saved.verdict}** ({saved.evidence}); filter and confined evaluation together are cheaper than the "
-            f"whole mesh: **{cheap.verdict}** ({cheap.evidence})."
-        )
-    return "\n".join(lines) + "\n\n" + "\n".join(notes)
+    for one in paper().evaluations:
+        _sized(runs, stored, one.case)
+    found = [timed(one, case_named(one.case, runs.scale), runs.mesh(one.case)) for one in paper().evaluations]
+    stored.evaluations.extend(found)
 
 
-def _sizes(what: str, run: Run, case: str) -> str:
-    theirs, mesh = paper().size(case), run.mesh
-    return (
-        f"- {what}: here {len(mesh.points):,} points and {len(mesh.tets):,} tetrahedra; "
-        f"the paper: {theirs.points:,} and {theirs.cells:,}."
-    )
+def _sized(runs: Sources, stored: Stored, name: str) -> None:
+    """Note the sizes of the mesh and of the sites of a case."""
+    if name not in stored.sizes:
+        mesh = runs.mesh(name)
+        stored.sizes[name] = sites_of(case_named(name, runs.scale), mesh).size(name, mesh)
 
 
-def _statements(figure: int, runs: dict[float, Run], note: str = "") -> Iterator[str]:
-    """Judge the paper's statements on one of its histograms."""
-    for theirs in paper().quality:
-        if theirs.figure == figure:
-            found = judged(theirs, runs[theirs.angle])
-            said = SAID[theirs.finding].format(theirs.angle, theirs.below)
-            yield f"- {said} Here{note}: **{found.verdict}** ({found.evidence})."
+def _checked(number: int, runs: list[Run], names: tuple[str, ...], stored: Stored) -> None:
+    for run in runs:
+        for one in run.checks:
+            if one.name in names:
+                figures = (one.name, one.value, one.unit, one.judgement, one.limit, one.passed, one.where)
+                stored.seen.append(Seen(number, run.case.angle, *figures))
 
 
-def _histograms(number: int, runs: list[Run], titles: list[str], found: Iterable[str], folder: Path) -> str:
-    figure, alternative = aircraft.histograms(runs, titles)
-    return _shown(figure, alternative, folder / f"figure{number}.png") + "\n\n" + "\n".join(found)
+def _drawn(picture: Picture, name: str, stored: Stored, folder: Path) -> None:
+    _shown(figure_of(picture), picture.alternative, name, stored, folder)
 
 
-def _checks(seen: str, runs: list[Run], names: tuple[str, ...]) -> str:
-    """Say what the paper judges by eye, and what the checks of these names measured."""
-    lines = [
-        f"- {run.case.angle:+g}°, `{one.name}`: {one.value:.3g} {one.unit}, {one.judgement} {one.limit:.3g} demanded: "
-        f"{'passed' if one.passed else '**failed**'} ({one.where})."
-        for run in runs
-        for one in run.checks
-        if one.name in names
-    ]
-    return f"\n\nThe paper judges by eye that {seen}. Measured here:\n\n" + "\n".join(lines)
+def _shown(figure: Figure, alternative: str, name: str, stored: Stored, folder: Path) -> None:
+    write_png(figure, folder / "figures" / f"{name}.png")
+    stored.pictures[name] = alternative
 
 
-def _drawn(picture: Picture, path: Path) -> str:
-    return _shown(figure_of(picture), picture.alternative, path)
+def write_page(scale: str, folder: Path, display: Display, cache: bool = True, kept: Path | None = None) -> None:
+    """Write paper.md, figures/ and tables/ into `folder`. A section that cannot be made says why in its place.
 
-
-def _shown(figure: Figure, alternative: str, path: Path) -> str:
-    write_png(figure, path)
-    return f"![{alternative}](figures/{path.name})"
-
-
-def write_page(scale: str, folder: Path, display: Display, cache: bool = True) -> None:
-    """Write paper.md, figures/ and tables/ into `folder`. A section that cannot be made says why in its place."""
-    (folder / "figures").mkdir()
-    (folder / "tables").mkdir()
-    parts = [INTRODUCTION.format(scale=scale, threads=get_num_threads(), machine=paper().machine)]
+    Reasons are taken from the tables/ of the folder `kept`, where `sdm study reasons` has put them.
+    """
+    for name in ("figures", "tables"):
+        (folder / name).mkdir()
+    stored = Stored(scale, get_num_threads())
     with scratch_folder() as scratch:
         runs = Sources(scale, scratch, display, cache)
-        for title, write in SECTIONS.items():
-            parts.append(f"## {title}\n\n{_written(write, runs, folder / 'figures')}")
-    (folder / "paper.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+        for title, (measure, _) in SECTIONS.items():
+            _measured(title, measure, runs, stored, folder)
+    write_json(stored, folder / "tables" / FILE)
+    write_again(folder, folder, kept or folder)
 
 
-def _written(write: Write, runs: Sources, folder: Path) -> str:
+def _measured(title: str, measure: Measure, runs: Sources, stored: Stored, folder: Path) -> None:
     try:
-        return write(runs, folder)
+        measure(runs, stored, folder)
     except (ValueError, RuntimeError) as error:
-        if isinstance(error, RenderError) or is_reported(error):
-            return f"Not made: {error}."
-        raise
+        if not (isinstance(error, RenderError) or is_reported(error)):
+            raise
+        stored.missing[title] = str(error)
 
 
-def _table(name: str, runs: Sources, folder: Path) -> str:
-    """Carry out a study; its CSV goes beside the figures."""
-    result = run_study(name, runs.scale, Stopwatch(runs.display), runs.cache)
-    write_csv(result, folder.parent / "tables" / f"{name}.csv")
-    alternative = write_plot(result, folder / f"{name}.png")
-    body = markdown(result).partition("\n\n")[2]
-    return f"{body}\n![{alternative}](figures/{name}.png)\n\nAll numbers: [{name}.csv](tables/{name}.csv)."
+def read_page(folder: Path, kept: Path | None = None) -> Page:
+    """Read stored results, reasons from the folder `kept`; InputError if there are none."""
+    stored = read_json(Stored, folder / "tables" / FILE)
+    reasons = (kept or folder) / "tables" / REASONS
+    results = {name: read_result(stored, name, folder / "tables") for name in stored.grounds}
+    return Page(stored, results, read_json(Reasons, reasons) if reasons.exists() else None)
 
 
-SECTIONS: dict[str, Write] = {
-    "Figure 1: the configuration": figure1,
-    f"Table 1 and figure 2: {paper().tables['table1'].title}": partial(_table, "table1"),
-    f"Table 2: {paper().tables['table2'].title}": partial(_table, "table2"),
-    "Figure 3: mesh quality for the aileron without a gap, MV and SQUV": figure3,
-    f"Table 3: {paper().tables['table3'].title}": partial(_table, "table3"),
-    "Figure 4: mesh quality for the aileron in the Chimera block": partial(
-        histograms, number=4, name="aileron-chimera", angles=(-12.0, -30.0)
-    ),
-    "Figure 5: the mesh in the gap": figure5,
-    "Figure 6: the tail, its hexahedron and data sites": figure6,
-    f"Table 4: {paper().tables['table4'].title}": partial(_table, "table4"),
-    "Figure 7: mesh quality for the tail": partial(histograms, number=7, name="tail", angles=(12.0,)),
-    "Figure 8: the mesh around the tail": figure8,
-    "Timings of section 5, for f_x": timings,
+def write_again(source: Path, folder: Path, kept: Path | None = None) -> None:
+    """Write paper.md into `folder` from what is stored in `source`; nothing is measured."""
+    page = read_page(source, kept)
+    known = {"scale": page.stored.scale, "threads": page.stored.threads, "machine": paper().machine}
+    parts = [INTRODUCTION.format(**known), verdicts.summary(page), TERMS.format(**known)]
+    for title, (_, text) in SECTIONS.items():
+        why_not = page.stored.missing.get(title)
+        parts.append(f"## {title}\n\n{f'Not made: {why_not}.' if why_not else text(page)}")
+    if page.reasons is not None:
+        parts.append(why(page))
+    (folder / "paper.md").write_text(sections.joined(parts) + "\n", encoding="utf-8")
+
+
+_AILERON: Wanted = (("aileron", -12.0, "mv", "MV"), ("aileron", -12.0, "squv", "SQUV"))
+_CHIMERA: Wanted = tuple(("aileron-chimera", angle, "squv", f"{angle:+g} deg") for angle in (-12.0, -30.0))
+_TAIL: Wanted = (("tail", 12.0, "squv", "+12 deg"),)
+
+
+def _table(name: str) -> tuple[Measure, Text]:
+    return partial(table, name=name), partial(sections.table, name=name)
+
+
+def _histograms(number: int, wanted: Wanted) -> tuple[Measure, Text]:
+    return partial(histograms, number=number, wanted=wanted), partial(sections.histograms, number=number)
+
+
+SECTIONS: dict[str, tuple[Measure, Text]] = {
+    "Figure 1: the configuration": (figure1, sections.figure1),
+    f"Table 1 and figure 2: {paper().tables['table1'].title}": _table("table1"),
+    f"Table 2: {paper().tables['table2'].title}": _table("table2"),
+    "Figure 3: mesh quality for the aileron without a gap, MV and SQUV": _histograms(3, _AILERON),
+    f"Table 3: {paper().tables['table3'].title}": _table("table3"),
+    "Figure 4: mesh quality for the aileron in the Chimera block": _histograms(4, _CHIMERA),
+    "Figure 5: the mesh in the gap": (figure5, partial(sections.checks, number=5, seen=sections.GAP_SEEN)),
+    "Figure 6: the tail, its hexahedron and data sites": (figure6, sections.figure6),
+    f"Table 4: {paper().tables['table4'].title}": _table("table4"),
+    "Figure 7: mesh quality for the tail": _histograms(7, _TAIL),
+    "Figure 8: the mesh around the tail": (figure8, partial(sections.checks, number=8, seen=sections.TAIL_SEEN)),
+    "Timings of section 5, for f_x": (timings, sections.timings),
 }

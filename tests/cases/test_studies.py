@@ -181,7 +181,7 @@ def test_files_of_a_study(results, tmp_path):
         sources = [row["source"] for row in rows]
         assert sources.count("paper") == sources.count("grown") == len(result.table.rows)
         text = markdown(result)
-        assert text.count("\n| ") == len(result.table.rows) + 2
+        assert text.count("\n| ") == 2 * (len(result.table.rows) + 2)  # counts, and times
         assert text.count("**holds**") + text.count("**does not hold**") >= len(TRENDS[name])
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (tmp_path / f"{name}.md").read_text(encoding="utf-8").startswith(text)

@@ -44,9 +44,7 @@ JOB: dict[str, Any] = {
 }
 SKIPPED = {
     "sdm_deflect.cases.sdm.pipeline": ("run_case", "meshed"),
-    "sdm_deflect.cases.study.files": ("write_study",),
-    "sdm_deflect.cases.study.measure": ("run_study",),
-    "sdm_deflect.cases.study.page": ("write_page",),
+    "sdm_deflect.cases.study.studies": ("table", "page", "reasons"),
     "sdm_deflect.cases.view.page": ("Page",),
     "sdm_deflect.cases.doctor": ("examined",),
     "sdm_deflect.cases.report.folder": ("drawn",),

@@ -1,0 +1,166 @@
+"""The page of the paper: written again from stored results to the letter, each verdict with its reason."""
+
+import re
+import string
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sdm_deflect.cases.cli import main
+from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.study import centres, studies
+from sdm_deflect.cases.study.loop import Gmres, adapted
+from sdm_deflect.cases.study.page import read_page
+from sdm_deflect.cases.study.stored import Counted
+from sdm_deflect.cases.study.trials import Trial, factors
+from sdm_deflect.cases.study.verdicts import UNKNOWN, because, counted, reasons, verdicts
+from sdm_deflect.deform.rbf.bases import DirectBasis
+from sdm_deflect.deform.rbf.greedy import Stop, adapt
+from sdm_deflect.deform.rbf.interpolant import direct
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.selection import GreedyOptions, Worst
+from sdm_deflect.deform.rbf.sites import DataSites
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.fixture(scope="module")
+def page():
+    return read_page(DOCS)
+
+
+def test_the_page_is_what_its_stored_results_say(tmp_path):
+    said = studies.again(tmp_path, DOCS)
+    text = (tmp_path / "paper.md").read_text(encoding="utf-8")
+    assert text == (DOCS / "paper.md").read_text(encoding="utf-8")
+    assert said in text
+    assert len(said) < 100
+    assert (tmp_path / "figures" / "centres.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_first_table_has_every_verdict_of_the_page(page):
+    text = (DOCS / "paper.md").read_text(encoding="utf-8")
+    head, body = text.split("## Figure 1", 1)
+    found = list(verdicts(page))
+    rows = [line for line in head.splitlines() if re.match(r"\| (Table|Figure|Timings)", line)]
+    below = re.findall(r"\*\*(holds|does not hold)\*\*", body)
+    assert len(rows) == len(found) == len(below) == 38
+    assert [one.finding.verdict for one in found] == below
+    assert counted(page) in head
+
+
+def test_what_does_not_hold_has_a_measured_reason(page):
+    explained = [(one, because(one, page)) for one in verdicts(page) if not one.finding.holds]
+    for one, text in explained:
+        assert UNKNOWN not in text, one
+        assert re.search(r"\d", text), one
+    for reason in reasons():
+        assert any(reason.explains(one) for one, _ in explained), reason
+        assert [name for _, name, *_ in string.Formatter().parse(reason.text) if name], reason
+
+
+def test_a_verdict_that_fails_elsewhere_says_that_it_has_no_reason(page):
+    one = next(one for one in verdicts(page) if one.finding.holds)
+    failed = replace(one, finding=replace(one.finding, holds=False))
+    assert because(failed, page).startswith(UNKNOWN)
+    assert because(failed, replace(page, reasons=None)).startswith(UNKNOWN)
+
+
+def test_tables_are_narrow_enough_to_read():
+    for line in (DOCS / "paper.md").read_text(encoding="utf-8").splitlines():
+        if line.startswith("|"):
+            assert line.count("|") <= 10, line
+
+
+def test_cells_below_the_limit_are_judged_by_what_is_new(page):
+    one = next(one for one in page.stored.counted if one.statement.finding == "as before")
+    assert not replace(one, after=one.before + one.cells // 100).finding().holds
+    none = next(one for one in page.stored.counted if one.statement.finding == "none" and one.after == 0)
+    assert isinstance(none, Counted)
+    assert not replace(none, after=1).finding().holds
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["page", "--again", "--out", "empty"], "page.json: cannot be read as stored results"),
+        (["table1", "--again"], "--again belongs to sdm study page, not to table1; leave it out"),
+        (["page", "--mach", "0.3"], "--mach belongs to sdm study flow, not to page; leave it out"),
+        (["flow", "--again"], "--again belongs to sdm study page, not to flow; leave it out"),
+    ],
+)
+def test_mistake_is_one_line_and_code_2(words, message, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["sdm", "study", *words])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    err = capsys.readouterr().err
+    assert stop.value.code == 2
+    assert message in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "empty" / "paper.md").exists()
+
+
+def bump(count: int = 300) -> DataSites:
+    points = np.random.default_rng(4).random((count, 3))
+    return DataSites(points, 0.01 * np.exp(-20.0 * ((points - 0.5) ** 2).sum(axis=1, keepdims=True)), (2,))
+
+
+OPTIONS = GreedyOptions(n_add=3, tol_add=2e-4, tol_stop=2e-4)
+
+
+@pytest.mark.parametrize("solve", [direct, Gmres(1e-10)])
+@pytest.mark.parametrize("unit", [1.0, 0.3048, 1e-3])
+def test_the_written_out_loop_finds_the_engine_s_centres_in_any_unit(solve, unit):
+    sites, first = bump(), np.arange(10)
+    engine = adapt(sites, ThinPlateSpline(), first, OPTIONS, rule=Worst(look_ahead=1), basis=DirectBasis.of)
+    ended = adapted(sites, first, OPTIONS, solve, unit)
+    assert (ended.centers, ended.iterations) == (len(engine.chosen), engine.history[-1].iteration)
+    assert ended.stop is Stop.CONVERGED
+    assert ended.max_error == pytest.approx(engine.max_error, rel=1e-4)
+
+
+def test_gmres_that_is_stopped_early_leaves_centres_off():
+    ended = adapted(bump(), np.arange(10), OPTIONS, Gmres(1e-10, most=5))
+    assert ended.stop is Stop.EXHAUSTED
+    assert ended.max_error > 10.0 * OPTIONS.tol_stop
+
+
+def test_limits_end_the_written_out_loop():
+    for limit, stop in (({"max_centers": 20}, Stop.MAX_CENTERS), ({"max_iterations": 2}, Stop.MAX_ITERATIONS)):
+        ended = adapted(bump(), np.arange(10), replace(OPTIONS, **limit), direct)
+        assert ended.stop is stop
+        assert ended.centers <= 20
+
+
+def trial(factor: float, centers: int, stop: str = "CONVERGED") -> Trial:
+    return Trial("tolerance", f"/ {factor:g}", "table1", "z", -12.0, factor, 200, centers, 1, 1e-5, stop)
+
+
+def test_the_factor_of_the_paper_s_number_is_interpolated_between_converged_adaptations():
+    key = ("table1", -12.0, "z")
+    assert factors([trial(1.0, 100), trial(4.0, 400)])[key] == pytest.approx(2.0)
+    assert factors([trial(1.0, 100), trial(4.0, 150)])[key] == np.inf
+    assert factors([trial(1.0, 100), trial(4.0, 400, "MAX_CENTERS")])[key] == np.inf
+
+
+@pytest.mark.mesher
+def test_changes_are_made_one_at_a_time(aileron_mesh):
+    mesh, _ = aileron_mesh
+    case = replace(case_named("aileron"), angle=-12.0)
+    found = {(change, value): model for change, value, model in centres.variations(case, mesh)}
+    base = found.pop(("nothing changed", ""))
+    for (change, value), model in found.items():
+        sizes = {d: len(one) for d, one in model.groups.items()}
+        if change == "surface sites":
+            assert (model.surface < base.surface) == (value == "every second"), value
+        assert model.groups["z"].values[: model.surface].any()
+        assert not model.groups["z"].values[model.surface :].any(), change
+        assert sizes["x"] == sizes["z"]
+    one = centres.demands("table1", -12.0, "z")[0]
+    plain, small = (one.exact(base, one.options(factor)) for factor in (1.0, 4.0))
+    feet = one.exact(base.in_unit(0.3048), one.options(unit=0.3048))
+    assert plain.centers == feet.centers < small.centers
