@@ -12,12 +12,13 @@ project_copyright = f"2026, {author}"
 version = release = installed("sdm-deflect")
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinxcontrib.bibtex",
     "mathml",
+    "notebooks",
     "docstrings",
     "signatures",
 ]
@@ -25,8 +26,14 @@ exclude_patterns = ["_build", "examples"]
 templates_path = ["_templates"]
 default_role = "code"
 
-myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "attrs_inline"]
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "attrs_inline", "colon_fence"]
 myst_heading_anchors = 3
+
+nb_execution_mode = "force"  # what a page of the tutorials shows is what the package does now
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300  # seconds, of a cell
+nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # nothing from the network
 
 bibtex_bibfiles = ["references.bib"]
 bibtex_default_style = "unsrt"
