@@ -6,6 +6,7 @@ that every notebook program reads, and `NAME.png`, the picture of the cell with 
 
 import base64
 import re
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,13 @@ import nbformat
 from docutils import nodes
 from docutils.parsers.rst import Directive
 from myst_nb.core.read import is_myst_markdown_notebook, read_myst_markdown_notebook
+from PIL import Image
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 
 LINK = re.compile(r"\[([^\]]+)\]\((?!https?:)[^)]+\)")
+SMALL = (560, 560)  # pixels, twice as many as a card is wide
 HIDDEN = {"hide-cell", "hide-input"}
 
 
@@ -41,10 +44,13 @@ def notebook_of(page: Path) -> nbformat.NotebookNode:
 
 
 def picture_of(executed: nbformat.NotebookNode) -> bytes:
-    """Return the PNG of the cell with the tag `gallery`; StopIteration if there is none."""
+    """Return the picture of the cell with the tag `gallery`, as a small PNG; StopIteration if there is none."""
     cells = (cell for cell in executed.cells if "gallery" in cell.metadata.get("tags", ()))
     found = (out.data["image/png"] for cell in cells for out in cell.outputs if "image/png" in out.get("data", {}))
-    return base64.b64decode(next(found))
+    with Image.open(BytesIO(base64.b64decode(next(found)))) as picture, BytesIO() as small:
+        picture.thumbnail(SMALL)
+        picture.save(small, "PNG", optimize=True)
+        return small.getvalue()
 
 
 class Tutorial(Directive):
