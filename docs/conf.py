@@ -1,10 +1,13 @@
 """How Sphinx builds the guide: `sphinx-build -W -b html docs docs/_build/html`. Nothing in it needs the network."""
 
+import logging
 import sys
 from importlib.metadata import version as installed
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parent / "_ext"), str(Path(__file__).parents[1])]
+
+logging.getLogger("traitlets").setLevel(logging.WARNING)  # one line for each notebook otherwise
 
 project = "sdm-deflect"
 author = "the authors of sdm-deflect"
@@ -32,6 +35,7 @@ myst_heading_anchors = 3
 nb_execution_mode = "force"  # what a page of the tutorials shows is what the package does now
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
+nb_merge_streams = True
 nb_execution_timeout = 300  # seconds, of a cell
 nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # nothing from the network
 

@@ -1,7 +1,7 @@
 """Tutorials as notebooks: each page that is one can be downloaded, and a gallery shows a picture that it made itself.
 
-The page is executed while the guide is built. Beside `NAME.html` appear `NAME.ipynb`, without outputs and in the Markdown
-that every notebook program reads, and `NAME.png`, the picture of the cell with the tag `gallery`.
+The page is executed while the guide is built. Beside `NAME.html` appear `NAME.ipynb`, without outputs and in the
+Markdown that every notebook program reads, and `NAME.png`, the picture of the cell with the tag `gallery`.
 """
 
 import base64
@@ -30,7 +30,7 @@ def is_notebook(page: Path) -> bool:
 
 
 def notebook_of(page: Path) -> nbformat.NotebookNode:
-    """Return the notebook of a page: names of other pages in italics instead of links, no word that only Sphinx knows."""
+    """Return the notebook of a page, with italics for links to other pages, and no word that only Sphinx knows."""
     notebook = read_myst_markdown_notebook(page.read_text(encoding="utf-8"))
     kernel = notebook.metadata["kernelspec"]
     notebook.metadata = nbformat.from_dict({"kernelspec": kernel, "language_info": {"name": "python"}})

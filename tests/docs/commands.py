@@ -12,7 +12,9 @@ INLINE = re.compile(r"`(sdm [^`]*)`")
 
 def pages() -> list[Path]:
     """Return the pages at the top of the repository and in docs, without what Sphinx generates."""
-    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+    docs = ROOT / "docs"
+    tutorials = sorted((docs / "tutorials").glob("*.md"))
+    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(docs.glob("*.md")), *tutorials]
 
 
 def shown(page: Path) -> list[str]:
