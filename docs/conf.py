@@ -34,7 +34,7 @@ myst_heading_anchors = 3
 
 nb_execution_mode = "force"  # what a page of the tutorials shows is what the package does now
 nb_execution_in_temp = True
-nb_execution_raise_on_error = True
+nb_execution_show_tb = True  # an error in a cell is a warning, which ends a build with -W
 nb_merge_streams = True
 nb_execution_timeout = 300  # seconds, of a cell
 nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # nothing from the network
