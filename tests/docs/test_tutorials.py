@@ -73,6 +73,12 @@ def test_the_method_from_scratch_has_forty_lines():
     assert imported(first) == {"matplotlib", "numpy"}
 
 
+@pytest.mark.parametrize("name", ["large-angles", "sweeps", "choosing"])
+def test_the_mesh_of_the_first_tutorial_is_the_same_where_it_is_made_again(name):
+    first, again = (code(FOLDER / f"{one}.md")[0].source for one in ("first-deflection", name))
+    assert again == first
+
+
 def test_links_of_a_notebook_do_not_lead_to_pages_that_are_not_there(tmp_path):
     page = tmp_path / "page.md"
     head = "---\nfile_format: mystnb\nkernelspec:\n  name: python3\n---\n"
