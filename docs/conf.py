@@ -1,10 +1,13 @@
 """How Sphinx builds the guide: `sphinx-build -W -b html docs docs/_build/html`. Nothing in it needs the network."""
 
+import logging
 import sys
 from importlib.metadata import version as installed
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parent / "_ext"), str(Path(__file__).parents[1])]
+
+logging.getLogger("traitlets").setLevel(logging.WARNING)  # one line for each notebook otherwise
 
 project = "sdm-deflect"
 author = "the authors of sdm-deflect"
@@ -12,12 +15,13 @@ project_copyright = f"2026, {author}"
 version = release = installed("sdm-deflect")
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinxcontrib.bibtex",
     "mathml",
+    "notebooks",
     "docstrings",
     "signatures",
 ]
@@ -25,8 +29,15 @@ exclude_patterns = ["_build", "examples"]
 templates_path = ["_templates"]
 default_role = "code"
 
-myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "attrs_inline"]
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "attrs_inline", "colon_fence"]
 myst_heading_anchors = 3
+
+nb_execution_mode = "force"  # what a page of the tutorials shows is what the package does now
+nb_execution_in_temp = True
+nb_execution_show_tb = True  # an error in a cell is a warning, which ends a build with -W
+nb_merge_streams = True
+nb_execution_timeout = 300  # seconds, of a cell
+nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # nothing from the network
 
 bibtex_bibfiles = ["references.bib"]
 bibtex_default_style = "unsrt"

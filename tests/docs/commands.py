@@ -19,7 +19,9 @@ CONTINUED = re.compile(r"\s*\\\n\s*")
 
 def pages() -> list[Path]:
     """Return the pages at the top of the repository and in docs, without what Sphinx generates."""
-    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+    docs = ROOT / "docs"
+    tutorials = sorted((docs / "tutorials").glob("*.md"))
+    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(docs.glob("*.md")), *tutorials]
 
 
 def lines_of(page: Path) -> list[str]:

@@ -38,6 +38,7 @@ ELSEWHERE = (
     (r"rhoCentralFoam -case naca-flow", "tests/cases/flow/test_to_solver.py", 'lines("rhoCentralFoam", case)'),
     (r"sdm (quality|deflect) case", "tests/cases/test_decomposed.py", 'sdm("deflect", case'),
     (r"pip install 'sdm-deflect\[cluster\]'", "pyproject.toml", '"sdm-deflect[cluster]"'),
+    (r"pip install 'sdm-deflect\[notebook\]'", "pyproject.toml", '"sdm-deflect[notebook]"'),
     (r"dask (scheduler|worker)", "tests/cases/test_cluster.py", "distributed.cli.dask_scheduler"),
     (r"sdm deflect .* --scheduler", "tests/cases/test_cluster.py", '"--scheduler", file'),
     (r"mpirun -np 4 checkMesh", "tests/cases/test_decomposed.py", 'foam.run("checkMesh", one, *handler, ranks=4)'),
@@ -56,7 +57,7 @@ def here() -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for page in pages():
         commands = [plain(command) for command in shown(page) if elsewhere(command) is None]
-        found[page.name] = [command for command in dict.fromkeys(commands) if command not in seen]
+        found[str(page.relative_to(ROOT))] = [command for command in dict.fromkeys(commands) if command not in seen]
         seen.update(commands)
     return found
 

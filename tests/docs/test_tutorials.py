@@ -1,0 +1,170 @@
+"""The notebooks of the tutorials: what the guide offers to download opens and runs with the package and its extra."""
+
+import ast
+import base64
+import re
+import subprocess
+import sys
+import tomllib
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+from notebooks import is_notebook, notebook_of, picture_of
+
+from tests.docs.commands import ROOT
+from tests.pictures import inked, pixels
+
+FOLDER = ROOT / "docs" / "tutorials"
+PAGES = sorted(page for page in FOLDER.glob("*.md") if is_notebook(page))
+MODULES = {"mpl_toolkits": "matplotlib"}
+"""Modules that bear another name than what installs them."""
+
+
+def code(page):
+    """The cells of code."""
+    return [cell for cell in notebook_of(page).cells if cell.cell_type == "code"]
+
+
+def imported(source):
+    """The modules that a cell imports, without their parts; what begins with ! is a command."""
+    nodes = list(ast.walk(ast.parse(source.partition("!COLUMNS")[0])))
+    names = [one.name for node in nodes if isinstance(node, ast.Import) for one in node.names]
+    names += [node.module for node in nodes if isinstance(node, ast.ImportFrom)]
+    return {name.partition(".")[0] for name in names}
+
+
+def test_the_gallery_shows_each_tutorial_once_and_in_order():
+    text = (FOLDER / "index.md").read_text(encoding="utf-8")
+    cards = re.findall(r"^:::\{tutorial\} (\S+)\n\S.*\.\n:::", text, re.MULTILINE)
+    listed = re.findall(r"^[\w-]+$", text.partition(":hidden:\n")[2], re.MULTILINE)
+    assert cards == listed
+    assert sorted(cards) == [page.stem for page in PAGES]
+    assert len(cards) == 9
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_notebook_is_one_and_needs_no_more_than_the_package(page):
+    notebook = notebook_of(page)
+    nbformat.validate(notebook)
+    assert not [cell for cell in notebook.cells if "```{" in cell.source]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    known = {re.split(r"[^\w-]", need)[0] for need in project["dependencies"]}
+    known |= {"sdm_deflect", *sys.stdlib_module_names}
+    wanted = {name for cell in code(page) for name in imported(cell.source)}
+    assert {MODULES.get(name, name) for name in wanted} <= known
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_picture_has_a_text_alternative_and_one_is_for_the_gallery(page):
+    text = page.read_text(encoding="utf-8")
+    drawing = re.findall(r"^```\{code-cell\}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    drawing = [cell for cell in drawing if re.search(r"plt\.(subplots|figure)\(|\.plot\(\)$", cell, re.MULTILINE)]
+    assert drawing
+    for cell in drawing:
+        assert len(re.findall(r"^    alt: .{40,}$", cell, re.MULTILINE)) == 1, cell
+    assert text.count("tags: [gallery]") == 1
+    assert "\n## Try next\n" in text
+
+
+def test_the_method_from_scratch_has_forty_lines():
+    first = code(FOLDER / "rbf-from-scratch.md")[0].source
+    assert len([line for line in first.splitlines() if line.strip()]) <= 40
+    assert imported(first) == {"matplotlib", "numpy"}
+
+
+@pytest.mark.parametrize("name", ["large-angles", "sweeps", "choosing"])
+def test_the_mesh_of_the_first_tutorial_is_the_same_where_it_is_made_again(name):
+    first, again = (code(FOLDER / f"{one}.md")[0].source for one in ("first-deflection", name))
+    assert again == first
+
+
+def test_links_of_a_notebook_do_not_lead_to_pages_that_are_not_there(tmp_path):
+    page = tmp_path / "page.md"
+    head = "---\nfile_format: mystnb\nkernelspec:\n  name: python3\n---\n"
+    page.write_text(
+        head + "# Title\n\nSee [the theory](../theory.md) and [NumPy](https://numpy.org).\n\n```{code-cell}\n1\n```\n"
+    )
+    text, cell = notebook_of(page).cells
+    assert text.source.endswith("See *the theory* and [NumPy](https://numpy.org).")
+    assert cell.source == "1"
+
+
+def test_a_downloaded_notebook_runs_and_draws(tmp_path):
+    """As a reader would: the file, a kernel, an empty folder."""
+    path = tmp_path / "first-deflection.ipynb"
+    nbformat.write(notebook_of(FOLDER / "first-deflection.md"), path)
+    notebook = nbformat.read(path, as_version=4)
+    NotebookClient(notebook, timeout=300, resources={"metadata": {"path": tmp_path}}).execute()
+    printed = [out.text for cell in notebook.cells for out in cell.get("outputs", ()) if out.output_type == "stream"]
+    assert "patches: wing flap far_field" in "".join(printed)
+    assert (tmp_path / "airfoil-15.su2").exists()
+    (drawn,) = (cell for cell in notebook.cells if "axes.triplot" in cell.source)
+    drawn.metadata["tags"] = ["gallery"]
+    (tmp_path / "large.png").write_bytes(base64.b64decode(drawn.outputs[0].data["image/png"]))
+    (tmp_path / "small.png").write_bytes(picture_of(notebook))
+    large, small = (pixels(tmp_path / f"{name}.png") for name in ("large", "small"))
+    assert inked(small) > 0.05
+    assert small.shape[1] == 560 < large.shape[1]
+
+
+CONF = f"""
+import sys
+sys.path.insert(0, {str(ROOT / "docs" / "_ext")!r})
+extensions = ["myst_nb", "notebooks"]
+myst_enable_extensions = ["colon_fence"]
+nb_execution_mode = "force"
+nb_execution_show_tb = True
+nb_ipywidgets_js = {{}}
+"""
+CARDS = """# Gallery
+
+:::{tutorial} drawn
+What one learns.
+:::
+
+```{toctree}
+drawn
+```
+"""
+DRAWN = """---
+file_format: mystnb
+kernelspec:
+  name: python3
+---
+# A line
+
+```{code-cell}
+---
+mystnb:
+  image:
+    alt: A line that rises.
+tags: [gallery]
+---
+import matplotlib.pyplot as plt
+plt.plot([0, 1]);
+```
+"""
+
+
+def test_the_guide_offers_what_it_has_run(tmp_path):
+    source, out = tmp_path / "docs", tmp_path / "out"
+    source.mkdir()
+    for name, text in (("conf.py", CONF), ("index.md", CARDS), ("drawn.md", DRAWN)):
+        (source / name).write_text(text)
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", source, out]
+    subprocess.run(command, check=True)
+    assert inked(pixels(out / "drawn.png")) > 0.01
+    assert nbformat.read(out / "drawn.ipynb", as_version=4).cells[1].outputs == []
+    card, page = ((out / f"{name}.html").read_text() for name in ("index", "drawn"))
+    assert 'src="drawn.png"' in card
+    assert '<a class="notebook" href="drawn.ipynb" download>' in card
+    assert '<a class="reference internal" href="drawn.html">' in card
+    assert '<a class="notebook" href="drawn.ipynb" download>' in page
+    assert 'alt="A line that rises."' in page
+    assert not re.search(r"<(script|link|img)[^>]+(src|href)=.https?:", card + page)
+
+    (source / "drawn.md").write_text(DRAWN.replace("[0, 1]", "1 / 0"))
+    failed = subprocess.run(command, capture_output=True, text=True)
+    assert failed.returncode != 0
+    assert "ZeroDivisionError" in failed.stderr
