@@ -1,14 +1,11 @@
 """A finished run's mesh as a case for a flow solver, with all control surfaces as monitors."""
 
-from dataclasses import replace
 from pathlib import Path
 
 from sdm_deflect.cases.flow.flow_case import FlowCase, write_flow
-from sdm_deflect.cases.flow.overset import write_overset
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
 from sdm_deflect.cases.mesh_files import Targets
 from sdm_deflect.cases.output import output_files
-from sdm_deflect.cases.sdm.job import BLOCK
 from sdm_deflect.cases.sdm.registry import resolve
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.progress import Progress, silent
@@ -40,30 +37,28 @@ def export_flow(
     Raises
     ------
     InputError
-        If `run` has no such mesh, or `out` is there already, or for a Chimera block with SU2.
+        If `run` has no such mesh, or that of a Chimera block, which is no flow by itself, or `out` is there already.
     """
     settle(run)
     for name in ("case.toml", f"{which}.vtu"):
         if not (run / name).is_file():
             raise InputError(f"{run} is not the output folder of a run: it has no {name}")
     case = resolve("", config=run / "case.toml")
-    overset = case.domain == "block"
-    if overset and flow.solver != "openfoam":
-        raise InputError(f"{run}: a Chimera block and its background are no case for SU2; use --to-solver openfoam")
+    if case.domain == "block":
+        raise InputError(f"{run}: a Chimera block is no flow without its background; export both with --format cgns")
     suffix = "" if flow.solver == "openfoam" else ".su2"
     source, place = run / f"{which}.vtu", run.resolve()
     wanted = Targets.of(source, out or place.with_name(f"{place.name}-{which}{suffix}"), (case.angle,), flow=flow)
     wanted.check()
-    mesh, setup = read_vtu(source).as_mesh(), setup_of(case.fighter, flow.stream, flow.iterations, flow.far)
+    mesh = read_vtu(source).as_mesh()
     with output_files(wanted.out.parent) as scratch:
-        target = scratch / wanted.out.name
-        if overset:
-            own = tuple(hinge for hinge in setup.hinges if hinge.name in mesh.names)
-            background = read_vtu(run / "background.vtu").as_mesh()
-            lost = write_overset(mesh, background, BLOCK, replace(setup, hinges=own), target, progress)
-            written: tuple[Path, ...] = (target,)
-        else:
-            written, lost = write_flow(flow.solver, mesh, setup, target, progress)
+        written, lost = write_flow(
+            flow.solver,
+            mesh,
+            setup_of(case.fighter, flow.stream, flow.iterations, flow.far),
+            scratch / wanted.out.name,
+            progress,
+        )
     return tuple(wanted.out.with_name(path.name) for path in written), lost
 
 

@@ -80,8 +80,8 @@ def test_options_that_do_not_fit(given, said, finished_run):
 def test_what_is_no_flow_is_refused(finished_run, tmp_path):
     folder, _ = finished_run
     (folder / "case.toml").write_text(to_toml(case_named("aileron-chimera")))
-    with pytest.raises(InputError, match="a Chimera block and its background are no case for SU2"):
-        export_flow(folder, FlowCase("su2"))
+    with pytest.raises(InputError, match="a Chimera block is no flow without its background"):
+        export_flow(folder, FlowCase("openfoam"))
     shutil.rmtree(folder)
     folder.mkdir()
     with pytest.raises(InputError, match=r"it has no case\.toml"):

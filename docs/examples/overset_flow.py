@@ -1,5 +1,10 @@
-"""Overset meshes as one case of OpenFOAM's overRhoPimpleDyMFoam, inviscid, in time."""
+"""A Chimera block and its background as one case of OpenFOAM's overRhoPimpleDyMFoam: `python overset_flow.py RUN OUT`.
 
+RUN is the folder of `sdm run aileron-chimera --angle -12`; OUT is a new folder. The guide's page on the flow says how
+far it goes.
+"""
+
+import sys
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -7,13 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.cases.flow.openfoam import FAR, GAS_FILES, WALL, field_file, forces, initial_values
-from sdm_deflect.cases.flow.setup import FreeStream, Setup
+from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
 from sdm_deflect.deform.mesh import FloatArray, Mesh
-from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.geometry.datum import hinge_line
+from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.files import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.openfoam_write import UNFIT, header, write_mesh
+from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.zones import joined
 
 SOLVER = "overRhoPimpleDyMFoam"
@@ -86,9 +93,7 @@ displacementLaplacianCoeffs { diffusivity uniform 1; }
 """
 
 
-def write_overset(
-    block: Mesh, background: Mesh, outer: str, setup: Setup, out: Path, progress: Progress = silent
-) -> tuple[str, ...]:
+def write_overset(block: Mesh, background: Mesh, outer: str, setup: Setup, out: Path) -> tuple[str, ...]:
     """Write a block and the mesh around it as one case; return what OpenFOAM cannot hold.
 
     OpenFOAM finds holes and donors by itself: the walls of the one mesh cut the hole out of the other. Walls that both
@@ -118,7 +123,6 @@ def write_overset(
     fit = fitting_names(mesh.names, UNFIT)
     renamed = {name: fit[called[name]] for name in block.names}
     with fresh_folder(out) as beside, about(out):
-        progress(f"writing {out.name}", 0.0)
         lost = write_mesh(mesh, beside / MESH, types)
         zones = np.repeat([0, 1], [sum(len(cells) for cells in part.cells) for part in (background, block)])
         hinges = tuple(hinge.renamed(renamed) for hinge in setup.hinges)
@@ -162,3 +166,14 @@ def _fields(patches: dict[str, str], stream: FreeStream, zones: Collection[int])
     inner = f"nonuniform List<scalar> {len(zones)}\n(\n{numbers}\n)"
     none = "type zeroGradient;"
     yield "zoneID", "volScalarField", field_file("zoneID", inner, patches, {"wall": none, "patch": none})
+
+
+def main(run: Path, out: Path) -> None:
+    """Write the case of a finished run in a Chimera block."""
+    block, background = (read_vtu(run / f"{name}.vtu").as_mesh() for name in ("deflected", "background"))
+    hinge = Hinge.through("aileron_left", ["aileron_left"], hinge_line(Fighter(), "aileron_left"))
+    write_overset(block, background, "chimera", Setup(FreeStream(mach=0.6), (hinge,)), out)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))
