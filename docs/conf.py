@@ -20,6 +20,7 @@ extensions = [
     "mathml",
     "docstrings",
     "signatures",
+    "accessible",
 ]
 exclude_patterns = ["_build", "examples"]
 templates_path = ["_templates"]
