@@ -1,4 +1,4 @@
-"""Formulas as MathML: browsers draw it themselves, with the font in `_static`, without a script and without a network."""
+"""Formulas as MathML: browsers draw it themselves, with the font in `_static` and without a script."""
 
 import re
 from html import escape, unescape
