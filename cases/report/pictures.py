@@ -170,7 +170,7 @@ LARGEST = 300_000
 """Bytes that a picture should not exceed."""
 LADDER = ((110, 1), (110, 4), (95, 4), (80, 4), (65, 4))
 """Dots per inch, and colours (0 to 255) rounded to multiples: the first that makes the file small enough counts."""
-SHARP, SHADES = 110, 256
+SHARP, SHADES = 110, 128
 """Dots per inch and colours of a picture for a page that may be printed."""
 
 

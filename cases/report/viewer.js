@@ -73,10 +73,10 @@
   let state = "deflected";
 
   const at = (part) => ({ undeflected: part.points, interpolated: part.interpolated, deflected: part.moved })[state];
-  const lengths = (part) => Float32Array.from({ length: part.points.length / 3 }, (_, i) => (
-    Math.hypot(...[0, 1, 2].map((c) => at(part)[3 * i + c] - part.points[3 * i + c]))));
-  const farthest = Math.max(0, ...patches.filter((one) => one.goes).map((one) => (
-    one.points.reduce((most, value, i) => Math.max(most, Math.abs(one.moved[i] - value)), 0)))) * Math.sqrt(3);
+  const lengths = (part, points) => Float32Array.from({ length: points.length / 3 }, (_, i) => (
+    Math.hypot(...[0, 1, 2].map((c) => points[3 * i + c] - part.points[3 * i + c]))));
+  const most = (part) => lengths(part, part.moved).reduce((sofar, one) => Math.max(sofar, one), 0);
+  const farthest = Math.max(0, ...patches.filter((one) => one.goes).map(most));
   const coloured = () => control("colour").value;
   const shownPatches = new Set(patches.filter((one) => !one.hidden).map((one) => one.name));
 
@@ -111,11 +111,11 @@
     const view = data.views[control("view").value];
     const visible = shownPatches.has(patch.name) && (!view.near || view.near.includes(patch.own));
     const common = { name: text(patch.name), showlegend: false };
-    const shades = coloured() === "displacement" ? {
-      intensity: lengths(patch), colorscale: data.colours.displacement, cmin: 0, cmax: farthest, showscale: false,
-    } : { color: patch.colour };
+    const shades = coloured() === "displacement" // one colour is a scale, too: a mesh that had one keeps its old colours else
+      ? { intensity: lengths(patch, at(patch)), colorscale: data.colours.displacement, cmin: 0, cmax: farthest }
+      : { intensity: new Float32Array(patch.points.length / 3), colorscale: [[0, patch.colour], [1, patch.colour]], cmin: 0, cmax: 1 };
     const mesh = {
-      ...common, type: "mesh3d", ...axes(at(patch)), ...shades, ...light, visible,
+      ...common, type: "mesh3d", ...axes(at(patch)), ...shades, ...light, visible, showscale: false,
       i: column(patch.faces, 3, 0), j: column(patch.faces, 3, 1), k: column(patch.faces, 3, 2),
       hovertemplate: "%{x:.5~g}, %{y:.5~g}, %{z:.5~g} " + text(data.unit) + "<extra>" + text(patch.name) + "</extra>",
     };
@@ -240,9 +240,9 @@
   let pending = 0;
   function keep() {
     clearTimeout(pending);
-    pending = setTimeout(async () => {
-      const still = document.getElementById("still"), { width, height } = plot.getBoundingClientRect();
-      still.src = await Plotly.toImage(plot, { format: "png", width, height, scale: 2 });
+    pending = setTimeout(() => {
+      const still = document.getElementById("still");
+      still.src = plot._fullLayout.scene._scene.toImage("png");
       still.hidden = false;
     }, 800);
   }

@@ -26,7 +26,8 @@ def verdict(frame: Frame, run: InteractiveRun) -> tuple[str, str]:
     residual, tolerance, count = _small(frame.residual, run), _small(frame.tolerance, run, "g"), len(frame.inverted)
     if count > frame.before:
         cells = "1 inverted cell" if count == 1 else f"{count} inverted cells"
-        return "error", f"\N{MULTIPLICATION X} Not verified: {cells}, drawn red; residual {residual}."
+        remedy = "" if run.repairs else " Run it at this angle with repair, or turn it less."
+        return "error", f"\N{MULTIPLICATION X} Not verified: {cells}, drawn red; residual {residual}.{remedy}"
     if frame.residual >= frame.tolerance:
         return (
             "warning",

@@ -22,6 +22,12 @@ INPUTS = ("angle", "axis", "position", "show_sectioned", "show_cut")
 SWITCHES = {"show_box": "box", "show_outline": "outline", "show_centres": "centres"}
 OBLIQUE = {0: (1.0, 0.5, 0.4), 1: (0.75, 1.0, 0.55), 2: (0.6, 0.9, 0.9)}
 """Where the eye is, for each axis of the section: outboard, aft and above."""
+ENDED = (
+    '<main role="alert" style="max-width:36rem;margin:20vh auto;padding:0 1rem;font:16px/1.5 sans-serif">'
+    "<h1 style='font-size:22px'>sdm view has ended</h1><p>The command that served this page was ended, or its machine "
+    "cannot be reached. Start <code>sdm view</code> again and open the address that it prints.</p></main>"
+)
+"""What the page shows without its server."""
 REST = 0.3
 """Seconds without an input after which the slider rests."""
 
@@ -63,9 +69,14 @@ class Control:
     @classmethod
     def of(cls, run: InteractiveRun) -> "Control":
         """Prepare a run for display."""
-        scene, undeflected = Scene(), run.at(0.0)
-        scene.show({"box": boxes(run), "outline": outline(run)})
-        return cls(run, Spans.of(run), Pieces.of(run), scene, undeflected, undeflected)
+        undeflected = run.at(0.0)
+        return cls(run, Spans.of(run), Pieces.of(run), Scene(), undeflected, undeflected).afresh()
+
+    def afresh(self) -> "Control":
+        """Return the same run with a scene of its own, in which nothing is shown yet."""
+        scene = Scene()
+        scene.show({"box": boxes(self.run), "outline": outline(self.run)})
+        return Control(self.run, self.spans, self.pieces, scene, self.undeflected, self.undeflected)
 
     def show(self, wish: Wish) -> dict[str, Any]:
         """Bring the scene to what is wanted and return what the page is to say.
@@ -130,6 +141,7 @@ class Page:
     def __post_init__(self) -> None:
         state, wish = self.server.state, self.control.first()
         state.trame__title = "sdm view"
+        state.trame__template_error = state.trame__template_error_reconnect = ENDED
         state.update({**about(self.control.run), **self._ranges(wish), **self.control.show(wish)})
         state.update({"angle": wish.angle, "angle_text": f"{wish.angle:g}", "axis": wish.axis, "refusal": ""})
         state.update(
