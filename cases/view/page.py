@@ -16,6 +16,7 @@ from sdm_deflect.cases.view.pieces import Piece, Pieces, Plane, bounds, boxes, o
 from sdm_deflect.cases.view.run import Frame, InteractiveRun, Spans
 from sdm_deflect.cases.view.scene import Scene
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray
 
 AXES = ("x", "y", "z")
 INPUTS = ("angle", "axis", "position", "show_sectioned", "show_cut")
@@ -28,6 +29,8 @@ ENDED = (
     "cannot be reached. Start <code>sdm view</code> again and open the address that it prints.</p></main>"
 )
 """What the page shows without its server."""
+TURN, STEEPEST = 15.0, 85.0
+"""Degrees by which a button turns the picture, and the most that the eye is above or below."""
 REST = 0.3
 """Seconds without an input after which the slider rests."""
 
@@ -133,6 +136,7 @@ class Page:
     control: Control
     server: Any = field(default_factory=lambda: get_server(f"view-{perf_counter()}", client_type="vue3"))
     view: Any = None
+    _towards: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     _new: bool = True
     _typed: float | None = None
     _due: asyncio.Event = field(default_factory=asyncio.Event)
@@ -176,6 +180,15 @@ class Page:
         self._aim(OBLIQUE[AXES.index(self.server.state.axis)])
         self.view.push_camera()
 
+    def turn(self, about: int, upwards: int) -> None:
+        """Turn the picture by steps about the vertical and upwards, from where a button has put the eye last."""
+        x, y, z = self._towards
+        azimuth = np.arctan2(y, x) + np.radians(TURN * about)
+        steep = np.radians(STEEPEST)
+        height = np.clip(np.arctan2(z, np.hypot(x, y)) + np.radians(TURN * upwards), -steep, steep)
+        self._look(np.array([np.cos(azimuth) * np.cos(height), np.sin(azimuth) * np.cos(height), np.sin(height)]))
+        self.view.push_camera()
+
     def face(self) -> None:
         """Look at the section squarely."""
         axis = AXES.index(self.server.state.axis)
@@ -192,9 +205,13 @@ class Page:
     def _aim(self, towards: tuple[float, ...]) -> None:
         """Put the eye in a direction from the hexahedra, on the side that is cut away."""
         run = self.control.run
+        self._look(np.array((0.0, 0.0, 1.0) if run.mesh.plane else towards) * (1.0, outboard(run), 1.0))
+
+    def _look(self, away: FloatArray) -> None:
+        """Put the eye in a direction (3,) from the surfaces that move."""
+        self._towards, run = away, self.control.run
         points = run.mesh.points[run.mesh.on(*(name for one in run.surfaces for name in one.patches))]
         low, high = points.min(axis=0), points.max(axis=0)
-        away = np.array((0.0, 0.0, 1.0) if run.mesh.plane else towards) * (1.0, outboard(run), 1.0)
         up = (0.0, 1.0, 0.0) if run.mesh.plane else (1.0, 0.0, 0.0)
         size = float(np.linalg.norm(high - low))
         self.control.scene.look(0.5 * (low + high), away, 2.0 * size if run.mesh.plane else size, up)

@@ -175,14 +175,19 @@ class Guard:
                 raise web.HTTPBadRequest(text="this address is for the page's own connection")
             if sum(len(one.connections) for one in self.handlers) >= CONNECTIONS:
                 raise web.HTTPServiceUnavailable(text=f"the page is open {CONNECTIONS} times; close one")
-        if request.path in PAGES and self.busy and _comes_anew(request):
-            raise web.HTTPFound(await self.another())
-        if request.path in PAGES and not given:  # loaded again: the page has taken the secret out of its address
-            raise web.HTTPFound(f"/index.html?secret={self.secret}")
+        if request.path in PAGES:
+            await self._lead(request, bool(given))
         response = await handler(request)
         if given and not response.prepared:
             response.set_cookie(self.cookie, self.secret, httponly=True, samesite="Strict")
         return response
+
+    async def _lead(self, request: web.Request, given: bool) -> None:
+        """Lead a browser to a page of its own, and one that loads its page again to the address with the secret."""
+        if self.busy and _comes_anew(request):
+            raise web.HTTPFound(await self.another())
+        if not given:  # the page has taken the secret out of its address
+            raise web.HTTPFound(f"/index.html?secret={self.secret}")
 
     def _is_secret(self, text: str) -> bool:
         return compare_digest(text.encode("utf-8", "surrogateescape"), self.secret.encode())
