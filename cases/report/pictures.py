@@ -170,8 +170,10 @@ LARGEST = 300_000
 """Bytes that a picture should not exceed."""
 LADDER = ((110, 1), (110, 4), (95, 4), (80, 4), (65, 4))
 """Dots per inch, and colours (0 to 255) rounded to multiples: the first that makes the file small enough counts."""
-SHARP, SHADES = 110, 128
+SHARP, SHADES = 100, 256
 """Dots per inch and colours of a picture for a page that may be printed."""
+ROUNDS = 3
+"""Rounds in which these colours are moved to the middle of those that they stand for: else some are visibly others."""
 
 
 def write_png(figure: Figure, path: Path) -> None:
@@ -190,7 +192,9 @@ def write_sharp_png(figure: Figure, path: Path) -> None:
     """Write a figure with fine lines in the colours that represent it best."""
     pixels = pixels_of(figure, SHARP)
     data = BytesIO()
-    pixels.quantize(SHADES, ImageFile.Quantize.MAXCOVERAGE, dither=ImageFile.Dither.NONE).save(data, "png")
+    pixels.quantize(SHADES, ImageFile.Quantize.MAXCOVERAGE, kmeans=ROUNDS, dither=ImageFile.Dither.NONE).save(
+        data, "png"
+    )
     path.write_bytes(data.getvalue())
 
 

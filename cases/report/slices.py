@@ -108,7 +108,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
     """
     names = {"before": "undeflected", "interpolated": f"{surface.turned}, before the repair", "after": surface.turned}
     columns = len(data.states)
-    figure = Figure(figsize=(9.6 if columns == 2 else 13.2, 9.0))
+    figure = Figure(figsize=(9.6, 9.0) if columns == 2 else (13.2, 8.2))
     figure.subplots_adjust(left=0.09, right=0.86, bottom=0.06, top=0.93, wspace=0.28, hspace=0.25)
     axes, texts = figure.subplots(2, columns), []
     for row, plane in zip(axes, planes(data, box, surface), strict=True):

@@ -19,11 +19,11 @@ from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Patch, Po
 from sdm_deflect.deform.sets import distinct, union
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
-MOST_CELLS = 12_000
+MOST_CELLS = 10_000
 """So many of the worst cells of all hexahedra are in the page: a browser has to draw them."""
 MOST_TRIANGLES = 4_000
 """Patches of more are thinned to about so many away from the hexahedra."""
-MOST_DOTS = 4_000
+MOST_DOTS = 3_000
 """So many sites or centres of a kind are in the page at most."""
 MARGIN = 0.2
 """Around the hexahedron of a view, by its largest extent."""
