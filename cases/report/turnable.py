@@ -32,8 +32,6 @@ EDGE = 0.02
 FLAT = 1e-3
 """Height of what is drawn of the hexahedron around a plane mesh, over its own."""
 SHADES = 9
-CHANGE_MAP = "RdBu"
-"""From cells that lose quality to those that gain it."""
 CREASE = 20.0
 """Edges at which faces turn by more degrees stay as they are in thinned patches."""
 TABLES = {
@@ -60,7 +58,8 @@ def turnable(data: ReportData) -> Json:
             "range": [scene3d.QUALITY_RANGE.vmin, scene3d.QUALITY_RANGE.vmax],
             "shades": shades(scene3d.QUALITY_MAP),
             "displacement": shades(scene3d.MOVED_MAP),
-            "change": shades(CHANGE_MAP),
+            "change": shades(scene3d.CHANGE_MAP),
+            "changes": [scene3d.CHANGE_RANGE.vmin, scene3d.CHANGE_RANGE.vmax],
         },
         "measure": drawn_measure(data.mesh),
         "plane": data.mesh.plane,

@@ -197,7 +197,7 @@
     control("count").textContent =
       count + " of " + data.cells.all + " cells below " + threshold.toFixed(2) + ", " + inverted + " inverted";
     if (control("axis").value === "none") control("where").textContent = "";
-    const shades = change ? { colorscale: data.colours.change, cmin: -0.2, cmax: 0.2 }
+    const shades = change ? { colorscale: data.colours.change, cmin: data.colours.changes[0], cmax: data.colours.changes[1] }
       : { colorscale: data.colours.shades, cmin: data.colours.range[0], cmax: data.colours.range[1] };
     return groups.map((group, number) => ({
       type: "mesh3d", ...axes(at(group)), ...outside(group, threshold), intensitymode: "cell", ...light, ...shades,

@@ -2,11 +2,10 @@
 
 from typing import Any
 
-import numpy as np
 from trame.ui.vuetify3 import VAppLayout
 from trame.widgets import client, html, vtk, vuetify3
 
-from sdm_deflect.cases.report.scene3d import QUALITY_RANGE, quality_rgb
+from sdm_deflect.cases.view.labels import COLOURS
 
 STYLE = (
     "html{overflow:hidden!important}.v-selection-control .v-label{font-size:13px;color:#222;opacity:1}"
@@ -151,6 +150,12 @@ def _section(face: Any, worst: Any) -> None:
 
 def _shown() -> None:
     """What else is shown."""
+    html.Div("COLOURS", style=HEADING)
+    with vuetify3.VBtnToggle(
+        v_model=("colour",), mandatory=True, density="compact", variant="outlined", divided=True, id="colour"
+    ):
+        for name, text in COLOURS.items():
+            vuetify3.VBtn(text, value=name, size="small", style=PLAIN, id=f"colour-{name}")
     html.Div("SHOW", style=HEADING)
     with html.Div(style="display:grid;grid-template-columns:1fr 1fr"):
         for name, label in (
@@ -172,15 +177,11 @@ def _shown() -> None:
 
 def _key() -> None:
     """The key to the colours."""
-    low, middle, high = (float(QUALITY_RANGE.inverse(share)) for share in (0.0, 0.5, 1.0))
-    colours = ",".join(f"rgb({r},{g},{b})" for r, g, b in quality_rgb(np.linspace(low, high, 9)))
     with html.Div(style=KEY, id="key"):
-        html.Div("{{ measure }} of the cells cut")
-        html.Div(style=f"width:220px;height:12px;background:linear-gradient(90deg,{colours})")
+        html.Div("{{ key_title }}", id="key-title")
+        html.Div(style=("key_bar",))
         with html.Div(style="display:flex;justify-content:space-between"):
-            html.Span(f"≤ {low:g}")
-            html.Span(f"{middle:g}")
-            html.Span(f"{high:g}")
+            html.Span("{{ end }}", v_for="(end, i) in key_ends", key="i")
         with html.Div():
             html.Span(style="display:inline-block;width:10px;height:10px;background:#d50000;border:1px solid #000")
             html.Span(" inverted cells")

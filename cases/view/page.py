@@ -10,7 +10,18 @@ from typing import Any
 import numpy as np
 from trame.app import asynchronous, get_server
 
-from sdm_deflect.cases.view.labels import about, facts, grain, histogram, mending, parsed, rounded, verdict
+from sdm_deflect.cases.view.labels import (
+    COLOURS,
+    about,
+    facts,
+    grain,
+    histogram,
+    key,
+    mending,
+    parsed,
+    rounded,
+    verdict,
+)
 from sdm_deflect.cases.view.layout import BOX, NOTES, lay_out
 from sdm_deflect.cases.view.pieces import Piece, Pieces, Plane, bounds, boxes, outboard, outline
 from sdm_deflect.cases.view.run import Frame, InteractiveRun, Spans
@@ -19,7 +30,7 @@ from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import FloatArray
 
 AXES = ("x", "y", "z")
-INPUTS = ("angle", "axis", "position", "show_sectioned", "show_cut")
+INPUTS = ("angle", "axis", "position", "show_sectioned", "show_cut", "colour")
 SWITCHES = {"show_box": "box", "show_outline": "outline", "show_centres": "centres"}
 OBLIQUE = {0: (1.0, 0.5, 0.4), 1: (0.75, 1.0, 0.55), 2: (0.6, 0.9, 0.9)}
 """Where the eye is, for each axis of the section: outboard, aft and above."""
@@ -37,7 +48,7 @@ REST = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What the user has set: the angle, whether it rests, the section and what else to show."""
+    """What the user has set: the angle, whether it rests, the section, its colours and what else to show."""
 
     angle: float
     axis: str
@@ -45,6 +56,7 @@ class Wish:
     sectioned: bool = True
     cut: bool = False
     rests: bool = False
+    colour: str = "quality"
 
     @property
     def plane(self) -> Plane | None:
@@ -92,9 +104,10 @@ class Control:
             least = float(frame.quality.min(initial=1.0))
             self.frame = self.run.repaired(frame) if wish.rests else frame
             answer = self._said() | {"repair": mending(self.frame, self.run, least)}
-        if before is None or (wish.plane, wish.cut) != (before.plane, before.cut):
-            self.scene.show(self.pieces.standing(wish.plane, wish.cut_plane))
-        self.scene.show(self.pieces.moving(self.frame, wish.plane, wish.cut_plane))
+        if before is None or (wish.plane, wish.cut, wish.colour) != (before.plane, before.cut, before.colour):
+            self.scene.show(self.pieces.standing(wish.plane, wish.cut_plane, wish.colour))
+        self.scene.show(self.pieces.moving(self.frame, wish.plane, wish.cut_plane, wish.colour))
+        answer |= key(wish.colour, self.run, self.pieces.farthest(self.frame))
         if wish.plane is None:
             self.scene.hide("section", "around")
         self.scene.show({"centres": Piece.dots(self.run.centers(self.frame))})
@@ -151,6 +164,7 @@ class Page:
         state.update(
             {"position": wish.position, "elapsed": "–", "show_sectioned": wish.sectioned, "show_cut": wish.cut}
         )
+        state.colour = wish.colour
         state.update({"show_box": True, "show_outline": True, "show_centres": False})
         self._aim(OBLIQUE[AXES.index(wish.axis)])
         self._switch()
@@ -272,11 +286,14 @@ class Page:
         """Return what the page's inputs say; TypeError or ValueError if they are none."""
         if state.axis not in AXES or not isfinite(float(state.position)):
             raise ValueError(f"a section across {state.axis} at {state.position}")
-        return Wish(float(state.angle), state.axis, float(state.position), state.show_sectioned, state.show_cut)
+        if state.colour not in COLOURS:
+            raise ValueError(f"colours by {state.colour}")
+        place = float(state.position)
+        return Wish(float(state.angle), state.axis, place, state.show_sectioned, state.show_cut, colour=state.colour)
 
     def _switch(self) -> None:
-        for key, name in SWITCHES.items():
-            self.control.scene.actors[name].SetVisibility(bool(self.server.state[key]))
+        for switch, name in SWITCHES.items():
+            self.control.scene.actors[name].SetVisibility(bool(self.server.state[switch]))
 
     def _ranges(self, wish: Wish) -> dict[str, Any]:
         """Return the ends of the sliders and the band of verified angles."""
