@@ -107,7 +107,8 @@ class Control:
         if before is None or (wish.plane, wish.cut, wish.colour) != (before.plane, before.cut, before.colour):
             self.scene.show(self.pieces.standing(wish.plane, wish.cut_plane, wish.colour))
         self.scene.show(self.pieces.moving(self.frame, wish.plane, wish.cut_plane, wish.colour))
-        answer |= key(wish.colour, self.run, self.pieces.farthest(self.frame))
+        if answer or before is None or wish.colour != before.colour:
+            answer |= key(wish.colour, self.run, self.pieces.farthest(self.frame))
         if wish.plane is None:
             self.scene.hide("section", "around")
         self.scene.show({"centres": Piece.dots(self.run.centers(self.frame))})

@@ -2,12 +2,24 @@
 
 from axe_playwright_python.sync_playwright import Axe
 
-SIZES = ({"width": 1280, "height": 900}, {"width": 390, "height": 844})
-CONTRAST = {"runOnly": {"type": "rule", "values": ["color-contrast"]}, "resultTypes": ["violations"]}
-EVERYTHING = {"resultTypes": ["violations"]}
+WIDE, NARROW = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
 
 
-def found(tab, options=EVERYTHING):
+def rules(*names):
+    """Return options that try some rules, all without a name."""
+    return {"resultTypes": ["violations"], **({"runOnly": {"type": "rule", "values": list(names)}} if names else {})}
+
+
+TRIED = (
+    (WIDE, "light", rules()),
+    (WIDE, "dark", rules("color-contrast")),
+    (NARROW, "dark", rules("color-contrast", "scrollable-region-focusable")),
+    (NARROW, "light", rules("scrollable-region-focusable", "nested-interactive")),
+)
+"""Sizes and schemes, and the rules that may hold there and not in those before: to try all takes four times as long."""
+
+
+def found(tab, options):
     """Return the violations that are serious or critical: rule and first place of each."""
     response = Axe().run(tab, options=options).response
     grave = [one for one in response["violations"] if one["impact"] in ("serious", "critical")]
@@ -15,14 +27,13 @@ def found(tab, options=EVERYTHING):
 
 
 def grave(tab):
-    """Return what is wrong in each size and each scheme, by both; of the second scheme only colours differ."""
+    """Return what is wrong in each size and each scheme."""
     wrong = {}
-    for size in SIZES:
+    for size, scheme, options in TRIED:
         tab.set_viewport_size(size)
-        for scheme, options in (("light", EVERYTHING), ("dark", CONTRAST)):
-            tab.emulate_media(color_scheme=scheme)
-            wrong[size["width"], scheme] = found(tab, options)
-            beyond = tab.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
-            if beyond > 0:
-                wrong[size["width"], scheme].append(("wider than the window", beyond))
+        tab.emulate_media(color_scheme=scheme)
+        wrong[size["width"], scheme] = found(tab, options)
+        beyond = tab.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+        if beyond > 0:
+            wrong[size["width"], scheme].append(("wider than the window", beyond))
     return {where: what for where, what in wrong.items() if what}
