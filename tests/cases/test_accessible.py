@@ -50,6 +50,19 @@ def test_a_page_of_the_guide(guide, tab, page):
     assert tab.asked == []
 
 
+def test_numbers_stand_beside_formulas_on_a_phone(guide, tab):
+    tab.set_viewport_size({"width": 390, "height": 844})
+    tab.goto((guide / "theory.html").as_uri())
+    edges = tab.evaluate(
+        """() => [...document.querySelectorAll("div.math:has(.eqno)")].map((one) => [
+             one.querySelector(".formula").getBoundingClientRect().right,
+             one.querySelector(".eqno").getBoundingClientRect().left])"""
+    )
+    assert len(edges) > 10
+    assert all(formula <= number for formula, number in edges)
+    assert tab.evaluate("document.fonts.check('16px Guide Math')")
+
+
 @pytest.mark.mesher
 def test_a_report(aileron_run, tab):
     tab.goto((aileron_run[1] / "report.html").as_uri())
