@@ -137,7 +137,10 @@ def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
 
 def data_of(one: Deflection, settings: str = "") -> ReportData:
     """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
-    return _data(one.plan, one.angle, one.points, settings, FitRows.of(one))
+    moved = None if one.repaired is None else one.moved_by_repair
+    return replace(
+        _data(one.plan, one.angle, one.points, settings, FitRows.of(one)), interpolated=unrepaired(one.points, moved)
+    )
 
 
 def _data(plan: Plan, angle: float, points: FloatArray, settings: str, fits: FitRows) -> ReportData:

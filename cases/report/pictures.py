@@ -115,9 +115,9 @@ def before_after(data: ReportData, own: Box, surface: MovedSurface) -> Picture:
     before, after = (close(data, points, own, surface) for points in (data.mesh.points, data.points))
     faces = polygons_of(data.mesh.faces_of(surface.patches))
     outline = np.vstack([rim(faces), sharp_edges(data.mesh.points, faces, SHARP_EDGE)])
-    over = scene3d.plain(data.mesh.points, outline, scene3d.BLUE, width=3.0)
+    over = (scene3d.plain(data.mesh.points, outline, scene3d.BLUE, width=3.0),) if len(outline) else ()
     return Picture(
-        (before, replace(after, layers=(*after.layers, over))),
+        (before, replace(after, layers=(*after.layers, *over))),
         (f"{surface.name}, undeflected", f"{surface.name}, {surface.turned}"),
         f"Surface mesh of {surface.name} ({count} faces) and its surroundings in grey, before (left) and after (right) "
         f"it goes by {surface.turned}; nodes move by up to {data.length.text(moved.max())}. The outline that it leaves "
