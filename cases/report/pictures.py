@@ -170,7 +170,7 @@ LARGEST = 300_000
 """Bytes that a picture should not exceed."""
 LADDER = ((110, 1), (110, 4), (95, 4), (80, 4), (65, 4))
 """Dots per inch, and colours (0 to 255) rounded to multiples: the first that makes the file small enough counts."""
-SHARP, SHADES = 100, 256
+SHARP, SHADES = 92, 256
 """Dots per inch and colours of a picture for a page that may be printed."""
 ROUNDS = 3
 """Rounds in which these colours are moved to the middle of those that they stand for: else some are visibly others."""

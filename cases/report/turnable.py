@@ -19,7 +19,7 @@ from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Patch, Po
 from sdm_deflect.deform.sets import distinct, union
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
-MOST_CELLS = 10_000
+MOST_CELLS = 6_500
 """So many of the worst cells of all hexahedra are in the page: a browser has to draw them."""
 MOST_TRIANGLES = 4_000
 """Patches of more are thinned to about so many away from the hexahedra."""
