@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.rbf.kernels import arrays_of
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
 from sdm_deflect.meshing.files import replacing_files, replacing_folder
 from sdm_deflect.meshing.formats.format import FULL
+from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
 
 class OutputError(ValueError):
@@ -104,3 +107,14 @@ def write_convergence(path: Path, deflections: Sequence[Deflection]) -> None:
                     for row in fit.history:
                         figures = (f"{row.max_residual:.6e}", f"{row.seconds:.6f}")
                         rows.writerow([direction, row.iteration, row.n_centers, *figures, one.plan.surface, k])
+
+
+def moved_by_repair(path: Path, count: int) -> FloatArray:
+    """Return how far (N, 3) the repair has moved each node of a run, by its deflected.vtu; zero without a repair."""
+    arrays, out = vtu_arrays(path), np.zeros((count, 3))
+    node, moved = arrays.get("node", np.arange(count)), arrays.get("repair")
+    if moved is not None:
+        if moved.shape != (len(node), 3):
+            raise InputError(f"{path}: the array repair has the shape {moved.shape}, not {(len(node), 3)}")
+        out[node] = moved
+    return out

@@ -24,6 +24,7 @@ extensions = [
     "notebooks",
     "docstrings",
     "signatures",
+    "accessible",
 ]
 exclude_patterns = ["_build", "examples"]
 templates_path = ["_templates"]

@@ -190,6 +190,7 @@ class ReportData:
     middle : (3,) point from which ends of surfaces are inner or outer ones.
     drawn, hidden : names of the patches in pictures, and of those that only the turnable picture offers.
     quality_limit : smallest mean ratio that is accepted, None without a limit.
+    interpolated : (N, 3) before a repair moved nodes, None if none did.
     checks : the verdict; empty until the mesh is judged.
     figures : the content of metrics.json; empty until then.
     """
@@ -208,6 +209,7 @@ class ReportData:
     drawn: tuple[str, ...]
     hidden: tuple[str, ...] = ()
     quality_limit: float | None = None
+    interpolated: FloatArray | None = field(default=None, repr=False)
     checks: tuple[Check, ...] = ()
     figures: Json = field(default_factory=dict, repr=False)
 
@@ -232,9 +234,20 @@ class ReportData:
         after = [one.min for some in self.after for one in some]
         return (min(before), min(after)) if before and after else None
 
+    @property
+    def states(self) -> dict[str, FloatArray]:
+        """Points (N, 3) before, after the interpolation where a repair followed, and after all, by name."""
+        between = {} if self.interpolated is None else {"interpolated": self.interpolated}
+        return {"before": self.mesh.points, **between, "after": self.points}
+
     def judged(self, checks: tuple[Check, ...], figures: Json) -> "ReportData":
         """Return the data with the verdict and the content of metrics.json."""
         return replace(self, checks=checks, figures=figures)
+
+
+def unrepaired(points: FloatArray, moved: FloatArray | None) -> FloatArray | None:
+    """Return where the interpolant put nodes (N, 3) that a repair has `moved` (N, 3); None if it moved none."""
+    return None if moved is None or not moved.any() else points - moved
 
 
 def in_view(mesh: Mesh, parts: tuple[str, ...]) -> tuple[str, ...]:

@@ -52,16 +52,16 @@ def convergence(data: ReportData) -> tuple[Figure, str]:
 
 def quality(data: ReportData) -> tuple[Figure, str]:
     """Quality of the cells that touch each hexahedron by type, before and after, and what is seen."""
-    found = [(box, shape, *pair) for box in data.boxes for shape, pair in _qualities(data, box).items()]
+    found = [(box, *pair) for box in data.boxes for pair in _qualities(data, box).items()]
     figure, axes = panels(len(found))
     texts = [_histogram(data, one, *part) for one, part in zip(axes, found, strict=True)]
     return figure, "Histograms of the quality of cells before and after the deflection. " + " ".join(texts)
 
 
 def _qualities(data: ReportData, box: Box) -> dict[str, FloatArray]:
-    """Quality (2, M) of the touched cells before and after, by type."""
+    """Quality (2 or 3, M) of the touched cells in each state, by type."""
     parts: dict[str, list[FloatArray]] = {}
-    touched, states = box.touched, (data.mesh.points, data.points)
+    touched, states = box.touched, data.states.values()
     for block, rows, sign in zip(data.mesh.cells, touched.rows, touched.orientation, strict=True):
         if len(rows):
             pair = np.array([quality_of(points, block, rows, sign) for points in states])
@@ -69,12 +69,15 @@ def _qualities(data: ReportData, box: Box) -> dict[str, FloatArray]:
     return {shape: np.concatenate(own, axis=1) for shape, own in parts.items()}
 
 
-def _histogram(data: ReportData, axes: Axes, box: Box, shape: str, before: FloatArray, after: FloatArray) -> str:
-    """Draw the histograms of one type of cell in one hexahedron and say what is seen."""
+def _histogram(data: ReportData, axes: Axes, box: Box, shape: str, values: FloatArray) -> str:
+    """Draw the histograms of one type of cell in one hexahedron, by state (2 or 3, M), and say what is seen."""
+    before, after = values[0], values[-1]
     top = 1.0 if shape != POLYHEDRON else 0.25
-    bins = np.linspace(min(0.0, float(before.min()), float(after.min())), top, 51)
+    bins = np.linspace(min(0.0, float(values.min())), top, 51)
     bars(axes, after, bins, "deflected", color="#e0a36a", fill=True)
     bars(axes, before, bins, "undeflected", color="black", lw=1.4)
+    if len(values) > 2:
+        bars(axes, values[1], bins, "deflected, before the repair", color="#0072b2", lw=1.4, ls="--")
     if data.quality_limit is not None and shape == "tetra":
         axes.axvline(data.quality_limit, color="0.35", lw=1, ls="--", label=f"limit {data.quality_limit:g}")
     label = f"{MEASURES[shape]} of a cell"

@@ -23,7 +23,7 @@ from sdm_deflect.cases.metrics import (
     peak_rss_bytes,
     verdict_figures,
 )
-from sdm_deflect.cases.output import PAGE, output_folder, write_convergence, write_interpolants
+from sdm_deflect.cases.output import PAGE, moved_by_repair, output_folder, write_convergence, write_interpolants
 from sdm_deflect.cases.report.data import (
     MESH_UNITS,
     RUN,
@@ -34,6 +34,7 @@ from sdm_deflect.cases.report.data import (
     name_of,
     read_figures,
     rows_of,
+    unrepaired,
 )
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import drawn
@@ -114,7 +115,8 @@ def report_data_of_folder(folder: Path) -> ReportData:
         settings = (folder / SETTINGS).read_text(encoding="utf-8")
     figures, checks, all_fits = read_figures(folder)
     plan, points = read_folder(folder)
-    return _data(plan, plan.angle, points, settings, all_fits[0]).judged(checks, figures)
+    data = _data(plan, plan.angle, points, settings, all_fits[0]).judged(checks, figures)
+    return replace(data, interpolated=unrepaired(points, moved_by_repair(folder / "deflected.vtu", len(points))))
 
 
 def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
@@ -135,7 +137,10 @@ def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
 
 def data_of(one: Deflection, settings: str = "") -> ReportData:
     """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
-    return _data(one.plan, one.angle, one.points, settings, FitRows.of(one))
+    moved = None if one.repaired is None else one.moved_by_repair
+    return replace(
+        _data(one.plan, one.angle, one.points, settings, FitRows.of(one)), interpolated=unrepaired(one.points, moved)
+    )
 
 
 def _data(plan: Plan, angle: float, points: FloatArray, settings: str, fits: FitRows) -> ReportData:

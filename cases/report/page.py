@@ -2,9 +2,9 @@
 
 from base64 import b64encode
 from collections.abc import Iterable, Iterator
-from gzip import compress
 from hashlib import sha256
 from importlib.resources import files
+from io import BytesIO
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, TemplateError
@@ -14,7 +14,7 @@ from PIL import Image
 from sdm_deflect.cases.metrics import Json, kernel_text
 from sdm_deflect.cases.report.data import ReportData, drawn_measure
 from sdm_deflect.cases.report.pictures import Exhibit, Gallery
-from sdm_deflect.cases.report.turnable import MOST_CELLS, turnable
+from sdm_deflect.cases.report.turnable import MOST_CELLS, encoded, packed, turnable
 from sdm_deflect.cases.surroundings import surroundings, versions
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.quality import Quality
@@ -42,13 +42,14 @@ def page(data: ReportData, gallery: Gallery) -> str:
         "figures": data.figures,
         "gallery": gallery,
         "measure": drawn_measure(data.mesh),
-        "scene": turnable(data),
+        "scene": dict(zip(("data", "arrays"), packed(turnable(data)), strict=True)),
+        "touched": sum(box.touched.count for box in data.boxes),
         "most_cells": MOST_CELLS,
         "toml_file": b64encode(data.settings.encode()).decode("ascii"),
         "surroundings": surroundings(),
         "versions": versions(),
         "style": read(HERE, "style.css"),
-        "library": b64encode(compress(library.encode(), mtime=0)).decode("ascii"),
+        "library": encoded(library.encode()),
         "viewer": viewer,
         "policy": policy([library, viewer]),
     }
@@ -86,8 +87,11 @@ def read(package: str, *name: str) -> Markup:
 
 
 def inline(exhibit: Exhibit) -> str:
-    """Return a picture as the address of itself."""
-    return "data:image/png;base64," + b64encode(exhibit.path.read_bytes()).decode("ascii")
+    """Return a picture as the address of itself, in the format that is smallest without a loss."""
+    smaller = BytesIO()
+    with Image.open(exhibit.path) as image:
+        image.convert("RGB").save(smaller, "webp", lossless=True)
+    return "data:image/webp;base64," + b64encode(smaller.getvalue()).decode("ascii")
 
 
 def pixels(exhibit: Exhibit) -> tuple[int, int]:

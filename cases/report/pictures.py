@@ -18,6 +18,7 @@ from PIL import Image as ImageFile
 from sdm_deflect.cases.report import figures, scene3d, slices
 from sdm_deflect.cases.report.data import METRES, Box, Length, MovedSurface, ReportData, round_length
 from sdm_deflect.cases.report.offscreen import Image, RenderError, rendered, rendering
+from sdm_deflect.deform.edges import polygons_of, rim, sharp_edges
 from sdm_deflect.deform.mesh import FloatArray
 
 INCHES = 5.2
@@ -99,20 +100,28 @@ def _scale(axes: Axes, view: scene3d.View, unit: Length) -> None:
 
 PIXELS = (900, 640)
 LINES: dict[str, Any] = {"edge": (70, 70, 70), "width": 0.7}
+STILL: scene3d.Colour = (216, 219, 223)
+"""Of walls that do not move: those that do stand out from it."""
+SHARP_EDGE = 30.0
+"""Degrees by which faces of an outline turn at an edge, at least."""
 BEHIND, BESIDE, ABOVE = 1.0, 0.6, 0.45
 """Direction from a surface to the eye: along its chord, along its span away from the middle, upwards."""
 
 
 def before_after(data: ReportData, own: Box, surface: MovedSurface) -> Picture:
-    """Draw a moving surface with its hexahedron, before and after side by side."""
+    """Draw a moving surface with its hexahedron, before and after side by side; after over the outline of before."""
     moved = np.linalg.norm((data.points - data.mesh.points)[surface.nodes], axis=1)
     count = sum(len(data.mesh.patch(name)) for name in surface.patches)
+    before, after = (close(data, points, own, surface) for points in (data.mesh.points, data.points))
+    faces = polygons_of(data.mesh.faces_of(surface.patches))
+    outline = np.vstack([rim(faces), sharp_edges(data.mesh.points, faces, SHARP_EDGE)])
+    over = (scene3d.plain(data.mesh.points, outline, scene3d.BLUE, width=3.0),) if len(outline) else ()
     return Picture(
-        tuple(close(data, points, own, surface) for points in (data.mesh.points, data.points)),
+        (before, replace(after, layers=(*after.layers, *over))),
         (f"{surface.name}, undeflected", f"{surface.name}, {surface.turned}"),
-        f"Surface mesh of {surface.name} ({count} faces) and its surroundings before (left) and after (right) it goes "
-        f"by {surface.turned}; nodes move by up to {data.length.text(moved.max())}. The edges of the hexahedron, "
-        "outside of which nothing moves, are magenta.",
+        f"Surface mesh of {surface.name} ({count} faces) and its surroundings in grey, before (left) and after (right) "
+        f"it goes by {surface.turned}; nodes move by up to {data.length.text(moved.max())}. The outline that it leaves "
+        "is blue, and the edges of the hexahedron, outside of which nothing moves, are magenta.",
         length=data.length,
     )
 
@@ -136,7 +145,11 @@ def close(data: ReportData, points: FloatArray, own: Box, surface: MovedSurface)
     """Look at a moving surface; the picture holds it before and after."""
     held = np.vstack([data.mesh.points[surface.nodes], data.points[surface.nodes]])
     moving = [name for one in data.surfaces for name in one.patches]
-    layers = scene3d.patches(data.mesh.with_points(points), data.drawn, moving=moving, ambient=0.5, **LINES)
+    mesh, still = data.mesh.with_points(points), [name for name in data.drawn if name not in moving]
+    layers = scene3d.patches(mesh, still, STILL, ambient=0.5, **LINES)
+    layers += scene3d.patches(
+        mesh, [name for name in data.drawn if name in moving], moving=moving, ambient=0.5, **LINES
+    )
     box = scene3d.box(own.hexahedron.corners, 2.5)
     return scene3d.framed((*layers, box), held, towards(data, own, surface), PIXELS)
 
@@ -157,8 +170,10 @@ LARGEST = 300_000
 """Bytes that a picture should not exceed."""
 LADDER = ((110, 1), (110, 4), (95, 4), (80, 4), (65, 4))
 """Dots per inch, and colours (0 to 255) rounded to multiples: the first that makes the file small enough counts."""
-SHARP, SHADES = 140, 256
+SHARP, SHADES = 92, 256
 """Dots per inch and colours of a picture for a page that may be printed."""
+ROUNDS = 3
+"""Rounds in which these colours are moved to the middle of those that they stand for: else some are visibly others."""
 
 
 def write_png(figure: Figure, path: Path) -> None:
@@ -177,7 +192,9 @@ def write_sharp_png(figure: Figure, path: Path) -> None:
     """Write a figure with fine lines in the colours that represent it best."""
     pixels = pixels_of(figure, SHARP)
     data = BytesIO()
-    pixels.quantize(SHADES, ImageFile.Quantize.MAXCOVERAGE, dither=ImageFile.Dither.NONE).save(data, "png")
+    pixels.quantize(SHADES, ImageFile.Quantize.MAXCOVERAGE, kmeans=ROUNDS, dither=ImageFile.Dither.NONE).save(
+        data, "png"
+    )
     path.write_bytes(data.getvalue())
 
 

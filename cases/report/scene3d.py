@@ -169,6 +169,21 @@ def quality_rgb(quality: FloatArray) -> IntArray:
     return _rgb(QUALITY_MAP, QUALITY_RANGE(quality))
 
 
+CHANGE_MAP = "RdBu"
+CHANGE_RANGE = Normalize(-0.2, 0.2)
+"""From cells that lose quality, red, to those that gain it."""
+
+
+def change_rgb(change: FloatArray) -> IntArray:
+    """Return the colours (F, 3) of changes of quality (F,)."""
+    return _rgb(CHANGE_MAP, np.clip(CHANGE_RANGE(change), 0.0, 1.0))
+
+
+def moved_rgb(shares: FloatArray) -> IntArray:
+    """Return the colours (F, 3) of displacements (F,), as shares of the largest."""
+    return _rgb(MOVED_MAP, shares)
+
+
 def _rgb(scale: str, shares: Any) -> IntArray:
     return np.asarray(np.rint(255.0 * mpl.colormaps[scale](shares)[:, :3]), dtype=np.intp)
 

@@ -102,21 +102,30 @@ def _windows(data: ReportData, box: Box) -> tuple[Plane, Plane]:
 
 
 def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, str]:
-    """Draw both planes of a surface before and after the deflection, and say what is seen."""
-    figure = Figure(figsize=(9.6, 9.0))
+    """Draw both planes of a surface before and after the deflection, and say what is seen.
+
+    Where a repair moved nodes, the mesh before it stands between the two.
+    """
+    names = {"before": "undeflected", "interpolated": f"{surface.turned}, before the repair", "after": surface.turned}
+    columns = len(data.states)
+    figure = Figure(figsize=(9.6, 9.0) if columns == 2 else (13.2, 8.2))
     figure.subplots_adjust(left=0.09, right=0.86, bottom=0.06, top=0.93, wspace=0.28, hspace=0.25)
-    axes, texts = figure.subplots(2, 2), []
+    axes, texts = figure.subplots(2, columns), []
     for row, plane in zip(axes, planes(data, box, surface), strict=True):
-        states = zip(row, (data.mesh.points, data.points), ("undeflected", surface.turned), strict=True)
-        before, after = [draw_slice(one, data, points, box, plane, state) for one, points, state in states]
+        states = zip(row, data.states.items(), strict=True)
+        least = {name: draw_slice(one, data, points, box, plane, names[name]) for one, (name, points) in states}
         place = f"{plane.what.capitalize()}, {AXES[plane.axis]} = {data.length.text(plane.station)}"
-        texts.append(f"{place}: smallest of its cells {before:.3f} before, {after:.3f} after.")
+        between = f"{least['interpolated']:.3f} before the repair, " if columns > 2 else ""
+        texts.append(
+            f"{place}: smallest of its cells {least['before']:.3f} before, {between}{least['after']:.3f} after."
+        )
     shades, measure = ScalarMappable(QUALITY_RANGE, QUALITY_MAP), drawn_measure(data.mesh)
     figure.colorbar(shades, cax=figure.add_axes(BAR), label=f"{measure} of a cell", extend="min")
     figure.suptitle(surface.name, fontsize="medium")
+    middle = "before the repair (middle) " if columns > 2 else ""
     return figure, (
-        f"Plane slices through the cells around {surface.name}, coloured by {measure}, before (left) and after "
-        "(right); walls are black, the hexahedron is dashed. " + " ".join(texts)
+        f"Plane slices through the cells around {surface.name}, coloured by {measure}, before (left), {middle}"
+        "and after (right); walls are black, the hexahedron is dashed. " + " ".join(texts)
     )
 
 

@@ -1,7 +1,10 @@
-"""What the page's turnable picture shows, as JSON: coordinates are base64 of single precision numbers."""
+"""What the page's turnable picture shows, as JSON: coordinates are single precision numbers, in arrays beside it."""
 
-from base64 import b64encode
-from collections.abc import Iterator
+import json
+from base64 import b64decode, b64encode
+from collections.abc import Iterator, Mapping
+from gzip import compress
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -16,14 +19,16 @@ from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Patch, Po
 from sdm_deflect.deform.sets import distinct, union
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
-MOST_CELLS = 40_000
+MOST_CELLS = 6_500
 """So many of the worst cells of all hexahedra are in the page: a browser has to draw them."""
-MOST_TRIANGLES = 6_000
+MOST_TRIANGLES = 4_000
 """Patches of more are thinned to about so many away from the hexahedra."""
-MOST_DOTS = 10_000
+MOST_DOTS = 3_000
 """So many sites or centres of a kind are in the page at most."""
 MARGIN = 0.2
 """Around the hexahedron of a view, by its largest extent."""
+EDGE = 0.02
+"""Around everything, by its largest extent: what touches the end of an axis is clipped."""
 FLAT = 1e-3
 """Height of what is drawn of the hexahedron around a plane mesh, over its own."""
 SHADES = 9
@@ -34,6 +39,10 @@ TABLES = {
     for shape, faces in FACES.items()
 } | {"triangle": [0, 1, 2], "quad": [0, 1, 2, 0, 2, 3]}
 """Corners of the triangles on the outside of each shape."""
+ARRAYS = frozenset(
+    ("points", "moved", "interpolated", "faces", "edges", "cell", "before", "after", "unrepaired", "segments")
+)
+"""Names under which a scene holds arrays."""
 
 
 def turnable(data: ReportData) -> Json:
@@ -45,11 +54,18 @@ def turnable(data: ReportData) -> Json:
         "dots": list(dots(data)),
         "cells": cells(data),
         "views": list(views(data)),
-        "colours": {"range": [scene3d.QUALITY_RANGE.vmin, scene3d.QUALITY_RANGE.vmax], "shades": shades()},
+        "colours": {
+            "range": [scene3d.QUALITY_RANGE.vmin, scene3d.QUALITY_RANGE.vmax],
+            "shades": shades(scene3d.QUALITY_MAP),
+            "displacement": shades(scene3d.MOVED_MAP),
+            "change": shades(scene3d.CHANGE_MAP),
+            "changes": [scene3d.CHANGE_RANGE.vmin, scene3d.CHANGE_RANGE.vmax],
+        },
         "measure": drawn_measure(data.mesh),
         "plane": data.mesh.plane,
-        "unit": data.length.name,
-        "middle": float(data.middle[1]),
+        "unit": data.length.shown,
+        "factor": data.length.factor,
+        "middle": data.length.factor * float(data.middle[1]),
     }
 
 
@@ -65,6 +81,7 @@ def patches(data: ReportData) -> Iterator[Json]:
         thin = len(shown) < len(whole)
         yield {
             "name": f"{patch.name} (thinned)" if thin else patch.name,
+            "own": patch.name,
             "colour": scene3d.hexadecimal(scene3d.patch_colour(patch.name, patch.name in moving)),
             "hidden": patch.name in data.hidden,
             **_both(data, shown[:, ::-1], None if thin else _edges(patch)),
@@ -130,7 +147,8 @@ def cells(data: ReportData) -> Json:
     for i, block in enumerate(data.mesh.cells):
         rows = union(*(one.touched.rows[i] for one in data.boxes))
         sign = data.boxes[0].touched.orientation[i]
-        qualities = [drawn_quality(points, block, rows, sign) for points in (data.mesh.points, data.points)]
+        states = (data.mesh.points, data.points, *([] if data.interpolated is None else [data.interpolated]))
+        qualities = [drawn_quality(points, block, rows, sign) for points in states]
         found.append((block, rows, np.array(qualities)))
     worst = np.concatenate([np.empty(0), *(pair.min(axis=0) for _, _, pair in found)])
     limit = np.partition(worst, MOST_CELLS - 1)[MOST_CELLS - 1] if len(worst) > MOST_CELLS else np.inf
@@ -138,8 +156,9 @@ def cells(data: ReportData) -> Json:
     for block, rows, pair in found:
         kept = np.flatnonzero(pair.min(axis=0) <= limit)
         corners = _corners(block, rows[kept])
-        groups.append({**corners[0], "before": single(pair[0, kept]), "after": single(pair[1, kept]),
-                       **_both(data, corners[1])})  # fmt: skip
+        names = ("before", "after", "unrepaired")
+        values = {name: single(own[kept]) for name, own in zip(names, pair, strict=False)}
+        groups.append({**corners[0], **values, **_both(data, corners[1])})
     return {"all": len(worst), "groups": groups}
 
 
@@ -159,12 +178,19 @@ def _corners(block: Cells | Polyhedra, rows: IntArray) -> tuple[Json, IntArray]:
 
 
 def views(data: ReportData) -> Iterator[Json]:
-    """Yield names and boxes (low, high) of what can be looked at: each hexahedron, then everything."""
-    for one in data.boxes:
+    """Yield names and boxes (low, high) of what can be looked at: each hexahedron, then everything.
+
+    Of a hexahedron only the patches with a node in it are shown, so that no corner of another floats in the picture.
+    """
+    for i, one in enumerate(data.boxes):
         corners = _corners_shown(data, one)
-        yield _view(one.name, corners, MARGIN * float(np.ptp(corners, axis=0).max()))
+        inside = one.hexahedron.contains(data.mesh.points)
+        near = [patch.name for patch in data.mesh.patches if inside[patch.nodes].any()]
+        margin = MARGIN * float(np.ptp(corners, axis=0).max())
+        yield _view(data, one.name, corners, margin) | {"box": i, "near": near}
     every = [_corners_shown(data, one) for one in data.boxes]
-    yield _view("everything", np.vstack([data.mesh.points[data.mesh.on(*data.drawn)], *every]), 0.0)
+    drawn = np.vstack([data.mesh.points[data.mesh.on(*data.drawn)], *every])
+    yield _view(data, "everything", drawn, EDGE * float(np.ptp(drawn, axis=0).max())) | {"box": None, "near": None}
 
 
 def _corners_shown(data: ReportData, box: Box) -> FloatArray:
@@ -175,9 +201,9 @@ def _corners_shown(data: ReportData, box: Box) -> FloatArray:
     return corners
 
 
-def shades() -> list[list[object]]:
-    """Return the colour map of the quality as plotly takes it."""
-    return [[float(s), to_hex(colormaps[scene3d.QUALITY_MAP](s))] for s in np.linspace(0.0, 1.0, SHADES)]
+def shades(name: str) -> list[list[object]]:
+    """Return a colour map as plotly takes it."""
+    return [[float(s), to_hex(colormaps[name](s))] for s in np.linspace(0.0, 1.0, SHADES)]
 
 
 def single(values: FloatArray) -> str:
@@ -190,13 +216,45 @@ def integers(values: IntArray) -> str:
     return b64encode(values.astype("<u4").tobytes()).decode("ascii")
 
 
+def packed(scene: Json) -> tuple[str, str]:
+    """Return a scene as two texts, base64 of compressed ones: the JSON with places of arrays, and the arrays.
+
+    A place is where an array starts, and how many numbers it has. Of each array the first bytes of all numbers come
+    first, then the second ones, and so on: alike they compress better.
+    """
+    parts: list[bytes] = []
+
+    def placed(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {
+                name: placed(own) if name not in ARRAYS or own is None else place(own) for name, own in value.items()
+            }
+        return [placed(own) for own in value] if isinstance(value, list) else value
+
+    def place(base64: str) -> list[int]:
+        numbers = np.frombuffer(b64decode(base64), dtype=np.uint8).reshape(-1, 4)
+        start = sum(map(len, parts))
+        parts.append(numbers.T.tobytes())
+        return [start, len(numbers)]
+
+    content = json.dumps(placed(scene)).encode()
+    return encoded(content), encoded(b"".join(parts))
+
+
+def encoded(content: bytes) -> str:
+    """Return bytes compressed, in base64."""
+    return b64encode(compress(content, mtime=0)).decode("ascii")
+
+
 def _both(data: ReportData, faces: IntArray, edges: IntArray | None = None) -> Json:
     """Return cells or triangles (F, k) with their own nodes before and after (None where none of them moves)."""
     nodes, local = np.unique(faces, return_inverse=True)
     before, after = data.mesh.points[nodes], data.points[nodes]
+    between = after if data.interpolated is None else data.interpolated[nodes]
     return {
         "points": single(before),
         "moved": None if np.array_equal(before, after) else single(after),
+        "interpolated": None if np.array_equal(between, after) else single(between),
         "faces": integers(local),
         "corners": faces.shape[1],
         "edges": None if edges is None else integers(np.searchsorted(nodes, edges)),
@@ -211,5 +269,6 @@ def _dots(group: str, name: str, points: list[FloatArray], colour: scene3d.Colou
             "colour": scene3d.hexadecimal(colour)}  # fmt: skip
 
 
-def _view(name: str, points: FloatArray, margin: float) -> Json:
-    return {"name": name, "low": (points.min(axis=0) - margin).tolist(), "high": (points.max(axis=0) + margin).tolist()}
+def _view(data: ReportData, name: str, points: FloatArray, margin: float) -> Json:
+    low, high = data.length.factor * (points.min(axis=0) - margin), data.length.factor * (points.max(axis=0) + margin)
+    return {"name": name, "low": low.tolist(), "high": high.tolist()}

@@ -1,34 +1,84 @@
 "use strict";
-// Draws the turnable picture from the JSON in #scene-data with plotly, which is in #scene-library, compressed.
+// Draws the turnable picture from the JSON in #scene-data and the arrays in #scene-arrays with plotly, which is in
+// #scene-library; all three are compressed.
 // All names of the data go through text() or textContent.
-(() => {
-  const data = JSON.parse(document.getElementById("scene-data").textContent);
+(async () => {
   const plot = document.getElementById("turnable");
   const control = (name) => document.getElementById("scene-" + name);
   const text = (name) => name.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 
   const bytes = (base64) => Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0)).buffer;
-  const numbers = (base64) => new Float32Array(bytes(base64));
   const column = (rows, width, which) => rows.filter((_, i) => i % width === which);
   const axes = (points) => ({ x: column(points, 3, 0), y: column(points, 3, 1), z: column(points, 3, 2) });
 
+  const inflated = async (name) => {
+    const packed = new Blob([bytes(document.getElementById(name).textContent)]);
+    return new Response(packed.stream().pipeThrough(new DecompressionStream("gzip")));
+  };
+
+  function drawable() {
+    const canvas = document.createElement("canvas");
+    return Boolean(canvas.getContext("webgl2") || canvas.getContext("webgl"));
+  }
+
+  function without(reason) {
+    control("controls").hidden = true;
+    plot.classList.add("empty");
+    plot.textContent = "The turnable picture cannot be drawn: " + reason + " All else on this page is complete.";
+  }
+
+  // On paper nothing can be opened.
+  let opened = [];
+  window.addEventListener("beforeprint", () => {
+    opened = [...document.querySelectorAll("details:not([open])")];
+    opened.forEach((one) => { one.open = true; });
+  });
+  window.addEventListener("afterprint", () => opened.forEach((one) => { one.open = false; }));
+
+  document.getElementById("interactive-body").hidden = false;
+  if (!drawable()) return without("this browser offers no WebGL.");
+  if (typeof DecompressionStream === "undefined") return without("this browser is older than 2023.");
+  const data = JSON.parse(await (await inflated("scene-data")).text());
+  const arrays = await (await inflated("scene-arrays")).arrayBuffer();
+
+  // Arrays are stored one after another, of each the first bytes of all its numbers, then the second ones, and so on.
+  function array([start, count]) {
+    const found = new Uint8Array(arrays, start, 4 * count), out = new Uint8Array(4 * count);
+    for (let i = 0; i < count; i += 1) for (let k = 0; k < 4; k += 1) out[4 * i + k] = found[k * count + i];
+    return out.buffer;
+  }
+  const numbers = (place) => new Float32Array(array(place));
+  const indices = (place) => new Uint32Array(array(place));
+  const lengthsOf = (place) => numbers(place).map((value) => data.factor * value);
+
   function unpacked(part) {
-    const points = numbers(part.points);
-    return { ...part, points, moved: part.moved ? numbers(part.moved) : points, faces: new Uint32Array(bytes(part.faces)) };
+    const points = lengthsOf(part.points), moved = part.moved ? lengthsOf(part.moved) : points;
+    return {
+      ...part, points, moved, interpolated: part.interpolated ? lengthsOf(part.interpolated) : moved,
+      goes: Boolean(part.moved), faces: indices(part.faces),
+    };
   }
 
   const patches = data.patches.map(unpacked).map((patch) => (
-    { ...patch, edges: patch.edges ? new Uint32Array(bytes(patch.edges)) : edges(patch.faces) }));
+    { ...patch, edges: patch.edges ? indices(patch.edges) : edges(patch.faces) }));
   const groups = data.cells.groups.map(unpacked).map((group) => ({
-    ...group, cell: group.cell ? new Uint32Array(bytes(group.cell)) : null,
-    quality: { undeflected: numbers(group.before), deflected: numbers(group.after) },
+    ...group, cell: group.cell ? indices(group.cell) : null,
+    quality: {
+      undeflected: numbers(group.before), deflected: numbers(group.after), interpolated: numbers(group.unrepaired || group.after),
+    },
   }));
-  const boxes = data.boxes.map((box) => numbers(box.segments));
-  const dots = data.dots.map((one) => ({ ...one, points: numbers(one.points) }));
+  const boxes = data.boxes.map((box) => lengthsOf(box.segments));
+  const dots = data.dots.map((one) => ({ ...one, points: lengthsOf(one.points) }));
   const SIZE = 2.8; // diagonal of what is looked at, by the size of the picture: about 3 fills it
   let state = "deflected";
 
-  const at = (part) => (state === "deflected" ? part.moved : part.points);
+  const at = (part) => ({ undeflected: part.points, interpolated: part.interpolated, deflected: part.moved })[state];
+  const lengths = (part, points) => Float32Array.from({ length: points.length / 3 }, (_, i) => (
+    Math.hypot(...[0, 1, 2].map((c) => points[3 * i + c] - part.points[3 * i + c]))));
+  const most = (part) => lengths(part, part.moved).reduce((sofar, one) => Math.max(sofar, one), 0);
+  const farthest = Math.max(0, ...patches.filter((one) => one.goes).map(most));
+  const coloured = () => control("colour").value;
+  const shownPatches = new Set(patches.filter((one) => !one.hidden).map((one) => one.name));
 
   function edges(triangles) {
     const seen = new Map();
@@ -58,67 +108,103 @@
   const dark = () => window.matchMedia("(prefers-color-scheme: dark)").matches;
 
   function surface(patch) {
-    const shown = patch.hidden ? "legendonly" : true;
-    const common = { legendgroup: patch.name, name: text(patch.name), visible: shown };
+    const view = data.views[control("view").value];
+    const visible = shownPatches.has(patch.name) && (!view.near || view.near.includes(patch.own));
+    const common = { name: text(patch.name), showlegend: false };
+    const shades = coloured() === "displacement" // one colour is a scale, too: a mesh that had one keeps its old colours else
+      ? { intensity: lengths(patch, at(patch)), colorscale: data.colours.displacement, cmin: 0, cmax: farthest }
+      : { intensity: new Float32Array(patch.points.length / 3), colorscale: [[0, patch.colour], [1, patch.colour]], cmin: 0, cmax: 1 };
     const mesh = {
-      ...common, type: "mesh3d", ...axes(at(patch)), color: patch.colour, ...light,
+      ...common, type: "mesh3d", ...axes(at(patch)), ...shades, ...light, visible, showscale: false,
       i: column(patch.faces, 3, 0), j: column(patch.faces, 3, 1), k: column(patch.faces, 3, 2),
-      showlegend: true, hovertemplate: "%{x:.4f}, %{y:.4f}, %{z:.4f} " + text(data.unit) + "<extra>" + text(patch.name) + "</extra>",
+      hovertemplate: "%{x:.5~g}, %{y:.5~g}, %{z:.5~g} " + text(data.unit) + "<extra>" + text(patch.name) + "</extra>",
     };
-    const wire = {
-      ...common, type: "scatter3d", mode: "lines", ...lines(at(patch), patch.edges), showlegend: false,
-      line: { color: "#222222", width: 1.5 }, hoverinfo: "skip",
-      visible: control("lines").checked ? shown : false,
-    };
-    return [mesh, wire];
+    const wire = (points, colour, shown) => ({
+      ...common, type: "scatter3d", mode: "lines", ...lines(points, patch.edges), line: { color: colour, width: 1.5 },
+      hoverinfo: "skip", visible: visible && shown,
+    });
+    const ghost = patch.goes && control("overlay").checked && state !== "undeflected";
+    return [mesh, wire(at(patch), "#222222", control("lines").checked), wire(patch.points, "#0072b2", ghost)];
   }
+
+  // A colour bar needs a trace: of displacement it is one dot that is not seen.
+  const scale = () => ({
+    type: "scatter3d", mode: "markers", x: [NaN], y: [NaN], z: [NaN], showlegend: false, hoverinfo: "skip",
+    visible: coloured() === "displacement",
+    marker: {
+      size: 0.1, color: [0], colorscale: data.colours.displacement, cmin: 0, cmax: farthest, showscale: true,
+      colorbar: bar("displacement, " + data.unit),
+    },
+  });
+
+  const bar = (title) => ({ title: { text: text(title), side: "right" }, len: 0.55, x: 1, xanchor: "right", y: 0.35, thickness: 12 });
 
   function hexahedra() {
     const ends = (points) => Array.from({ length: points.length / 3 }, (_, i) => i);
+    const only = data.views[control("view").value].box;
     return boxes.map((points, i) => ({
       type: "scatter3d", mode: "lines", ...lines(points, ends(points)), name: text("hexahedron of " + data.boxes[i].name),
-      line: { color: "#cc00cc", width: 4 }, hoverinfo: "skip", visible: control("hexahedron").checked,
+      line: { color: "#cc00cc", width: 4 }, hoverinfo: "skip", showlegend: false,
+      visible: control("hexahedron").checked && (only === null || only === i),
     }));
   }
 
   const scattered = () => dots.map((one) => ({
-    type: "scatter3d", mode: "markers", ...axes(one.points), name: text(one.name + " (" + one.count + ")"),
+    type: "scatter3d", mode: "markers", ...axes(one.points), name: text(one.name + " (" + one.count + ")"), showlegend: false,
     marker: { size: 2.4, color: one.colour }, hoverinfo: "name",
     visible: control(one.group).checked,
   }));
 
-  // The triangles around the cells of a group that are below the threshold.
+  // Whether the plane of the section cuts a cell, by its row of nodes.
+  function cutter(group) {
+    const axis = "xyz".indexOf(control("axis").value), points = at(group);
+    if (axis < 0) return () => true;
+    const view = data.views[control("view").value], share = Number(control("place").value) / 100;
+    const place = view.low[axis] + share * (view.high[axis] - view.low[axis]);
+    control("where").textContent = `${"xyz"[axis]} = ${place.toPrecision(4)} ${data.unit}`;
+    return (first, corners) => {
+      let above = false, below = false;
+      for (let i = first; i < first + corners; i += 1) {
+        if (points[3 * group.faces[i] + axis] < place) below = true; else above = true;
+      }
+      return above && below;
+    };
+  }
+
+  // The triangles around the cells of a group that are below the threshold and in the section.
   function outside(group, threshold) {
-    const own = group.quality[state], i = [], j = [], k = [], intensity = [];
-    const rows = group.faces.length / group.corners;
+    const own = group.quality[state], before = group.quality.undeflected, i = [], j = [], k = [], intensity = [];
+    const rows = group.faces.length / group.corners, cut = cutter(group), change = coloured() === "change";
     for (let row = 0; row < rows; row += 1) {
-      const value = own[group.cell ? group.cell[row] : row], first = row * group.corners;
-      if (value >= threshold) continue;
+      const cell = group.cell ? group.cell[row] : row, first = row * group.corners;
+      if (own[cell] >= threshold || !cut(first, group.corners)) continue;
       for (let t = 0; t < group.table.length; t += 3) {
         i.push(group.faces[first + group.table[t]]);
         j.push(group.faces[first + group.table[t + 2]]);
         k.push(group.faces[first + group.table[t + 1]]);
-        intensity.push(value);
+        intensity.push(change ? own[cell] - before[cell] : own[cell]);
       }
     }
     return { i, j, k, intensity };
   }
 
   function bad() {
-    const threshold = Number(control("threshold").value);
-    const measure = data.measure.length > 24 ? "quality" : text(data.measure);
+    const threshold = Number(control("threshold").value), change = coloured() === "change";
+    const measure = data.measure.length > 24 ? "quality" : data.measure;
     const values = groups.flatMap((group) => Array.from(group.quality[state]));
     const count = values.filter((value) => value < threshold).length;
     const inverted = values.filter((value) => value <= 0).length;
     control("count").textContent =
       count + " of " + data.cells.all + " cells below " + threshold.toFixed(2) + ", " + inverted + " inverted";
+    if (control("axis").value === "none") control("where").textContent = "";
+    const shades = change ? { colorscale: data.colours.change, cmin: data.colours.changes[0], cmax: data.colours.changes[1] }
+      : { colorscale: data.colours.shades, cmin: data.colours.range[0], cmax: data.colours.range[1] };
     return groups.map((group, number) => ({
-      type: "mesh3d", ...axes(at(group)), ...outside(group, threshold), intensitymode: "cell", ...light,
-      colorscale: data.colours.shades, cmin: data.colours.range[0], cmax: data.colours.range[1], showlegend: false,
-      showscale: number === 0,
-      colorbar: { title: { text: measure, side: "right" }, len: 0.5, x: 1, xanchor: "right", y: 0.3, thickness: 14 },
+      type: "mesh3d", ...axes(at(group)), ...outside(group, threshold), intensitymode: "cell", ...light, ...shades,
+      showlegend: false, showscale: number === 0 && coloured() !== "displacement",
+      colorbar: bar(change ? "change of " + measure : measure),
       name: "cells", visible: control("cells").checked && count > 0,
-      hovertemplate: "quality %{intensity:.3f}<extra></extra>",
+      hovertemplate: (change ? "change " : "quality ") + "%{intensity:.3f}<extra></extra>",
     }));
   }
 
@@ -139,59 +225,94 @@
         camera: data.plane ? above : camera, uirevision: view.name,
       },
       margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", font: { family: "system-ui, sans-serif", color: ink },
-      legend: { x: 0, xanchor: "left", y: 1, bgcolor: dark() ? "rgba(20,20,20,0.6)" : "rgba(255,255,255,0.7)", itemsizing: "constant", font: { size: 11 } },
-      uirevision: view.name, hoverlabel: { namelength: -1 },
+      showlegend: false, uirevision: view.name, hoverlabel: { namelength: -1 },
     };
   }
 
-  const settings = {
-    responsive: true, displaylogo: false, scrollZoom: true,
-    modeBarButtonsToRemove: ["resetCameraLastSave3d", "hoverClosest3d", "tableRotation"],
-  };
+  const settings = { responsive: true, displayModeBar: false, scrollZoom: true };
 
   function draw() {
-    const traces = [...patches.flatMap(surface), ...hexahedra(), ...scattered(), ...bad()];
-    return Plotly.react(plot, traces, layout(), settings).then(() => { plot.dataset.state = state; });
+    const traces = [...patches.flatMap(surface), ...hexahedra(), ...scattered(), scale(), ...bad()];
+    return Plotly.react(plot, traces, layout(), settings).then(() => { plot.dataset.state = state; keep(); });
+  }
+
+  // What is printed is the picture as it was seen last.
+  let pending = 0;
+  function keep() {
+    clearTimeout(pending);
+    pending = setTimeout(() => {
+      const still = document.getElementById("still");
+      still.src = plot._fullLayout.scene._scene.toImage("png");
+      still.hidden = false;
+    }, 800);
+  }
+
+  const STEP = Math.PI / 18;
+  const TURNS = { left: [-STEP, 0, 1], right: [STEP, 0, 1], up: [0, STEP, 1], down: [0, -STEP, 1], closer: [0, 0, 1.15], farther: [0, 0, 1 / 1.15] };
+  const KEYS = { ArrowLeft: "left", ArrowRight: "right", ArrowUp: "up", ArrowDown: "down", "+": "closer", "=": "closer", "-": "farther", Home: "first" };
+
+  // Turns the eye about z and up or down, or brings what is seen closer: the projection is parallel, so its scale counts.
+  function turn(name) {
+    const scene = plot._fullLayout.scene, camera = scene._scene.getCamera(), ratio = scene.aspectratio;
+    if (name === "first") return Plotly.relayout(plot, { "scene.camera": layout().scene.camera, "scene.aspectratio": layout().scene.aspectratio });
+    const [about, upwards, factor] = TURNS[name], { x, y, z } = camera.eye, size = Math.hypot(x, y, z);
+    const azimuth = Math.atan2(y, x) + about;
+    const height = Math.min(1.5, Math.max(-1.5, Math.asin(z / size) + upwards)), level = size * Math.cos(height);
+    const eye = { x: level * Math.cos(azimuth), y: level * Math.sin(azimuth), z: size * Math.sin(height) };
+    const aspectratio = { x: factor * ratio.x, y: factor * ratio.y, z: factor * ratio.z };
+    const turned = about || upwards ? { eye, up: { x: 0, y: 0, z: 1 } } : { eye: camera.eye, up: camera.up };
+    return Plotly.relayout(plot, { "scene.camera": { ...turned, center: camera.center, projection: { type: "orthographic" } }, "scene.aspectratio": aspectratio });
+  }
+
+  function turnable() {
+    plot.addEventListener("keydown", (event) => {
+      if (!KEYS[event.key] || event.ctrlKey || event.altKey || event.metaKey) return;
+      event.preventDefault();
+      turn(KEYS[event.key]);
+    });
+    for (const button of document.querySelectorAll("#scene-turns button")) {
+      button.addEventListener("click", () => turn(button.dataset.turn));
+    }
+    plot.on("plotly_relayout", keep);
+  }
+
+  function listed() {
+    for (const patch of patches) {
+      const label = document.createElement("label"), box = document.createElement("input"), colour = document.createElement("i");
+      box.type = "checkbox";
+      box.checked = shownPatches.has(patch.name);
+      colour.style.background = patch.colour;
+      box.addEventListener("change", () => { shownPatches[box.checked ? "add" : "delete"](patch.name); draw(); });
+      label.append(box, colour, patch.name);
+      control("patches").append(label);
+    }
   }
 
   function offered() {
     data.views.forEach((view, i) => control("view").add(new Option(view.name, String(i))));
-    for (const name of ["view", "lines", "hexahedron", "sites", "centres", "cells"]) {
-      control(name).addEventListener("change", draw);
+    for (const name of ["view", "lines", "overlay", "hexahedron", "sites", "centres", "cells", "colour", "axis"]) {
+      control(name).addEventListener("change", () => {
+        if (control("axis").value !== "none" && name === "axis") { control("cells").checked = true; control("threshold").value = 1; }
+        if (coloured() === "change" && name === "colour") control("cells").checked = true;
+        draw();
+      });
     }
     control("threshold").addEventListener("input", () => { control("cells").checked = true; draw(); });
-    for (const name of ["undeflected", "deflected"]) {
-      control(name).addEventListener("change", () => { state = name; draw(); });
+    control("place").addEventListener("input", () => { if (control("axis").value !== "none") draw(); });
+    for (const one of document.querySelectorAll("input[name=state]")) {
+      one.addEventListener("change", () => { state = one.id.slice("scene-".length); draw(); });
     }
+    listed();
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
-  }
-
-  function drawable() {
-    const canvas = document.createElement("canvas");
-    return Boolean(canvas.getContext("webgl2") || canvas.getContext("webgl"));
   }
 
   // The page's policy allows the library because it knows its digest: nothing else runs.
   async function library() {
-    const packed = new Blob([bytes(document.getElementById("scene-library").textContent)]);
     const script = document.createElement("script");
-    script.textContent = await new Response(packed.stream().pipeThrough(new DecompressionStream("gzip"))).text();
+    script.textContent = await (await inflated("scene-library")).text();
     document.head.append(script);
   }
 
-  function without(reason) {
-    control("controls").hidden = true;
-    plot.classList.add("empty");
-    plot.textContent = "The turnable picture cannot be drawn: " + reason + " All else on this page is complete.";
-  }
-
-  document.getElementById("interactive-body").hidden = false;
-  if (!drawable()) {
-    without("this browser offers no WebGL.");
-  } else if (typeof DecompressionStream === "undefined") {
-    without("this browser is older than 2023.");
-  } else {
-    offered();
-    library().then(draw).catch((error) => without(String(error)));
-  }
+  offered();
+  library().then(draw).then(turnable).catch((error) => without(String(error)));
 })();

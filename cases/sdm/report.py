@@ -15,7 +15,18 @@ from matplotlib.tri import Triangulation
 
 from sdm_deflect.cases.metrics import Json
 from sdm_deflect.cases.output import PAGE, output_folder
-from sdm_deflect.cases.report.data import METRES, RUN, Box, FitRows, MovedSurface, ReportData, Rows, read_figures, shown
+from sdm_deflect.cases.report.data import (
+    METRES,
+    RUN,
+    Box,
+    FitRows,
+    MovedSurface,
+    ReportData,
+    Rows,
+    read_figures,
+    shown,
+    unrepaired,
+)
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import Exhibit, drawn, saved
 from sdm_deflect.cases.report.scene3d import triangles_of
@@ -29,7 +40,7 @@ from sdm_deflect.cases.view.run import InteractiveRun, Manner
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.reading import damaged
-from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.deform.volume.deflection import Deflection, Plan, repair_of
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.mesh import TetMesh
@@ -41,7 +52,7 @@ LEAST, TOP = 1e-17, 1e2
 SEEN = 1e-6
 """Distances (m) are shown in mm if the largest is above this."""
 ROUNDING = 1e-12
-"""Distances (m) that are all below this are rounding: their map has one colour."""
+"""Distances (m) that are all below this are rounding: there is nothing to see in a map of them."""
 COMPARED = {"cad_map": ("surface_to_cad", "root_on_cylinder"), "rigid_cad_map": ("surface_to_rigid_cad",)}
 """For each map the checks whose distances it shows."""
 BLENDED, RIGID = "the deflected CAD, blended by the same rule as the surface", "the CAD that was rotated rigidly"
@@ -49,7 +60,8 @@ BLENDED, RIGID = "the deflected CAD, blended by the same rule as the surface", "
 
 def report_data_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflection]) -> ReportData:
     """Return what the report of a case shows, before it is judged."""
-    return _data(case, mesh, deflected, [_box(one.plan, FitRows.of(one)) for one in deflections])
+    data = _data(case, mesh, deflected, [_box(one.plan, FitRows.of(one)) for one in deflections])
+    return replace(data, interpolated=unrepaired(deflected.points, repair_of(deflections)))
 
 
 def report_data_of_folder(folder: Path) -> ReportData:
@@ -59,17 +71,20 @@ def report_data_of_folder(folder: Path) -> ReportData:
     plans = plans_of(case, mesh.as_mesh(case.name))
     figures, stored, boxes = _stored(folder, plans)
     with reference(case) as deflected_cad:
-        checks = validate(case, mesh, deflected, plans, deflected_cad(), background, stored_repair(folder, mesh))
+        repair = stored_repair(folder, mesh)
+        checks = validate(case, mesh, deflected, plans, deflected_cad(), background, repair)
     # the interpolants are not fitted again
     checks += tuple(check for check in stored if check.name.startswith("site_error"))
-    return _data(case, mesh, deflected, boxes).judged(checks, figures)
+    data = _data(case, mesh, deflected, boxes).judged(checks, figures)
+    return replace(data, interpolated=unrepaired(deflected.points, repair))
 
 
 def stored_report_data(folder: Path) -> ReportData:
     """Return the same with the checks that the run made itself, so that no CAD is built."""
     case, mesh, deflected = read_run(folder)
     figures, checks, boxes = _stored(folder, plans_of(case, mesh.as_mesh(case.name)))
-    return _data(case, mesh, deflected, boxes).judged(checks, figures)
+    data = _data(case, mesh, deflected, boxes).judged(checks, figures)
+    return replace(data, interpolated=unrepaired(deflected.points, stored_repair(folder, mesh)))
 
 
 def _stored(folder: Path, plans: Sequence[Plan]) -> tuple[Json, tuple[Check, ...], list[Box]]:
@@ -151,13 +166,13 @@ def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tupl
     what = BLENDED if part == "cad_map" and hinged(surface.name) else RIGID
     distance, limit = cad_distances(data, surface.name, checks)
     known = distance[~np.isnan(distance)]
-    if not len(known):
+    if not len(known) or known.max() < ROUNDING:
         return
     triangles = triangles_of(data.mesh.patch(surface.name).faces)
     seen, up, sides = views(data.points, triangles)
     largest, median = float(known.max()), float(np.median(known))
-    factor, unit = (1e3, "mm") if largest > SEEN else (1.0, "m")
-    norm, words = _scale(factor * largest, factor * limit)
+    factor = METRES.factor if largest > SEEN else 1.0
+    norm = _scale(factor * largest, factor * limit)
     flat = 1e3 * data.points[:, seen]
     width, height = np.ptp(flat[np.unique(triangles)], axis=0)
     rows = 2 if width > 1.5 * height else 1
@@ -169,22 +184,20 @@ def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tupl
         one.set_title(f"{surface.name}, {name}", fontsize="medium")
     for one in axes[rows - 1 :]:
         one.set_xlabel(f"{'xyz'[seen[0]]}, mm")
+    unit = METRES.shown if factor > 1.0 else METRES.name
     figure.colorbar(ScalarMappable(norm, MAP), ax=list(axes), label=f"distance, {unit}")
-    if words:
-        figure.suptitle(f"{surface.name}: rounding only, all distances are below {ROUNDING:g} m", fontsize="medium")
     blended = np.isnan(distance[triangles]).any()
     text = (
         f"Distance of {len(known)} moved nodes of {surface.name} from {what}, on both sides: at most "
-        f"{largest:.1e} m, median {median:.1e} m; the limit is {limit:.3g} m{words}. "
+        f"{factor * largest:.2g} {unit}, median {factor * median:.2g} {unit}; the limit is "
+        f"{factor * limit:.3g} {unit}. "
     )
     yield figure, text + ("Hatched triangles belong to a strip that is blended and not compared." if blended else "")
 
 
-def _scale(largest: float, limit: float) -> tuple[Normalize, str]:
-    """Return the scale of colours, and what has to be said of it."""
-    if largest < ROUNDING:
-        return Normalize(0.0, limit), f" (rounding only: all are below {ROUNDING:g} m, the colours reach to the limit)"
-    return Normalize(0.0, largest) if largest > limit / TOP else LogNorm(LEAST, max(TOP * LEAST, largest)), ""
+def _scale(largest: float, limit: float) -> Normalize:
+    """Return the scale of colours."""
+    return Normalize(0.0, largest) if largest > limit / TOP else LogNorm(LEAST, max(TOP * LEAST, largest))
 
 
 def views(points: FloatArray, triangles: IntArray) -> tuple[list[int], BoolArray, tuple[str, str]]:

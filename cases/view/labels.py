@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.cases.report.data import METRES, round_length, shape_of
-from sdm_deflect.cases.report.scene3d import quality_rgb
+from sdm_deflect.cases.report.scene3d import CHANGE_RANGE, QUALITY_RANGE, change_rgb, moved_rgb, quality_rgb
 from sdm_deflect.cases.view.pieces import Pieces, bounds
 from sdm_deflect.cases.view.run import Frame, InteractiveRun, Spans
 from sdm_deflect.deform.mesh import FloatArray, IntArray
@@ -18,6 +18,8 @@ BINS = np.linspace(0.0, 1.0, 41)
 WIDTH, HEIGHT, LEFT, BASE = 340.0, 126.0, 38.0, 96.0
 """Size of the drawing, and where its axes cross."""
 TOP, RIGHT = 6.0, 12.0
+COLOURS = {"quality": "quality", "change": "change of quality", "displacement": "displacement"}
+"""What colours may stand for, with the words of the buttons."""
 COUNTS = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
 
 
@@ -26,7 +28,8 @@ def verdict(frame: Frame, run: InteractiveRun) -> tuple[str, str]:
     residual, tolerance, count = _small(frame.residual, run), _small(frame.tolerance, run, "g"), len(frame.inverted)
     if count > frame.before:
         cells = "1 inverted cell" if count == 1 else f"{count} inverted cells"
-        return "error", f"\N{MULTIPLICATION X} Not verified: {cells}, drawn red; residual {residual}."
+        remedy = "" if run.repairs else " Run it at this angle with repair, or turn it less."
+        return "error", f"\N{MULTIPLICATION X} Not verified: {cells}, drawn red; residual {residual}.{remedy}"
     if frame.residual >= frame.tolerance:
         return (
             "warning",
@@ -94,6 +97,29 @@ def about(run: InteractiveRun) -> dict[str, Any]:
         "length_unit": _unit(run),
         "decimals": _decimals(run),
     }
+
+
+def key(colour: str, run: InteractiveRun, farthest: float) -> dict[str, Any]:
+    """Return the key to colours: what they stand for, the bar, and what is at its ends and in its middle."""
+    shares = np.linspace(0.0, 1.0, 9)
+    if colour == "displacement":
+        rgb, ends = (
+            moved_rgb(shares),
+            [f"{run.manner.length.factor * farthest * share:.3g}" for share in (0.0, 0.5, 1.0)],
+        )
+        title = f"displacement{',' if _unit(run) else ''}{_unit(run)}"
+    elif colour == "change":
+        values = np.asarray(CHANGE_RANGE.inverse(shares))
+        rgb, ends = change_rgb(values), [f"{values[i]:+g}" if i != 4 else "0" for i in (0, 4, 8)]
+        title = "change of quality of the cells cut"
+    else:
+        values = np.asarray(QUALITY_RANGE.inverse(shares))
+        rgb, ends = quality_rgb(values), [f"{values[i]:g}" for i in (0, 4, 8)]
+        ends[0] = f"≤ {ends[0]}"
+        title = f"{run.measure} of the cells cut"
+    bar = ",".join(f"rgb({r},{g},{b})" for r, g, b in rgb)
+    return {"key_title": title, "key_bar": f"width:220px;height:12px;background:linear-gradient(90deg,{bar})",
+            "key_ends": ends}  # fmt: skip
 
 
 def parsed(text: str, spans: Spans, unit: str = "\N{DEGREE SIGN}") -> float:

@@ -2,11 +2,10 @@
 
 from typing import Any
 
-import numpy as np
 from trame.ui.vuetify3 import VAppLayout
 from trame.widgets import client, html, vtk, vuetify3
 
-from sdm_deflect.cases.report.scene3d import QUALITY_RANGE, quality_rgb
+from sdm_deflect.cases.view.labels import COLOURS
 
 STYLE = (
     "html{overflow:hidden!important}.v-selection-control .v-label{font-size:13px;color:#222;opacity:1}"
@@ -14,6 +13,22 @@ STYLE = (
     "#panel{width:100vw!important;min-width:0!important;height:55vh!important}"
     "#stage{flex:none!important;height:45vh!important}}"
 )
+NAMES = """
+const name = () => document.querySelectorAll("[data-name]").forEach((one) => {
+  const target = one.querySelector("[role=slider], input[type=text]");
+  if (!target || target.getAttribute("aria-label") === one.dataset.name) return;
+  target.removeAttribute("aria-labelledby");
+  target.setAttribute("aria-label", one.dataset.name);
+});
+new MutationObserver(name).observe(document.body, { subtree: true, childList: true });
+name();
+"""
+"""Gives inputs the names that the library of the page does not hand on to them."""
+TURNS = (
+    ("left", "\N{LEFTWARDS ARROW}", -1, 0), ("right", "\N{RIGHTWARDS ARROW}", 1, 0),
+    ("up", "\N{UPWARDS ARROW}", 0, 1), ("down", "\N{DOWNWARDS ARROW}", 0, -1),
+)  # fmt: skip
+"""Buttons that turn the picture: name, sign, and by how many steps about the vertical and upwards."""
 PANEL = "width:384px;min-width:384px;height:100vh;overflow-y:auto;border-right:1px solid #ddd;background:#fafafa"
 HEADING = "font:600 11px sans-serif;letter-spacing:.04em;color:#555;margin:9px 0 2px"
 SMALL = "font:12px/1.45 sans-serif;color:#444"
@@ -25,6 +40,7 @@ NOTES = {
     "error": "#b00020;background:#fbe4e7",
 }
 """Border and background of a message; its text is always dark and says the same in words."""
+NAMED = [("data_name", "data-name")]
 TYPED = "[$event.target.value]"
 PLAIN = "text-transform:none;letter-spacing:normal"
 KEY = "position:absolute;right:12px;bottom:10px;max-width:244px;background:#ffffffd9;padding:6px 10px;" + SMALL
@@ -34,8 +50,9 @@ def lay_out(server: Any, window: Any, actions: Any) -> Any:
     """Lay the page out and return the view; `actions` are what its buttons call."""
     with VAppLayout(server), html.Div(style="display:flex;height:100vh;width:100vw;overflow:hidden", id="page"):
         client.Style(STYLE)
-        with html.Div(style=PANEL, id="panel"), html.Div(style="padding:10px 18px"):
-            html.Div("{{ run_title }}", style="font:600 17px/1.3 sans-serif", id="title")
+        client.Script(NAMES)
+        with html.Main(style=PANEL, id="panel"), html.Div(style="padding:10px 18px"):
+            html.H1("{{ run_title }}", style="font:600 17px/1.3 sans-serif", id="title")
             html.Div("{{ run_facts }}", style=SMALL + ";margin-top:4px")
             _angle(actions.accept)
             _numbers()
@@ -44,15 +61,18 @@ def lay_out(server: Any, window: Any, actions: Any) -> Any:
         with html.Div(style="flex:1;position:relative;min-width:0;height:100vh", id="stage"):
             view = vtk.VtkLocalView(window, ref="view", id="view", after_scene_loaded=actions.loaded)
             _key()
-            vuetify3.VBtn(
-                "first view",
-                click=actions.fit,
-                size="small",
-                variant="outlined",
-                id="fit",
-                style="position:absolute;left:12px;top:10px;background:#fff;" + PLAIN,
-            )
+            with html.Div(style="position:absolute;left:12px;top:10px;display:flex;gap:4px", id="turns"):
+                _turn("first view", actions.fit, "fit")
+                for name, sign, about, upwards in TURNS:
+                    _turn(sign, (actions.turn, f"[{about}, {upwards}]"), f"turn-{name}", f"turn {name}")
     return view
+
+
+def _turn(text: str, click: Any, key: str, label: str | None = None) -> None:
+    """A button on the picture."""
+    named = {"aria_label": label} if label else {}
+    style = "background:#fff;min-width:30px;" + PLAIN
+    vuetify3.VBtn(text, click=click, size="small", variant="outlined", id=key, style=style, **named)
 
 
 def _angle(accept: Any) -> None:
@@ -62,20 +82,19 @@ def _angle(accept: Any) -> None:
         with html.Div(style="flex:1;min-width:0"):
             _slider("angle", "deflection angle", "blue-darken-3")
             html.Div(style=("band",), title=("band_text",))
-        vuetify3.VTextField(
-            v_model=("angle_text",),
-            suffix=("unit",),
-            density="compact",
-            variant="outlined",
-            hide_details=True,
-            style="max-width:104px",
-            id="angle-text",
-            aria_label="deflection angle, typed",
-            error=("!!refusal",),
-            blur=(accept, TYPED),
-            keydown_enter=(accept, TYPED),
-            __events=[("keydown_enter", "keydown.enter")],
-        )
+        with html.Div(style="width:104px", data_name="deflection angle, typed", __properties=NAMED):
+            vuetify3.VTextField(
+                v_model=("angle_text",),
+                suffix=("unit",),
+                density="compact",
+                variant="outlined",
+                hide_details=True,
+                id="angle-text",
+                error=("!!refusal",),
+                blur=(accept, TYPED),
+                keydown_enter=(accept, TYPED),
+                __events=[("keydown_enter", "keydown.enter")],
+            )
     html.Div("{{ band_text }}", style=SMALL + ";margin-top:2px")
     refused = BOX + NOTES["error"]
     html.Div("\N{MULTIPLICATION X} {{ refusal }}", v_if=("refusal",), id="refusal", style=refused, role="alert")
@@ -85,17 +104,17 @@ def _angle(accept: Any) -> None:
 
 def _slider(name: str, label: str, colour: str) -> None:
     """A slider of one value of the state, whose ends and step are in the state as well."""
-    vuetify3.VSlider(
-        v_model=(name,),
-        min=(f"{name}_low",),
-        max=(f"{name}_high",),
-        step=(f"{name}_step",),
-        color=colour,
-        density="compact",
-        hide_details=True,
-        id=name,
-        aria_label=label,
-    )
+    with html.Div(data_name=label, __properties=NAMED):
+        vuetify3.VSlider(
+            v_model=(name,),
+            min=(f"{name}_low",),
+            max=(f"{name}_high",),
+            step=(f"{name}_step",),
+            color=colour,
+            density="compact",
+            hide_details=True,
+            id=name,
+        )
 
 
 def _numbers() -> None:
@@ -131,6 +150,12 @@ def _section(face: Any, worst: Any) -> None:
 
 def _shown() -> None:
     """What else is shown."""
+    html.Div("COLOURS", style=HEADING)
+    with vuetify3.VBtnToggle(
+        v_model=("colour",), mandatory=True, density="compact", variant="outlined", divided=True, id="colour"
+    ):
+        for name, text in COLOURS.items():
+            vuetify3.VBtn(text, value=name, size="small", style=PLAIN, id=f"colour-{name}")
     html.Div("SHOW", style=HEADING)
     with html.Div(style="display:grid;grid-template-columns:1fr 1fr"):
         for name, label in (
@@ -152,15 +177,11 @@ def _shown() -> None:
 
 def _key() -> None:
     """The key to the colours."""
-    low, middle, high = (float(QUALITY_RANGE.inverse(share)) for share in (0.0, 0.5, 1.0))
-    colours = ",".join(f"rgb({r},{g},{b})" for r, g, b in quality_rgb(np.linspace(low, high, 9)))
     with html.Div(style=KEY, id="key"):
-        html.Div("{{ measure }} of the cells cut")
-        html.Div(style=f"width:220px;height:12px;background:linear-gradient(90deg,{colours})")
+        html.Div("{{ key_title }}", id="key-title")
+        html.Div(style=("key_bar",))
         with html.Div(style="display:flex;justify-content:space-between"):
-            html.Span(f"≤ {low:g}")
-            html.Span(f"{middle:g}")
-            html.Span(f"{high:g}")
+            html.Span("{{ end }}", v_for="(end, i) in key_ends", key="i")
         with html.Div():
             html.Span(style="display:inline-block;width:10px;height:10px;background:#d50000;border:1px solid #000")
             html.Span(" inverted cells")

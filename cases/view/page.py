@@ -10,25 +10,45 @@ from typing import Any
 import numpy as np
 from trame.app import asynchronous, get_server
 
-from sdm_deflect.cases.view.labels import about, facts, grain, histogram, mending, parsed, rounded, verdict
+from sdm_deflect.cases.view.labels import (
+    COLOURS,
+    about,
+    facts,
+    grain,
+    histogram,
+    key,
+    mending,
+    parsed,
+    rounded,
+    verdict,
+)
 from sdm_deflect.cases.view.layout import BOX, NOTES, lay_out
 from sdm_deflect.cases.view.pieces import Piece, Pieces, Plane, bounds, boxes, outboard, outline
 from sdm_deflect.cases.view.run import Frame, InteractiveRun, Spans
 from sdm_deflect.cases.view.scene import Scene
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.mesh import FloatArray
 
 AXES = ("x", "y", "z")
-INPUTS = ("angle", "axis", "position", "show_sectioned", "show_cut")
+INPUTS = ("angle", "axis", "position", "show_sectioned", "show_cut", "colour")
 SWITCHES = {"show_box": "box", "show_outline": "outline", "show_centres": "centres"}
 OBLIQUE = {0: (1.0, 0.5, 0.4), 1: (0.75, 1.0, 0.55), 2: (0.6, 0.9, 0.9)}
 """Where the eye is, for each axis of the section: outboard, aft and above."""
+ENDED = (
+    '<main role="alert" style="max-width:36rem;margin:20vh auto;padding:0 1rem;font:16px/1.5 sans-serif">'
+    "<h1 style='font-size:22px'>sdm view has ended</h1><p>The command that served this page was ended, or its machine "
+    "cannot be reached. Start <code>sdm view</code> again and open the address that it prints.</p></main>"
+)
+"""What the page shows without its server."""
+TURN, STEEPEST = 15.0, 85.0
+"""Degrees by which a button turns the picture, and the most that the eye is above or below."""
 REST = 0.3
 """Seconds without an input after which the slider rests."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What the user has set: the angle, whether it rests, the section and what else to show."""
+    """What the user has set: the angle, whether it rests, the section, its colours and what else to show."""
 
     angle: float
     axis: str
@@ -36,6 +56,7 @@ class Wish:
     sectioned: bool = True
     cut: bool = False
     rests: bool = False
+    colour: str = "quality"
 
     @property
     def plane(self) -> Plane | None:
@@ -63,9 +84,14 @@ class Control:
     @classmethod
     def of(cls, run: InteractiveRun) -> "Control":
         """Prepare a run for display."""
-        scene, undeflected = Scene(), run.at(0.0)
-        scene.show({"box": boxes(run), "outline": outline(run)})
-        return cls(run, Spans.of(run), Pieces.of(run), scene, undeflected, undeflected)
+        undeflected = run.at(0.0)
+        return cls(run, Spans.of(run), Pieces.of(run), Scene(), undeflected, undeflected).afresh()
+
+    def afresh(self) -> "Control":
+        """Return the same run with a scene of its own, in which nothing is shown yet."""
+        scene = Scene()
+        scene.show({"box": boxes(self.run), "outline": outline(self.run)})
+        return Control(self.run, self.spans, self.pieces, scene, self.undeflected, self.undeflected)
 
     def show(self, wish: Wish) -> dict[str, Any]:
         """Bring the scene to what is wanted and return what the page is to say.
@@ -78,9 +104,11 @@ class Control:
             least = float(frame.quality.min(initial=1.0))
             self.frame = self.run.repaired(frame) if wish.rests else frame
             answer = self._said() | {"repair": mending(self.frame, self.run, least)}
-        if before is None or (wish.plane, wish.cut) != (before.plane, before.cut):
-            self.scene.show(self.pieces.standing(wish.plane, wish.cut_plane))
-        self.scene.show(self.pieces.moving(self.frame, wish.plane, wish.cut_plane))
+        if before is None or (wish.plane, wish.cut, wish.colour) != (before.plane, before.cut, before.colour):
+            self.scene.show(self.pieces.standing(wish.plane, wish.cut_plane, wish.colour))
+        self.scene.show(self.pieces.moving(self.frame, wish.plane, wish.cut_plane, wish.colour))
+        if answer or before is None or wish.colour != before.colour:
+            answer |= key(wish.colour, self.run, self.pieces.farthest(self.frame))
         if wish.plane is None:
             self.scene.hide("section", "around")
         self.scene.show({"centres": Piece.dots(self.run.centers(self.frame))})
@@ -122,6 +150,7 @@ class Page:
     control: Control
     server: Any = field(default_factory=lambda: get_server(f"view-{perf_counter()}", client_type="vue3"))
     view: Any = None
+    _towards: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     _new: bool = True
     _typed: float | None = None
     _due: asyncio.Event = field(default_factory=asyncio.Event)
@@ -130,11 +159,13 @@ class Page:
     def __post_init__(self) -> None:
         state, wish = self.server.state, self.control.first()
         state.trame__title = "sdm view"
+        state.trame__template_error = state.trame__template_error_reconnect = ENDED
         state.update({**about(self.control.run), **self._ranges(wish), **self.control.show(wish)})
         state.update({"angle": wish.angle, "angle_text": f"{wish.angle:g}", "axis": wish.axis, "refusal": ""})
         state.update(
             {"position": wish.position, "elapsed": "–", "show_sectioned": wish.sectioned, "show_cut": wish.cut}
         )
+        state.colour = wish.colour
         state.update({"show_box": True, "show_outline": True, "show_centres": False})
         self._aim(OBLIQUE[AXES.index(wish.axis)])
         self._switch()
@@ -164,6 +195,15 @@ class Page:
         self._aim(OBLIQUE[AXES.index(self.server.state.axis)])
         self.view.push_camera()
 
+    def turn(self, about: int, upwards: int) -> None:
+        """Turn the picture by steps about the vertical and upwards, from where a button has put the eye last."""
+        x, y, z = self._towards
+        azimuth = np.arctan2(y, x) + np.radians(TURN * about)
+        steep = np.radians(STEEPEST)
+        height = np.clip(np.arctan2(z, np.hypot(x, y)) + np.radians(TURN * upwards), -steep, steep)
+        self._look(np.array([np.cos(azimuth) * np.cos(height), np.sin(azimuth) * np.cos(height), np.sin(height)]))
+        self.view.push_camera()
+
     def face(self) -> None:
         """Look at the section squarely."""
         axis = AXES.index(self.server.state.axis)
@@ -180,9 +220,13 @@ class Page:
     def _aim(self, towards: tuple[float, ...]) -> None:
         """Put the eye in a direction from the hexahedra, on the side that is cut away."""
         run = self.control.run
+        self._look(np.array((0.0, 0.0, 1.0) if run.mesh.plane else towards) * (1.0, outboard(run), 1.0))
+
+    def _look(self, away: FloatArray) -> None:
+        """Put the eye in a direction (3,) from the surfaces that move."""
+        self._towards, run = away, self.control.run
         points = run.mesh.points[run.mesh.on(*(name for one in run.surfaces for name in one.patches))]
         low, high = points.min(axis=0), points.max(axis=0)
-        away = np.array((0.0, 0.0, 1.0) if run.mesh.plane else towards) * (1.0, outboard(run), 1.0)
         up = (0.0, 1.0, 0.0) if run.mesh.plane else (1.0, 0.0, 0.0)
         size = float(np.linalg.norm(high - low))
         self.control.scene.look(0.5 * (low + high), away, 2.0 * size if run.mesh.plane else size, up)
@@ -243,11 +287,14 @@ class Page:
         """Return what the page's inputs say; TypeError or ValueError if they are none."""
         if state.axis not in AXES or not isfinite(float(state.position)):
             raise ValueError(f"a section across {state.axis} at {state.position}")
-        return Wish(float(state.angle), state.axis, float(state.position), state.show_sectioned, state.show_cut)
+        if state.colour not in COLOURS:
+            raise ValueError(f"colours by {state.colour}")
+        place = float(state.position)
+        return Wish(float(state.angle), state.axis, place, state.show_sectioned, state.show_cut, colour=state.colour)
 
     def _switch(self) -> None:
-        for key, name in SWITCHES.items():
-            self.control.scene.actors[name].SetVisibility(bool(self.server.state[key]))
+        for switch, name in SWITCHES.items():
+            self.control.scene.actors[name].SetVisibility(bool(self.server.state[switch]))
 
     def _ranges(self, wish: Wish) -> dict[str, Any]:
         """Return the ends of the sliders and the band of verified angles."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.cases.report.data import drawn_quality
-from sdm_deflect.cases.report.scene3d import BOX_EDGES, quality_rgb
+from sdm_deflect.cases.report.scene3d import BOX_EDGES, change_rgb, moved_rgb, quality_rgb
 from sdm_deflect.cases.report.slices import cell_edges, section, with_node
 from sdm_deflect.cases.view.run import Frame, InteractiveRun
 from sdm_deflect.deform.edges import are_lines, polygons_of, rim, sharp_edges
@@ -97,11 +97,20 @@ class Skin:
         faces = Polygons(place.astype(np.intp), every.offsets)
         return cls(nodes, faces, middles, np.repeat(rgb, [len(mesh.patch(name)) for name in colours], axis=0))
 
-    def piece(self, points: FloatArray, plane: Plane | None, side: float) -> Piece:
-        """Return the faces on points (N, 3); with a plane only those whose undeflected middle is not cut away."""
+    def piece(self, points: FloatArray, plane: Plane | None, side: float, rgb: IntArray | None = None) -> Piece:
+        """Return the faces on points (N, 3); with a plane only those whose undeflected middle is not cut away.
+
+        Their colours are rgb (F, 3), or their own.
+        """
         sizes = np.diff(self.faces.offsets)
         keep = np.ones(len(sizes), dtype=bool) if plane is None else side * plane.beyond(self.middles) <= 0.0
-        return Piece(points[self.nodes], self.faces.nodes[np.repeat(keep, sizes)], sizes[keep], self.rgb[keep])
+        colours = self.rgb if rgb is None else rgb.astype(np.uint8)
+        return Piece(points[self.nodes], self.faces.nodes[np.repeat(keep, sizes)], sizes[keep], colours[keep])
+
+    def lengths(self, moved: FloatArray) -> FloatArray:
+        """Return the mean of displacements (N, 3) over the nodes of each face (F,)."""
+        length = np.linalg.norm(moved, axis=1)[self.nodes[self.faces.nodes]]
+        return np.asarray(np.add.reduceat(length, self.faces.offsets[:-1]) / np.diff(self.faces.offsets))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,6 +183,7 @@ class Pieces:
     body, surface : walls that stay, and that move.
     loose : nodes of the moving patches that belong to no face.
     cells, around : the cells that touch a hexahedron, and those near by that never move, with their colours.
+    before : (L,) quality of the cells that touch a hexahedron, undeflected.
     """
 
     run: InteractiveRun
@@ -183,6 +193,7 @@ class Pieces:
     cells: Solids
     around: Solids
     around_rgb: IntArray
+    before: FloatArray
 
     @classmethod
     def of(cls, run: InteractiveRun) -> "Pieces":
@@ -202,30 +213,54 @@ class Pieces:
             Solids.of(mesh, run.touched.rows),
             Solids.of(mesh, rows),
             quality_rgb(quality),
+            run.at(0.0).quality,
         )
 
-    def standing(self, plane: Plane | None, cut: Plane | None) -> dict[str, Piece]:
+    def standing(self, plane: Plane | None, cut: Plane | None, colour: str = "quality") -> dict[str, Piece]:
         """Return what does not depend on the angle: the body, and the section of the cells that never move."""
         points = self.run.mesh.points
         pieces = {"body": self.body.piece(points, cut, self.side(cut))}
         if plane is not None:
-            pieces["around"] = self.around.cut(points, plane, self.around_rgb)
+            still = {"change": change_rgb, "displacement": moved_rgb}
+            none = np.zeros(len(self.around_rgb))
+            rgb = still[colour](none) if colour in still else self.around_rgb
+            pieces["around"] = self.around.cut(points, plane, rgb)
         return pieces
 
-    def moving(self, frame: Frame, plane: Plane | None, cut: Plane | None) -> dict[str, Piece]:
-        """Return what follows the angle: surface, section by quality, inverted cells."""
+    def moving(self, frame: Frame, plane: Plane | None, cut: Plane | None, colour: str = "quality") -> dict[str, Piece]:
+        """Return what follows the angle: surface, section in the colours that are wanted, inverted cells."""
         pieces = {
-            "surface": self.surface.piece(frame.points, cut, self.side(cut)),
+            "surface": self.surface.piece(frame.points, cut, self.side(cut), self._surface_rgb(frame, colour)),
             "loose": Piece.dots(frame.points[self.loose]),
             "marks": Piece.dots(self.cells.middles(frame.points, frame.inverted)),  # a flat cell is hardly seen
         }
         if plane is not None:
-            rgb = quality_rgb(self.run.weights * frame.quality)
+            rgb = self._rgb(frame, colour)
             rgb[frame.inverted] = RED
             pieces["section"] = self.cells.cut(frame.points, plane, rgb)
         faces = self.cells.faces(frame.inverted)
         pieces["inverted"] = Piece(frame.points[faces.nodes], np.arange(len(faces.nodes)), np.diff(faces.offsets))
         return pieces
+
+    def farthest(self, frame: Frame) -> float:
+        """Return the largest displacement of a node."""
+        return float(np.linalg.norm(frame.points - self.run.mesh.points, axis=1).max())
+
+    def _rgb(self, frame: Frame, colour: str) -> IntArray:
+        """Return the colours (L, 3) of the cells that touch a hexahedron."""
+        if colour == "change":
+            return change_rgb(self.run.weights * (frame.quality - self.before))
+        if colour == "displacement":
+            moved = self.cells.middles(frame.points - self.run.mesh.points, np.arange(len(frame.quality)))
+            return moved_rgb(np.linalg.norm(moved, axis=1) / (self.farthest(frame) or 1.0))
+        return quality_rgb(self.run.weights * frame.quality)
+
+    def _surface_rgb(self, frame: Frame, colour: str) -> IntArray | None:
+        """Return the colours (F, 3) of the faces that move, None for their own."""
+        if colour != "displacement":
+            return None
+        lengths = self.surface.lengths(frame.points - self.run.mesh.points)
+        return moved_rgb(lengths / (self.farthest(frame) or 1.0))
 
     def side(self, plane: Plane | None) -> float:
         """Return on which side of a plane the walls are cut away: outboard, aft or above."""

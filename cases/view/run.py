@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.cases.output import moved_by_repair
 from sdm_deflect.cases.report.data import FLAT, MESH_UNITS, Length, drawn_measure, in_view, name_of
 from sdm_deflect.cases.report.folder import read_folder
 from sdm_deflect.deform.errors import InputError
@@ -20,7 +21,6 @@ from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, mended
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
-from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
 SAME_MESH = 0.01
 """Of the tolerance: the mesh at the run's angle is no farther from that of the run."""
@@ -280,17 +280,6 @@ class InteractiveRun:
         found = [judged(points, *part) for part in parts if len(part[1])]
         quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
         return quality, np.flatnonzero(np.concatenate([np.empty(0, dtype=bool), *(bad for _, bad in found)]))
-
-
-def moved_by_repair(path: Path, count: int) -> FloatArray:
-    """Return how far (N, 3) the repair has moved each node of a run, by its deflected.vtu; zero without a repair."""
-    arrays, out = vtu_arrays(path), np.zeros((count, 3))
-    node, moved = arrays.get("node", np.arange(count)), arrays.get("repair")
-    if moved is not None:
-        if moved.shape != (len(node), 3):
-            raise InputError(f"{path}: the array repair has the shape {moved.shape}, not {(len(node), 3)}")
-        out[node] = moved
-    return out
 
 
 def centers_of(stored: dict[str, Any], tag: str) -> list[Centers]:

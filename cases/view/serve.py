@@ -1,8 +1,11 @@
 """The server of the page: on the loopback interface only, for the user and pages of its own.
 
+A second tab or browser gets a page, and a server, of its own, so that none turns what another shows.
+
 A browser that shows another web site could otherwise be made to reach a server on its own machine.
 """
 
+import asyncio
 import logging
 import socket
 import webbrowser
@@ -15,7 +18,7 @@ from typing import Any
 
 from aiohttp import WSCloseCode, web
 
-from sdm_deflect.cases.view.page import Page
+from sdm_deflect.cases.view.page import Control, Page
 from sdm_deflect.deform.errors import InputError
 
 HOST = "127.0.0.1"
@@ -25,7 +28,8 @@ PAGES = frozenset({"/", "/index.html"})
 LARGEST, PENDING = 1 << 20, 4
 """Bytes of a message from the page, and messages of which parts are awaited; the page's own have some hundred bytes."""
 CONNECTIONS = 16
-"""Connections at a time."""
+"""Connections at a time, of each page."""
+PAGES_AT_ONCE = 8
 MALFORMED = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 """What the library raises on messages that are none."""
 
@@ -41,26 +45,58 @@ def serve(page: Page, port: int, show: bool) -> None:
     check_free(port)
     for library in ("aiohttp", "trame_server", "wslink"):  # they print a traceback or a line for each bad request
         logging.getLogger(library).setLevel(logging.CRITICAL + 1)
-    guard = Guard(port, token_urlsafe(24))
+    desk = Desk(page.control, token_urlsafe(24))
 
-    def ready(**_: Any) -> None:
-        address = f"http://{HOST}:{page.server.port}/?secret={guard.secret}"
+    def ready(address: str) -> None:
         print(f"{address}  (Ctrl-C ends it)", flush=True)  # noqa: T201 - the command's answer
         if show:
             webbrowser.open(address)
 
-    page.server.controller.on_server_ready.add(ready)
-    page.server.controller.on_server_bind.add(lambda server: guard.over(page.server, server))
-    page.server.start(
-        port=port,
-        host=HOST,
-        open_browser=False,
-        show_connection_info=False,
-        disable_logging=True,
-        backend="aiohttp",
-        timeout=0,
-        exec_mode="main",
-    )
+    desk.open(page, port, ready, "main")
+
+
+@dataclass(frozen=True, slots=True)
+class Desk:
+    """Pages of one run, each with a server and a state of its own.
+
+    Attributes
+    ----------
+    control : of the first page; others share what is costly in it.
+    secret : of all pages.
+    guards : of each page's server.
+    """
+
+    control: Control
+    secret: str
+    guards: list["Guard"] = field(default_factory=list, repr=False)
+
+    def open(self, page: Page, port: int, ready: Callable[[str], None], mode: str) -> None:
+        """Start the server of a page; `ready` is told its address."""
+        guard = Guard(port, self.secret, self.another)
+        self.guards.append(guard)
+        page.server.controller.on_server_ready.add(lambda **_: ready(guard.address))
+        page.server.controller.on_server_bind.add(lambda server: guard.over(page.server, server))
+        page.server.start(
+            port=port,
+            host=HOST,
+            open_browser=False,
+            show_connection_info=False,
+            disable_logging=True,
+            backend="aiohttp",
+            timeout=0,
+            exec_mode=mode,
+        )
+
+    async def another(self) -> str:
+        """Return the address of a page that no browser shows, if there need be of a new one."""
+        free = [guard.address for guard in self.guards if not guard.busy]
+        if free:
+            return free[0]
+        if len(self.guards) >= PAGES_AT_ONCE:
+            raise web.HTTPServiceUnavailable(text=f"{PAGES_AT_ONCE} pages are open; close one")
+        opened: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self.open(Page(self.control.afresh()), free_port(), opened.set_result, "task")
+        return await opened
 
 
 def check_free(port: int) -> None:
@@ -92,12 +128,24 @@ class Guard:
     ----------
     port : of the server.
     secret : part of the printed address; a browser that has shown it once keeps it as a cookie until it is closed.
+    another : gives the address of another page, for a browser that comes while this one is shown.
     handlers : of the server's connections.
     """
 
     port: int
     secret: str
+    another: Callable[[], Awaitable[str]] = field(repr=False)
     handlers: list[Any] = field(default_factory=list, repr=False)
+
+    @property
+    def address(self) -> str:
+        """Of the page, with the secret."""
+        return f"http://{HOST}:{self.port}/?secret={self.secret}"
+
+    @property
+    def busy(self) -> bool:
+        """True while a browser shows the page."""
+        return any(one.connections for one in self.handlers)
 
     @property
     def cookie(self) -> str:
@@ -127,15 +175,28 @@ class Guard:
                 raise web.HTTPBadRequest(text="this address is for the page's own connection")
             if sum(len(one.connections) for one in self.handlers) >= CONNECTIONS:
                 raise web.HTTPServiceUnavailable(text=f"the page is open {CONNECTIONS} times; close one")
-        if request.path in PAGES and not given:  # loaded again: the page has taken the secret out of its address
-            raise web.HTTPFound(f"/index.html?secret={self.secret}")
+        if request.path in PAGES:
+            await self._lead(request, bool(given))
         response = await handler(request)
         if given and not response.prepared:
             response.set_cookie(self.cookie, self.secret, httponly=True, samesite="Strict")
         return response
 
+    async def _lead(self, request: web.Request, given: bool) -> None:
+        """Lead a browser to a page of its own, and one that loads its page again to the address with the secret."""
+        if self.busy and _comes_anew(request):
+            raise web.HTTPFound(await self.another())
+        if not given:  # the page has taken the secret out of its address
+            raise web.HTTPFound(f"/index.html?secret={self.secret}")
+
     def _is_secret(self, text: str) -> bool:
         return compare_digest(text.encode("utf-8", "surrogateescape"), self.secret.encode())
+
+
+def _comes_anew(request: web.Request) -> bool:
+    """Whether a browser goes to a page; of one that loads its page again the old one is still connected."""
+    again = request.headers.get("Cache-Control", "") in ("max-age=0", "no-cache")
+    return request.headers.get("Sec-Fetch-Mode") == "navigate" and not again
 
 
 async def received(handler: Any, binary: bool, message: Any, client: str) -> None:

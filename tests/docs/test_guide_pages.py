@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from accessible import reachable, with_levels
 from docstrings import escaped, is_elsewhere, process, rewritten
 from docutils.utils import new_document
 from mathml import rendered
@@ -32,6 +33,16 @@ def test_styled_letters_are_characters_of_their_own(formula, letter):
 
 def test_display_formulas_are_blocks():
     assert 'display="block"' in rendered("x^2", "block")
+
+
+def test_what_scrolls_is_reached_by_keys_and_lists_are_lists():
+    assert reachable("<pre>a</pre>") == '<pre tabindex="0">a</pre>'
+    assert 'tabindex="0"' in reachable('<div class="table-wrapper docutils container">')
+    row = '<dd><em class="sig-param"><span>path</span></em>,</dd>\n'
+    assert reachable(f"<dl>\n{row}{row}</dl>").count("<div>") == 2
+    other = "<dl>\n<dt>a</dt><dd>b</dd>\n</dl>"
+    assert reachable(other) == other
+    assert 'aria-level="2"' in with_levels('<p class="caption" role="heading">')
 
 
 def test_text_after_the_colon_is_a_description():

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from sdm_deflect.cases.report.scene3d import change_rgb, moved_rgb
 from sdm_deflect.cases.view.labels import BINS, facts, histogram, parsed, verdict
 from sdm_deflect.cases.view.page import Control, Wish
 from sdm_deflect.cases.view.pieces import RED, Pieces, Plane
@@ -66,6 +67,22 @@ def test_inverted_cells_are_red_in_the_section_and_shown_whole(aileron):
     worst = replace(frame, quality=np.where(np.arange(len(frame.quality)) == 5, 0.0, 1.0))
     assert np.allclose(pieces.worst(worst), middle)
     assert pieces.moving(frame, None, None)["inverted"].empty
+
+
+def test_colours_follow_what_they_stand_for(aileron):
+    control = Control.of(aileron)
+    plane, pieces = Plane(1, control.first().position), control.pieces
+    still, turned = aileron.at(0.0), aileron.at(-12.0)
+    for colour, at_rest in (("change", change_rgb(np.zeros(1))), ("displacement", moved_rgb(np.zeros(1)))):
+        assert (pieces.moving(still, plane, None, colour)["section"].rgb == at_rest).all()
+        assert len(np.unique(pieces.moving(turned, plane, None, colour)["section"].rgb, axis=0)) > 10
+        assert (pieces.standing(plane, None, colour)["around"].rgb == at_rest).all()
+    surface = pieces.moving(turned, plane, None, "displacement")["surface"].rgb
+    assert len(np.unique(surface, axis=0)) > 10
+    farthest = 1e3 * np.linalg.norm(turned.points - aileron.mesh.points, axis=1).max()
+    shown = control.show(Wish(-12.0, "y", plane.position, colour="displacement"))
+    assert shown["key_title"] == "displacement, mm"
+    assert float(shown["key_ends"][2]) == pytest.approx(farthest, rel=5e-3)
 
 
 def test_walls_beyond_the_section_are_cut_away(aileron):

@@ -23,6 +23,7 @@ from PIL import Image
 
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.view.serve import CONNECTIONS
+from tests.cases.accessible import grave
 
 pytestmark = pytest.mark.mesher
 GENEROUS = 60_000.0  # ms; a loaded machine without a graphics card
@@ -403,8 +404,45 @@ def test_a_narrow_page_shows_the_scene_above_the_panel(page):
         page.set_viewport_size({"width": 1280, "height": 800})
 
 
-def test_an_interrupt_ends_it_cleanly(page, server):  # last: it takes the page's server away
+def test_the_page_is_for_everyone(page):
+    try:
+        assert grave(page) == {}
+    finally:
+        page.emulate_media(color_scheme="light")
+        page.set_viewport_size({"width": 1280, "height": 800})
+
+
+def test_buttons_turn_the_picture(page):
+    page.locator("#fit").click()
+    before = settled(page)
+    page.locator("#turn-right").focus()
+    page.keyboard.press("Enter")
+    wait_until(lambda: differing(picture(page), before) > 0.1, "the picture stays")
+    page.locator("#fit").click()
+    wait_until(lambda: differing(picture(page), before) < 0.05, "the first view does not come back")
+
+
+def test_another_browser_has_a_state_of_its_own(browser, page, server):
+    to(page, "3", "Verified")
+    other = browser.new_context().new_page()
+    other.set_default_timeout(GENEROUS)
+    other.goto(server[1])
+    other.wait_for_selector("#status")
+    assert other.url != page.url
+    to(other, "-7", "Verified")
+    assert page.locator("#shown").inner_text() == "+3\N{DEGREE SIGN}"
+    own = page.url
+    page.reload()
+    page.wait_for_selector("#status")
+    assert page.url == own
+    assert page.locator("#shown").inner_text() == "+3\N{DEGREE SIGN}"
+    other.context.close()
+
+
+def test_an_interrupt_ends_it_cleanly_and_the_page_says_so(page, server):  # last: it takes the page's server away
     process, _ = server
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=30)
     assert (process.returncode, out, err) == (0, "", "")
+    page.locator("main[role=alert]").wait_for()
+    assert "sdm view has ended" in page.locator("main").inner_text()
