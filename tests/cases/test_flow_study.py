@@ -13,8 +13,8 @@ from sdm_deflect.cases.flow.forces import Forces
 from sdm_deflect.cases.flow.setup import FreeStream
 from sdm_deflect.cases.progress import Silent, Stopwatch
 from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.study.flow.members import cad_turns, moved_meshes, study_of
-from sdm_deflect.cases.study.flow.results import Increment, Value, results_of
+from sdm_deflect.cases.study.flow.members import cad_turns, fresh_members, moved_meshes, study_of
+from sdm_deflect.cases.study.flow.results import Increment, Value, fresh_increments, results_of
 from sdm_deflect.cases.study.flow.solve import FOLDER, carried_out
 from sdm_deflect.cases.study.flow.trend import Slope
 from sdm_deflect.deform.errors import InputError
@@ -147,6 +147,14 @@ def test_a_value_is_an_average_and_says_how_it_still_changes():
     assert drifting.change == pytest.approx(0.2)
 
 
+def test_increments_of_meshes_made_anew_are_of_two_of_them():
+    assert fresh_increments([3.0, 5.0], [1.0, 1.5]) == (2.0, 3.5)
+    assert fresh_increments([3.0], [1.0, 1.5]) == (1.75,)
+    several = [member.name for member in fresh_members(study_of(case_named("tail"), (12.0, 20.0), fresh=2))]
+    assert several == ["undeflected-fresh-1", "undeflected-fresh-2", "+12-fresh-1", "+12-fresh-2", "+20-fresh-1"]
+    assert [member.name for member in fresh_members(study_of(case_named("tail"), fresh=1))] == ["+12-fresh-1"]
+
+
 def increment(own, fresh, change=0.0, name="Cl"):
     return Increment(-12.0, name, 0.0, own, None, tuple(fresh), change, 0.0, True)
 
@@ -177,6 +185,6 @@ def test_results_need_forces(tmp_path):
 
 
 def carried_members(study):
-    from sdm_deflect.cases.study.flow.members import UNDEFLECTED, Member, fresh_members
+    from sdm_deflect.cases.study.flow.members import UNDEFLECTED, Member
 
     return (Member(UNDEFLECTED), *fresh_members(study))

@@ -38,7 +38,8 @@ class FlowStudy:
     Attributes
     ----------
     case : the aircraft, its mesh and what turns; its domain is the whole aircraft.
-    angles : degrees; at the first one there are `fresh` meshes made anew, at each other one there is one.
+    angles : degrees; at the first one there are `fresh` meshes made anew, at each other one there is one. If `fresh` is
+        more than one, there are so many undeflected ones, too: an increment is the difference of two meshes.
     stream : the free stream.
     iterations : of each member; the undeflected one begins with `settling` of first order.
     assignments : what was changed in the case, as texts.
@@ -100,7 +101,7 @@ def study_of(
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One mesh: its kind, its angle (degrees), its number among those made anew, from 1."""
+    """One mesh: its kind, its angle (degrees, 0 undeflected), its number among those made anew, from 1."""
 
     kind: str
     angle: float = 0.0
@@ -108,16 +109,18 @@ class Member:
 
     @property
     def name(self) -> str:
-        """Name of its folder, such as ``-12-fresh-2``."""
-        return self.kind if self.kind == UNDEFLECTED else "-".join(
-            [f"{self.angle:+g}", self.kind, *([str(self.number)] if self.number else [])]
-        )  # fmt: skip
+        """Name of its folder, such as ``-12-fresh-2`` or ``undeflected-fresh-1``."""
+        if self.kind == UNDEFLECTED:
+            return self.kind
+        number = [str(self.number)] if self.number else []
+        return "-".join([f"{self.angle:+g}" if self.angle else UNDEFLECTED, self.kind, *number])
 
 
 def fresh_members(study: FlowStudy) -> Iterator[Member]:
     """Yield the members whose meshes are made anew."""
-    for angle in study.angles:
-        for number in range(1, (study.fresh if angle == study.angles[0] else min(study.fresh, 1)) + 1):
+    several = (0.0, study.angles[0]) if study.fresh > 1 else ()
+    for angle in dict.fromkeys((*several, *study.angles)):
+        for number in range(1, (study.fresh if angle in several else 1) + 1):
             yield Member(FRESH, angle, number)
 
 
@@ -147,12 +150,12 @@ def moved_meshes(study: FlowStudy, mesh: TetMesh, progress: Progress) -> Iterato
 
 
 def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> TetMesh:
-    """Return a mesh made anew around the deflected CAD: blended as the surface of the mesh is, or turned rigidly."""
+    """Return a mesh made anew around the CAD at the member's angle, blended as the mesh is or turned rigidly."""
     from sdm_deflect.geometry.aircraft import build  # the CAD kernel
     from sdm_deflect.meshing.generate.generation import Generated, generate
 
     case = study.at(member.angle)
-    turns = cad_turns(case)
+    turns = cad_turns(case) if member.angle else {}
     parts = {
         "fighter": case.fighter, "mesh": case.mesh, "domain": case.domain, "number": member.number,
         "turns": {name: [turn.angle, turn.mode, turn.strip] for name, turn in turns.items()},

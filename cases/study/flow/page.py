@@ -1,12 +1,13 @@
 """The page of the study: what agrees, by how much, and how it was computed."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from math import isnan
 from pathlib import Path
 from typing import Any
 
+from sdm_deflect.cases.flow.fields import iterations_done
 from sdm_deflect.cases.output import output_files
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.study.flow.members import DEFLECTED, FRESH, REPAIRED, FlowStudy, Member
@@ -45,9 +46,9 @@ def write_page(results: Results, members: tuple[Member, ...], cases: Path, folde
     (folder / "figures").mkdir()
     for key, (figure, _) in figures.items():
         write_png(figure, folder / "figures" / f"{name}-{key}.png")
-    seconds = seconds_of(cases / member.name for member in members)
+    spent = _spent([cases / member.name for member in members])
     pictures = [f"![{words}](figures/{name}-{key}.png)" for key, (_, words) in figures.items()]
-    text = "\n\n".join([*_sections(results, seconds, len(members)), *pictures])
+    text = "\n\n".join([*_sections(results, spent), *pictures])
     (folder / f"{name}.md").write_text(f"{text}\n", encoding="utf-8")
     (folder / f"{name}.json").write_text(json.dumps(figures_of(results), indent=2), encoding="utf-8")
     return text
@@ -75,7 +76,15 @@ def _missing(value: object) -> bool:
     return isinstance(value, float) and isnan(value)
 
 
-def _sections(results: Results, seconds: float, count: int) -> Iterator[str]:
+def _spent(cases: Sequence[Path]) -> str:
+    """Say how many iterations the flows took, and how long."""
+    done = sorted(iterations_done(case) for case in cases)
+    iterations = f"{done[0]}" if done[0] == done[-1] else f"{done[0]} to {done[-1]}"
+    hours = seconds_of(cases) / PER_HOUR
+    return f"{len(cases)} flows of {iterations} iterations took the solvers {hours:.1f} hours of one core."
+
+
+def _sections(results: Results, spent: str) -> Iterator[str]:
     study = results.study
     stream, values = study.stream, reference_values(study.case.fighter)
     own = surface_reference(study.case.fighter, study.surface)
@@ -86,7 +95,7 @@ def _sections(results: Results, seconds: float, count: int) -> Iterator[str]:
         f"`{study.case.scale}`. Reference area {values.area:.4g} m2, chord {values.chord:.4g} m, span "
         f"{values.span:.4g} m, moments about x = {values.point[0]:.4g} m; {study.surface}: {own.area:.3g} m2, "
         f"{own.chord:.3g} m. "
-        f"{count} flows of {study.iterations} iterations took the solvers {seconds / PER_HOUR:.1f} hours of one core."
+        f"{spent}"
     )
     yield "\n".join(_table(results))
     decided = [one for one in results.judged if not one.agrees]

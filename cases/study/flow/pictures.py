@@ -94,11 +94,12 @@ def curves(results: Results) -> Figure:
         if name in slopes:
             slope = slopes[name]
             ends = np.array([min(0.0, *(one.angle for one in own)), max(0.0, *(one.angle for one in own))])
-            text = f"{slope.rate:.3g} per degree"
-            axes.plot(ends, slope.rate * ends, "-", color="0.5", lw=1, label=text, zorder=0)
+            axes.plot(ends, slope.rate * ends, "-", color="0.5", lw=1, zorder=0)
+            axes.set_title(f"{name}: {slope.rate:.3g} per degree", fontsize="medium")
         axes.set(xlabel="deflection, deg", ylabel=f"increment of {name}")
         axes.grid(alpha=0.3)
-        axes.legend(fontsize="small")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize="small")
     return figure
 
 

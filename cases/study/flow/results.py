@@ -53,7 +53,7 @@ class Increment:
     angle, name : degrees, and the coefficient.
     base : that of the undeflected mesh.
     deflected, repaired : increments; None where there is no such mesh.
-    fresh : increments of the meshes made anew.
+    fresh : increments of the meshes made anew, each from an undeflected one made anew; see `fresh_increments`.
     change : largest change of an average over the last iterations, of all these.
     judged : whether the control surface is there to change it.
     """
@@ -149,22 +149,37 @@ def values_of(study: FlowStudy, case: Path) -> Iterator[tuple[str, Value]]:
 
 def _increments(study: FlowStudy, values: Mapping[Member, Mapping[str, Value]]) -> Iterator[Increment]:
     base = values[Member(UNDEFLECTED)]
+    undeflected = [own for member, own in values.items() if member.kind == FRESH and not member.angle]
     judged = next(names for surface, names in JUDGED.items() if study.surface.startswith(surface))
     for angle in study.angles:
         there = {member: own for member, own in values.items() if member.angle == angle and member.kind != UNDEFLECTED}
         for name, start in base.items():
             found = {
-                kind: [own[name].mean - start.mean for member, own in there.items() if member.kind == kind]
+                kind: [own[name] for member, own in there.items() if member.kind == kind]
                 for kind in (DEFLECTED, REPAIRED, FRESH)
             }
+            moved = [next((own.mean - start.mean for own in found[kind]), None) for kind in (DEFLECTED, REPAIRED)]
+            bases = [own[name] for own in undeflected] or [start]
+            used = [start, *(bases if found[FRESH] else ()), *(own[name] for own in there.values())]
             yield Increment(
                 angle=angle,
                 name=name,
                 base=start.mean,
-                deflected=next(iter(found[DEFLECTED]), None),
-                repaired=next(iter(found[REPAIRED]), None),
-                fresh=tuple(found[FRESH]),
-                change=max(one.change for one in (start, *(own[name] for own in there.values()))),
-                amplitude=max(one.amplitude for one in (start, *(own[name] for own in there.values()))),
+                deflected=moved[0],
+                repaired=moved[1],
+                fresh=fresh_increments([own.mean for own in found[FRESH]], [own.mean for own in bases]),
+                change=max(one.change for one in used),
+                amplitude=max(one.amplitude for one in used),
                 judged=name in judged,
             )
+
+
+def fresh_increments(deflected: Sequence[float], undeflected: Sequence[float]) -> tuple[float, ...]:
+    """Return increments between meshes made anew: pairs, where there are as many of both, else from the latter's mean.
+
+    No mesh takes part in two pairs, so the increments scatter by what both ends of one are worth. The increment of a
+    mesh that is deflected has the same cells at both ends.
+    """
+    if len(deflected) == len(undeflected):
+        return tuple(one - base for one, base in zip(deflected, undeflected, strict=True))
+    return tuple(one - float(np.mean(undeflected)) for one in deflected)
