@@ -279,7 +279,7 @@ def study(
 
     donors: count the nodes of a Chimera block, and of what surrounds it, that find no donor, over the angle.
     """
-    given = {key: value for key, value in given.items() if value not in (None, (), False)}
+    given = {key: value for key, value in given.items() if not (value is None or value is False or value == ())}
     if wrong := next((key for key in given if name not in OWN.get(key, (FLOW,))), None):
         from sdm_deflect.deform.errors import InputError
 
