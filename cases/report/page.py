@@ -106,6 +106,8 @@ CHECKS = {
     "inverted_cells": "cells turned inside out",
     "fixed_surfaces_moved": "largest displacement of a surface that must not move",
     "quality_min": "worst cell of the deflected mesh, by mean ratio (1 is regular)",
+    "repair_elsewhere": "largest displacement by the repair of nodes that it must not move",
+    "surface_kept": "nodes that the repair moved on the control surface, from its triangles",
     "planarity": "nodes of planar CAD faces from their best plane",
     "surface_to_cad": "moved nodes from the deflected CAD (of hinged surfaces: blended by the same rule)",
     "surface_to_rigid_cad": "moved nodes from the CAD rotated rigidly; at most what blending changes",
