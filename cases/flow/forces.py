@@ -39,14 +39,21 @@ class Forces:
         starts = sorted((path for path in folder.glob("*") if path.is_dir()), key=lambda path: float(path.name))
         rows: dict[int, FloatArray] = {}
         for start in starts:  # a later start repeats what an earlier one had not kept
-            force, moment = (_numbers(start / f"{what}.dat") for what in ("force", "moment"))
-            count = min(len(force), len(moment))
-            both = np.hstack([force[:count, :4], moment[:count, 1:4]])
-            rows |= {round(row[0]): row for row in both}
+            rows |= _rows(start, "")
+            if (start / f"force_{start.name}.dat").is_file():  # it began there once more
+                rows |= _rows(start, f"_{start.name}")
         if not rows:
             raise InputError(f"{folder}: no forces are reported; the solver has not run")
         table = np.array([rows[key] for key in sorted(rows)])
         return cls(table[:, 0].round().astype(np.intp), table[:, 1:4], table[:, 4:7])
+
+
+def _rows(start: Path, suffix: str) -> dict[int, FloatArray]:
+    """Return what was reported since a start by iteration: its number, force and moment (7,)."""
+    force, moment = (_numbers(start / f"{what}{suffix}.dat") for what in ("force", "moment"))
+    count = min(len(force), len(moment))
+    both = np.hstack([force[:count, :4], moment[:count, 1:4]])
+    return {round(row[0]): row for row in both}
 
 
 def _numbers(path: Path) -> FloatArray:

@@ -125,6 +125,11 @@ def test_reports_of_several_starts_are_one_history(tmp_path):
     found = Forces.read(tmp_path, "all")
     assert found.iteration.tolist() == [5, 10, 15, 20]
     assert found.moment[:, 0].tolist() == [10.0, 20.0, 30.0, 40.0]
+    for name in ("force", "moment"):  # OpenFOAM's names where it was stopped and begins at the same iteration again
+        (folder / "10" / f"{name}_10.dat").write_text("# Time\n20 ((7 0 0))\n25 ((8 0 0))\n")
+    again = Forces.read(tmp_path, "all")
+    assert again.iteration.tolist() == [5, 10, 15, 20, 25]
+    assert again.force[:, 0].tolist() == [5.0, 10.0, 15.0, 7.0, 8.0]
     (folder / "10" / "force.dat").write_text("15 ((1 0 0))\n20 ((1 0 x))\n")
     with pytest.raises(InputError, match=r"force\.dat: cannot be read"):
         Forces.read(tmp_path, "all")
