@@ -94,7 +94,6 @@ def test_without_openfoam_it_says_so(monkeypatch, tmp_path, capsys):
     [
         (["table1", "--mach", "0.5"], "--mach belongs to sdm study flow, not to table1"),
         (["table1", "--angles", "5"], "--angles belongs to sdm study flow and donors, not to table1"),
-        (["flow", "--again"], "--again belongs to sdm study page, not to flow"),
         (["flow", "--case", "all"], "turns 5 surfaces"),
         (["flow", "--angles", "-12,0"], "0 is the undeflected mesh"),
         (["flow", "--fresh", "0"], "fresh = 0 must be between 1 and 20"),
