@@ -286,7 +286,7 @@ def study(
         owners, option = " and ".join(OWN.get(wrong, (FLOW,))), wrong.replace("assignments", "set")
         raise InputError(f"--{option} belongs to sdm study {owners}, not to {name}; leave it out")
     if name == FLOW:
-        return _flow(scale, out, as_json, quiet, verbose, given)
+        return _flow(scale, out, cache, as_json, quiet, verbose, given)
     if name == DONORS:
         with options.watched(quiet or (as_json and not verbose), verbose) as watch:
             return _donors(scale, out, cache, as_json, watch, given)
@@ -312,8 +312,14 @@ def study(
     return 0
 
 
-def _flow(scale: str, out: Path | None, as_json: bool, quiet: bool, verbose: bool, given: dict[str, Any]) -> int:
+def _flow(
+    scale: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, verbose: bool, given: dict[str, Any]
+) -> int:
     """Carry out ``sdm study flow``."""
+    if not cache:
+        from sdm_deflect.deform.errors import InputError
+
+        raise InputError("--no-cache: sdm study flow goes on with the meshes of the cache; name another --out instead")
     from sdm_deflect.cases.flow.setup import FreeStream
     from sdm_deflect.cases.job_settings import angles_of
     from sdm_deflect.cases.sdm.registry import resolve

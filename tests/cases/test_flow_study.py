@@ -1,6 +1,7 @@
 """`sdm study flow`, coarse and short: its files, its signs; and what it makes of forces."""
 
 import json
+import re
 import shutil
 import sys
 from dataclasses import replace
@@ -15,7 +16,7 @@ from sdm_deflect.cases.progress import Silent, Stopwatch
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.study.flow.members import cad_turns, fresh_members, moved_meshes, study_of
 from sdm_deflect.cases.study.flow.results import Increment, Value, fresh_increments, results_of
-from sdm_deflect.cases.study.flow.solve import FOLDER, carried_out
+from sdm_deflect.cases.study.flow.solve import FOLDER, carried_out, standing
 from sdm_deflect.cases.study.flow.trend import Slope
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.progress import silent
@@ -66,6 +67,12 @@ def test_an_aileron_up_on_the_left_side_takes_lift_and_rolls_to_the_left(flow):
         assert found["Ch"][kind] > 0.0  # pressure turns it back
 
 
+def test_progress_says_where_the_lift_stands(flow):
+    study = study_of(case_named("aileron"), fresh=1, iterations=50)
+    said = standing(study, flow[1] / FOLDER / "-12-deflected")
+    assert re.fullmatch(r" \(CL -0\.\d{4}, changing by \de-\d\d\)", said)
+
+
 def test_the_study_goes_on_where_it_stopped_and_refuses_other_settings(flow):
     _, out = flow
     shutil.rmtree(out.parent / "more", ignore_errors=True)
@@ -98,6 +105,7 @@ def test_without_openfoam_it_says_so(monkeypatch, tmp_path, capsys):
         (["flow", "--angles", "-12,0"], "0 is the undeflected mesh"),
         (["flow", "--fresh", "0"], "fresh = 0 must be between 1 and 20"),
         (["flow", "--mach", "nan"], "mach = nan must be between 0.01 and 5"),
+        (["flow", "--no-cache"], "--no-cache: sdm study flow goes on with the meshes of the cache"),
         (["flow", "--angles", "-12,61"], "angles: 61 deg is outside -60 ... 60 deg"),
     ],
 )

@@ -147,10 +147,15 @@ def values_of(study: FlowStudy, case: Path) -> Iterator[tuple[str, Value]]:
     yield HINGE, Value.of(own.iteration, hinge_moment(own, hinge) / scale)
 
 
+def judged(study: FlowStudy) -> tuple[str, ...]:
+    """Return the coefficients that decide."""
+    return next(names for surface, names in JUDGED.items() if study.surface.startswith(surface))
+
+
 def _increments(study: FlowStudy, values: Mapping[Member, Mapping[str, Value]]) -> Iterator[Increment]:
     base = values[Member(UNDEFLECTED)]
     undeflected = [own for member, own in values.items() if member.kind == FRESH and not member.angle]
-    judged = next(names for surface, names in JUDGED.items() if study.surface.startswith(surface))
+    decisive = judged(study)
     for angle in study.angles:
         there = {member: own for member, own in values.items() if member.angle == angle and member.kind != UNDEFLECTED}
         for name, start in base.items():
@@ -170,7 +175,7 @@ def _increments(study: FlowStudy, values: Mapping[Member, Mapping[str, Value]]) 
                 fresh=fresh_increments([own.mean for own in found[FRESH]], [own.mean for own in bases]),
                 change=max(one.change for one in used),
                 amplitude=max(one.amplitude for one in used),
-                judged=name in judged,
+                judged=name in decisive,
             )
 
 

@@ -27,6 +27,7 @@ from sdm_deflect.cases.study.flow.members import (
     undeflected_mesh,
     write_member,
 )
+from sdm_deflect.cases.study.flow.results import judged, values_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.progress import Progress
@@ -35,8 +36,8 @@ from sdm_deflect.meshing.mesh import TetMesh
 
 SETTINGS, SECONDS, FOLDER = "study.json", "seconds.json", "members"
 TIME, USED = re.compile(r"^Time = (\d+)"), re.compile(r"^ExecutionTime = ([\d.]+) s")
-TOLD = 10
-"""Iterations between two reports of progress."""
+TOLD, SEEN = 10, 50
+"""Iterations between two reports of progress, and between two readings of the forces for it."""
 
 
 def carried_out(study: FlowStudy, folder: Path, watch: Stopwatch) -> tuple[Member, ...]:
@@ -104,6 +105,7 @@ class Solvers:
     cases: Path
     progress: Progress
     done: dict[str, int] = field(default_factory=dict)
+    seen: dict[str, str] = field(default_factory=dict)
     _pool: ThreadPoolExecutor = field(init=False)
     _lock: Lock = field(init=False, default_factory=Lock)
     _end: Event = field(init=False, default_factory=Event)
@@ -129,15 +131,26 @@ class Solvers:
     def _tell(self, member: Member, iteration: int) -> None:
         if self._end.is_set():
             raise KeyboardInterrupt
+        said = standing(self.study, self.cases / member.name) if iteration % SEEN == 0 else None
         with self._lock:
             self.done[member.name] = iteration
-            running = ", ".join(f"{name} {count}" for name, count in self.done.items() if count < self._most)
+            self.seen[member.name] = said or self.seen.get(member.name, "")
+            running = ", ".join(
+                f"{name} {count}{self.seen[name]}" for name, count in self.done.items() if count < self._most
+            )
             total = sum(self.done.values()) / (self._most * max(len(self.done), 1))
             self.progress(f"{running or 'done'} of {self._most} iterations", total)
 
     @property
     def _most(self) -> int:
         return self.study.iterations
+
+
+def standing(study: FlowStudy, case: Path) -> str:
+    """Say where the first coefficient that decides stands, and by how much its average still changes."""
+    name = judged(study)[0]
+    value = dict(values_of(study, case))[name]
+    return f" ({name} {value.mean:+.4f}, changing by {value.change:.0e})"
 
 
 def solve(case: Path, setup: Setup, tell: Callable[[int], None]) -> None:
