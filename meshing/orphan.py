@@ -24,6 +24,6 @@ def end_with(parent: int) -> None:
 if __name__ == "__main__":
     end_with(int(sys.argv[1]))
     if sys.argv[2] == "--":
-        os.execvp(sys.argv[3], sys.argv[3:])  # noqa: S606 - no shell
+        os.execvp(sys.argv[3], sys.argv[3:])
     sys.argv = sys.argv[2:]
     run_module(sys.argv[0], run_name="__main__", alter_sys=True)
