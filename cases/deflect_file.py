@@ -5,7 +5,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sdm_deflect.cases.mesh_files import Targets, write_mesh, write_sensitivity
-from sdm_deflect.cases.metrics import SHOWN_WHOLE, Json, deflection_figures, mesh_figures, notes_of, verdict_figures
+from sdm_deflect.cases.metrics import (
+    SHOWN_WHOLE,
+    Json,
+    deflection_figures,
+    farthest,
+    mesh_figures,
+    notes_of,
+    verdict_figures,
+)
 from sdm_deflect.cases.output import output_files
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
@@ -172,6 +180,7 @@ def plan_figures(plan: Plan, flow: "FlowCase | None" = None) -> Json:
         "box": {"corners": region.hexahedron.corners.tolist(), "why": region.box.why, "inside": len(region.inside)},
         "sites": {"surface": len(sites.distinct), "fixed": len(sites.sampled), "tolerance": sites.tolerance},
         "cells_touched": plan.touched.count,
+        "farthest": {name: vector.tolist() for name, vector in farthest(plan)},
         "notes": list(notes_of(plan)),
         **({"case": flow.figures(plan)} if flow else {}),
     }

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdm_deflect.cases.selections import selection
 from sdm_deflect.deform.errors import InputError, printable
-from sdm_deflect.deform.mesh import VOLUMES, Cells, Mesh
+from sdm_deflect.deform.mesh import VOLUMES, Cells, FloatArray, Mesh
 from sdm_deflect.deform.parts import MARK, Part
 from sdm_deflect.deform.quality import POLYHEDRON, by_shape, oriented
 from sdm_deflect.deform.reading import RATIO_VARIABLE, unpack_limit
@@ -54,14 +54,13 @@ def inspect(path: Path, select: Mapping[str, str] = NOTHING) -> str:
         lines.append("the file counts the nodes of cells left-handed; judged accordingly")
     lines += found["notes"]
     if found["patches"]:
-        lines.append("patches (faces): " + _listed(found["patches"]))
+        lines.append("patches (faces, extent):")
+    lines += [f"  {name} {count}{_reach(found['extents'][name])}" for name, count in found["patches"].items()]
     for name, count in found["components"].items():
         lines.append(f"{name} has {count} connected components" + (f", the largest {MOST}" if count > MOST else ""))
     if found["parts"]:
         lines.append("parts of patches (faces, extent):")
-    lines += [
-        f"  {one['name']} {one['faces']}, {_point(one['low'])} to {_point(one['high'])}" for one in found["parts"]
-    ]
+    lines += [f"  {one['name']} {one['faces']}{_reach([one['low'], one['high']])}" for one in found["parts"]]
     return "\n".join(printable(line) for line in lines)
 
 
@@ -77,12 +76,13 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
     -------
     dict
         ``file``; ``points`` and ``cells``, how many there are; ``plane``, whether the mesh is two-dimensional;
-        ``zones``, name: number of points; ``blocks``, for a zone that several of the file fit together in, their names;
-        ``patches``, name: number of faces; ``components``, the number of connected components of the patches that have
-        several; ``parts``, of each of these components (`MOST` of a patch) and of each selection the name, the number
-        of ``faces`` and the least and largest coordinates, ``low`` and ``high``; ``quality``, the fields of `Quality`
-        for each type of cell; ``left_handed``, whether the file counts the nodes of cells the other way round;
-        ``notes``, sentences on what may not be expected.
+        ``zones``, name: number of points; ``blocks``, for a zone that several of the file fit together in, their
+        names; ``patches``, name: number of faces; ``extents``, name: least and largest coordinates; ``components``,
+        the number of connected components of the patches that have several; ``parts``, of each of these components
+        (`MOST` of a patch) and of each selection the name, the number of ``faces`` and the least and largest
+        coordinates, ``low`` and ``high``; ``quality``, the fields of `Quality` for each type of cell;
+        ``left_handed``, whether the file counts the nodes of cells the other way round; ``notes``, sentences on what
+        may not be expected.
 
     Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, or holds no cells with a
     volume, and InputError if a selection does not suit it.
@@ -102,6 +102,7 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         "zones": {zone.name: zone.stop - zone.start for zone in mesh.zones},
         "blocks": {zone.name: list(zone.blocks) for zone in mesh.zones if zone.blocks},
         "patches": {patch.name: len(patch) for patch in mesh.patches},
+        "extents": {patch.name: _extent(mesh.points[patch.nodes]) for patch in mesh.patches},
         "components": components,
         "parts": [_part(part) for part in parts],
         "quality": [asdict(quality) for quality in by_shape(mesh.points, blocks)],
@@ -125,6 +126,15 @@ def _components(mesh: Mesh) -> tuple[dict[str, int], list[Part]]:
 def _part(part: Part) -> Json:
     low, high = part.extent
     return {"name": part.name, "faces": len(part), "low": low.tolist(), "high": high.tolist()}
+
+
+def _extent(points: FloatArray) -> list[list[float]]:
+    """Return the least and largest coordinates of points (K, 3); nothing without points."""
+    return [end.tolist() for end in (points.min(axis=0), points.max(axis=0))] if len(points) else []
+
+
+def _reach(extent: list[list[float]]) -> str:
+    return f", {' to '.join(map(_point, extent))}" if extent else ""
 
 
 def _point(corner: list[float]) -> str:

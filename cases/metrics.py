@@ -1,12 +1,15 @@
 """Figures of a deflection under the names that other programs read."""
 
 import resource
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.fitting import KERNELS, ORDERS
+from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS
@@ -127,7 +130,7 @@ def verdict_figures(checks: Sequence[Check]) -> Json:
 
 def notes_of(plan: Plan) -> tuple[str, ...]:
     """Return sentences on what a user may not expect of a mesh."""
-    notes = list(plan.mesh.notes)
+    notes = [*plan.mesh.notes, *(note for placement in plan.boundary.placements for note in placement.notes())]
     if plan.sites.coincident:
         notes.append(f"{plan.sites.coincident} moving nodes coincide with others; they move as one")
     if min(plan.touched.orientation, default=1.0) < 0.0:
@@ -136,6 +139,20 @@ def notes_of(plan: Plan) -> tuple[str, ...]:
     if inverted:
         notes.append(f"{inverted} cells were inverted in the file already")
     return tuple(notes)
+
+
+def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray]]:
+    """Yield each surface's name and the displacement (3,) of its node that moves farthest, at the largest angle."""
+    for surface, move in plan.boundary.farthest(plan.job.amounts_at(max(plan.angles, key=abs))):
+        yield surface.named, move
+
+
+def travels(plan: Plan) -> Iterator[tuple[str, str]]:
+    """Yield each surface's name, how far its node that moves farthest does, and whereto, as text."""
+    for name, move in farthest(plan):
+        size = float(np.linalg.norm(move))
+        there = ", ".join(f"{x:+.2f}" for x in move / (size or 1.0))
+        yield name, f"{size:.4g}, towards ({there})"
 
 
 def peak_rss_bytes() -> int:

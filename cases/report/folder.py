@@ -21,6 +21,7 @@ from sdm_deflect.cases.metrics import (
     mesh_figures,
     notes_of,
     peak_rss_bytes,
+    travels,
     verdict_figures,
 )
 from sdm_deflect.cases.output import PAGE, moved_by_repair, output_folder, write_convergence, write_interpolants
@@ -151,7 +152,7 @@ def _data(plan: Plan, angle: float, points: FloatArray, settings: str, fits: Fit
     tables = {f"surface[{i}]": rows_of(one) for i, one in enumerate(nested.pop("surface", []))}
     return ReportData(
         title=f"{mesh.name}: {moves}",
-        facts=(("mesh", mesh.name), ("strategy", plan.job.fitting.strategy.upper())),
+        facts=(("mesh", mesh.name), *((f"{name} moves by up to", travel) for name, travel in travels(plan))),
         mesh=mesh,
         points=points,
         boxes=(box,),
@@ -233,7 +234,9 @@ def _base(base: Motion, surface: Surface, amount: float, table: Path) -> dict[st
 
 
 def _ends(axis: Axis, points: FloatArray) -> list[list[float]]:
-    """Return two points of a hinge, at the ends of a surface; of a plane one its place."""
+    """Return the two points of a hinge, those given or else at the ends of a surface; of a plane one its place."""
+    if axis.length is not None:
+        return [axis.point.tolist(), (axis.point + axis.length * axis.direction).tolist()]
     if not np.ptp(points[:, 2]) and abs(axis.direction[2]) == 1.0:
         return [axis.point[:2].tolist()]
     along = (points - axis.point) @ axis.direction

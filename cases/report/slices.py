@@ -82,7 +82,12 @@ def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Plane, Pl
     half = float(points[:, span].min() + points[:, span].max()) / 2
     return (
         Plane(span, half, "section at half span", around),
-        Plane(chord, float(station), "section through the inner end", np.array([middle - close, middle + close])),
+        Plane(
+            chord,
+            float(station),
+            "section along the span, close to the inner end",
+            np.array([middle - close, middle + close]),
+        ),
     )
 
 

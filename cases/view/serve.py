@@ -7,6 +7,7 @@ A browser that shows another web site could otherwise be made to reach a server 
 
 import asyncio
 import logging
+import os
 import socket
 import webbrowser
 from collections.abc import Awaitable, Callable
@@ -24,6 +25,8 @@ from sdm_deflect.deform.errors import InputError
 HOST = "127.0.0.1"
 HOSTS = frozenset({HOST, "localhost"})
 
+SSH = "SSH_CONNECTION"
+"""Environment variable of a user who came from another machine."""
 PAGES = frozenset({"/", "/index.html"})
 LARGEST, PENDING = 1 << 20, 4
 """Bytes of a message from the page, and messages of which parts are awaited; the page's own have some hundred bytes."""
@@ -49,6 +52,9 @@ def serve(page: Page, port: int, show: bool) -> None:
 
     def ready(address: str) -> None:
         print(f"{address}  (Ctrl-C ends it)", flush=True)  # noqa: T201 - the command's answer
+        if SSH in os.environ:
+            tunnel = f"ssh -N -L {port}:{HOST}:{port} {socket.gethostname()}"
+            print(f"from another machine first: {tunnel}", flush=True)  # noqa: T201 - part of the answer
         if show:
             webbrowser.open(address)
 

@@ -15,10 +15,12 @@ class Axis:
     ----------
     point : (3,) any point of the line, in metres.
     direction : (3,) of any length but zero; kept as a unit vector.
+    length : Distance to the second point of it that was given, None if there is none.
     """
 
     point: FloatArray
     direction: FloatArray
+    length: float | None = None
 
     def __post_init__(self) -> None:
         direction = np.asarray(self.direction, dtype=np.float64)
@@ -31,7 +33,8 @@ class Axis:
     @classmethod
     def through(cls, a: FloatArray, b: FloatArray) -> "Axis":
         """Return the line from point a (3,) to point b (3,)."""
-        return cls(np.asarray(a), np.asarray(b) - np.asarray(a))
+        direction = np.asarray(b) - np.asarray(a)
+        return cls(np.asarray(a), direction, float(np.linalg.norm(direction)))
 
     def matrix(self, degrees: float) -> FloatArray:
         """Return the rotation matrix (3, 3)."""

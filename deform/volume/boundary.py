@@ -1,6 +1,6 @@
 """The nodes whose displacement is known: those that move, those that stay, those that slide."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +10,7 @@ from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
 from sdm_deflect.deform.rbf.sites import XYZ
 from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.surface.motions import MotionLaw
+from sdm_deflect.deform.surface.placement import Placement
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.sliding import SlidingPatch
@@ -63,6 +64,8 @@ class Boundary:
             if section.patch not in mesh.names:
                 hint = nearest(section.patch, mesh.names, "the patches are")
                 raise InputError(f"{mesh.name}: section {section.patch!r} is no patch; {hint}")
+        for placement, surface in _placements(job, surfaces):
+            placement.check(surface)
         laws = tuple(moving.motion.law(surface) for moving, surface in zip(job.surfaces, surfaces, strict=True))
         nodes = union(*(surface.nodes for surface in surfaces))
         sliding = tuple(SlidingPatch.of(mesh, name, shape) for name, shape in slides.items())
@@ -122,6 +125,18 @@ class Boundary:
         return out
 
     @property
+    def placements(self) -> tuple[Placement, ...]:
+        """Where the hinges lie beside their surfaces."""
+        return tuple(placement for placement, _ in _placements(self.job, self.surfaces))
+
+    def farthest(self, amounts: Amounts) -> Iterator[tuple[Surface, FloatArray]]:
+        """Yield each surface with the displacement (3,) of the node that moves farthest."""
+        move = self.displacement(amounts)
+        for surface in self.surfaces:
+            own = move[np.searchsorted(self.nodes, surface.nodes)]
+            yield surface, own[int(np.argmax(np.linalg.norm(own, axis=1)))]
+
+    @property
     def shared_with_fixed(self) -> BoolArray:
         """Which of the moving nodes (K,) are shared with a fixed patch."""
         return np.isin(self.nodes, self.mesh.on(*self.fixed), assume_unique=True)
@@ -172,6 +187,13 @@ class Boundary:
                 "motion there"
             )
         return on_shape
+
+
+def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement, Surface]]:
+    """Yield where hinges lie beside their surfaces, of those that have one."""
+    for moving, surface in zip(job.surfaces, surfaces, strict=True):
+        if moving.motion.axis is not None:
+            yield Placement.of(surface, moving.motion.axis), surface
 
 
 def _check_parts(mesh: Mesh, moves: list[str], fixed: tuple[str, ...], sliding: dict[str, str]) -> None:

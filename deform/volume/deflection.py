@@ -62,7 +62,11 @@ class Plan:
         progress("surfaces", nan)
         boundary = Boundary.of(selected(mesh, job.selections, job.names), job)
         progress("box", nan)
-        region = Region.of(boundary, job.ends(wanted))
+        try:
+            region = Region.of(boundary, job.ends(wanted))
+        except InputError as error:
+            notes = [note for placement in boundary.placements for note in placement.notes()]
+            raise InputError("; ".join([str(error), *notes])) from None
         sites = Sites.of(boundary, region)
         progress("cells", nan)
         touched = TouchedCells.of(boundary.mesh, union(region.inside, sites.moving))

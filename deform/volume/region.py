@@ -145,10 +145,17 @@ def check_moving(boundary: Boundary, hexahedron: Hexahedron, all_amounts: Sequen
         out = int(np.count_nonzero(~(both[0] & both[1])))
         if out:
             names = ", ".join(surface.named for surface in boundary.surfaces)
+            low, high = (", ".join(f"{x:.4g}" for x in end) for end in _reach(start[moves], (start + move)[moves]))
             raise InputError(
                 f"{boundary.mesh.name}: {out} of {int(moves.sum())} moving nodes of {names} leave the box at "
-                f"{amounts[0]:g}; enlarge it ({boundary.job.box.settings})"
+                f"{amounts[0]:g}; enlarge it ({boundary.job.box.settings}): they reach from ({low}) to ({high})"
             )
+
+
+def _reach(start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the least and largest coordinates (3,) of points (K, 3), at the start or at the end."""
+    both = np.vstack([start, end])
+    return both.min(axis=0), both.max(axis=0)
 
 
 def _check_clear(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray) -> None:

@@ -22,6 +22,11 @@ from tests.meshing.formats.examples import grid, hybrid, polyhedral
 SHAPES = (("tetrahedra", 4), ("hexahedra", 1), ("prisms", 1), ("pyramids", 1))
 
 
+def extent_of(mesh, name):
+    points = mesh.points[mesh.patch(name).nodes]
+    return points.min(axis=0), points.max(axis=0)
+
+
 @pytest.mark.parametrize("name", [name for name in WRITTEN if name != "openfoam"])
 def test_every_format_gives_counts_patches_and_quality(name, tmp_path):
     mesh, path = hybrid(), tmp_path / f"mesh{FORMATS[name].suffixes[0]}"
@@ -34,7 +39,8 @@ def test_every_format_gives_counts_patches_and_quality(name, tmp_path):
     jacobian = grid(mesh).cell_quality("scaled_jacobian")["scaled_jacobian"]
     for cell in (0, 1, 6):
         assert f"scaled Jacobian min {jacobian[cell]:.3f}" in text
-    assert "floor 3, inlet 2, outlet 2, left" in text
+    reach = [f"({', '.join(f'{x:.4g}' for x in end)})" for end in extent_of(mesh, "floor")]
+    assert f"patches (faces, extent):\n  floor 3, {reach[0]} to {reach[1]}\n  inlet 2, (" in text
 
 
 def test_the_same_as_data(tmp_path):
@@ -42,6 +48,7 @@ def test_the_same_as_data(tmp_path):
     found = json.loads(json.dumps(inspected(tmp_path / "mesh.su2")))
     assert (found["points"], found["cells"], found["left_handed"]) == (14, 7, False)
     assert found["patches"]["floor"] == 3
+    assert found["extents"]["floor"] == [end.tolist() for end in extent_of(hybrid(), "floor")]
     assert {one["shape"]: (one["cells"], one["measure"]) for one in found["quality"]} == {
         shape: (4 if shape == "tetra" else 1, MEASURES[shape]) for shape in ("tetra", "hexahedron", "wedge", "pyramid")
     }
@@ -65,7 +72,7 @@ def test_names_do_not_command_the_terminal(tmp_path):
     name = "\x1b[31mflügel\x07"
     Cgns().write(Mesh(mesh.points, mesh.cells, (Patch(name, first.faces), *others)), tmp_path / "mesh.cgns")
     assert inspected(tmp_path / "mesh.cgns")["patches"][name] == 3
-    assert r"patches (faces): \x1b[31mflügel\x07 3, inlet 2" in inspect(tmp_path / "mesh.cgns")
+    assert "\n" + r"  \x1b[31mflügel\x07 3, (" in inspect(tmp_path / "mesh.cgns")
 
 
 def test_a_format_of_ours_needs_no_pyvista(tmp_path):

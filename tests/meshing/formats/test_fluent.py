@@ -1,5 +1,6 @@
 """Fluent's meshes in HDF5: both layouts, only coordinates change, VTK's reader sees what we moved."""
 
+import re
 from dataclasses import replace
 
 import h5py
@@ -50,7 +51,8 @@ def test_what_a_file_holds_is_told(tmp_path):
     text = inspect(written(hybrid(), tmp_path / "a.msh.h5", "meshing"))
     assert "14 points, 7 cells" in text
     assert "7 polyhedra, 0 inverted" in text
-    assert "patches (faces): floor 3, inlet 2, outlet 2, left wall 3, right wall 3, roof 5" in text
+    counts = re.findall(r"^  (\D+ \d+), \(.*\) to \(.*\)$", text, re.MULTILINE)
+    assert counts == ["floor 3", "inlet 2", "outlet 2", "left wall 3", "right wall 3", "roof 5"]
 
 
 def test_cells_keep_their_order(tmp_path):

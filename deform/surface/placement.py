@@ -1,0 +1,84 @@
+"""Where a hinge lies beside the surface that turns about it: slips of units and of digits show there."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.surface.surface import Surface
+
+UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.37)
+"""Factors between metres, millimetres, inches and feet."""
+HALF = 0.5
+"""Share of a surface along its hinge that the hinge's two points span at least, where nothing is said."""
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """A hinge beside the surface that turns about it; lengths in the mesh's unit.
+
+    Attributes
+    ----------
+    surface : its patches, for messages.
+    axis : the hinge.
+    width : extent of the surface across the hinge.
+    distance : of the hinge's line from the nearest node.
+    covered : share of the surface's extent along the hinge that lies between the two points of the hinge; 1 where these
+        are not known.
+    """
+
+    surface: str
+    axis: Axis
+    width: float
+    distance: float
+    covered: float
+
+    @classmethod
+    def of(cls, surface: Surface, axis: Axis) -> "Placement":
+        """Measure where the hinge lies."""
+        points = surface.points
+        radial = axis.radial(points)
+        along = (points - axis.point) @ axis.direction
+        low, high, covered = float(along.min()), float(along.max()), 1.0
+        if axis.length is not None and high > low:
+            covered = max(min(high, axis.length) - max(low, 0.0), 0.0) / (high - low)
+        width = float(np.linalg.norm(np.ptp(radial, axis=0)))
+        return cls(surface.named, axis, width, float(np.linalg.norm(radial, axis=1).min()), covered)
+
+    @property
+    def near(self) -> bool:
+        """Whether the hinge passes the surface no farther away than it is wide."""
+        return self.distance <= self.width
+
+    def check(self, surface: Surface) -> None:
+        """Raise InputError if the hinge is far away, and fits to the surface in another unit of length."""
+        if self.near:
+            return
+        fits = [(there.distance, factor) for factor, there in self._elsewhere(surface)]
+        if fits:
+            raise InputError(
+                f"hinge: its line passes {self.distance:.4g} from {self.surface}, which is {self.width:.4g} wide "
+                f"across it; times {min(fits)[1]:.4g} it would fit: give it in the mesh's unit of length"
+            )
+
+    def _elsewhere(self, surface: Surface) -> Iterator[tuple[float, "Placement"]]:
+        """Yield units of the hinge, by their factor, in which it fits to the surface."""
+        for factor in UNITS:
+            length = None if self.axis.length is None else factor * self.axis.length
+            there = Placement.of(surface, replace(self.axis, point=factor * self.axis.point, length=length))
+            if there.near and there.covered >= HALF:
+                yield factor, there
+
+    def notes(self) -> Iterator[str]:
+        """Yield what is unusual, as sentences."""
+        if not self.near:
+            yield (
+                f"the hinge passes {self.distance:.4g} from {self.surface}, which is {self.width:.4g} wide across it: "
+                "is it the right one?"
+            )
+        elif self.covered < HALF:
+            yield (
+                f"the two points of the hinge span {self.covered:.0%} of {self.surface} along it: are they at its ends?"
+            )
