@@ -357,8 +357,15 @@ def deflect(
     Raises
     ------
     InputError : if an argument is unknown, without effect or of a wrong type, or names, hinge, angle or box do not suit
-        the mesh: one sentence. Examples -------- :: result = deflect("naca.su2", "flap", hinge=[[0.7, 0.6, 0], [0.7,
-        1.4, 0]], angle=15, motion="blended", fixed="wing", slide="symmetry:plane") result.save("naca-15.su2")
+        the mesh: one sentence.
+
+    Examples
+    --------
+    ::
+
+        result = deflect("naca.su2", "flap", hinge=[[0.7, 0.6, 0], [0.7, 1.4, 0]], angle=15,
+                         motion="blended", fixed="wing", slide="symmetry:plane")
+        result.save("naca-15.su2")
     """
     settings = settings_of(surfaces, hinge, angle, options)
     job = settings.job()

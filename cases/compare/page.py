@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from sdm_deflect.cases.compare.figures import Row, Table, differing_settings, tables
 from sdm_deflect.cases.compare.pictures import Shown, drawn
 from sdm_deflect.cases.compare.runs import Run, alike
-from sdm_deflect.cases.report.page import inline, pixels, policy, read
+from sdm_deflect.cases.report.page import inline, pixels, policy, read, style
 from sdm_deflect.meshing.files import fresh
 
 HERE = "sdm_deflect.cases.compare"
@@ -63,7 +63,7 @@ def page(runs: Sequence[Run], found: Sequence[Table], settings: Sequence[Row], p
         pictures=pictures,
         files=sorted({run.data.settings_file for run in runs}),
         version=version("sdm-deflect"),
-        style=read("sdm_deflect.cases.report", "style.css") + read(HERE, "compare.css"),
+        style=style() + read(HERE, "compare.css"),
         script=script,
         policy=policy([script]),
     )

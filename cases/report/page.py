@@ -48,7 +48,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
         "toml_file": b64encode(data.settings.encode()).decode("ascii"),
         "surroundings": surroundings(),
         "versions": versions(),
-        "style": read(HERE, "style.css"),
+        "style": style(),
         "library": encoded(library.encode()),
         "viewer": viewer,
         "policy": policy([library, viewer]),
@@ -79,6 +79,11 @@ def policy(scripts: Iterable[str]) -> str:
     """Return the content security policy: nothing from any network, no script but these."""
     hashes = " ".join(f"'sha256-{b64encode(sha256(one.encode()).digest()).decode('ascii')}'" for one in scripts)
     return f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
+
+
+def style() -> Markup:
+    """Return the style sheet of a page, its colours first."""
+    return read(HERE, "palette.css") + read(HERE, "style.css")
 
 
 def read(package: str, *name: str) -> Markup:

@@ -69,7 +69,7 @@
   }));
   const boxes = data.boxes.map((box) => lengthsOf(box.segments));
   const dots = data.dots.map((one) => ({ ...one, points: lengthsOf(one.points) }));
-  const SIZE = 2.8; // diagonal of what is looked at, by the size of the picture: about 3 fills it
+  const LABELS = { beside: 60, below: 35, above: 10 }; // pixels around the axes in the first view
   let state = "deflected";
 
   const at = (part) => ({ undeflected: part.points, interpolated: part.interpolated, deflected: part.moved })[state];
@@ -208,21 +208,38 @@
     }));
   }
 
+  // Scale of a box and where its middle is looked at from a direction, so that the picture holds it and its labels. The
+  // picture is 2 units high.
+  function fitted(span, towards, up) {
+    const along = (a, b) => a.reduce((sum, one, c) => sum + one * b[c], 0);
+    const unit = (a) => a.map((one) => one / Math.hypot(...a));
+    const cross = (a, b) => [0, 1, 2].map((c) => a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3]);
+    const right = unit(cross(up, towards)), upright = unit(cross(towards, right));
+    const [wide, high] = [right, upright].map((axis) => along(span, axis.map(Math.abs)));
+    const pixel = 2 / plot.clientHeight, room = pixel * plot.clientWidth;
+    const scale = Math.min(
+      (room - 2 * pixel * LABELS.beside) / wide, (2 - pixel * (LABELS.below + LABELS.above)) / high);
+    const lower = pixel * (LABELS.below - LABELS.above) / 2 / along(upright, up);
+    const [x, y, z] = up.map((one) => -lower * one);
+    return { scale, center: { x, y, z } };
+  }
+
   function layout() {
     const view = data.views[control("view").value], ink = dark() ? "#d8d8d8" : "#333333", grid = dark() ? "#444444" : "#dddddd";
-    const span = view.high.map((high, c) => high - view.low[c]), diagonal = Math.hypot(...span);
+    const span = view.high.map((high, c) => high - view.low[c]);
     const axis = (name, c) => ({
       title: { text: name + ", " + data.unit }, range: [view.low[c], view.high[c]], color: ink, gridcolor: grid, zeroline: false,
       showbackground: false, nticks: 6, showspikes: false, visible: c < 2 || !data.plane,
     });
-    const above = { eye: { x: 0, y: 0, z: 2 }, up: { x: 0, y: 1, z: 0 }, projection: { type: "orthographic" } };
     const side = view.low[1] + view.high[1] > 2 * data.middle + 1e-3 * span[1] ? -1 : 1;
-    const camera = { eye: { x: 1.1, y: -0.9 * side, z: 0.75 }, projection: { type: "orthographic" } };
+    const from = data.plane ? [0, 0, 2] : [1.1, -0.9 * side, 0.75], upwards = data.plane ? [0, 1, 0] : [0, 0, 1];
+    const { scale, center } = fitted(span, from, upwards), xyz = ([x, y, z]) => ({ x, y, z });
+    const eye = xyz(from.map((one, c) => one + [center.x, center.y, center.z][c]));
+    const camera = { eye, center, up: xyz(upwards), projection: { type: "orthographic" } };
     return {
       scene: {
         xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
-        aspectratio: { x: SIZE * span[0] / diagonal, y: SIZE * span[1] / diagonal, z: SIZE * span[2] / diagonal },
-        camera: data.plane ? above : camera, uirevision: view.name,
+        aspectratio: xyz(span.map((one) => scale * one)), camera, uirevision: view.name,
       },
       margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", font: { family: "system-ui, sans-serif", color: ink },
       showlegend: false, uirevision: view.name, hoverlabel: { namelength: -1 },
@@ -236,13 +253,17 @@
     return Plotly.react(plot, traces, layout(), settings).then(() => { plot.dataset.state = state; keep(); });
   }
 
-  // What is printed is the picture as it was seen last.
+  // What is printed is the picture as it was seen last, with axes for white paper.
   let pending = 0;
   function keep() {
     clearTimeout(pending);
     pending = setTimeout(() => {
-      const still = document.getElementById("still");
-      still.src = plot._fullLayout.scene._scene.toImage("png");
+      const still = document.getElementById("still"), { _scene: scene } = plot._fullLayout.scene;
+      const { tickColor, labelColor, gridColor } = scene.axesOptions, ink = Array(3).fill([0.2, 0.2, 0.2, 1]);
+      Object.assign(scene.axesOptions, { tickColor: ink, labelColor: ink, gridColor: Array(3).fill([0.87, 0.87, 0.87, 1]) });
+      still.src = scene.toImage("png");
+      Object.assign(scene.axesOptions, { tickColor, labelColor, gridColor });
+      scene.glplot.redraw();
       still.hidden = false;
     }, 800);
   }
@@ -255,13 +276,14 @@
   function turn(name) {
     const scene = plot._fullLayout.scene, camera = scene._scene.getCamera(), ratio = scene.aspectratio;
     if (name === "first") return Plotly.relayout(plot, { "scene.camera": layout().scene.camera, "scene.aspectratio": layout().scene.aspectratio });
-    const [about, upwards, factor] = TURNS[name], { x, y, z } = camera.eye, size = Math.hypot(x, y, z);
+    const [about, upwards, factor] = TURNS[name], { eye: from, center } = camera;
+    const x = from.x - center.x, y = from.y - center.y, z = from.z - center.z, size = Math.hypot(x, y, z);
     const azimuth = Math.atan2(y, x) + about;
     const height = Math.min(1.5, Math.max(-1.5, Math.asin(z / size) + upwards)), level = size * Math.cos(height);
-    const eye = { x: level * Math.cos(azimuth), y: level * Math.sin(azimuth), z: size * Math.sin(height) };
+    const eye = { x: center.x + level * Math.cos(azimuth), y: center.y + level * Math.sin(azimuth), z: center.z + size * Math.sin(height) };
     const aspectratio = { x: factor * ratio.x, y: factor * ratio.y, z: factor * ratio.z };
     const turned = about || upwards ? { eye, up: { x: 0, y: 0, z: 1 } } : { eye: camera.eye, up: camera.up };
-    return Plotly.relayout(plot, { "scene.camera": { ...turned, center: camera.center, projection: { type: "orthographic" } }, "scene.aspectratio": aspectratio });
+    return Plotly.relayout(plot, { "scene.camera": { ...turned, center, projection: { type: "orthographic" } }, "scene.aspectratio": aspectratio });
   }
 
   function turnable() {
@@ -274,6 +296,13 @@
       button.addEventListener("click", () => turn(button.dataset.turn));
     }
     plot.on("plotly_relayout", keep);
+    let width = plot.clientWidth, resized = 0;
+    new ResizeObserver(() => {
+      if (plot.clientWidth === width) return;
+      width = plot.clientWidth;
+      clearTimeout(resized);
+      resized = setTimeout(draw, 200);
+    }).observe(plot);
   }
 
   function listed() {

@@ -192,7 +192,7 @@ def histogram(quality: FloatArray, before: FloatArray, measure: str) -> str:
     text = f"Histogram of the {measure} of {len(quality)} cells, smallest {quality.min(initial=1.0):.3f}"
     return (
         f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{text}" '
-        'style="width:100%;font:10px sans-serif;fill:#333">' + "".join(parts) + "</svg>"
+        'style="width:100%;font:10px sans-serif;fill:var(--ink)">' + "".join(parts) + "</svg>"
     )
 
 
@@ -209,7 +209,7 @@ def _y(count: float, top: float) -> float:
 def _axes(top: float, measure: str) -> Iterator[str]:
     for count in (0, *(c for c in COUNTS if c <= top)):
         y = _y(count, top)
-        yield f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}" stroke="#ddd"/>'
+        yield f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}" style="stroke:var(--line)"/>'
         yield f'<text x="{LEFT - 4}" y="{y + 3:.1f}" text-anchor="end">{count:,}</text>'
     for tick in np.linspace(0.0, 1.0, 6):
         yield f'<text x="{_x(tick):.1f}" y="{BASE + 13}" text-anchor="middle">{tick:.1f}</text>'
@@ -224,7 +224,7 @@ def _bars(counts: IntArray, top: float) -> Iterator[str]:
         y = _y(count, top)
         yield (
             f'<rect x="{_x(low):.1f}" y="{y:.1f}" width="{width:.2f}" height="{BASE - y:.1f}" '
-            f'fill="rgb({r},{g},{b})" stroke="#fff" stroke-width=".4"/>'
+            f'fill="rgb({r},{g},{b})" style="stroke:var(--rim)" stroke-width=".4"/>'
         )
 
 
@@ -233,4 +233,4 @@ def _line(counts: IntArray, top: float) -> str:
     for low, high, count in zip(BINS, BINS[1:], counts, strict=False):
         y = _y(count, top)
         corners += [f"{_x(low):.1f},{y:.1f}", f"{_x(high):.1f},{y:.1f}"]
-    return f'<polyline points="{" ".join(corners)}" fill="none" stroke="#111" stroke-width="1.1"/>'
+    return f'<polyline points="{" ".join(corners)}" fill="none" style="stroke:var(--ink)" stroke-width="1.1"/>'

@@ -1,5 +1,6 @@
 """The page: what stands where. Texts of a run reach it as values of the state, never as part of a template."""
 
+from importlib.resources import files
 from typing import Any
 
 from trame.ui.vuetify3 import VAppLayout
@@ -7,11 +8,9 @@ from trame.widgets import client, html, vtk, vuetify3
 
 from sdm_deflect.cases.view.labels import COLOURS
 
-STYLE = (
-    "html{overflow:hidden!important}.v-selection-control .v-label{font-size:13px;color:#222;opacity:1}"
-    "@media(max-width:760px){#page{flex-direction:column-reverse}"
-    "#panel{width:100vw!important;min-width:0!important;height:55vh!important}"
-    "#stage{flex:none!important;height:45vh!important}}"
+STYLE = "".join(
+    files(f"sdm_deflect.cases.{package}").joinpath(name).read_text(encoding="utf-8")
+    for package, name in (("report", "palette.css"), ("view", "style.css"))
 )
 NAMES = """
 const name = () => document.querySelectorAll("[data-name]").forEach((one) => {
@@ -24,41 +23,44 @@ new MutationObserver(name).observe(document.body, { subtree: true, childList: tr
 name();
 """
 """Gives inputs the names that the library of the page does not hand on to them."""
+SCHEME = """
+const scheme = matchMedia("(prefers-color-scheme: dark)");
+const tell = () => trame.state.set("dark", scheme.matches);
+scheme.addEventListener("change", tell);
+tell();
+"""
+"""Tells whether the browser prefers dark colours: what the library and the scene draw knows nothing of style sheets."""
 TURNS = (
     ("left", "\N{LEFTWARDS ARROW}", -1, 0), ("right", "\N{RIGHTWARDS ARROW}", 1, 0),
     ("up", "\N{UPWARDS ARROW}", 0, 1), ("down", "\N{DOWNWARDS ARROW}", 0, -1),
 )  # fmt: skip
 """Buttons that turn the picture: name, sign, and by how many steps about the vertical and upwards."""
-PANEL = "width:384px;min-width:384px;height:100vh;overflow-y:auto;border-right:1px solid #ddd;background:#fafafa"
-HEADING = "font:600 11px sans-serif;letter-spacing:.04em;color:#555;margin:9px 0 2px"
-SMALL = "font:12px/1.45 sans-serif;color:#444"
+HEADING = "font:600 11px sans-serif;letter-spacing:.04em;color:var(--soft);margin:9px 0 2px"
+SMALL = "font:12px/1.45 sans-serif"
 NUMBER = "text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums"
-BOX = "font:13px/1.4 sans-serif;color:#111;margin-top:6px;padding:5px 10px;border-radius:3px;border-left:5px solid "
-NOTES = {
-    "success": "#2e7d32;background:#e6f2e6",
-    "warning": "#e69f00;background:#fdf3dc",
-    "error": "#b00020;background:#fbe4e7",
-}
-"""Border and background of a message; its text is always dark and says the same in words."""
+BOX = "font:13px/1.4 sans-serif;margin-top:6px;padding:5px 10px;border-radius:3px;border-left:5px solid "
+NOTES = {kind: f"var(--{kind});background:var(--{kind}-ground)" for kind in ("success", "warning", "error")}
+"""Border and background of a message; its text says the same in words."""
 NAMED = [("data_name", "data-name")]
 TYPED = "[$event.target.value]"
 PLAIN = "text-transform:none;letter-spacing:normal"
-KEY = "position:absolute;right:12px;bottom:10px;max-width:244px;background:#ffffffd9;padding:6px 10px;" + SMALL
+KEY = "position:absolute;right:12px;bottom:10px;max-width:244px;background:var(--veil);padding:6px 10px;" + SMALL
 
 
 def lay_out(server: Any, window: Any, actions: Any) -> Any:
     """Lay the page out and return the view; `actions` are what its buttons call."""
-    with VAppLayout(server), html.Div(style="display:flex;height:100vh;width:100vw;overflow:hidden", id="page"):
+    with VAppLayout(server, theme=(_either("dark", "light"),)), html.Div(id="page"):
         client.Style(STYLE)
         client.Script(NAMES)
-        with html.Main(style=PANEL, id="panel"), html.Div(style="padding:10px 18px"):
+        client.Script(SCHEME)
+        with html.Main(id="panel"), html.Div(style="padding:10px 18px"):
             html.H1("{{ run_title }}", style="font:600 17px/1.3 sans-serif", id="title")
             html.Div("{{ run_facts }}", style=SMALL + ";margin-top:4px")
             _angle(actions.accept)
             _numbers()
             _section(actions.face, actions.worst)
             _shown()
-        with html.Div(style="flex:1;position:relative;min-width:0;height:100vh", id="stage"):
+        with html.Div(id="stage"):
             view = vtk.VtkLocalView(window, ref="view", id="view", after_scene_loaded=actions.loaded)
             _key()
             with html.Div(style="position:absolute;left:12px;top:10px;display:flex;gap:4px", id="turns"):
@@ -68,10 +70,15 @@ def lay_out(server: Any, window: Any, actions: Any) -> Any:
     return view
 
 
+def _either(dark: str, light: str) -> str:
+    """Return the expression of one of two names, as the browser prefers dark colours or not."""
+    return f"dark ? '{dark}' : '{light}'"
+
+
 def _turn(text: str, click: Any, key: str, label: str | None = None) -> None:
     """A button on the picture."""
     named = {"aria_label": label} if label else {}
-    style = "background:#fff;min-width:30px;" + PLAIN
+    style = "background:var(--ground);min-width:30px;" + PLAIN
     vuetify3.VBtn(text, click=click, size="small", variant="outlined", id=key, style=style, **named)
 
 
@@ -80,7 +87,7 @@ def _angle(accept: Any) -> None:
     html.Div("DEFLECTION", style=HEADING)
     with html.Div(style="display:flex;gap:12px;align-items:center"):
         with html.Div(style="flex:1;min-width:0"):
-            _slider("angle", "deflection angle", "blue-darken-3")
+            _slider("angle", "deflection angle", _either("blue-lighten-2", "blue-darken-3"))
             html.Div(style=("band",), title=("band_text",))
         with html.Div(style="width:104px", data_name="deflection angle, typed", __properties=NAMED):
             vuetify3.VTextField(
@@ -110,7 +117,7 @@ def _slider(name: str, label: str, colour: str) -> None:
             min=(f"{name}_low",),
             max=(f"{name}_high",),
             step=(f"{name}_step",),
-            color=colour,
+            color=(colour,),
             density="compact",
             hide_details=True,
             id=name,
@@ -120,7 +127,7 @@ def _slider(name: str, label: str, colour: str) -> None:
 def _numbers() -> None:
     """The table of numbers and the histogram."""
     with html.Table(style=SMALL + ";width:100%;border-collapse:collapse;margin-top:6px"):
-        with html.Tr(v_for="row in facts", key="row.id", style="border-bottom:1px solid #e4e4e4"):
+        with html.Tr(v_for="row in facts", key="row.id", style="border-bottom:1px solid var(--line)"):
             html.Td("{{ row.name }}", style="padding:1px 0;white-space:pre")
             html.Td("{{ row.value }}", id=("row.id",), style=NUMBER)
         with html.Tr():
@@ -140,7 +147,7 @@ def _section(face: Any, worst: Any) -> None:
             for axis in ("x", "y", "z"):
                 vuetify3.VBtn(axis, value=axis, size="small", style="text-transform:none", id=f"axis-{axis}")
         with html.Div(style="flex:1;min-width:0"):
-            _slider("position", "position of the section", "grey-darken-2")
+            _slider("position", "position of the section", _either("grey-lighten-1", "grey-darken-2"))
     with html.Div(style="display:flex;gap:6px;align-items:center;" + SMALL):
         place = "{{ axis }} = {{ (length_factor * position).toFixed(decimals) }}{{ length_unit }}"
         html.Div(place, style="flex:1;white-space:nowrap")
@@ -179,9 +186,9 @@ def _key() -> None:
     """The key to the colours."""
     with html.Div(style=KEY, id="key"):
         html.Div("{{ key_title }}", id="key-title")
-        html.Div(style=("key_bar",))
+        html.Div(style=("key_bar",), id="key-bar")
         with html.Div(style="display:flex;justify-content:space-between"):
             html.Span("{{ end }}", v_for="(end, i) in key_ends", key="i")
         with html.Div():
-            html.Span(style="display:inline-block;width:10px;height:10px;background:#d50000;border:1px solid #000")
+            html.Span(id="key-inverted")
             html.Span(" inverted cells")

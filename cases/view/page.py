@@ -35,9 +35,10 @@ SWITCHES = {"show_box": "box", "show_outline": "outline", "show_centres": "centr
 OBLIQUE = {0: (1.0, 0.5, 0.4), 1: (0.75, 1.0, 0.55), 2: (0.6, 0.9, 0.9)}
 """Where the eye is, for each axis of the section: outboard, aft and above."""
 ENDED = (
+    '<div style="position:fixed;inset:0;overflow:auto;color-scheme:light dark;background:Canvas;color:CanvasText">'
     '<main role="alert" style="max-width:36rem;margin:20vh auto;padding:0 1rem;font:16px/1.5 sans-serif">'
     "<h1 style='font-size:22px'>sdm view has ended</h1><p>The command that served this page was ended, or its machine "
-    "cannot be reached. Start <code>sdm view</code> again and open the address that it prints.</p></main>"
+    "cannot be reached. Start <code>sdm view</code> again and open the address that it prints.</p></main></div>"
 )
 """What the page shows without its server."""
 TURN, STEEPEST = 15.0, 85.0
@@ -166,12 +167,12 @@ class Page:
             {"position": wish.position, "elapsed": "–", "show_sectioned": wish.sectioned, "show_cut": wish.cut}
         )
         state.colour = wish.colour
-        state.update({"show_box": True, "show_outline": True, "show_centres": False})
+        state.update({"show_box": True, "show_outline": True, "show_centres": False, "dark": False})
         self._aim(OBLIQUE[AXES.index(wish.axis)])
         self._switch()
         self.view = lay_out(self.server, self.control.scene.window, self)
         self.server.controller.on_client_connected.add(self._connected)
-        state.change(*INPUTS, *SWITCHES)(self._changed)
+        state.change(*INPUTS, *SWITCHES, "dark")(self._changed)
 
     def loaded(self) -> None:
         """Send the first camera to a browser that shows its first picture; later ones keep their own."""
@@ -295,6 +296,7 @@ class Page:
     def _switch(self) -> None:
         for switch, name in SWITCHES.items():
             self.control.scene.actors[name].SetVisibility(bool(self.server.state[switch]))
+        self.control.scene.darken(bool(self.server.state.dark))
 
     def _ranges(self, wish: Wish) -> dict[str, Any]:
         """Return the ends of the sliders and the band of verified angles."""
@@ -302,7 +304,8 @@ class Page:
         low, high = self.control.reach(wish.axis)
         ends = np.array([verified.low, verified.high])
         start, end = 100.0 * (ends - possible.low) / (possible.high - possible.low)
-        band = f"#ccc {start:.1f}%,#2e7d32 {start:.1f}%,#2e7d32 {end:.1f}%,#ccc {end:.1f}%"
+        rest, good = "var(--range)", "var(--success)"
+        band = f"{rest} {start:.1f}%,{good} {start:.1f}%,{good} {end:.1f}%,{rest} {end:.1f}%"
         return {
             "angle_low": possible.low,
             "angle_high": possible.high,

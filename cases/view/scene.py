@@ -29,6 +29,12 @@ class Look:
     opacity: float = 1.0
 
 
+GROUNDS = ((1.0, 1.0, 1.0), (0.086, 0.094, 0.106))
+"""Of the picture, light and dark."""
+LINES = {"box": ((0.8, 0.0, 0.8), (1.0, 0.4, 1.0)), "outline": ((0.1, 0.1, 0.1), (1.0, 1.0, 1.0))}
+"""Colours of what is drawn on the ground, light and dark."""
+BRIGHTNESS = {"section": (1.0, 0.77), "around": (1.0, 0.77)}
+"""Of what would dazzle on a dark ground, light and dark; the page's style sheet has the same for the key."""
 DARK, GREY = (0.2, 0.2, 0.2), (0.62, 0.63, 0.65)
 LOOKS = {
     "body": Look(edge=(0.7, 0.71, 0.73), ambient=0.45),
@@ -38,8 +44,8 @@ LOOKS = {
     "loose": Look((0.34, 0.71, 0.91), width=4.0, ambient=1.0),
     "inverted": Look((0.84, 0.0, 0.0), (0.45, 0.0, 0.0), ambient=1.0),
     "marks": Look((0.84, 0.0, 0.0), width=9.0, ambient=1.0),
-    "box": Look((0.8, 0.0, 0.8), width=2.0, ambient=1.0),
-    "outline": Look((0.1, 0.1, 0.1), width=1.5, ambient=1.0),
+    "box": Look(LINES["box"][0], width=2.0, ambient=1.0),
+    "outline": Look(LINES["outline"][0], width=1.5, ambient=1.0),
     "centres": Look((0.84, 0.37, 0.0), width=5.0, ambient=1.0),
 }
 
@@ -56,7 +62,7 @@ class Scene:
         # Scenes are sent without a camera of this kind: the browser keeps its own when the mesh moves.
         registry.register_instance_serializer("vtkExternalOpenGLCamera", lambda *_: None)
         self.renderer.SetActiveCamera(vtkExternalOpenGLCamera())
-        self.renderer.SetBackground(1.0, 1.0, 1.0)
+        self.renderer.SetBackground(*GROUNDS[0])
         self.window.AddRenderer(self.renderer)
         for name, look in LOOKS.items():
             self.actors[name] = _actor(look)
@@ -73,6 +79,16 @@ class Scene:
         """Show no longer what these actors show."""
         for name in names:
             self.actors[name].SetVisibility(False)
+
+    def darken(self, dark: bool) -> None:
+        """Draw on a dark ground, or on a light one."""
+        self.renderer.SetBackground(*GROUNDS[dark])
+        for name, colours in LINES.items():
+            shown = self.actors[name].GetProperty()
+            shown.SetColor(*colours[dark])
+            shown.SetAmbientColor(*colours[dark])
+        for name, share in BRIGHTNESS.items():
+            self.actors[name].GetProperty().SetAmbient(share[dark])
 
     def look(self, focus: FloatArray, towards: FloatArray, height: float, up: Direction = (1.0, 0.0, 0.0)) -> None:
         """Put the eye so that a `height` around the focus (3,) fills the picture, seen from a direction (3,).

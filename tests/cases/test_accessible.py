@@ -47,6 +47,7 @@ def tab(browser):
 def test_a_page_of_the_guide(guide, tab, page):
     tab.goto((guide / f"{page}.html").as_uri())
     assert grave(tab) == {}
+    assert tab.evaluate("[...document.images].filter((one) => !one.naturalWidth).map((one) => one.src)") == []
     assert tab.asked == []
 
 

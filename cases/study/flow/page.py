@@ -145,4 +145,4 @@ def _convergence(results: Results) -> str:
     if not left:
         return what + " of each coefficient that decides."
     names = ", ".join(f"{one.name} at {one.angle:+g} deg by {one.change:.1e}" for one in left)
-    return what + f", but not all: {names}. Go on with more --iterations in the same folder."
+    return what + f", but not all: {names}. Go on with more iterations in the same folder."

@@ -23,7 +23,7 @@ from PIL import Image
 
 from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.view.serve import CONNECTIONS
-from tests.cases.accessible import grave
+from tests.cases.accessible import found, grave, rules
 
 pytestmark = pytest.mark.mesher
 GENEROUS = 60_000.0  # ms; a loaded machine without a graphics card
@@ -119,6 +119,14 @@ def settled(page):
             break
         last = now
     return now
+
+
+def ground(page):
+    """The colour (3,) in the lower left corner of the drawing, where no mesh is at first."""
+    box = page.locator("canvas").first.bounding_box()
+    clip = {"x": box["x"] + 20, "y": box["y"] + box["height"] - 60, "width": 40, "height": 40}
+    image = Image.open(BytesIO(page.screenshot(clip=clip))).convert("RGB")
+    return tuple(np.median(np.asarray(image).reshape(-1, 3), axis=0))
 
 
 def trailing_edge(page):
@@ -410,6 +418,23 @@ def test_the_page_is_for_everyone(page):
     finally:
         page.emulate_media(color_scheme="light")
         page.set_viewport_size({"width": 1280, "height": 800})
+
+
+def test_the_page_follows_the_colours_of_the_browser(page):
+    """At once, both ways; what has been set stays."""
+    to(page, "4", "Verified")
+    page.locator("#fit").click()
+    wait_until(lambda: ground(page) == (255, 255, 255), "the picture has no white ground")
+    page.emulate_media(color_scheme="dark")
+    try:
+        wait_until(lambda: ground(page) == (22, 24, 27), "the ground of the picture stays light")
+        assert found(page, rules("color-contrast")) == []
+        assert page.locator(".v-theme--light").count() == 0
+        assert page.locator("#shown").inner_text() == "+4\N{DEGREE SIGN}"
+    finally:
+        page.emulate_media(color_scheme="light")
+    wait_until(lambda: ground(page) == (255, 255, 255), "the ground of the picture stays dark")
+    assert page.locator(".v-theme--dark").count() == 0
 
 
 def test_buttons_turn_the_picture(page):
