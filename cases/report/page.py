@@ -2,6 +2,7 @@
 
 from base64 import b64encode
 from collections.abc import Iterable, Iterator
+from functools import partial
 from hashlib import sha256
 from importlib.resources import files
 from io import BytesIO
@@ -21,6 +22,10 @@ from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.reading import damaged
 
 HERE = "sdm_deflect.cases.report"
+LARGEST = 4_000_000
+"""Bytes of a page."""
+SHARES = (1.0, 0.7, 0.5, 0.35)
+"""Width of its pictures, by their own: the first with which the page is small enough."""
 
 
 def write_report(data: ReportData, gallery: Gallery, folder: Path) -> None:
@@ -36,7 +41,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
     library, viewer = read("plotly", "package_data", "plotly.min.js"), read(HERE, "viewer.js")
     loader = PackageLoader(HERE, ".")
     jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    jinja.filters |= {"inline": inline, "pixels": pixels, "meaning": meaning, "kernel": kernel_text}
+    jinja.filters |= {"pixels": pixels, "meaning": meaning, "kernel": kernel_text}
     shown = {
         "data": data,
         "figures": data.figures,
@@ -54,10 +59,16 @@ def page(data: ReportData, gallery: Gallery) -> str:
         "policy": policy([library, viewer]),
     }
     with damaged(Path("metrics.json"), "table of a run's figures"):
-        try:
-            return jinja.get_template("page.html").render(shown, qualities=list(qualities(data)))
-        except TemplateError as error:
-            raise InputError(f"{error}") from error
+        shown["qualities"] = list(qualities(data))
+        for share in SHARES:
+            jinja.filters["inline"] = partial(inline, share=share)
+            try:
+                text = jinja.get_template("page.html").render(shown)
+            except TemplateError as error:
+                raise InputError(f"{error}") from error
+            if len(text.encode()) <= LARGEST:
+                break
+    return text
 
 
 def qualities(data: ReportData) -> Iterator[tuple[str, str, Quality | Json]]:
@@ -91,11 +102,14 @@ def read(package: str, *name: str) -> Markup:
     return Markup(files(package).joinpath(*name).read_text(encoding="utf-8").replace("\r\n", "\n"))
 
 
-def inline(exhibit: Exhibit) -> str:
-    """Return a picture as the address of itself, in the format that is smallest without a loss."""
+def inline(exhibit: Exhibit, share: float = 1.0) -> str:
+    """Return a picture, of a share of its width, as the address of itself; without a loss in the smallest format."""
     smaller = BytesIO()
     with Image.open(exhibit.path) as image:
-        image.convert("RGB").save(smaller, "webp", lossless=True)
+        shown = image.convert("RGB")
+        if share < 1.0:
+            shown.thumbnail((share * image.width, share * image.height))
+        shown.save(smaller, "webp", lossless=True)
     return "data:image/webp;base64," + b64encode(smaller.getvalue()).decode("ascii")
 
 

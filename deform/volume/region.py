@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Zone
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Patch, Zone
 from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.volume.boundary import SAME, Amounts, Boundary
 from sdm_deflect.deform.volume.box import Chosen, Scene
@@ -172,18 +172,25 @@ def _check_clear(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray) -
                 own = own[~_in_plane(mesh.points[own], section, tol)]
         within = own[hexahedron.contains(mesh.points[own], -tol)]
         shared = np.intersect1d(patch.nodes, boundary.nodes, assume_unique=True)
-        remedy = f"name it in fixed or slide ({patch.name}:plane)"
         if len(within):
             raise InputError(
                 f"{mesh.name}: the box contains {len(within)} of {len(patch.nodes)} nodes of {patch.name}"
                 + (f" ({len(shared)} shared with the moving surface)" if len(shared) else "")
-                + f", which must not move; {f'{remedy}, or ' if job.near_wall else ''}take a smaller box "
-                f"({job.box.settings})"
+                + f", which must not move; {f'{_remedy(mesh, patch, tol)}, or ' if job.near_wall else ''}take a "
+                f"smaller box ({job.box.settings})"
             )
         if len(shared) and patch.name not in boundary.declared:
             raise InputError(
-                f"{mesh.name}: {len(shared)} nodes of the moving surface also belong to {patch.name}; {remedy}"
+                f"{mesh.name}: {len(shared)} nodes of the moving surface also belong to {patch.name}; "
+                f"{_remedy(mesh, patch, tol)}"
             )
+
+
+def _remedy(mesh: Mesh, patch: Patch, tol: float) -> str:
+    """Say how to declare a patch: a plane one may slide as well."""
+    points = mesh.points[patch.nodes]
+    plane = np.linalg.matrix_rank(points - points[0], tol) < 3
+    return f"name it in fixed{f' or slide ({patch.name}:plane)' if plane else ''}"
 
 
 def _check_interfaces(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray, zones: tuple[Zone, ...]) -> None:

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from sdm_deflect.cases.report.offscreen import rendering
-from sdm_deflect.cases.report.page import page, write_report
+from sdm_deflect.cases.report.page import LARGEST, page, write_report
 from sdm_deflect.cases.report.pictures import Gallery, drawn
 from sdm_deflect.cases.report.scene3d import triangles_of
 from sdm_deflect.cases.report.turnable import thinned, turnable
@@ -21,6 +21,7 @@ from sdm_deflect.cases.sdm.report import report_data_of, report_data_of_folder
 from sdm_deflect.deform.quality import mean_ratio
 
 EVIL = "</script><script>document.title='broken'</script><img src=x onerror=\"document.title='broken'\">"
+PICTURE = re.compile(r"data:image/webp;base64,([\w+/=]+)")
 DRAWN = "#turnable[data-state={}]"
 
 pytestmark = pytest.mark.mesher
@@ -42,9 +43,27 @@ def changed(before, after):
     return np.count_nonzero(np.abs(before - after).max(axis=2) > 24)
 
 
+@pytest.mark.parametrize("name", ["aileron_run", "tail_run", "chimera_run"])
+def test_a_page_is_small(name, request):
+    _, folder = request.getfixturevalue(name)
+    assert (folder / "report.html").stat().st_size <= LARGEST == 4_000_000
+
+
+def test_pictures_shrink_where_the_page_would_be_too_large(aileron_run, tmp_path, monkeypatch):
+    data = data_of(aileron_run[0])
+    gallery = drawn(data, tmp_path)
+    whole = page(data, gallery)
+    monkeypatch.setattr("sdm_deflect.cases.report.page.LARGEST", len(whole.encode()) - 1)
+    small = page(data, gallery)
+    assert len(small) < len(whole)
+    sizes = [[Image.open(BytesIO(b64decode(one))).width for one in PICTURE.findall(text)] for text in (whole, small)]
+    assert sizes[1] == [pytest.approx(0.7 * width, abs=1) for width in sizes[0]]
+    places = [re.findall(r'width="\d+" height="\d+"', text) for text in (whole, small)]
+    assert places[0] == places[1]
+
+
 def test_page_is_offline_complete_and_turnable(aileron_run, opened):
     run, folder = aileron_run
-    assert (folder / "report.html").stat().st_size < 4e6
     tab, asked, complaints = opened(folder / "report.html")
     rows = tab.locator("#verdict-table tbody tr")
     assert rows.count() == len(run.checks)
