@@ -103,13 +103,13 @@ def read(package: str, *name: str) -> Markup:
 
 
 def inline(exhibit: Exhibit, share: float = 1.0) -> str:
-    """Return a picture, of a share of its width, as the address of itself; without a loss in the smallest format."""
+    """Return a picture, of a share of its width, as the address of itself; without a loss if it is whole."""
     smaller = BytesIO()
     with Image.open(exhibit.path) as image:
         shown = image.convert("RGB")
         if share < 1.0:
             shown.thumbnail((share * image.width, share * image.height))
-        shown.save(smaller, "webp", lossless=True)
+        shown.save(smaller, "webp", lossless=share == 1.0)
     return "data:image/webp;base64," + b64encode(smaller.getvalue()).decode("ascii")
 
 

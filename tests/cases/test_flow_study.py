@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import sys
+from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +15,20 @@ from sdm_deflect.cases.flow.forces import Forces
 from sdm_deflect.cases.flow.setup import FreeStream
 from sdm_deflect.cases.progress import Silent, Stopwatch
 from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.study.flow.members import cad_turns, fresh_members, moved_meshes, study_of
+from sdm_deflect.cases.study.flow.members import (
+    DEFLECTED,
+    FRESH,
+    REPAIRED,
+    Member,
+    cad_turns,
+    fresh_members,
+    moved_meshes,
+    study_of,
+)
 from sdm_deflect.cases.study.flow.results import Increment, Value, fresh_increments, results_of
-from sdm_deflect.cases.study.flow.solve import FOLDER, carried_out, standing
+from sdm_deflect.cases.study.flow.solve import FOLDER, carried_out, computed, seconds_of, standing
 from sdm_deflect.cases.study.flow.trend import Slope
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, LostError
 from sdm_deflect.deform.progress import silent
 from sdm_deflect.geometry.aircraft import build
 from tests.cases.foam import needed
@@ -87,6 +97,27 @@ def test_the_study_goes_on_where_it_stopped_and_refuses_other_settings(flow):
     other = replace(study, stream=FreeStream(0.5))
     with pytest.raises(InputError, match=r"holds a study with mach = 0.6, not 0.5; name another folder"):
         carried_out(other, out.parent / "more", Stopwatch(Silent()))
+
+
+def test_a_poor_mesh_on_which_the_solver_ends_is_left_out_beside_a_repaired_one():
+    def ended_with(error):
+        one = Future()
+        one.set_exception(error) if error else one.set_result(None)
+        return one
+
+    poor, repaired, fresh = Member(DEFLECTED, 20.0), Member(REPAIRED, 20.0), Member(FRESH, 20.0, 1)
+    lost = LostError("rhoCentralFoam ended with code -8")
+    assert set(computed({ended_with(lost): poor, ended_with(None): repaired})) == {repaired}
+    with pytest.raises(LostError):
+        list(computed({ended_with(lost): poor, ended_with(None): fresh}))
+    with pytest.raises(LostError):
+        list(computed({ended_with(None): poor, ended_with(lost): repaired}))
+
+
+def test_processor_time_is_known_of_a_study_that_was_killed(flow, tmp_path):
+    cases = [flow[1] / FOLDER / name for name in ("undeflected", "-12-deflected")]
+    assert all(seconds_of([case]) > 0.0 for case in cases)
+    assert seconds_of([*cases, tmp_path]) == seconds_of(cases[:1]) + seconds_of(cases[1:])
 
 
 def test_without_openfoam_it_says_so(monkeypatch, tmp_path, capsys):
@@ -192,6 +223,6 @@ def test_results_need_forces(tmp_path):
 
 
 def carried_members(study):
-    from sdm_deflect.cases.study.flow.members import UNDEFLECTED, Member
+    from sdm_deflect.cases.study.flow.members import UNDEFLECTED
 
     return (Member(UNDEFLECTED), *fresh_members(study))

@@ -12,7 +12,16 @@ from sdm_deflect.cases.output import output_files
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.study.flow.members import DEFLECTED, FRESH, REPAIRED, FlowStudy, Member
 from sdm_deflect.cases.study.flow.pictures import LABELS, curves, pressures, settling
-from sdm_deflect.cases.study.flow.results import ALLOWED, CONVERGED, LAST, WINDOW, Increment, Results, results_of
+from sdm_deflect.cases.study.flow.results import (
+    ALLOWED,
+    CONVERGED,
+    LAST,
+    WINDOW,
+    Increment,
+    Results,
+    judged,
+    results_of,
+)
 from sdm_deflect.cases.study.flow.solve import FOLDER, seconds_of
 from sdm_deflect.cases.study.flow.trend import slopes_of
 from sdm_deflect.geometry.reference_values import reference_values, surface_reference
@@ -107,6 +116,11 @@ def _sections(results: Results, spent: str) -> Iterator[str]:
     )
     yield verdict
     yield _convergence(results)
+    if poor := [f"{one.angle:+g}" for one in results.of(judged(study)[0]) if one.deflected is None]:
+        yield (
+            f"At {', '.join(poor)} degrees no flow could be computed on the mesh without repair: cells are inverted, "
+            "or the solver ends with an error."
+        )
     for name, slope in slopes_of(results).items():
         if any(one.judged for one in results.of(name)):
             yield (

@@ -3,7 +3,7 @@
 import json
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -18,6 +18,8 @@ from sdm_deflect.cases.flow.setup import Setup
 from sdm_deflect.cases.flow.solver import lines, needed
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.cases.study.flow.members import (
+    DEFLECTED,
+    REPAIRED,
     UNDEFLECTED,
     FlowStudy,
     Member,
@@ -28,7 +30,7 @@ from sdm_deflect.cases.study.flow.members import (
     write_member,
 )
 from sdm_deflect.cases.study.flow.results import judged, values_of
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.errors import InputError, LostError
 from sdm_deflect.deform.mesh import FloatArray
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.meshing.files import replacing
@@ -43,7 +45,8 @@ TOLD, SEEN = 10, 50
 def carried_out(study: FlowStudy, folder: Path, watch: Stopwatch) -> tuple[Member, ...]:
     """Make all members of a study in `folder`, and compute their flows; what is there already is kept.
 
-    Raises InputError if OpenFOAM is not found, or `folder` has a study with other settings.
+    Raises InputError if OpenFOAM is not found, or `folder` has a study with other settings; LostError if the solver
+    ends with an error, but for a mesh without repair beside a repaired one: it is no member then.
     """
     needed(SOLVER)
     check_settings(study, folder)
@@ -56,13 +59,29 @@ def carried_out(study: FlowStudy, folder: Path, watch: Stopwatch) -> tuple[Membe
         fresh = [(member, fresh_mesh(study, member, watch)) for member in fresh_members(study)]
         moved = list(moved_meshes(study, mesh, progress))
         base.result()
-        begun = []
+        begun = {}
         for member, own in (*moved, *fresh):
             begin(study, member, own, (cases / first.name, mesh), cases)
-            begun.append(solvers.begin(member))
-        for one in as_completed(begun):
+            begun[solvers.begin(member)] = member
+        there = tuple(computed(begun))
+    return (first, *(member for member in begun.values() if member in there))
+
+
+def computed(begun: Mapping[Any, Member]) -> Iterator[Member]:
+    """Yield the members whose flow is computed, as they end.
+
+    Without repair a mesh can be so poor that the solver ends on it: it is then left out where a repaired one is there.
+    """
+    repaired = [member.angle for member in begun.values() if member.kind == REPAIRED]
+    for one in as_completed(begun):
+        member = begun[one]
+        try:
             one.result()
-    return (first, *(member for member, _ in moved), *(member for member, _ in fresh))
+        except LostError:
+            if member.kind != DEFLECTED or member.angle not in repaired:
+                raise
+        else:
+            yield member
 
 
 def begin(study: FlowStudy, member: Member, mesh: TetMesh, base: tuple[Path, TetMesh], cases: Path) -> None:
@@ -160,17 +179,18 @@ def solve(case: Path, setup: Setup, tell: Callable[[int], None]) -> None:
         tell(done)
         return
     write_settings(case, setup, fields=False)
-    spent = 0.0
+    before, kept = seconds_of([case]), False
     for line in lines(SOLVER, case):
-        if (found := TIME.match(line)) and int(found[1]) % TOLD == 0:
-            tell(int(found[1]))
-        elif used := USED.match(line):
-            spent = float(used[1])
-    path = case / SECONDS
-    before = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else 0.0
-    path.write_text(json.dumps(before + spent), encoding="utf-8")
+        if found := TIME.match(line):
+            kept = int(found[1]) % TOLD == 0 or int(found[1]) == setup.iterations
+            if kept:
+                tell(int(found[1]))
+        elif kept and (used := USED.match(line)):  # as it goes, for a study that is killed
+            with replacing(case / SECONDS) as beside:
+                beside.write_text(json.dumps(before + float(used[1])), encoding="utf-8")
 
 
 def seconds_of(cases: Iterable[Path]) -> float:
-    """Return the processor seconds that the solvers of some cases took together."""
-    return float(sum(json.loads((case / SECONDS).read_text(encoding="utf-8")) for case in cases))
+    """Return the processor seconds that the solvers of some cases took together, as far as they are known."""
+    paths = [case / SECONDS for case in cases]
+    return float(sum(json.loads(path.read_text(encoding="utf-8")) for path in paths if path.is_file()))
