@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import sdm_deflect
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.docs.commands import ROOT
 
@@ -35,19 +36,20 @@ def test_the_example_of_the_guide(naca, monkeypatch, capsys):
 
 
 def test_the_python_of_the_readme_runs_as_pasted_after_its_example(naca):
-    (code,) = re.findall(
-        r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
-    )
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     subprocess.run([sys.executable, "-c", code], cwd=naca.parent, check=True)
-    old, new = (format_of(naca.with_name(name)).read(naca.with_name(name)) for name in ("naca.su2", "naca-10.cgns"))
-    assert np.abs(new.points - old.points).max() > 0.04
+    old, new = (format_of(path).read(path) for path in (naca.with_suffix(".su2"), naca.with_name("naca-10.cgns")))
+    moved = new.points - old.points
+    assert moved[np.abs(moved).max(axis=1).argmax(), 2] > 0.04
 
 
 def test_a_positive_angle_is_trailing_edge_down_as_the_readme_says(naca):
     """x aft, z up, the hinge's points in order of growing y."""
-    words = "--surface flap --fixed wing --slide symmetry:plane --motion blended --angle 5 --no-report -q".split()
-    command = [sys.executable, "-m", "sdm_deflect", "deflect", "naca.su2", *words, "--hinge", "0.7,0.6,0", "0.7,1.4,0"]
-    subprocess.run(command, cwd=naca.parent, check=True, stdout=subprocess.DEVNULL)
-    old, new = (format_of(path).read(path) for path in (naca.with_suffix(".su2"), naca.with_name("naca-deflected.su2")))
+    sdm_deflect.deflect(
+        naca, "flap", [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]], angle=5.0, motion="blended", fixed="wing",
+        slide="symmetry:plane",
+    ).save(naca.with_name("down.msh"))  # fmt: skip
+    old, new = (format_of(path).read(path) for path in (naca, naca.with_name("down.msh")))
     moved = new.points - old.points
     assert moved[np.abs(moved).max(axis=1).argmax(), 2] < -0.02
