@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from sdm_deflect.cases.cli import cli, main
+from sdm_deflect.cases.doctor import PACKAGES
 from tests.docs.commands import ROOT, lines_of, mentioned, pages, shown
 
 CI = ".ci/run"
@@ -112,6 +113,12 @@ def test_the_pipeline_reads_packages_and_set_up_from_the_readme():
     assert install == "python3 -m venv .venv && .venv/bin/pip install -e '.[test]'"
     whole = f"apt-get update && apt-get install -y --no-install-recommends {packages} && {install} && "
     assert f"{whole}.venv/bin/python -m pytest{options}" in lines_of(ROOT / "README.md")
+
+
+def test_every_set_up_of_the_readme_asks_for_the_same_packages():
+    asked = [line for line in lines_of(ROOT / "README.md") if "apt-get install" in line]
+    assert len(asked) == 3
+    assert all(f"python3-venv {PACKAGES}" in line for line in asked)
 
 
 def test_the_readme_shows_and_links_what_is_there():
