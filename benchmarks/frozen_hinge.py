@@ -1,0 +1,62 @@
+"""The geometric part of a hinge moment's derivative in a flow study: ``python -m benchmarks.frozen_hinge FOLDER A``.
+
+FOLDER is that of ``sdm study flow``, whose mesh is still in the cache; A is one of its angles. The pressures that the
+solver has left on the deflected mesh are kept while the surface turns on: once by `hinge_moment_rate` and the
+deflection's sensitivity, once by the difference of two deflected meshes.
+"""
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sdm_deflect.cases.flow.frozen import hinge_moment, hinge_moment_rate
+from sdm_deflect.cases.progress import Silent, Stopwatch
+from sdm_deflect.cases.sdm.job import deflected, plans_of
+from sdm_deflect.cases.sdm.registry import resolve
+from sdm_deflect.cases.study.flow.members import DEFLECTED, Member, study_of, undeflected_mesh
+from sdm_deflect.cases.study.flow.pictures import Skin
+from sdm_deflect.cases.study.flow.solve import FOLDER, SETTINGS
+from sdm_deflect.geometry.reference_values import surface_reference
+
+STEP = 0.01
+"""Degrees to either side."""
+
+
+def rates(folder: Path, angle: float) -> tuple[float, float]:
+    """Return dCh per degree at frozen pressures: by the sensitivity, and by a difference."""
+    kept = json.loads((folder / SETTINGS).read_text(encoding="utf-8"))
+    case = replace(resolve(kept["case"], kept["scale"], assignments=kept["set"]), repair="off")
+    study = study_of(case, (angle,))
+    skin = Skin.of(study, folder / FOLDER / Member(DEFLECTED, angle).name)
+    flow = undeflected_mesh(study, Stopwatch(Silent())).as_mesh(case.name)
+    plans = plans_of(study.at(angle), flow)
+    (here,) = deflected(study.at(angle), plans)
+    np.testing.assert_array_equal(here.points, skin.points)  # the mesh whose flow was computed
+    own = skin.own == 1
+    pressure, triangles = study.stream.dynamic_pressure * skin.pressure[own], skin.triangles[own]
+    hinge = next(one for one in study.setup(True).hinges if one.name == study.surface)
+    moments = []
+    for turn in (angle + STEP, angle - STEP):
+        (one,) = deflected(study.at(turn), plans, earlier=(here,))
+        moments.append(hinge_moment(one.points, triangles, pressure, hinge))
+    reference = surface_reference(case.fighter, study.surface)
+    scale = study.stream.dynamic_pressure * reference.area * reference.chord
+    rate = hinge_moment_rate(here.points, here.sensitivity(), triangles, pressure, hinge)
+    return rate / scale, (moments[0] - moments[1]) / (2.0 * STEP) / scale
+
+
+def main() -> None:
+    """Print both."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("angle", type=float)
+    given = parser.parse_args()
+    exact, difference = rates(given.folder, given.angle)
+    print(f"dCh per degree at frozen pressures: {exact:+.6g} by the sensitivity, {difference:+.6g} by a difference")
+
+
+if __name__ == "__main__":
+    main()
