@@ -107,6 +107,11 @@ def _sections(results: Results, spent: str) -> Iterator[str]:
         f"{spent}"
     )
     yield "\n".join(_table(results))
+    if study.fresh > 1 and len(study.angles) > 1:
+        yield (
+            f"Where one mesh alone is made anew, the scatter at {study.angles[0]:+g} degrees counts, in brackets; its "
+            "increment is that from the mean of the undeflected meshes made anew."
+        )
     decided = [one for one in results.judged if not one.agrees]
     verdict = (
         f"All {len(results.judged)} increments that decide agree: the difference to the mean of the meshes made anew "
@@ -144,7 +149,9 @@ def _cells(one: Increment) -> list[str]:
 
     agrees = "" if not (one.fresh and one.judged) else "yes" if one.agrees else "no"
     share = "" if not one.fresh else f"{100.0 * one.share:+.1f} %"
-    scatter = "" if len(one.fresh) < 2 else number(one.scatter)  # one has none
+    scatter = number(one.scatter)
+    if scatter and len(one.fresh) == 1:  # one has none of its own
+        scatter = f"({scatter})"
     middle = [number(one.base), number(one.deflected), number(one.repaired), number(one.expected), scatter]
     return [f"{one.angle:+g}", one.name, *middle, number(one.difference), share, agrees, number(one.amplitude)]
 

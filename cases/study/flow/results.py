@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,7 @@ class Increment:
     fresh : increments of the meshes made anew, each from an undeflected one made anew; see `fresh_increments`.
     change : largest change of an average over the last iterations, of all these.
     judged : whether the control surface is there to change it.
+    elsewhere : scatter at the study's first angle, which counts where one mesh alone is made anew; nan without one.
     """
 
     angle: float
@@ -67,6 +69,7 @@ class Increment:
     change: float
     amplitude: float
     judged: bool
+    elsewhere: float = nan
 
     @property
     def own(self) -> float:
@@ -78,12 +81,14 @@ class Increment:
     @property
     def expected(self) -> float:
         """Mean over the meshes made anew; without any, nan."""
-        return float(np.mean(self.fresh)) if self.fresh else float("nan")
+        return float(np.mean(self.fresh)) if self.fresh else nan
 
     @property
     def scatter(self) -> float:
-        """Largest distance of a mesh made anew from their mean."""
-        return max((abs(one - self.expected) for one in self.fresh), default=float("nan"))
+        """Largest distance of a mesh made anew from their mean; of a single one that at the first angle."""
+        if len(self.fresh) == 1:
+            return self.elsewhere
+        return max((abs(one - self.expected) for one in self.fresh), default=nan)
 
     @property
     def difference(self) -> float:
@@ -98,7 +103,7 @@ class Increment:
     @property
     def agrees(self) -> bool:
         """Whether the difference is within the scatter, or within 2 % of the increment."""
-        return bool(abs(self.difference) <= max(self.scatter, ALLOWED * abs(self.expected)))
+        return bool(abs(self.difference) <= np.fmax(self.scatter, ALLOWED * abs(self.expected)))
 
     @property
     def converged(self) -> bool:
@@ -156,6 +161,7 @@ def _increments(study: FlowStudy, values: Mapping[Member, Mapping[str, Value]]) 
     base = values[Member(UNDEFLECTED)]
     undeflected = [own for member, own in values.items() if member.kind == FRESH and not member.angle]
     decisive = judged(study)
+    scatter: dict[str, float] = {}
     for angle in study.angles:
         there = {member: own for member, own in values.items() if member.angle == angle and member.kind != UNDEFLECTED}
         for name, start in base.items():
@@ -166,7 +172,7 @@ def _increments(study: FlowStudy, values: Mapping[Member, Mapping[str, Value]]) 
             moved = [next((own.mean - start.mean for own in found[kind]), None) for kind in (DEFLECTED, REPAIRED)]
             bases = [own[name] for own in undeflected] or [start]
             used = [start, *(bases if found[FRESH] else ()), *(own[name] for own in there.values())]
-            yield Increment(
+            one = Increment(
                 angle=angle,
                 name=name,
                 base=start.mean,
@@ -176,7 +182,10 @@ def _increments(study: FlowStudy, values: Mapping[Member, Mapping[str, Value]]) 
                 change=max(one.change for one in used),
                 amplitude=max(one.amplitude for one in used),
                 judged=name in decisive,
+                elsewhere=scatter.get(name, nan),
             )
+            scatter.setdefault(name, one.scatter)
+            yield one
 
 
 def fresh_increments(deflected: Sequence[float], undeflected: Sequence[float]) -> tuple[float, ...]:
