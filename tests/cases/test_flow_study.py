@@ -80,7 +80,7 @@ def test_an_aileron_up_on_the_left_side_takes_lift_and_rolls_to_the_left(flow):
 def test_progress_says_where_the_lift_stands(flow):
     study = study_of(case_named("aileron"), fresh=1, iterations=50)
     said = standing(study, flow[1] / FOLDER / "-12-deflected")
-    assert re.fullmatch(r" \(CL -0\.\d{4}, changing by \de-\d\d\)", said)
+    assert re.fullmatch(r" \(CL [+-]\d\.\d{4}, changing by \de[+-]\d\d\)", said)
 
 
 def test_the_study_goes_on_where_it_stopped_and_refuses_other_settings(flow):
