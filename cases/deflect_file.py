@@ -180,7 +180,7 @@ def plan_figures(plan: Plan, flow: "FlowCase | None" = None) -> Json:
         "box": {"corners": region.hexahedron.corners.tolist(), "why": region.box.why, "inside": len(region.inside)},
         "sites": {"surface": len(sites.distinct), "fixed": len(sites.sampled), "tolerance": sites.tolerance},
         "cells_touched": plan.touched.count,
-        "farthest": {name: vector.tolist() for name, vector in farthest(plan)},
+        "farthest": {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan)},
         "notes": list(notes_of(plan)),
         **({"case": flow.figures(plan)} if flow else {}),
     }

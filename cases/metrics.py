@@ -141,18 +141,18 @@ def notes_of(plan: Plan) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray]]:
-    """Yield each surface's name and the displacement (3,) of its node that moves farthest, at the largest angle."""
-    for surface, move in plan.boundary.farthest(plan.job.amounts_at(max(plan.angles, key=abs))):
-        yield surface.named, move
+def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest angle."""
+    for surface, place, move in plan.boundary.farthest(plan.job.amounts_at(max(plan.angles, key=abs))):
+        yield surface.named, place, move
 
 
 def travels(plan: Plan) -> Iterator[tuple[str, str]]:
-    """Yield each surface's name, how far its node that moves farthest does, and whereto, as text."""
-    for name, move in farthest(plan):
+    """Yield each surface's name, how far its node that moves farthest does, where that is, and whereto, as text."""
+    for name, place, move in farthest(plan):
         size = float(np.linalg.norm(move))
-        there = ", ".join(f"{x:+.2f}" for x in move / (size or 1.0))
-        yield name, f"{size:.4g}, towards ({there})"
+        there = ", ".join(f"{round(x, 2) + 0.0:+.2f}" for x in move / (size or 1.0))  # no -0.00
+        yield name, f"{size:.4g}, at ({', '.join(f'{x:.4g}' for x in place)}) towards ({there})"
 
 
 def peak_rss_bytes() -> int:

@@ -129,12 +129,13 @@ class Boundary:
         """Where the hinges lie beside their surfaces."""
         return tuple(placement for placement, _ in _placements(self.job, self.surfaces))
 
-    def farthest(self, amounts: Amounts) -> Iterator[tuple[Surface, FloatArray]]:
-        """Yield each surface with the displacement (3,) of the node that moves farthest."""
+    def farthest(self, amounts: Amounts) -> Iterator[tuple[Surface, FloatArray, FloatArray]]:
+        """Yield each surface with place and displacement (3,) of the node that moves farthest."""
         move = self.displacement(amounts)
         for surface in self.surfaces:
             own = move[np.searchsorted(self.nodes, surface.nodes)]
-            yield surface, own[int(np.argmax(np.linalg.norm(own, axis=1)))]
+            row = int(np.argmax(np.linalg.norm(own, axis=1)))
+            yield surface, surface.points[row], own[row]
 
     @property
     def shared_with_fixed(self) -> BoolArray:

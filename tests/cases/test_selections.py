@@ -119,7 +119,7 @@ def test_a_configuration_and_an_option_together(channel, sdm, tmp_path):
     words = ["--config", tmp_path / "job.toml", "--select", "flap=wall#2", "--select", "other=wall#3"]
     code, table, complaint = sdm("deflect", channel, *words, "--dry-run", "-q")
     assert code == 0, complaint
-    assert len([line for line in table.splitlines() if line.startswith("flap") and "moves by +6 deg" in line]) == 1
+    assert len([line for line in table.splitlines() if line.startswith(" flap") and "moves by +6 deg" in line]) == 1
 
 
 @pytest.mark.parametrize("select", [{"flap": "wall#2"}, "flap=wall#2", ["flap=wall#2"]])
