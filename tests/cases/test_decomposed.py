@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from sdm_deflect.cases import cli
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
@@ -99,8 +100,10 @@ def test_the_parts_of_the_deflected_whole_are_the_deflected_parts(kind, whole, s
     assert "Mesh OK." in after
     if kind != "collated":
         foam.run("reconstructParMesh", tmp_path / "parts", "-constant")
-        again = OpenFoam().read(tmp_path / "parts").points  # in an order of its own
-        np.testing.assert_array_equal(np.unique(again, axis=0), np.unique(OpenFoam().read(deflected).points, axis=0))
+        again = OpenFoam().read(tmp_path / "parts").points  # in an order of its own, texts off by their last digit
+        distance, nearest = KDTree(OpenFoam().read(deflected).points).query(again)
+        assert sorted(nearest) == list(range(len(again)))
+        assert distance.max() <= (1e-15 if kind == "ascii" else 0.0)
 
 
 def test_cyclic_patches_that_are_cut_and_patches_without_faces_are_those_of_the_whole(tmp_path, whole):

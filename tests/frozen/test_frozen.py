@@ -3,6 +3,9 @@
 Each ``.npz`` holds the rows of the nodes that moved and where they were; `mesh_*.npz` the meshes of the cases.
 """
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +24,7 @@ from tests.meshing.formats.wing import wing
 
 SAME = 1e-10  # m
 FOLDER = Path(__file__).parent
+ROOT = FOLDER.parents[1]
 
 
 def frozen(name):
@@ -78,8 +82,7 @@ def test_cases(meshes, name, angle, strategy):
     assert [len(one.steps) for one in results] == kept["steps"].tolist()
 
 
-@pytest.fixture(scope="module")
-def hybrid():
+def hybrid(name):
     """The hybrid wing, the one whose flap ends at the symmetry plane, and what moves them."""
     middle, inboard = wing(cells=4), wing(flap=(0.0, 0.5), cells=4)
     whole, flap, fixed = ("wing_*", "flap_*"), ("flap_*",), {"fixed": ("wing_*",)}
@@ -89,17 +92,33 @@ def hybrid():
     def blended(one):
         return {"motion": Blended(Rotation.about(*one.hinge), held=OnPatches(("wing_*",)))}
 
-    return {
+    cases = {
         "wing_rigid": (middle, whole, middle.hinge, 10.0, slide),
         "wing_blended": (middle, flap, middle.hinge, 10.0, {**blended(middle), **fixed}),
         "wing_sliding": (inboard, flap, inboard.hinge, 10.0, {**blended(inboard), **fixed, **slide}),
         "wing_table": (middle, whole, None, 1.0, {"motion": Table(table["points"], table["vectors"]), **slide}),
     }
+    return cases[name]
 
 
-@pytest.mark.parametrize("name", ["wing_rigid", "wing_blended", "wing_sliding", "wing_table"])
-def test_hybrid_wing_and_its_sensitivity(hybrid, name):
-    one, surfaces, hinge, angle, options = hybrid[name]
+@pytest.mark.parametrize("name", ["wing_rigid", "wing_blended", "wing_sliding"])
+def test_hybrid_wing_and_its_sensitivity(name):
+    compare(name)
+
+
+def test_a_table_with_the_sums_of_one_kind_of_processor():
+    """Which of two sites is worse is settled here by the last bit of sums, which OpenBLAS rounds for each processor.
+
+    All can round as this one; with the kernels of others the points differ by up to 1.6 times the tolerance.
+    """
+    code = "from tests.frozen.test_frozen import compare; compare('wing_table')"
+    environment = {**os.environ, "OPENBLAS_CORETYPE": "Haswell"}
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def compare(name):
+    one, surfaces, hinge, angle, options = hybrid(name)
     kept = frozen(name)
     result = deflect(one.mesh, surfaces, hinge, angle, repair="off", **options)
     before = one.mesh.points
