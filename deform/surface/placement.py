@@ -1,21 +1,23 @@
 """Where a hinge lies beside the surface that turns about it: slips of units and of digits show there."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.surface import Surface
 
 UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.37)
 """Factors between metres, millimetres, inches and feet."""
 HALF = 0.5
-"""Share of a surface along its hinge that the hinge's two points span at least, where nothing is said."""
+"""Share of a surface along its hinge that the hinge's two points span at least in another unit."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Placement:
     """A hinge beside the surface that turns about it; lengths in the mesh's unit.
 
@@ -27,6 +29,8 @@ class Placement:
     distance : of the hinge's line from the nearest node.
     covered : share of the surface's extent along the hinge that lies between the two points of the hinge; 1 where these
         are not known.
+    chord : second largest extent of the surface, whichever way it lies.
+    ends : (E, 3) the two points of the hinge, as far as they are known, with their `apart` (E,) from the nearest node.
     """
 
     surface: str
@@ -34,6 +38,9 @@ class Placement:
     width: float
     distance: float
     covered: float
+    chord: float
+    ends: FloatArray = field(repr=False)
+    apart: FloatArray = field(repr=False)
 
     @classmethod
     def of(cls, surface: Surface, axis: Axis) -> "Placement":
@@ -45,7 +52,13 @@ class Placement:
         if axis.length is not None and high > low:
             covered = max(min(high, axis.length) - max(low, 0.0), 0.0) / (high - low)
         width = float(np.linalg.norm(np.ptp(radial, axis=0)))
-        return cls(surface.named, axis, width, float(np.linalg.norm(radial, axis=1).min()), covered)
+        own = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+        chord = float(np.sort(np.ptp(points @ own.T, axis=0))[-2])
+        reach = [] if axis.length is None else [0.0, axis.length]
+        ends = np.array([axis.point + far * axis.direction for far in reach]).reshape(-1, 3)
+        apart = cKDTree(points).query(ends)[0] if len(ends) else np.empty(0)
+        distance = float(np.linalg.norm(radial, axis=1).min())
+        return cls(surface.named, axis, width, distance, covered, chord, ends, apart)
 
     @property
     def near(self) -> bool:
@@ -78,7 +91,10 @@ class Placement:
                 f"the hinge passes {self.distance:.4g} from {self.surface}, which is {self.width:.4g} wide across it: "
                 "is it the right one?"
             )
-        elif self.covered < HALF:
-            yield (
-                f"the two points of the hinge span {self.covered:.0%} of {self.surface} along it: are they at its ends?"
-            )
+        for name, end, apart in zip(("first", "second"), self.ends, self.apart, strict=False):
+            if self.near and apart > self.chord:
+                place = ", ".join(f"{x:.6g}" for x in end)
+                yield (
+                    f"the {name} point of the hinge, ({place}), is {apart:.4g} from {self.surface}, whose chord is "
+                    f"{self.chord:.4g}: is it right?"
+                )

@@ -49,11 +49,21 @@ def test_a_hinge_that_is_far_away_in_any_unit_is_taken_and_said(mesh):
     assert notes == ("the hinge passes 1.5 from body, which is 1.414 wide across it: is it the right one?",)
 
 
-def test_two_points_that_do_not_span_the_surface_are_said(mesh):
-    short = [[3.0, -0.5, 0.0], [3.0, -0.4, 0.0]]
-    (note,) = notes_of(Plan.of(mesh, job(["body"], short, 1.0)))
-    assert note == "the two points of the hinge span 10% of body along it: are they at its ends?"
-    assert notes_of(Plan.of(mesh, job(["body"], HINGE, 1.0))) == ()
+@pytest.mark.parametrize(
+    ("hinge", "said"),
+    [
+        ([[3.0, -0.5, 0.0], [3.0, -5.0, 0.0]], "the second point of the hinge, (3, -5, 0), is 4.5 from body"),
+        ([[30.0, -0.5, 0.0], [3.0, 0.5, 0.0]], "the first point of the hinge, (30, -0.5, 0), is 26.5 from body"),
+    ],
+)
+def test_a_point_with_a_wrong_digit_is_named(mesh, hinge, said):
+    (note,) = notes_of(Plan.of(mesh, job(["body"], hinge, 1.0)))
+    assert note == f"{said}, whose chord is 1: is it right?"
+
+
+@pytest.mark.parametrize("hinge", [HINGE, [[3.0, -0.5, 0.0], [3.0, -0.4, 0.0]], [[3.0, -1.0, 0.0], [3.0, 1.4, 0.0]]])
+def test_two_points_on_or_beside_the_surface_are_taken_silently(mesh, hinge):
+    assert notes_of(Plan.of(mesh, job(["body"], hinge, 1.0))) == ()
 
 
 def test_a_box_that_does_not_fit_says_so_beside_the_hinge(mesh):
