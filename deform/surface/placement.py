@@ -52,8 +52,8 @@ class Placement:
         if axis.length is not None and high > low:
             covered = max(min(high, axis.length) - max(low, 0.0), 0.0) / (high - low)
         width = float(np.linalg.norm(np.ptp(radial, axis=0)))
-        own = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
-        chord = float(np.sort(np.ptp(points @ own.T, axis=0))[-2])
+        centred = points - points.mean(axis=0)
+        chord = float(np.sort(np.ptp(centred @ np.linalg.eigh(centred.T @ centred)[1], axis=0))[1])
         reach = [] if axis.length is None else [0.0, axis.length]
         ends = np.array([axis.point + far * axis.direction for far in reach]).reshape(-1, 3)
         apart = cKDTree(points).query(ends)[0] if len(ends) else np.empty(0)
