@@ -139,11 +139,14 @@ def typed(page, text):
     page.keyboard.press("Enter")
 
 
+def shows(page, angle):
+    return page.locator("#shown").inner_text() == f"{float(angle):+g}°"
+
+
 def to(page, angle, expected):
-    """Type an angle and wait until the page shows it."""
+    """Type an angle and wait until the page shows it; an answer that is late would be written over what is typed."""
     typed(page, angle)
-    shown = f"{float(angle):+g}°"
-    wait_until(lambda: page.locator("#shown").inner_text() == shown, f"{angle} deg is not shown")
+    wait_until(lambda: shows(page, angle), f"{angle} deg is not shown")
     assert expected in page.locator("#status").inner_text()
 
 
@@ -165,6 +168,7 @@ def test_the_slider_moves_the_trailing_edge(page):
     wait_until(lambda: float(page.locator("#angle-text").input_value()) > 0.0, "the angle stays")
     wait_until(lambda: trailing_edge(page)[2] < place[2] - 2.0, "the trailing edge stays")
     wait_until(lambda: differing(picture(page), before) > 0.002, "the picture stays")
+    wait_until(lambda: shows(page, thumb.get_attribute("aria-valuenow")), "the slider's last angle is not shown")
 
 
 def test_the_reported_coordinates_are_those_of_the_rotation(page, aileron):
@@ -180,7 +184,7 @@ def test_many_inputs_in_a_row_end_at_the_last(page, aileron):
     thumb.focus()
     for _ in range(40):
         page.keyboard.press("ArrowRight")
-    wait_until(lambda: page.locator("#shown").inner_text() == "+4°", "an earlier angle is shown")
+    wait_until(lambda: shows(page, 4), "an earlier angle is shown")
     assert page.locator("#angle-text").input_value() == "4"
     expected = 1e3 * aileron.at(4.0).points[aileron.surfaces[0].node]
     assert np.abs(trailing_edge(page) - expected).max() < 0.006
@@ -309,8 +313,8 @@ def part(payload, number=1, size=None):
     return struct.pack("<III", number, 0, len(payload) if size is None else size) + payload
 
 
-def call(method, *arguments):
-    return part(msgpack.packb({"wslink": "1.0", "id": "rpc:c:1", "method": method, "args": arguments}))
+def call(method, *arguments, name="rpc:c:1"):
+    return part(msgpack.packb({"wslink": "1.0", "id": name, "method": method, "args": arguments}))
 
 
 ENDED = {
@@ -330,6 +334,7 @@ ENDED = {
     "a method that is no text": [part(msgpack.packb({"id": "rpc:c:1", "method": [1]}))],
 }
 """Messages after which the connection is closed."""
+BORNE_ANGLE = 2.0
 BORNE = [
     call("nothing"),
     call("trame.trigger", "nothing", 5, 5),
@@ -338,23 +343,24 @@ BORNE = [
         for key in ("angle", "axis", "position")
         for value in ("steep", None, float("nan"), [1])
     ),
-    call("trame.state.update", [{"key": "angle", "value": 2.0}, {"key": "axis", "value": "y"}]),
+    call("trame.state.update", [{"key": "angle", "value": BORNE_ANGLE}, {"key": "axis", "value": "y"}]),
     call("trame.state.update", [{"key": "position", "value": -0.2}]),
 ]
 """Calls that are answered, the last ones right."""
 
 
 async def ended(session, address, messages):
-    """Send messages as the page does; return whether the server then closes the connection."""
+    """Send messages as the page does, and a last one; return whether the connection is closed before that is answered.
+
+    What the server tells all pages meanwhile does not count.
+    """
     async with session.ws_connect(address.replace("/?", "/ws?")) as socket:
         hello = {"id": "system:c0:0", "method": "wslink.hello", "args": [{"secret": address.partition("=")[2]}]}
-        for message in (part(msgpack.packb(hello)), *messages):
+        for message in (part(msgpack.packb(hello)), *messages, call("nothing", name="rpc:c:last")):
             with suppress(aiohttp.ClientConnectionError):
                 await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
-        answers = 0
-        while (await socket.receive(timeout=20.0)).type is aiohttp.WSMsgType.BINARY:
-            answers += 1
-            if answers > len(messages):
+        while (answer := await socket.receive(timeout=GENEROUS / 1e3)).type is aiohttp.WSMsgType.BINARY:
+            if b"rpc:c:last" in answer.data:
                 return False
         return True
 
@@ -379,6 +385,7 @@ def test_messages_are_bounded_and_bad_ones_end_the_connection(server, page):
     for process in (own, *Path(f"/proc/{own}/task/{own}/children").read_text().split()):
         status = Path(f"/proc/{process}/status").read_text()
         assert int(re.search(r"VmHWM:\s+(\d+)", status)[1]) < 1_000_000  # kB
+    wait_until(lambda: shows(page, BORNE_ANGLE), "the last angle of those that are borne is not shown")
     to(page, "3", "Verified")
 
 
@@ -393,7 +400,7 @@ def test_the_mesh_is_repaired_where_the_slider_rests(browser, repaired_folder, w
         tab.locator(".v-slider-thumb").first.focus()
         for _ in range(20):
             tab.keyboard.press("ArrowLeft")
-        wait_until(lambda: tab.locator("#shown").inner_text() == "+24°", "an earlier angle is shown")
+        wait_until(lambda: shows(tab, 24), "an earlier angle is shown")
         wait_until(lambda: "nodes moved" in said.inner_text(), "the mesh is not repaired")
         assert tab.locator("#inverted").inner_text() == "0"
         tab.locator("#axis-x").click()
