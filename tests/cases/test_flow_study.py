@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from sdm_deflect.cases.cli import main
 from sdm_deflect.cases.flow.forces import Forces
@@ -18,14 +19,18 @@ from sdm_deflect.cases.sdm.registry import case_named
 from sdm_deflect.cases.study.flow.members import (
     DEFLECTED,
     FRESH,
+    FRESH_DEFLECTED,
     REPAIRED,
+    UNDEFLECTED,
     Member,
     cad_turns,
+    fresh_deflected_meshes,
     fresh_members,
     moved_meshes,
     study_of,
 )
-from sdm_deflect.cases.study.flow.results import Increment, Value, fresh_increments, results_of
+from sdm_deflect.cases.study.flow.page import several
+from sdm_deflect.cases.study.flow.results import Increment, Results, Value, fresh_increments, increments, results_of
 from sdm_deflect.cases.study.flow.solve import FOLDER, carried_out, computed, seconds_of, standing
 from sdm_deflect.cases.study.flow.trend import Slope
 from sdm_deflect.deform.errors import InputError, LostError
@@ -153,6 +158,52 @@ def test_a_mesh_that_repair_does_not_change_is_one_member(make_mesh):
     assert kinds == ["deflected"]
 
 
+def test_undeflected_meshes_made_anew_are_deflected_as_a_run_does_it(make_mesh, aileron_run):
+    study, mesh = study_of(case_named("aileron"), (-12.0, 6.0)), make_mesh(case_named("aileron"))[0]
+    fresh = [(Member(FRESH, 0.0, 1), mesh), (Member(FRESH, -12.0, 1), mesh)]
+    ((member, moved),) = fresh_deflected_meshes(study, fresh, silent)
+    assert member.name == "-12-fresh-deflected-1"
+    np.testing.assert_array_equal(moved.points, aileron_run[0].deflected.points)
+
+
+def test_all_deflected_meshes_are_compared_with_all_made_anew():
+    study = study_of(case_named("aileron"), (-12.0, 6.0), fresh=2)
+    lift = {
+        Member(UNDEFLECTED): 0.5,
+        Member(FRESH, 0.0, 1): 0.6,
+        Member(FRESH, 0.0, 2): 0.3,
+        Member(DEFLECTED, -12.0): -0.5,
+        Member(FRESH_DEFLECTED, -12.0, 1): -0.5,
+        Member(FRESH_DEFLECTED, -12.0, 2): -0.5,
+        Member(FRESH, -12.0, 1): -0.5,
+        Member(FRESH, -12.0, 2): -0.7,
+        Member(DEFLECTED, 6.0): 1.0,
+        Member(FRESH, 6.0, 1): 1.0,
+    }
+    values = {member: {"CL": Value(value, 0.0, 0.0)} for member, value in lift.items()}
+    first, second = rows = tuple(increments(study, values))
+    assert first.all_deflected == pytest.approx((-1.0, -1.1, -0.8))
+    assert first.fresh == pytest.approx((-1.1, -1.0))
+    low, high = first.interval
+    assert 0.5 * (low + high) == pytest.approx(np.mean(first.all_deflected) - np.mean(first.fresh))
+    assert low < 0.0 < high
+    assert np.isnan(second.interval).all()
+    page = "".join(several(Results(study, values, rows)))
+    assert "The 2 undeflected meshes made anew were deflected to -12 degrees, too." in page
+    assert re.search(r"\| CL \| -0.96667, 0.15275 \| -1.05000, 0.07071 \| \+7.9 % \| .* \| yes \|", page)
+    assert not list(several(Results(study, values, (second,))))
+
+
+def test_the_interval_is_that_of_welch():
+    """Ends by Welch-Satterthwaite's formulas."""
+    deflected, anew = np.array([10.1, 9.8, 10.4, 10.0]), np.array([9.0, 9.4, 9.1])
+    one = replace(increment(deflected[0], anew), others=tuple(deflected[1:]))
+    parts = deflected.var(ddof=1) / 4, anew.var(ddof=1) / 3
+    freedom = sum(parts) ** 2 / (parts[0] ** 2 / 3 + parts[1] ** 2 / 2)
+    half = t.ppf(0.975, freedom) * np.sqrt(sum(parts))
+    assert one.interval == pytest.approx(deflected.mean() - anew.mean() + half * np.array([-1.0, 1.0]))
+
+
 def test_the_cad_of_a_gapless_aileron_has_the_strip_of_the_mesh(aileron_run):
     """In the strip both ramp from the rib to the full angle; the blending is not quite linear there.
 
@@ -226,6 +277,4 @@ def test_results_need_forces(tmp_path):
 
 
 def carried_members(study):
-    from sdm_deflect.cases.study.flow.members import UNDEFLECTED
-
     return (Member(UNDEFLECTED), *fresh_members(study))

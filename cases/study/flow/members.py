@@ -1,6 +1,6 @@
 """The meshes of the study, each a case of OpenFOAM: undeflected, deflected, repaired, and made anew."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from sdm_deflect.cases.sdm.pipeline import cached, meshed
 from sdm_deflect.cases.sdm.reference import turned
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import RepairMode
-from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import combined
@@ -26,6 +26,8 @@ from sdm_deflect.meshing.mesh import TetMesh
 SETTLING = 800
 """Iterations of first order, which let the waves of the start leave, at the beginning of the undeflected flow."""
 UNDEFLECTED, DEFLECTED, REPAIRED, FRESH = "undeflected", "deflected", "repaired", "fresh"
+FRESH_DEFLECTED = "fresh-deflected"
+"""Made anew around the undeflected CAD, and then deflected as a run does it."""
 LARGEST = 60.0
 """Degrees by which the CAD of a control surface turns at most."""
 MOST = {"fresh": 20, "iterations": 100_000}
@@ -39,7 +41,8 @@ class FlowStudy:
     ----------
     case : the aircraft, its mesh and what turns; its domain is the whole aircraft.
     angles : degrees; at the first one there are `fresh` meshes made anew, at each other one there is one. If `fresh` is
-        more than one, there are so many undeflected ones, too: an increment is the difference of two meshes.
+        more than one, there are so many undeflected ones, too: an increment is the difference of two meshes. These are
+        deflected to the first angle as well.
     stream : the free stream.
     iterations : of each member; the undeflected one begins with `settling` of first order.
     assignments : what was changed in the case, as texts.
@@ -137,7 +140,7 @@ def moved_meshes(study: FlowStudy, mesh: TetMesh, progress: Progress) -> Iterato
         for kind, mode in modes:
             case = replace(study.at(angle), repair=mode)
             try:
-                points = combined(flow, deflected(case, plans_of(case, flow)))
+                points = moved_points(case, flow)
             except InputError:
                 if kind == REPAIRED:
                     raise
@@ -147,6 +150,24 @@ def moved_meshes(study: FlowStudy, mesh: TetMesh, progress: Progress) -> Iterato
                 continue
             plain = points
             yield Member(kind, angle), moved
+
+
+def fresh_deflected_meshes(
+    study: FlowStudy, fresh: Iterable[tuple[Member, TetMesh]], progress: Progress
+) -> Iterator[tuple[Member, TetMesh]]:
+    """Yield those of the `fresh` meshes that are undeflected, deflected to the study's first angle."""
+    case = study.at(study.angles[0])
+    undeflected = [(member, mesh) for member, mesh in fresh if not member.angle]
+    for k, (member, mesh) in enumerate(undeflected):
+        progress(f"{member.name} to {case.angle:+g} deg", k / len(undeflected))
+        points = moved_points(case, mesh.as_mesh(case.name))
+        if mean_ratio(points, mesh.tets).min() > 0.0:
+            yield Member(FRESH_DEFLECTED, case.angle, member.number), mesh.with_points(points)
+
+
+def moved_points(case: Case, flow: Mesh) -> FloatArray:
+    """Return the points (N, 3) of a case's mesh, deflected; InputError as a run has it."""
+    return combined(flow, deflected(case, plans_of(case, flow)))
 
 
 def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> TetMesh:

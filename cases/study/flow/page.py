@@ -7,6 +7,8 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sdm_deflect.cases.flow.fields import iterations_done
 from sdm_deflect.cases.output import output_files
 from sdm_deflect.cases.report.pictures import write_png
@@ -14,6 +16,7 @@ from sdm_deflect.cases.study.flow.members import DEFLECTED, FRESH, REPAIRED, Flo
 from sdm_deflect.cases.study.flow.pictures import LABELS, curves, pressures, settling
 from sdm_deflect.cases.study.flow.results import (
     ALLOWED,
+    CONFIDENCE,
     CONVERGED,
     LAST,
     WINDOW,
@@ -68,7 +71,7 @@ def figures_of(results: Results) -> dict[str, Any]:
     study = results.study
     rows = [
         {**asdict(one), "expected": one.expected, "scatter": one.scatter, "agrees": one.agrees,
-         "converged": one.converged}
+         "converged": one.converged, "interval": None if isnan(one.interval[0]) else one.interval}
         for one in results.increments
     ]  # fmt: skip
     return {
@@ -120,6 +123,7 @@ def _sections(results: Results, spent: str) -> Iterator[str]:
         else "These do not agree: " + "; ".join(f"{one.name} at {one.angle:+g} deg" for one in decided) + "."
     )
     yield verdict
+    yield from several(results)
     yield _convergence(results)
     if poor := [f"{one.angle:+g}" for one in results.of(judged(study)[0]) if one.deflected is None]:
         yield (
@@ -132,6 +136,31 @@ def _sections(results: Results, spent: str) -> Iterator[str]:
                 f"{name}: {slope.rate:.4g} per degree; an increment leaves that line by more than 5 % beyond "
                 f"{slope.low:+g} and {slope.high:+g} degrees, of the angles computed."
             )
+
+
+def several(results: Results) -> Iterator[str]:
+    """Say of several deflected meshes and several made anew whether their means differ."""
+    rows = [one for one in results.increments if one.others and one.judged]
+    if not rows:
+        return
+    yield (
+        f"One deflected mesh may differ by chance. The {len(rows[0].others)} undeflected meshes made anew were "
+        f"deflected to {rows[0].angle:+g} degrees, too. Increments of all that were deflected, each on its own cells, "
+        "beside those made anew (mean, standard deviation), and the difference of the means with its confidence "
+        f"interval of {CONFIDENCE:.0%} (Welch), by the increment:"
+    )
+    lines = [
+        "|  | deflected | made anew | difference | interval | holds 0 |",
+        "| --- | ---: | ---: | ---: | ---: | --- |",
+    ]
+    for one in rows:
+        sides = [f"{np.mean(side):+.5f}, {np.std(side, ddof=1):.5f}" for side in (one.all_deflected, one.fresh)]
+        low, high = one.interval
+        difference = float(np.mean(one.all_deflected)) - one.expected
+        shares = [f"{100.0 * value / abs(one.expected):+.1f} %" for value in (difference, low, high)]
+        holds = "yes" if low <= 0.0 <= high else "no"
+        lines.append(f"| {' | '.join([one.name, *sides, shares[0], f'{shares[1]} to {shares[2]}', holds])} |")
+    yield "\n".join(lines)
 
 
 def _table(results: Results) -> Iterator[str]:

@@ -13,14 +13,27 @@ from matplotlib.tri import Triangulation
 from sdm_deflect.cases.flow.fields import iterations_done, read_field
 from sdm_deflect.cases.flow.forces import Forces, coefficients
 from sdm_deflect.cases.flow.openfoam import WHOLE
-from sdm_deflect.cases.study.flow.members import DEFLECTED, FRESH, REPAIRED, UNDEFLECTED, FlowStudy, Member
+from sdm_deflect.cases.study.flow.members import (
+    DEFLECTED,
+    FRESH,
+    FRESH_DEFLECTED,
+    REPAIRED,
+    UNDEFLECTED,
+    FlowStudy,
+    Member,
+)
 from sdm_deflect.cases.study.flow.results import Increment, Results
 from sdm_deflect.cases.study.flow.trend import slopes_of
 from sdm_deflect.deform.mesh import FloatArray, IntArray
 from sdm_deflect.meshing.formats.openfoam_files import MESH, faces, labels, open_foam, parse, vectors
 
-COLOURS = {DEFLECTED: "#0072b2", REPAIRED: "#009e73", FRESH: "#d55e00"}
-LABELS = {DEFLECTED: "deflected", REPAIRED: "deflected and repaired", FRESH: "made anew"}
+COLOURS = {DEFLECTED: "#0072b2", REPAIRED: "#009e73", FRESH_DEFLECTED: "#cc79a7", FRESH: "#d55e00"}
+LABELS = {
+    DEFLECTED: "deflected",
+    REPAIRED: "deflected and repaired",
+    FRESH_DEFLECTED: "other meshes, deflected",
+    FRESH: "made anew",
+}
 PRESSURES = Normalize(-0.6, 0.6)
 BESIDE = 0.6
 """How far around the control surface is shown, by its largest extent."""
@@ -99,7 +112,7 @@ def curves(results: Results) -> Figure:
         axes.set(xlabel="deflection, deg", ylabel=f"increment of {name}")
         axes.grid(alpha=0.3)
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize="small")
+    figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize="small")
     return figure
 
 
@@ -107,9 +120,10 @@ def _points(axes: Axes, own: Sequence[Increment]) -> None:
     pairs = {
         DEFLECTED: [(one.angle, one.deflected) for one in own if one.deflected is not None],
         REPAIRED: [(one.angle, one.repaired) for one in own if one.repaired is not None],
+        FRESH_DEFLECTED: [(one.angle, value) for one in own for value in one.others],
         FRESH: [(one.angle, value) for one in own for value in one.fresh],
     }
-    styles = {DEFLECTED: "o", REPAIRED: "s", FRESH: "x"}
+    styles = {DEFLECTED: "o", REPAIRED: "s", FRESH_DEFLECTED: "+", FRESH: "x"}
     for kind, points in pairs.items():
         if points:
             angle, value = zip(*points, strict=True)
@@ -131,5 +145,5 @@ def settling(study: FlowStudy, members: Sequence[Member], cases: Path) -> Figure
     kinds = [kind for kind in (UNDEFLECTED, *COLOURS) if any(one.kind == kind for one in members)]
     handles = [axes.plot([], [], color=COLOURS.get(kind, "0.5"))[0] for kind in kinds]
     names = [LABELS.get(kind, kind) for kind in kinds]
-    figure.legend(handles, names, loc="outside upper center", ncols=4, fontsize="small")
+    figure.legend(handles, names, loc="outside upper center", ncols=5, fontsize="small")
     return figure

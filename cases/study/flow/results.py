@@ -6,10 +6,19 @@ from math import nan
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import ttest_ind
 
 from sdm_deflect.cases.flow.forces import LIFT, PITCH, ROLL, YAW, Forces, coefficients, hinge_moment
 from sdm_deflect.cases.flow.openfoam import WHOLE
-from sdm_deflect.cases.study.flow.members import DEFLECTED, FRESH, REPAIRED, UNDEFLECTED, FlowStudy, Member
+from sdm_deflect.cases.study.flow.members import (
+    DEFLECTED,
+    FRESH,
+    FRESH_DEFLECTED,
+    REPAIRED,
+    UNDEFLECTED,
+    FlowStudy,
+    Member,
+)
 from sdm_deflect.deform.mesh import FloatArray, IntArray
 from sdm_deflect.geometry.reference_values import surface_reference
 
@@ -18,6 +27,7 @@ WINDOW, LAST = 500, 200
 """Iterations over which values are averaged, and the last ones, over which averages must not change."""
 CONVERGED, ALLOWED = 0.005, 0.02
 """Largest change of an average, and least difference that is allowed, by the control increment."""
+CONFIDENCE = 0.95
 JUDGED = {"aileron": (LIFT, PITCH, ROLL, HINGE), "tail": (LIFT, PITCH, ROLL, HINGE), "rudder": (YAW, ROLL, HINGE)}
 """Coefficients that a control surface is there to change, by the beginning of its name."""
 
@@ -58,6 +68,7 @@ class Increment:
     change : largest change of an average over the last iterations, of all these.
     judged : whether the control surface is there to change it.
     elsewhere : scatter at the study's first angle, which counts where one mesh alone is made anew; nan without one.
+    others : increments on other meshes that were deflected: made anew undeflected, each on its own cells.
     """
 
     angle: float
@@ -70,6 +81,7 @@ class Increment:
     amplitude: float
     judged: bool
     elsewhere: float = nan
+    others: tuple[float, ...] = ()
 
     @property
     def own(self) -> float:
@@ -106,6 +118,22 @@ class Increment:
         return bool(abs(self.difference) <= np.fmax(self.scatter, ALLOWED * abs(self.expected)))
 
     @property
+    def all_deflected(self) -> tuple[float, ...]:
+        """The increments on all meshes that were deflected."""
+        return (self.own, *self.others)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the 95 % confidence interval of the mean of all deflected meshes minus that of those made anew.
+
+        By Welch's t-test; nan where there is but one mesh of a kind.
+        """
+        if min(len(self.others) + 1, len(self.fresh)) < 2:
+            return nan, nan
+        found = ttest_ind(self.all_deflected, self.fresh, equal_var=False).confidence_interval(CONFIDENCE)
+        return float(found.low), float(found.high)
+
+    @property
     def converged(self) -> bool:
         """Whether averages change by less than .5 % of the increment over the last iterations."""
         return self.change < CONVERGED * abs(self.expected if self.fresh else self.own)
@@ -137,7 +165,7 @@ class Results:
 def results_of(study: FlowStudy, members: Sequence[Member], cases: Path) -> Results:
     """Read the forces of all members; InputError where a solver has not run."""
     values = {member: dict(values_of(study, cases / member.name)) for member in members}
-    return Results(study, values, tuple(_increments(study, values)))
+    return Results(study, values, tuple(increments(study, values)))
 
 
 def values_of(study: FlowStudy, case: Path) -> Iterator[tuple[str, Value]]:
@@ -157,7 +185,8 @@ def judged(study: FlowStudy) -> tuple[str, ...]:
     return next(names for surface, names in JUDGED.items() if study.surface.startswith(surface))
 
 
-def _increments(study: FlowStudy, values: Mapping[Member, Mapping[str, Value]]) -> Iterator[Increment]:
+def increments(study: FlowStudy, values: Mapping[Member, Mapping[str, Value]]) -> Iterator[Increment]:
+    """Yield what each coefficient changes by at each angle; `values` are those of all members."""
     base = values[Member(UNDEFLECTED)]
     undeflected = [own for member, own in values.items() if member.kind == FRESH and not member.angle]
     decisive = judged(study)
@@ -183,6 +212,11 @@ def _increments(study: FlowStudy, values: Mapping[Member, Mapping[str, Value]]) 
                 amplitude=max(one.amplitude for one in used),
                 judged=name in decisive,
                 elsewhere=scatter.get(name, nan),
+                others=tuple(
+                    own[name].mean - values[Member(FRESH, number=member.number)][name].mean
+                    for member, own in there.items()
+                    if member.kind == FRESH_DEFLECTED
+                ),
             )
             scatter.setdefault(name, one.scatter)
             yield one

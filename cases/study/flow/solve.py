@@ -23,6 +23,7 @@ from sdm_deflect.cases.study.flow.members import (
     UNDEFLECTED,
     FlowStudy,
     Member,
+    fresh_deflected_meshes,
     fresh_members,
     fresh_mesh,
     moved_meshes,
@@ -57,7 +58,7 @@ def carried_out(study: FlowStudy, folder: Path, watch: Stopwatch) -> tuple[Membe
     with watch.stage("flow") as progress, Solvers(study, cases, progress) as solvers:
         base = solvers.begin(first)
         fresh = [(member, fresh_mesh(study, member, watch)) for member in fresh_members(study)]
-        moved = list(moved_meshes(study, mesh, progress))
+        moved = [*moved_meshes(study, mesh, progress), *fresh_deflected_meshes(study, fresh, progress)]
         base.result()
         begun = {}
         for member, own in (*moved, *fresh):
