@@ -261,7 +261,7 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
 @click.option("--angles", metavar="A,B,...", help="flow, donors: angles; at flow's first there are --fresh meshes.")
 @click.option("--mach", type=float, help="flow: Mach number of the free stream (0.6).")
 @click.option("--alpha", type=float, help="flow: angle of attack, degrees (0).")
-@click.option("--fresh", type=int, help="flow: meshes made anew around the deflected CAD (3).")
+@click.option("--fresh", type=int, help="flow: meshes made anew around the deflected CAD, and as many undeflected (3).")
 @click.option("--iterations", type=int, help="flow: iterations of each flow (3000); more go on where it stopped.")
 @options.set_option
 @options.cache_option

@@ -115,7 +115,7 @@ def _histograms(runs: Sequence[Run]) -> Iterator[tuple[Figure, str]]:
         one.grid(alpha=0.3)
         least = ", ".join(f"{name} {values.min():.3f}" for name, values, _ in curves)
         texts.append(f"Smallest {MEASURES[shape]} of the {shape} cells: {least}.")
-    yield figure, "Histograms of the quality of the cells that touch the hexahedra, over each other. " + " ".join(texts)
+    yield figure, "Histograms of the quality of the cells that touch the boxes, over each other. " + " ".join(texts)
 
 
 def _qualities(data: ReportData, before: bool) -> dict[str, FloatArray]:
@@ -150,7 +150,7 @@ def _sections(runs: Sequence[Run], pair: Pair, row: int, folder: Path) -> Overla
         words = f"{surface.name}, {place}, {name}{turned}: smallest of its cells {least:.3f} ({measure})."
         exhibits[name] = saved(folder, f"section{row}", f"{surface.name}_{len(exhibits)}", figure, words)
         smallest.append(f"{name} {least:.3f}")
-    caption = f"Smallest quality of the cells that are cut: {', '.join(smallest)}. The hexahedron is dashed."
+    caption = f"Smallest quality of the cells that are cut: {', '.join(smallest)}. The box is dashed."
     return Overlay(f"{surface.name}: {place}", caption, exhibits)
 
 
@@ -177,11 +177,11 @@ def _surface_views(runs: Sequence[Run], pairs: Sequence[Pair], folder: Path) -> 
             exhibits: dict[str, Exhibit] = {}
             for name, _, _, _, moved in own:
                 turned = "" if name == BEFORE else f", {moved.turned}"
-                words = f"Surface mesh of {moved.name} and its surroundings, {name}{turned}, with the hexahedron."
+                words = f"Surface mesh of {moved.name} and its surroundings, {name}{turned}, with the box."
                 place = f"{moved.name}_{len(exhibits)}"
                 exhibits[name] = saved(folder, "surface", place, _pasted(next(rest)), words)
             name = own[0][4].name
-            overlays.append(Overlay(f"{name}: surface mesh", f"{name}, and the edges of the hexahedron.", exhibits))
+            overlays.append(Overlay(f"{name}: surface mesh", f"{name}, and the edges of the box.", exhibits))
     return overlays
 
 

@@ -16,8 +16,8 @@ STYLES = (
     {"color": "#333333", "ls": ":", "marker": "^"},
 )
 """Of the directions x, y, z: told apart by dashes and markers, too."""
-SMALLEST = 1e-16
-"""Residuals below are drawn here: an axis of logarithms has no zero."""
+SMALLEST = 1e-3
+"""Residuals below this share of the tolerance are drawn there: an axis of logarithms has no zero."""
 
 
 def panels(count: int) -> tuple[Figure, list[Axes]]:
@@ -34,12 +34,13 @@ def panels(count: int) -> tuple[Figure, list[Axes]]:
 def convergence(data: ReportData) -> tuple[Figure, str]:
     """Largest residual against the number of centres, per direction (the paper's figure 2), and what is seen."""
     figure, axes = panels(len(data.boxes))
-    texts, unit = [], data.length.name
+    texts, unit, clipped = [], data.length.name, False
     for one, box in zip(axes, data.boxes, strict=True):
         first = [course for course in box.fits.convergence if course.step == 1]
         for course in first:
             style: dict[str, Any] = STYLES["xyz".index(course.directions[0])]
-            errors = np.maximum(course.errors, SMALLEST)
+            errors = np.maximum(course.errors, SMALLEST * box.tolerance)
+            clipped |= bool(np.any(errors > course.errors))
             one.semilogy(course.centres, errors, label=f"$f_{{{course.directions}}}$", lw=1.8, ms=4.5, **style)
         one.axhline(box.tolerance, color="0.4", lw=1, label=f"tolerance {box.tolerance:.3g} {unit}")
         one.set(xlabel="centres", ylabel=f"largest residual at the data sites, {unit}", title=box.name)
@@ -47,6 +48,8 @@ def convergence(data: ReportData) -> tuple[Figure, str]:
         one.grid(alpha=0.3)
         ends = ", ".join(f"{c.errors[-1]:.1e} {unit} with {c.centres[-1]} centres in {c.directions}" for c in first)
         texts.append(f"{box.name}: {ends}; tolerance {box.tolerance:.3g} {unit}.")
+    if clipped:
+        texts.append("Residuals below a thousandth of the tolerance are drawn there.")
     return figure, "Largest residual against the number of centres. " + " ".join(texts)
 
 
@@ -87,7 +90,7 @@ def _histogram(data: ReportData, axes: Axes, box: Box, shape: str, values: Float
     axes.legend(loc="upper left", fontsize="small")
     axes.grid(alpha=0.3)
     return (
-        f"{box.name}: {len(before)} {shape} cells that touch the hexahedron; smallest {MEASURES[shape]} "
+        f"{box.name}: {len(before)} {shape} cells that touch the box; smallest {MEASURES[shape]} "
         f"{before.min():.3f} before and {after.min():.3f} after, mean {before.mean():.3f} before and "
         f"{after.mean():.3f} after."
     )

@@ -121,7 +121,7 @@ def pixels(exhibit: Exhibit) -> tuple[int, int]:
 
 CHECKS = {
     "slid_on_surfaces": "nodes of fixed surfaces that the repair moved, from the undeflected surface",
-    "outside_moved": "largest displacement outside the hexahedra",
+    "outside_moved": "largest displacement outside the boxes",
     "inverted_cells": "cells turned inside out",
     "fixed_surfaces_moved": "largest displacement of a surface that must not move",
     "quality_min": "worst cell of the deflected mesh, by mean ratio (1 is regular)",

@@ -121,7 +121,7 @@ def before_after(data: ReportData, own: Box, surface: MovedSurface) -> Picture:
         (f"{surface.name}, undeflected", f"{surface.name}, {surface.turned}"),
         f"Surface mesh of {surface.name} ({count} faces) and its surroundings in grey, before (left) and after (right) "
         f"it goes by {surface.turned}; nodes move by up to {data.length.text(moved.max())}. The outline that it leaves "
-        "is blue, and the edges of the hexahedron, outside of which nothing moves, are magenta.",
+        "is blue, and the edges of the box, outside of which nothing moves, are magenta.",
         length=data.length,
     )
 

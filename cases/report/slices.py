@@ -18,13 +18,13 @@ from sdm_deflect.deform.mesh import PLANE, Cells, FloatArray, IntArray, Mesh, Vo
 
 AXES = "xyz"
 AROUND = 0.06
-"""Margin around the hexahedron, by its size."""
+"""Margin around the box, by its size."""
 ALONG = 0.7
 """Where the chord at the inner end is cut: behind the hinge line of a wedge."""
 ROOT = 0.15
 """Share of the span that counts as the inner end."""
 CLOSE = 0.128
-"""Half the width and height of what is seen of the inner end, by the size of the hexahedron."""
+"""Half the width and height of what is seen of the inner end, by the size of the box."""
 BAR = (0.89, 0.2, 0.025, 0.6)
 """Where the bar of colours stands in the figure: left, bottom, width, height."""
 EDGES = {
@@ -114,7 +114,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
     names = {"before": "undeflected", "interpolated": f"{surface.turned}, before the repair", "after": surface.turned}
     columns = len(data.states)
     figure = Figure(figsize=(9.6, 9.0) if columns == 2 else (13.2, 8.2))
-    figure.subplots_adjust(left=0.09, right=0.86, bottom=0.06, top=0.93, wspace=0.28, hspace=0.25)
+    figure.subplots_adjust(left=0.09, right=0.86, bottom=0.06, top=0.92, wspace=0.28, hspace=0.28)
     axes, texts = figure.subplots(2, columns), []
     for row, plane in zip(axes, planes(data, box, surface), strict=True):
         states = zip(row, data.states.items(), strict=True)
@@ -130,7 +130,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
     middle = "before the repair (middle) " if columns > 2 else ""
     return figure, (
         f"Plane slices through the cells around {surface.name}, coloured by {measure}, before (left), {middle}"
-        "and after (right); walls are black, the hexahedron is dashed. " + " ".join(texts)
+        "and after (right); walls are black, the box is dashed. " + " ".join(texts)
     )
 
 
@@ -150,7 +150,7 @@ def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane
     axes.plot(*np.vstack([section, section[:1]]).T, color="#cc00cc", lw=1.3, ls="--")
     axes.set(xlim=factor * plane.window[:, right], ylim=factor * plane.window[:, up], aspect="equal")
     axes.set(xlabel=f"{AXES[right]}, {unit}", ylabel=f"{AXES[up]}, {unit}")
-    axes.set_title(f"{plane.what}, {state}", fontsize="small")
+    axes.set_title(f"{plane.what},\n{state}", fontsize="small")
     return float(shades.min(initial=1.0))
 
 

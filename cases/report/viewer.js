@@ -139,13 +139,13 @@
 
   const bar = (title) => ({ title: { text: text(title), side: "right" }, len: 0.55, x: 1, xanchor: "right", y: 0.35, thickness: 12 });
 
-  function hexahedra() {
+  function outlines() {
     const ends = (points) => Array.from({ length: points.length / 3 }, (_, i) => i);
     const only = data.views[control("view").value].box;
     return boxes.map((points, i) => ({
-      type: "scatter3d", mode: "lines", ...lines(points, ends(points)), name: text("hexahedron of " + data.boxes[i].name),
+      type: "scatter3d", mode: "lines", ...lines(points, ends(points)), name: text("box of " + data.boxes[i].name),
       line: { color: "#cc00cc", width: 4 }, hoverinfo: "skip", showlegend: false,
-      visible: control("hexahedron").checked && (only === null || only === i),
+      visible: control("box").checked && (only === null || only === i),
     }));
   }
 
@@ -249,7 +249,7 @@
   const settings = { responsive: true, displayModeBar: false, scrollZoom: true };
 
   function draw() {
-    const traces = [...patches.flatMap(surface), ...hexahedra(), ...scattered(), scale(), ...bad()];
+    const traces = [...patches.flatMap(surface), ...outlines(), ...scattered(), scale(), ...bad()];
     return Plotly.react(plot, traces, layout(), settings).then(() => { plot.dataset.state = state; keep(); });
   }
 
@@ -319,7 +319,7 @@
 
   function offered() {
     data.views.forEach((view, i) => control("view").add(new Option(view.name, String(i))));
-    for (const name of ["view", "lines", "overlay", "hexahedron", "sites", "centres", "cells", "colour", "axis"]) {
+    for (const name of ["view", "lines", "overlay", "box", "sites", "centres", "cells", "colour", "axis"]) {
       control(name).addEventListener("change", () => {
         if (control("axis").value !== "none" && name === "axis") { control("cells").checked = true; control("threshold").value = 1; }
         if (coloured() === "change" && name === "colour") control("cells").checked = true;

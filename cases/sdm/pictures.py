@@ -85,7 +85,7 @@ def gaps(runs: Sequence[Run]) -> Picture:
         tuple(f"{run.case.angle:+g} deg" for run in runs),
         "Cells around the end of the deflected aileron, cut near its trailing edge and seen from behind; the straight "
         "face on the right is the Chimera block's, on which nodes slide. Colours show the mean ratio; aileron and wing "
-        "are dark grey, the hexahedron has magenta edges.",
+        "are dark grey, the box has magenta edges.",
         columns=len(runs),
         quality=True,
     )

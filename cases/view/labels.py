@@ -86,7 +86,7 @@ def about(run: InteractiveRun) -> dict[str, Any]:
     return {
         "run_title": run.manner.title,
         "run_facts": f"{len(mesh.points):,} points, {sum(map(len, mesh.cells)):,} {cells}, of which "
-        f"{run.touched.count:,} touch a hexahedron. {centres:,} centres of the run at {run.angle:+g}{run.unit}"
+        f"{run.touched.count:,} touch a box. {centres:,} centres of the run at {run.angle:+g}{run.unit}"
         + (f", {steps} steps" if steps > len(run.boxes) else "")
         + ". "
         + ("Surfaces: " + ", ".join(surfaces) + "." if len(run.surfaces) > 1 else "")

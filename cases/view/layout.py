@@ -133,7 +133,7 @@ def _numbers() -> None:
         with html.Tr():
             html.Td("last update took", style="padding:1px 0")
             html.Td("{{ elapsed }} ms", id="elapsed", style=NUMBER)
-    html.Div("CELLS AT THE HEXAHEDRON BY QUALITY (line: undeflected)", style=HEADING)
+    html.Div("CELLS AT THE BOX BY QUALITY (line: undeflected)", style=HEADING)
     html.Div(v_html=("histogram",), id="histogram")
 
 
@@ -168,7 +168,7 @@ def _shown() -> None:
         for name, label in (
             ("sectioned", "section"),
             ("cut", "cut the walls open"),
-            ("box", "hexahedron"),
+            ("box", "box"),
             ("centres", "centres"),
             ("outline", "undeflected outline"),
         ):
