@@ -244,7 +244,7 @@ def test_interrupt_leaves_previous_results(tmp_path, request_to_end):
         wait_until_meshing(process.pid)
         descendants = children(process.pid)
         process.send_signal(request_to_end)
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=120)
     assert process.returncode == 128 + request_to_end
     assert said.decode().endswith("interrupted; earlier results are as they were\n")
     assert (folder / "metrics.json").read_text() == "previous"
@@ -254,9 +254,9 @@ def test_interrupt_leaves_previous_results(tmp_path, request_to_end):
 
 def wait_until_meshing(pid: int) -> None:
     """Wait until the mesher's subprocess runs."""
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 300.0
     while not any(b"meshing.generate" in Path(f"/proc/{child}/cmdline").read_bytes() for child in children(pid)):
-        assert time.monotonic() < deadline, "the mesher did not start within a minute"
+        assert time.monotonic() < deadline, "the mesher did not start within five minutes"
         time.sleep(0.2)
     time.sleep(2.0)
 

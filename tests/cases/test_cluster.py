@@ -348,7 +348,7 @@ def test_workers_that_do_not_see_the_file(block, tmp_path):
     cover = ("env", f"PYTHONPATH={os.pathsep.join([str(tmp_path), *sys.path])}")
     with scheduler(tmp_path) as (address, _), worker(address), worker(address, *cover):
         with Client(address, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=20)
+            client.wait_for_workers(2, timeout=120)
         said = refused(block, "--scheduler", address)
     assert re.fullmatch(
         rf"sdm: 1 of 2 workers cannot read {block} \(No such file or directory\), such as tcp://\S+: put it on a file "

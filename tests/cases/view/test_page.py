@@ -302,7 +302,7 @@ def test_only_the_servers_own_page_is_answered(server):
     port, secret = re.search(r":(\d+)/\?secret=(.+)", server[1]).groups()
     for path, headers, status in REQUESTS:
         filled = {name: text.replace("PORT", port).replace("SECRET", secret) for name, text in headers.items()}
-        connection = HTTPConnection("127.0.0.1", int(port), timeout=10)
+        connection = HTTPConnection("127.0.0.1", int(port), timeout=GENEROUS / 1e3)
         connection.request("GET", path.replace("SECRET", secret), headers=filled)
         assert connection.getresponse().status == status, (path[:40], headers)
         connection.close()
@@ -474,7 +474,7 @@ def test_another_browser_has_a_state_of_its_own(browser, page, server):
 def test_an_interrupt_ends_it_cleanly_and_the_page_says_so(page, server):  # last: it takes the page's server away
     process, _ = server
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=GENEROUS / 1e3)
     assert (process.returncode, out, err) == (0, "", "")
     page.locator("main[role=alert]").wait_for()
     assert "sdm view has ended" in page.locator("main").inner_text()
