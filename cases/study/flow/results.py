@@ -6,7 +6,7 @@ from math import nan
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import ttest_ind
+from scipy import stats
 
 from sdm_deflect.cases.flow.forces import LIFT, PITCH, ROLL, YAW, Forces, coefficients, hinge_moment
 from sdm_deflect.cases.flow.openfoam import WHOLE
@@ -130,7 +130,7 @@ class Increment:
         """
         if min(len(self.others) + 1, len(self.fresh)) < 2:
             return nan, nan
-        found = ttest_ind(self.all_deflected, self.fresh, equal_var=False).confidence_interval(CONFIDENCE)
+        found = stats.ttest_ind(self.all_deflected, self.fresh, equal_var=False).confidence_interval(CONFIDENCE)
         return float(found.low), float(found.high)
 
     @property
