@@ -164,12 +164,14 @@ def several(results: Results) -> Iterator[str]:
 
 
 def _table(results: Results) -> Iterator[str]:
-    heads = ["angle, deg", "", "undeflected", "deflected", "repaired", "made anew: mean", "scatter", "difference",
+    """Yield the lines of the table of increments; without a column of repaired meshes where there are none."""
+    heads = ["angle, deg", "", "undeflected", "deflected", "repaired", "made anew", "scatter", "difference",
              "by increment", "agrees", "swing"]  # fmt: skip
-    yield "| " + " | ".join(heads) + " |"
-    yield "| " + " | ".join(["---:", "---", *["---:"] * 7, "---", "---:"]) + " |"
-    for one in results.increments:
-        yield "| " + " | ".join(_cells(one)) + " |"
+    rows = [heads, ["---:", "---", *["---:"] * 7, "---", "---:"], *map(_cells, results.increments)]
+    if all(one.repaired is None for one in results.increments):
+        rows = [[cell for head, cell in zip(heads, row, strict=True) if head != "repaired"] for row in rows]
+    for row in rows:
+        yield "| " + " | ".join(row) + " |"
 
 
 def _cells(one: Increment) -> list[str]:
