@@ -249,14 +249,14 @@ class Result:
     def _repr_html_(self) -> str:
         """Return the checks and the quality before and after, as tables for notebooks."""
         checks = [
-            (c.name, f"{c.value:.4g}" if c.over else "", f"{c.judgement} {c.limit:.4g}", c.unit, c.verdict)
+            (c.name, f"{c.value:.4g}" if c.over else "", f"{c.judgement} {c.limit:.4g} {c.unit}".strip(), c.verdict)
             for c in self.checks
         ]
         quality = [
             (new.shape, new.measure, str(new.cells), *(f"{one.min:.3f} / {one.mean:.3f}" for one in (old, new)))
             for old, new in zip(self.plan.before, self.quality, strict=True)
         ]
-        return _table(self.title, ("check", "value", "limit", "unit", "verdict"), checks) + _table(
+        return _table(self.title, ("check", "value", "limit", "verdict"), checks) + _table(
             "Cells in the box: least / mean quality", ("type", "measure", "cells", "before", "after"), quality
         )
 

@@ -150,6 +150,7 @@ def test_a_result_says_what_it_is(turned, block):
     verdicts = {check.name: check.verdict for check in turned.checks}
     assert verdicts["fixed_surfaces_moved"] == "not applicable"
     assert "not applicable" in turned._repr_html_()
+    assert "at most 0 cells<" in turned._repr_html_()
     (interpolant,) = turned.interpolants
     assert interpolant(block.points[:1]).shape == (1, 3)
 
