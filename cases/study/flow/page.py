@@ -141,6 +141,13 @@ def _sections(results: Results, spent: str) -> Iterator[str]:
 def several(results: Results) -> Iterator[str]:
     """Say of several deflected meshes and several made anew whether their means differ."""
     rows = [one for one in results.increments if one.others and one.judged]
+    study = results.study
+    lacking = study.fresh - (len(rows[0].others) if rows else 0)
+    if study.fresh > 1 and lacking:
+        yield (
+            f"{lacking} of the {study.fresh} undeflected meshes made anew could not be deflected to "
+            f"{study.angles[0]:+g} degrees without inverted cells, and are left out."
+        )
     if not rows:
         return
     yield (
