@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +35,8 @@ PLANE = ("triangle", "quad")
 RISING = "offsets must rise from 0 to {} in steps of 2 or more"
 OWNERS = "{} faces need as many owners, got {}, and no more neighbours, got {}"
 """What is wrong with faces, and with their cells, wherever that is found."""
+ORTHOGONAL = 1e-6
+"""How far the product of a rotation with its transpose may be from the identity: files have few digits."""
 LARGEST = 1e40
 """Coordinates beyond this would overflow where the sixth power of a length is taken."""
 
@@ -159,6 +161,11 @@ Faces = Cells | Polygons
 Volume = Cells | Polyhedra
 
 
+Constraint = Literal["", "symmetry", "empty", "wedge"]
+"""What a file says of the nodes of a patch: they stay in its plane; they are copies of those on the opposite side of a
+plane case one cell thick; the same of an axisymmetric case, by a rotation."""
+
+
 @dataclass(frozen=True, eq=False)
 class Patch:
     """A named part of the boundary, given by its faces, or by its nodes alone.
@@ -168,15 +175,19 @@ class Patch:
     name : Its name, distinct within a mesh.
     faces : Blocks of faces of one shape, or polygons.
     loose : (K,) node indices that belong to it beside those of its faces.
+    constraint : What the file says of its nodes; empty: nothing.
 
-    Raises InputError if the name is no text, or faces or nodes are something else.
+    Raises InputError if the name is no text, or faces, nodes or constraint are something else.
     """
 
     name: str
     faces: tuple[Faces, ...]
     loose: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
+    constraint: Constraint = ""
 
     def __post_init__(self) -> None:
+        if self.constraint not in get_args(Constraint):
+            raise InputError(f"patch {self.name}: constraint {shortened(self.constraint)} is unknown")
         if not isinstance(self.name, str):
             raise InputError(f"name = {shortened(self.name)} of a patch must be text")
         object.__setattr__(self, "faces", several(self.faces, (Cells, Polygons), f"patch {self.name}: faces"))
@@ -189,6 +200,43 @@ class Patch:
 
     def __len__(self) -> int:
         return sum(len(f) for f in self.faces)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Periodic:
+    """Nodes of which each is the image of another, by one rigid motion: ``image = rotation @ x + shift``.
+
+    Parameters
+    ----------
+    name : Its name, for messages and the check ``periodic_NAME``.
+    patches : The two patches; where the file names only one, that one twice.
+    nodes : (K, 2) a node, and its image. No node is listed twice in one column. None (K = 0) where the faces of the two
+        patches do not match one to one, as in OpenFOAM's ``cyclicAMI``.
+    rotation : (3, 3) orthogonal, determinant +1.
+    shift : (3,) in the mesh's unit of length.
+
+    Raises InputError for arrays of other shapes, and for a matrix that is no rotation.
+    """
+
+    name: str
+    patches: tuple[str, str]
+    nodes: IntArray = field(repr=False)
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3), repr=False)
+    shift: FloatArray = field(default_factory=lambda: np.zeros(3), repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nodes", whole(self.nodes, f"{self.name}: nodes").reshape(-1, 2))
+        object.__setattr__(self, "rotation", real(self.rotation, f"{self.name}: rotation"))
+        object.__setattr__(self, "shift", real(self.shift, f"{self.name}: shift"))
+        if self.rotation.shape != (3, 3) or self.shift.shape != (3,):
+            raise InputError(f"{self.name}: rotation {self.rotation.shape} must be (3, 3), shift {self.shift.shape} (3,)")
+        off = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
+        if not (off < ORTHOGONAL and np.linalg.det(self.rotation) > 0):
+            raise InputError(f"{self.name}: the matrix of a periodic pair is no rotation")
+
+    def image(self, points: FloatArray) -> FloatArray:
+        """Return the images (K, 3) of points (K, 3)."""
+        return points @ self.rotation.T + self.shift
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -239,6 +287,7 @@ class Mesh:
     source : The file it was read from, if it was.
     notes : Sentences on what a user may not expect of it.
     whole : The mesh that this one is an excerpt of; None if it is whole itself.
+    periodic : Pairs of patches whose nodes are images of one another.
 
     Raises InputError for coordinates that are not finite or beyond `LARGEST`, indices out of range, names given twice.
     """
@@ -251,10 +300,12 @@ class Mesh:
     source: str = ""
     notes: tuple[str, ...] = ()
     whole: Whole | None = None
+    periodic: tuple[Periodic, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", real(self.points, "points"))
-        for name, kinds in (("cells", (Cells, Polyhedra)), ("patches", (Patch,)), ("zones", (Zone,))):
+        parts = (("cells", (Cells, Polyhedra)), ("patches", (Patch,)), ("zones", (Zone,)), ("periodic", (Periodic,)))
+        for name, kinds in parts:
             object.__setattr__(self, name, several(getattr(self, name), kinds, name))
         if self.points.ndim != 2 or self.points.shape[1] != 3:
             raise InputError(f"points {self.points.shape} must be (N, 3)")
@@ -304,6 +355,7 @@ class Mesh:
             found.append((nodes, "polyhedra" if isinstance(block, Polyhedra) else block.shape))
         found += [(faces.nodes, f"patch {patch.name}") for patch in self.patches for faces in patch.faces]
         found += [(patch.loose, f"patch {patch.name}") for patch in self.patches]
+        found += [(pair.nodes, f"periodic pair {pair.name}") for pair in self.periodic]
         return found
 
     @property
