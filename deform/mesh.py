@@ -229,7 +229,8 @@ class Periodic:
         object.__setattr__(self, "rotation", real(self.rotation, f"{self.name}: rotation"))
         object.__setattr__(self, "shift", real(self.shift, f"{self.name}: shift"))
         if self.rotation.shape != (3, 3) or self.shift.shape != (3,):
-            raise InputError(f"{self.name}: rotation {self.rotation.shape} must be (3, 3), shift {self.shift.shape} (3,)")
+            given = f"rotation {self.rotation.shape} and shift {self.shift.shape}"
+            raise InputError(f"{self.name}: {given} must be (3, 3) and (3,)")
         off = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
         if not (off < ORTHOGONAL and np.linalg.det(self.rotation) > 0):
             raise InputError(f"{self.name}: the matrix of a periodic pair is no rotation")
