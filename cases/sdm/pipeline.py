@@ -84,16 +84,21 @@ def drawn_report(
 
 def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[TetMesh, MeshOrigin]:
     """Return the undeflected mesh of the case, from the cache if it is there and whole."""
-    parts = {"fighter": case.fighter, "mesh": case.mesh, "domain": case.domain}
-    if case.domain == "block":
-        parts |= {"block": case.block, "surface": case.deflections[0].surface}
 
     def generate() -> "Generated":
         from sdm_deflect.cases.sdm.cad import undeflected  # loads the CAD kernel: seconds that a cached mesh spares
 
         return undeflected(case, watch)
 
-    return cached(parts, generate, watch, cache)
+    return cached(mesh_parameters(case), generate, watch, cache)
+
+
+def mesh_parameters(case: Case) -> dict[str, object]:
+    """Return everything that the undeflected mesh of a case depends on."""
+    parts: dict[str, object] = {"fighter": case.fighter, "mesh": case.mesh, "domain": case.domain}
+    if case.domain == "block":
+        parts |= {"block": case.block, "surface": case.deflections[0].surface}
+    return parts
 
 
 def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> TetMesh:
