@@ -153,6 +153,7 @@ class Result:
         """
         from sdm_deflect.cases.flow.flow_case import FlowCase
         from sdm_deflect.cases.mesh_files import Targets, write_mesh
+        from sdm_deflect.meshing.files import permitted_as
 
         mesh, out = self.plan.mesh, _path(path)
         flow = FlowCase.of(to_solver, mach, alpha, far_field)
@@ -162,7 +163,8 @@ class Result:
             source = Path(mesh.source or out.parent / "mesh.vtu")  # a mesh of arrays has no file
             wanted = Targets.of(source, out, (self.angle,), flow=flow)
             wanted.check()
-            return self._save_case(flow, wanted.out) if flow else write_mesh(source, mesh, self.points, wanted.out)
+            with permitted_as(mesh.source):
+                return self._save_case(flow, wanted.out) if flow else write_mesh(source, mesh, self.points, wanted.out)
 
     def _save_case(self, flow: "FlowCase", out: Path) -> tuple[str, ...]:
         from sdm_deflect.cases.output import OutputError, output_files
@@ -188,12 +190,13 @@ class Result:
         """
         from sdm_deflect.cases.output import OutputError, output_folder
         from sdm_deflect.cases.report.folder import write_run_folder
+        from sdm_deflect.meshing.files import permitted_as
 
         place = _path(folder)
         try:
             if place.exists() and any(place.iterdir()) and not (place / "report.html").exists():
                 raise InputError(f"{place} holds other files already: name a new folder")
-            with output_folder(place) as scratch:
+            with permitted_as(self.plan.mesh.source), output_folder(place) as scratch:
                 write_run_folder(scratch, self.deflection, self.checks, None, {}, self.min_quality, place)
         except (OSError, OutputError, MeshFileError) as error:
             raise InputError(str(error)) from None

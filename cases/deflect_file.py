@@ -26,6 +26,7 @@ from sdm_deflect.deform.touched import Layers
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.registry import STORED, format_of, in_pieces, read, size_of
 
 if TYPE_CHECKING:
@@ -135,7 +136,7 @@ def deflect_file(
     lost: tuple[str, ...] = ()
     if wanted.reported:
         from sdm_deflect.cases.report.folder import write_run_folder  # loads graphics libraries
-    with output_files(wanted.out.parent) as scratch:
+    with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
         results = sweep(plan, wanted.angles)
         for _ in wanted.angles:
             with watch.stage("deflect") as progress:

@@ -6,14 +6,13 @@ from pathlib import Path
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh_folder
+from sdm_deflect.meshing.files import fresh_folder, permitted_as
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.openfoam_write import header
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.zones import joined
-from sdm_deflect.meshing.temporary import settle
 
 WITH_ZONES = ("cgns",)
 """Formats in which the background of a Chimera block is a second zone of the same file."""
@@ -59,7 +58,6 @@ def export_run(
     MeshFileError
         If `out` cannot be written.
     """
-    settle(run)
     source = run / f"{which}.vtu"
     if not source.is_file():
         raise InputError(f"{run} is not the output folder of a run: it has no {which}.vtu")
@@ -73,9 +71,10 @@ def export_run(
     background = run / "background.vtu"
     if background.is_file() and form in WITH_ZONES:
         mesh = joined(("block", "background"), (mesh, read_vtu(background).as_mesh()))
-    if isinstance(known, OpenFoam):
-        return target, write_case(mesh, target, progress)
-    return target, known.write(mesh, target, progress)
+    with permitted_as(run):
+        if isinstance(known, OpenFoam):
+            return target, write_case(mesh, target, progress)
+        return target, known.write(mesh, target, progress)
 
 
 def write_case(mesh: Mesh, out: Path, progress: Progress) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from sdm_deflect.deform.reading import damaged
 from sdm_deflect.deform.swept import CONSERVED
 from sdm_deflect.deform.volume.deflection import Plan, sweep
 from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats import openfoam_history as foam
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import case_folder
@@ -194,7 +195,7 @@ def deflect_in_time(
     plan = planned(wanted, job, watch, angles=history.distinct)
     times = foam.Times(history.times)
     found: list[Judged] = []
-    with output_files(wanted.out.parent) as scratch:
+    with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
         case = scratch / wanted.out.name
         with watch.stage("write") as progress:
             lost = _write_case(wanted, plan, case, times, progress)

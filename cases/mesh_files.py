@@ -16,7 +16,6 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.meshing.formats.format import Format, only_rewritten
 from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, ending, format_of
-from sdm_deflect.meshing.temporary import settle, settle_in
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.flow.flow_case import FlowCase
@@ -137,7 +136,6 @@ class Targets:
 
         Raises InputError naming the first such target.
         """
-        settle_in(self.out.absolute().parent)
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
         for target in (*meshes, *self.extra, *self.configurations, *self._other_tables()):
@@ -180,8 +178,7 @@ class Targets:
 
 
 def is_report(folder: Path) -> bool:
-    """Whether a folder is that of a deflected mesh, once what a killed process left of it is finished."""
-    settle(folder)
+    """Whether a folder is that of a deflected mesh."""
     return (folder / SETTINGS).is_file()
 
 

@@ -1,22 +1,57 @@
 """Files and folders that appear whole or not at all.
 
-Everything is written into a temporary folder beside its target, flushed to the disk, then renamed. A folder that is
-there already changes places with the new one in one step; where the system cannot do that, and for several targets,
-a journal lists the renames, and whoever next looks into the folder finishes them.
+Everything is staged in a hidden folder beside its target, brought to the disk, and put in place by one rename. A folder
+that is there already goes aside before, and back if the new one cannot take its place. Of several targets all are
+staged before the first is put in place. What is new has the permissions of what it replaces, else of its source.
 """
 
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+import signal
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from errno import ENOTDIR
 from fnmatch import fnmatchcase
+from itertools import product
 from pathlib import Path
+from stat import S_IMODE
 from typing import Any
 
 from sdm_deflect.meshing.formats.format import MeshFileError, about
-from sdm_deflect.meshing.replacement import Move, commit, committing, flush, is_mounted, moved_folder
-from sdm_deflect.meshing.temporary import is_temporary, settle, staging
+from sdm_deflect.meshing.temporary import clear, is_temporary, registered, staging, unused
+from sdm_deflect.meshing.watchers import watchers
+
+HELD = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Signals that wait while targets are replaced."""
+MESHES = ("points*", "constant/polyMesh/*", "processor*/constant/polyMesh/*")
+"""Files of a case whose permissions count, whatever its folder has."""
+_permitted = ContextVar("_permitted", default=0o7777)
+
+
+@contextmanager
+def permitted_as(*sources: Path | str | None) -> Iterator[None]:
+    """Withhold new files and folders that are written in this block from those who may not read or write a source."""
+    mode = _permitted.get()
+    for source in filter(None, sources):
+        mode &= _permissions(Path(source))
+    token = _permitted.set(mode)
+    try:
+        yield
+    finally:
+        _permitted.reset(token)
+
+
+def _permissions(source: Path) -> int:
+    """Return the permissions that a copy of a file, a folder or a case may have: any for its owner."""
+    mode = 0o7777
+    for path in (source, *(path for pattern in MESHES for path in source.glob(pattern))):
+        with suppress(OSError):
+            shared = path.stat().st_mode & 0o066
+            mode &= 0o7700 | shared | (shared & 0o044) >> 2
+    return mode
 
 
 @contextmanager
@@ -29,19 +64,16 @@ def fresh(out: Path, source: Path | None = None) -> Iterator[Path]:
         raise MeshFileError(f"{out}: this is the mesh that is read; write to another file")
     if out.exists() and not out.is_file():
         raise MeshFileError(f"{out}: is there and no file; name another one")
-    with written(out), _replacing(out, committing) as beside:
+    with written(out), permitted_as(source), replacing(out, [out]) as beside:
         yield beside
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Give a path to write to that becomes `path` once the block has ended well; OSError if that cannot be."""
-    with _replacing(path, _quietly) as beside:
-        yield beside
+def replacing(path: Path, watched: Sequence[Path] = ()) -> Iterator[Path]:
+    """Give a path to write to that becomes `path` once the block has ended well; OSError if that cannot be.
 
-
-@contextmanager
-def _replacing(path: Path, held: Callable[[Path], Any]) -> Iterator[Path]:
+    `watchers` hear of the names `watched`.
+    """
     if is_temporary(path):  # it appears with the folder around it
         path.touch()
         yield path
@@ -52,10 +84,7 @@ def _replacing(path: Path, held: Callable[[Path], Any]) -> Iterator[Path]:
         beside = folder / target.name
         beside.touch()
         yield beside
-        flush(beside)
-        with held(path):
-            beside.replace(target)
-        flush(target.parent)
+        _put({beside: target}, watched)
 
 
 @contextmanager
@@ -68,7 +97,7 @@ def fresh_folder(out: Path, source: Path | None = None) -> Iterator[Path]:
         raise MeshFileError(f"{out}: lies in the case that is read; write to a folder outside it")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise MeshFileError(f"{out}: exists already; name a new folder, or delete that one")
-    with written(out):
+    with written(out), permitted_as(source):
         if is_temporary(out):
             out.mkdir(exist_ok=True)
             yield out
@@ -80,6 +109,8 @@ def fresh_folder(out: Path, source: Path | None = None) -> Iterator[Path]:
 @contextmanager
 def replacing_folder(out: Path, stale: Sequence[str]) -> Iterator[Path]:
     """Give an empty folder that replaces the folder `out` as one once the block has ended well; a link is followed.
+
+    Where the old folder has to stay (see `_swapped`), its files are replaced one by one.
 
     Parameters
     ----------
@@ -96,42 +127,182 @@ def replacing_folder(out: Path, stale: Sequence[str]) -> Iterator[Path]:
     if target.exists() and not target.is_dir():
         raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR), str(out))
     target.parent.mkdir(parents=True, exist_ok=True)
-    settle(target)
-    inside = target.is_dir() and (is_mounted(target) or not os.access(target.parent, os.W_OK))
+    clear(target.parent)
+    inside = target.is_dir() and (_is_mounted(target) or not os.access(target.parent, os.W_OK))
     with staging(target if inside else target.parent) as folder:
         beside = folder / target.name
         beside.mkdir()
         with renamed(beside, out):
             yield beside
             with written(out):
-                commit(folder, [moved_folder(beside, target, stale)], [out])
+                _put({beside: target}, [out], stale)
 
 
 @contextmanager
 def replacing_files(folder: Path, stale: Sequence[str]) -> Iterator[Path]:
-    """Give an empty folder whose files and folders replace those of the same names in `folder` together.
+    """Give an empty folder whose files and folders replace those of the same names in `folder`, one after another.
 
     `stale` and errors are those of `replacing_folder`, for each folder in it.
     """
     home = Path(os.path.realpath(folder))
     home.mkdir(parents=True, exist_ok=True)
-    with staging(home) as temporary:
-        beside = temporary / "new"
-        beside.mkdir()
-        with renamed(beside, folder):
-            yield beside
-            names = sorted(path.name for path in beside.iterdir())
-            pairs = [(beside / name, Path(os.path.realpath(home / name))) for name in names]
-            if far := [new for new, old in pairs if old.parent.stat().st_dev != home.stat().st_dev]:
-                raise MeshFileError(f"{far[0]}: is a link to another file system; name the file itself")
-            with written(folder):
-                moves = [moved_folder(new, old, stale) if new.is_dir() else Move(new, old) for new, old in pairs]
-                commit(temporary, moves, [folder / name for name in names])
+    with staging(home) as beside, renamed(beside, folder):
+        yield beside
+        names = sorted(path.name for path in beside.iterdir())
+        moves = {beside / name: Path(os.path.realpath(home / name)) for name in names}
+        if far := [new for new, old in moves.items() if old.parent.stat().st_dev != home.stat().st_dev]:
+            raise MeshFileError(f"{far[0]}: is a link to another file system; name the file itself")
+        with written(folder):
+            _put(moves, [folder / name for name in names], stale)
+
+
+def _put(moves: Mapping[Path, Path], watched: Sequence[Path], stale: Sequence[str] = ()) -> None:
+    """Put new files and folders in the places of old ones, once all are on the disk; OSError if that cannot be."""
+    inside = {new: [path.relative_to(new) for path in _tree(new)] for new in moves}
+    for new, old in moves.items():
+        if bad := [old / path for path in inside[new] if (old / path).is_dir() and not (new / path).is_dir()]:
+            raise MeshFileError(f"{bad[0]}: is a folder; a file of that name is to be written")
+        mode = _permitted.get() & (_permissions(old) if old.is_dir() else 0o7777)
+        for path in (Path(), *inside[new]):
+            _permit(new / path, old / path, mode)
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(_flush, [new / path for new, own in inside.items() for path in (Path(), *own)]))
+    with _committing(watched):
+        for new, old in moves.items():
+            if not (new.is_dir() and old.is_dir()):
+                new.replace(old)
+            elif not _swapped(new, old, inside[new], stale):
+                _one_by_one(new, old, inside[new], stale)
+        for parent in {old.parent for old in moves.values()}:
+            _flush(parent)
+
+
+def _tree(folder: Path) -> list[Path]:
+    """Return all that a folder holds, folders before what is in them; nothing for a file."""
+    return [Path(name, one) for name, inner, files in os.walk(folder) for one in (*inner, *files)]
+
+
+def _permit(new: Path, old: Path, mode: int) -> None:
+    """Give what is new the permissions and owner of what it replaces; if that is nothing, its own within `mode`."""
+    try:
+        kept = old.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        mode &= new.stat().st_mode
+    else:
+        mode = kept.st_mode
+        for owner in (kept.st_uid, -1):
+            with suppress(OSError):  # for root alone
+                os.chown(new, owner, kept.st_gid)
+                break
+        else:
+            mode &= 0o7707
+    with suppress(OSError):  # file systems without permissions
+        new.chmod(S_IMODE(mode))
+
+
+def _swapped(new: Path, old: Path, own: Sequence[Path], stale: Sequence[str]) -> bool:
+    """Put a new folder in the place of an old one, with the user's other files in it; False if the old one must stay.
+
+    That is where it is another user's, where a process works in it, where it holds folders of the user's, where
+    something is mounted, and where the file system has no hard links.
+    """
+    ours = {*own, *(Path(pattern).parent for pattern in stale)}
+    folders = [path for path in _tree(old) if path.is_dir()]
+    if any(path.is_symlink() or path.relative_to(old) not in ours for path in folders):
+        return False
+    if old.stat().st_uid != os.geteuid() or _is_worked_in(old):
+        return False
+    aside = unused(old.parent)
+    with registered(aside) as note:
+        try:
+            for path in _others(old, own, stale):
+                if not (new / path.parent).exists():
+                    (new / path.parent).mkdir()
+                    shutil.copymode(old / path.parent, new / path.parent)
+                os.link(old / path, new / path, follow_symlinks=False)
+            note(inode=old.stat().st_ino, target=str(old), new=new.stat().st_ino)
+            old.rename(aside)
+        except OSError:
+            return False
+        try:
+            new.rename(old)
+        except OSError:
+            aside.rename(old)
+            raise
+        for path in _others(aside, own, stale):  # the same files, or others where the user was just writing
+            (old / path.parent).mkdir(parents=True, exist_ok=True)
+            (aside / path).replace(old / path)
+        shutil.rmtree(aside, ignore_errors=True)
+    return True
+
+
+def _others(old: Path, own: Sequence[Path], stale: Sequence[str]) -> list[Path]:
+    """Return the files of an old folder that are the user's: neither among the new ones nor stale."""
+    files = {path.relative_to(old) for path in _tree(old) if path.is_symlink() or not path.is_dir()} - set(own)
+    return [path for path in files if not any(fnmatchcase(path.as_posix(), pattern) for pattern in stale)]
+
+
+def _one_by_one(new: Path, old: Path, own: Sequence[Path], stale: Sequence[str]) -> None:
+    """Replace the files of a folder that stays; what is stale in it goes."""
+    gone = {path.relative_to(old) for path in _tree(old) if not path.is_dir()} - {*own, *_others(old, own, stale)}
+    for path in own:
+        if (new / path).is_dir():
+            (old / path).mkdir(exist_ok=True)
+        else:
+            (new / path).replace(old / path)
+    for path in gone:
+        (old / path).unlink(missing_ok=True)
+        with suppress(OSError):
+            (old / path.parent).rmdir()
 
 
 @contextmanager
-def _quietly(_: Path) -> Iterator[None]:
-    yield
+def _committing(targets: Sequence[Path]) -> Iterator[None]:
+    """Hold the signals that end a process until `targets` are replaced, and tell `watchers`."""
+    came: list[int] = []
+    kept: dict[int, Any] = {}
+    try:
+        if threading.current_thread() is threading.main_thread():
+            for number in (getattr(signal, name) for name in HELD if hasattr(signal, name)):
+                if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                    kept[number] = signal.signal(number, lambda given, _: came.append(given))
+        for watch, target in product(watchers, targets):
+            watch(target, False)
+        yield
+        for watch, target in product(watchers, targets):
+            watch(target, True)
+    finally:
+        for number, handler in kept.items():
+            signal.signal(number, handler)
+        for number in came:
+            signal.raise_signal(number)
+
+
+def _is_mounted(folder: Path) -> bool:
+    """Whether a folder is where something is mounted."""
+    try:
+        lines = Path("/proc/self/mountinfo").read_text(errors="replace").splitlines()
+    except OSError:
+        return folder.is_mount()
+    return any(line.split()[4] == str(folder) for line in lines)
+
+
+def _is_worked_in(folder: Path) -> bool:
+    """Whether a folder, or one in it, is the working folder of a process."""
+    for work in (Path("/proc/self/cwd"), *Path("/proc").glob("[0-9]*/cwd")):
+        with suppress(OSError):
+            if work.readlink().is_relative_to(folder):
+                return True
+    return False
+
+
+def _flush(path: Path) -> None:
+    """Bring a file or a folder to the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 @contextmanager
@@ -165,6 +336,7 @@ def copied(source: Path, into: Path, without: tuple[str, ...]) -> None:
             folders[:] = [folder for folder in folders if not any(fnmatchcase(folder, pattern) for pattern in without)]
             here = into / Path(name).relative_to(source)
             here.mkdir(exist_ok=True)
+            here.chmod(here.stat().st_mode & _permissions(Path(name)))
             for path in (Path(name, file) for file in files):
                 if path.exists():
                     shutil.copy2(path, here)

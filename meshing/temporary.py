@@ -1,111 +1,130 @@
-"""Temporary folders: named after their process, so that those of processes that are gone are known and cleared."""
+"""Temporary folders, and the register by which the next command knows those of a command that was killed.
 
+The register is a private folder of the user's with a file for each temporary folder, locked while its process lives.
+Nothing follows from the name of a folder: one that came from elsewhere is in no register, and so never touched.
+"""
+
+import fcntl
+import json
 import os
-import re
+import secrets
 import shutil
+import stat
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from errno import EPERM
 from pathlib import Path
-from zlib import crc32
+from typing import Any
 
-from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.replacement import JOURNAL, finish
+import platformdirs
 
 BESIDE, SCRATCH = ".sdm-", "sdm-deflect-"
 """Beginnings of the names of temporary folders: beside a target, and in the system's folder for such."""
-MARKED = re.compile(r"(?:\.sdm|sdm-deflect)-([0-9a-f]{8})-(\d+)-(\d+)-\w+")
-"""Machine, process and its start in the name of a temporary folder."""
+_own: set[Path] = set()
 
 
 @contextmanager
-def staging(folder: Path, begin: str = BESIDE) -> Iterator[Path]:
-    """Give a temporary folder in `folder` that is removed at the end, after those of processes that are gone.
-
-    It stays only if it holds the journal of what could not be finished.
-    """
-    settle_in(folder)
-    name = Path(tempfile.mkdtemp(prefix=f"{begin}{_machine()}-{os.getpid()}-{_start(os.getpid()) or 0}-", dir=folder))
-    try:
+def staging(folder: Path) -> Iterator[Path]:
+    """Give a temporary folder in `folder` that is removed at the end; what killed commands left there goes first."""
+    clear(folder)
+    with _made(unused(folder)) as name:
         yield name
-    finally:
-        if not (name / JOURNAL).exists():
-            shutil.rmtree(name, ignore_errors=True)
 
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """Give a folder among the system's temporary ones that is removed at the end, after those of processes gone."""
-    with staging(Path(tempfile.gettempdir()), SCRATCH) as folder:
-        yield folder
+    """Give a folder among the system's temporary ones that is removed at the end."""
+    with _made(unused(Path(tempfile.gettempdir()), SCRATCH)) as name:
+        yield name
 
 
-def settle(folder: Path) -> None:
-    """Finish what a process that is gone was about to replace in a folder, and remove what else it left there.
-
-    MeshFileError if a replacement is unfinished and cannot be finished.
-    """
-    place = Path(os.path.realpath(folder))
-    settle_in(place)
-    settle_in(place.parent)
-
-
-def settle_in(folder: Path) -> None:
-    """As `settle`, of what lies in this folder alone."""
-    with suppress(OSError), os.scandir(folder) as entries:
-        names = [entry.name for entry in entries if MARKED.fullmatch(entry.name)]
-        for left in (folder / name for name in names):
-            if _is_left(left):
-                _settled(left)
+@contextmanager
+def _made(path: Path) -> Iterator[Path]:
+    with registered(path) as note:
+        path.mkdir(mode=0o700)
+        _own.add(path)
+        try:
+            note(inode=path.stat().st_ino)
+            yield path
+        finally:
+            shutil.rmtree(path, ignore_errors=True)
+            _own.discard(path)
 
 
-def _settled(left: Path) -> None:
-    try:
-        finish(left)
-    except OSError as error:
-        why = f"{error.filename}: {error.strerror}"
-        raise MeshFileError(f"{left.parent}: an earlier replacement cannot be finished: {why}") from error
-    except (ValueError, TypeError, KeyError) as error:
-        raise MeshFileError(f"{left / JOURNAL}: is damaged; delete the folder {left.name}") from error
-    shutil.rmtree(left, ignore_errors=True)
-
-
-def _is_left(path: Path) -> bool:
-    """Whether a temporary folder is ours, and its process gone."""
-    found = MARKED.fullmatch(path.name)
-    with suppress(FileNotFoundError):
-        status = path.lstat()
-        own = path.is_dir() and not path.is_symlink() and status.st_uid == os.geteuid()
-        return bool(own and found and found[1] == _machine() and _start(int(found[2])) != int(found[3]))
-    return False
+def unused(folder: Path, begin: str = BESIDE) -> Path:
+    """Return a random name in a folder."""
+    return Path(os.path.realpath(folder)) / f"{begin}{secrets.token_hex(8)}"
 
 
 def is_temporary(path: Path) -> bool:
     """Whether a path lies in a temporary folder of this process."""
-    own = f"{_machine()}-{os.getpid()}-"
-    return any(MARKED.fullmatch(part) and own in part for part in path.absolute().parent.parts)
+    return not _own.isdisjoint(path.absolute().parents)
 
 
-def _machine() -> str:
-    """Digest of the machine's name and of the space in which its processes have their numbers."""
-    space = ""
+@contextmanager
+def registered(path: Path) -> Iterator[Callable[..., None]]:
+    """Keep a temporary path in the register while it is there; without a register nobody will clear it.
+
+    Gives what notes its inode and, for a folder that was put aside, the `target` that it was, and the inode of the
+    `new` folder there.
+    """
+    with ExitStack() as stack:
+        entry = None
+        with suppress(OSError):
+            opened = stack.enter_context(tempfile.NamedTemporaryFile(dir=_register(), buffering=0, delete=False))
+            fcntl.flock(opened, fcntl.LOCK_EX)
+            entry = opened
+
+        def note(**known: Any) -> None:
+            if entry:
+                with suppress(OSError):
+                    row = {"machine": os.uname().nodename, "path": str(path), **known}
+                    entry.write(json.dumps(row).encode() + b"\n")
+                    if "target" in known:
+                        os.fsync(entry)
+
+        note()
+        try:
+            yield note
+        finally:
+            if entry and not os.path.lexists(path):
+                Path(entry.name).unlink(missing_ok=True)
+
+
+def clear(folder: Path) -> None:
+    """Remove what killed commands left in a folder and in the system's for temporary files; put a folder aside back."""
+    places = {os.path.realpath(folder), os.path.realpath(tempfile.gettempdir())}
     with suppress(OSError):
-        space = str(Path("/proc/self/ns/pid").readlink())
-    return f"{crc32(f'{os.uname().nodename} {space}'.encode()):08x}"
+        for entry in list(_register().iterdir()):
+            with suppress(OSError, ValueError, LookupError), entry.open("rb") as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # refused while its process lives
+                row = json.loads(file.read().splitlines()[-1])
+                path = Path(row["path"])
+                if row["machine"] == os.uname().nodename and str(path.parent) in places:
+                    if os.path.lexists(path):
+                        _clear(path, row.get("inode"), row.get("target"), row.get("new"))
+                    if not os.path.lexists(path):
+                        entry.unlink()
 
 
-def _start(process: int) -> int | None:
-    """When a process started, in the system's own unit (0 where that is not told); None if it is gone."""
-    try:
-        state, *rest = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(") ")[2].split()
-        return None if state in "ZX" else int(rest[18])
-    except FileNotFoundError:
-        if Path("/proc/self/stat").exists():
-            return None
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return None
-    except PermissionError:
-        pass
-    return 0
+def _clear(path: Path, inode: int | None, target: str | None, new: int | None) -> None:
+    """Remove a temporary folder, or put it back if it is a `target` that nothing new has replaced."""
+    if inode is None:  # its process was killed as it made the folder
+        path.rmdir()
+    elif path.lstat().st_ino == inode:
+        if target and not os.path.lexists(target):
+            path.rename(target)
+        elif not target or Path(target).stat().st_ino == new:
+            shutil.rmtree(path)
+
+
+def _register() -> Path:
+    """Return the private folder of the register; OSError if there is none."""
+    folder = Path(platformdirs.user_state_dir("sdm-deflect", appauthor=False)) / "temporary"
+    if folder.is_absolute():  # else this user has no home
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.lstat()
+        if stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o077:
+            return folder
+    raise PermissionError(EPERM, os.strerror(EPERM), str(folder))

@@ -42,13 +42,14 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> P
 
 @pytest.fixture(scope="session", autouse=True)
 def mesh_cache(shared_folder: Path):
-    """Keep the user's mesh cache out of the tests, and the meshes of `tests.kept_meshes` in that of the tests."""
+    """Keep the user's mesh cache and register of temporary folders out of the tests, and `tests.kept_meshes` in theirs."""
     folder = Path(os.environ.get(KEPT_MESHES) or shared_folder / "meshes")
     with FileLock(shared_folder / "kept.lock"):
         if not folder.exists():
             kept_meshes.put(folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(FOLDER_VARIABLE, str(folder))
+        patch.setenv("XDG_STATE_HOME", str(shared_folder / "state"))
         yield folder
 
 

@@ -12,7 +12,7 @@ from sdm_deflect.cases.compare.figures import Row, Table, differing_settings, ta
 from sdm_deflect.cases.compare.pictures import Shown, drawn
 from sdm_deflect.cases.compare.runs import Run, alike
 from sdm_deflect.cases.report.page import inline, pixels, policy, read, style
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.meshing.files import fresh, permitted_as
 
 HERE = "sdm_deflect.cases.compare"
 
@@ -23,7 +23,8 @@ def write_page(runs: Sequence[Run], out: Path) -> dict[str, Any]:
     Raises MeshFileError if the file cannot be written.
     """
     found, settings = tables(runs), differing_settings(runs)
-    with fresh(out) as beside, TemporaryDirectory() as folder:
+    places = (run.folder for run in runs)
+    with permitted_as(*places), fresh(out) as beside, TemporaryDirectory() as folder:
         beside.write_text(page(runs, found, settings, drawn(runs, Path(folder))), encoding="utf-8")
     return figures_of(runs, found, settings) | {"page": str(out)}
 

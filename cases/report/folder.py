@@ -55,7 +55,6 @@ from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.meshing.formats.registry import ending, format_of
 from sdm_deflect.meshing.formats.shapes import turned
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
-from sdm_deflect.meshing.temporary import settle
 
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
@@ -112,7 +111,6 @@ def report_of_folder(folder: Path) -> ReportData:
 def report_data_of_folder(folder: Path) -> ReportData:
     """Return what a report shows; InputError if a file is missing or damaged, or the mesh is another."""
     with damaged(folder, RUN):
-        settle(folder)
         settings = (folder / SETTINGS).read_text(encoding="utf-8")
     figures, checks, all_fits = read_figures(folder)
     plan, points = read_folder(folder)
@@ -123,7 +121,6 @@ def report_data_of_folder(folder: Path) -> ReportData:
 def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
     """Return the plan made anew and the points (N, 3); InputError if a file is missing, damaged or of another mesh."""
     with damaged(folder, RUN):
-        settle(folder)
         path = loads((folder / SETTINGS).read_text(encoding="utf-8")).get("mesh", "")
         count = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))["mesh"]["points"]
     if not path or not isinstance(path, str):

@@ -12,8 +12,8 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.geometry.datum import SURFACES, hinge_line
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.geometry.reference_values import reference_values
+from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.vtu import read_vtu
-from sdm_deflect.meshing.temporary import settle
 
 
 def export_flow(
@@ -39,7 +39,6 @@ def export_flow(
     InputError
         If `run` has no such mesh, or that of a Chimera block, which is no flow by itself, or `out` is there already.
     """
-    settle(run)
     for name in ("case.toml", f"{which}.vtu"):
         if not (run / name).is_file():
             raise InputError(f"{run} is not the output folder of a run: it has no {name}")
@@ -51,7 +50,7 @@ def export_flow(
     wanted = Targets.of(source, out or place.with_name(f"{place.name}-{which}{suffix}"), (case.angle,), flow=flow)
     wanted.check()
     mesh = read_vtu(source).as_mesh()
-    with output_files(wanted.out.parent) as scratch:
+    with permitted_as(run), output_files(wanted.out.parent) as scratch:
         written, lost = write_flow(
             flow.solver,
             mesh,

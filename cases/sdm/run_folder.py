@@ -21,7 +21,6 @@ from sdm_deflect.deform.volume.deflection import Deflection, repair_of
 from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
-from sdm_deflect.meshing.temporary import settle
 
 if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel
@@ -80,7 +79,6 @@ def undeflected_models(case: Case) -> "tuple[CadModel, ...]":
 
 def read_run(folder: Path) -> tuple[Case, TetMesh, TetMesh]:
     """Return the case of a finished run and its mesh before and after; InputError if these are not one mesh."""
-    settle(folder)
     if not (folder / "case.toml").is_file():
         raise InputError(f"{folder} is not the output folder of a run: it has no case.toml")
     case = resolve("", config=folder / "case.toml")

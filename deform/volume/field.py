@@ -4,12 +4,12 @@ What moves a node is where it was before: the box, the interpolants, the boundar
 ends are told outright, by their places. So any part of a mesh can be moved anywhere, in any order, and twice.
 """
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -176,12 +176,10 @@ class Field:
                 "reach": np.array(step.reach),
             }  # fmt: skip
             arrays |= {f"{name}_{i}": values for name, values in own.items()}
-        beside = Path(path).with_name(f".{Path(path).name}-{os.getpid()}.npz")
-        try:
+        with TemporaryDirectory(prefix=".sdm-", dir=Path(path).parent) as folder:
+            beside = Path(folder, "field.npz")
             np.savez_compressed(beside, **arrays)
             beside.replace(path)
-        finally:
-            beside.unlink(missing_ok=True)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "Field":

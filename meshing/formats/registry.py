@@ -12,7 +12,7 @@ from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.formats.format import Format, MeshFileError
-from sdm_deflect.meshing.temporary import scratch_folder, settle_in
+from sdm_deflect.meshing.temporary import scratch_folder
 
 FLUENT = (
     "write it as .cas.h5 in Fluent, or convert it to an OpenFOAM case: fluentMeshToFoam (fluent3DMeshToFoam for "
@@ -100,7 +100,6 @@ def read(path: str | Path, progress: Progress = silent) -> Mesh:
     Raises MeshFileError if the format is unknown, or the file is missing, truncated or damaged.
     """
     given = Path(path)
-    settle_in(given.absolute().parent)
     mesh = format_of(given).read(given, progress)
     return replace(mesh, name=given.resolve().name, source=str(given.resolve()))
 
@@ -113,7 +112,6 @@ def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshInPieces 
 
     MeshFileError as for `read`.
     """
-    settle_in(path.absolute().parent)
     form = format_of(path).name
     if form not in IN_PIECES:
         yield None

@@ -1,14 +1,16 @@
+import json
 import os
 import signal
+import stat
+from errno import EPERM
 from pathlib import Path
 
 import pytest
 
-from sdm_deflect.meshing import replacement, temporary
-from sdm_deflect.meshing.files import fresh, replacing, replacing_files, replacing_folder
+from sdm_deflect.meshing import files
+from sdm_deflect.meshing.files import fresh, permitted_as, replacing, replacing_files, replacing_folder
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.replacement import Move, commit
-from sdm_deflect.meshing.temporary import settle, staging
+from sdm_deflect.meshing.temporary import registered, scratch_folder, staging
 
 STALE = ("page.html", "figures/old*.png")
 OLD = {"page.html": "old", "figures/old1.png": "old", "figures/mine.png": "mine", "notes.txt": "mine", "data": "old"}
@@ -35,6 +37,36 @@ def in_child(work) -> None:
         finally:
             os._exit(9)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+
+
+def refuse(*_, **__) -> None:
+    raise OSError(EPERM, os.strerror(EPERM))
+
+
+def left_in(folder: Path) -> Path:
+    """Return what a process leaves that is killed while it writes into a folder."""
+
+    def leave() -> None:
+        with staging(folder) as name:
+            put(name, OLD)
+            os._exit(9)
+
+    in_child(leave)
+    (left,) = folder.glob(".sdm-*")
+    return left
+
+
+def next_command(folder: Path) -> None:
+    with staging(folder):
+        pass
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path_factory, monkeypatch) -> Path:
+    """A register of each test's own."""
+    home = tmp_path_factory.mktemp("state")
+    monkeypatch.setenv("XDG_STATE_HOME", str(home))
+    return home / "sdm-deflect" / "temporary"
 
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
@@ -78,27 +110,66 @@ def test_only_files_are_replaced_and_links_are_followed(tmp_path: Path) -> None:
         pass
 
 
-@pytest.mark.parametrize("way", ["exchanged", "file by file", "working folder", "folder of the user's in it", "link"])
+@pytest.mark.parametrize(
+    "way", ["swapped", "no hard links", "mount point", "working folder", "folder of the user's in it", "link"]
+)
 def test_a_folder_is_replaced_but_for_what_the_user_keeps_in_it(way, tmp_path, monkeypatch) -> None:
     old = target = put(tmp_path / "run", OLD)
     kept = KEPT | NEW
     before = old.stat().st_ino
-    if way == "file by file":
-        monkeypatch.setattr(replacement, "_exchange", lambda *_: False)
+    if way == "no hard links":
+        monkeypatch.setattr(os, "link", refuse)
+    elif way == "mount point":
+        monkeypatch.setattr(files, "_is_mounted", lambda _: True)
     elif way == "working folder":
         monkeypatch.chdir(old / "figures")
     elif way == "link":
         target = tmp_path / "link"
         target.symlink_to("run")
-    elif way != "exchanged":
+    elif way != "swapped":
         put(old, {"case/0/U": "mine"})
         kept = kept | {"case/0/U": "mine"}
     with replacing_folder(target, STALE) as beside:
         put(beside, NEW)
-        assert found(old) == OLD | {name: text for name, text in kept.items() if text == "mine"}
+        mine = {name: text for name, text in kept.items() if text == "mine"}
+        assert {name: text for name, text in found(old).items() if ".sdm-" not in name} == OLD | mine
     assert found(target) == kept
-    assert (old.stat().st_ino != before) == (way in ("exchanged", "link"))
+    assert (old.stat().st_ino != before) == (way in ("swapped", "link"))
     assert {path.name for path in tmp_path.iterdir()} == {"run", target.name}
+
+
+def test_what_the_user_writes_while_a_folder_is_replaced_is_kept(tmp_path, monkeypatch) -> None:
+    """A file is changed, and others appear, after the user's files were linked and before the old folder is aside."""
+    target, rename = put(tmp_path / "run", OLD), Path.rename
+
+    def late(old, new):
+        if old == target:
+            (target / "notes.txt").rename(target / "notes~")
+            put(target, {"notes.txt": "changed", "more/notes.txt": "mine", "figures/more.txt": "mine"})
+        return rename(old, new)
+
+    monkeypatch.setattr(Path, "rename", late)
+    with replacing_folder(target, STALE) as beside:
+        put(beside, NEW)
+    late_files = {"notes.txt": "changed", "notes~": "mine", "more/notes.txt": "mine", "figures/more.txt": "mine"}
+    assert found(target) == KEPT | NEW | late_files
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_the_old_folder_comes_back_if_the_new_one_cannot_take_its_place(tmp_path, monkeypatch) -> None:
+    target, rename = put(tmp_path / "run", OLD), Path.rename
+
+    def refused(old, new):
+        return refuse() if new == target and old.parent != target.parent else rename(old, new)
+
+    def replace() -> None:
+        with replacing_folder(target, STALE) as beside:
+            put(beside, NEW)
+
+    monkeypatch.setattr(Path, "rename", refused)
+    with pytest.raises(MeshFileError, match="run: cannot be written"):
+        replace()
+    assert found(tmp_path) == {f"run/{name}": text for name, text in OLD.items()}
 
 
 def test_a_folder_whose_writing_fails_stays(tmp_path: Path) -> None:
@@ -114,7 +185,7 @@ def test_a_folder_whose_writing_fails_stays(tmp_path: Path) -> None:
 
 
 def mortal(monkeypatch, after: int) -> None:
-    """Let this process end at its next step, a rename or a removal, once it has done `after` of them."""
+    """Let this process end at its next step, a rename, link or removal, once it has done `after` of them."""
     left = iter(range(after))
 
     def step(real):
@@ -125,82 +196,185 @@ def mortal(monkeypatch, after: int) -> None:
 
         return counted
 
-    for owner, name in ((Path, "rename"), (Path, "replace"), (Path, "unlink"), (replacement, "_exchange")):
-        monkeypatch.setattr(owner, name, step(getattr(owner, name)))
+    for owner, names in ((os, "rename replace link rmdir"), (Path, "rename replace unlink")):
+        for name in names.split():
+            monkeypatch.setattr(owner, name, step(getattr(owner, name)))
 
 
-@pytest.mark.parametrize("exchange", [True, False])
-def test_what_a_kill_leaves_half_renamed_is_finished_at_the_next_start(exchange, tmp_path, monkeypatch) -> None:
-    """A process ends at each rename and each removal in turn; so does the one after it, which settles what it left."""
+@pytest.mark.parametrize(("again", "steps"), [(False, range(19)), (True, range(5, 9))])
+def test_each_target_is_the_old_or_the_new_one_whenever_a_process_is_killed(
+    again, steps, tmp_path, monkeypatch, state
+) -> None:
+    """A process ends at each step in turn, and the one that clears up after it as well."""
     new = {f"run/{name}": text for name, text in NEW.items()} | {"mesh": "new", "wing/case": "new"}
     old = {f"run/{name}": text for name, text in OLD.items()} | {"mesh": "old"}
-    if not exchange:
-        monkeypatch.setattr(replacement, "_exchange", lambda *_: False)
+    whole = {f"run/{name}": text for name, text in (NEW | KEPT).items()}
 
     def replace(home: Path, after: int) -> None:
         mortal(monkeypatch, after)
         with replacing_files(home, STALE) as beside:
             put(beside, new)
 
-    def settle_and_die(home: Path) -> None:
+    def clear_and_die(home: Path) -> None:
         mortal(monkeypatch, 1)
-        settle(home)
+        next_command(home)
 
-    for after in range(9):
+    seen = set()
+    for after in steps:
         home = put(tmp_path / str(after), old)
         in_child(lambda home=home, after=after: replace(home, after))
-        in_child(lambda home=home: settle_and_die(home))
-        settle(home)
-        assert found(home) == (new | {f"run/{name}": text for name, text in KEPT.items()} if after else old)
+        if again:
+            in_child(lambda home=home: clear_and_die(home))
+        next_command(home)
+        now = found(home)
+        run = {name: text for name, text in now.items() if name.startswith("run/")}
+        assert run in (whole, {name: text for name, text in old.items() if name.startswith("run/")})
+        assert (now["mesh"], now.get("wing/case")) in (("old", None), ("new", None), ("new", "new"))
         assert not list(home.glob(".*"))
+        seen.add((run == whole, now["mesh"], "wing/case" in now))
+    some = {(False, "new", False), (True, "new", False)}
+    assert seen == (some if again else some | {(False, "old", False), (True, "new", True)})
+    assert not list(state.iterdir())
 
 
-def test_leftovers_of_processes_that_are_gone_are_cleared_and_no_others(tmp_path: Path) -> None:
+def test_what_a_killed_process_left_goes_with_the_next_that_writes_there(tmp_path: Path, monkeypatch) -> None:
+    here, there = tmp_path / "here", tmp_path / "there"
+
+    def leave_scratch() -> None:
+        with scratch_folder():
+            os._exit(9)
+
+    for folder in (here, there):
+        folder.mkdir()
+        monkeypatch.setattr("tempfile.tempdir", str(folder))
+        left_in(folder)
+        in_child(leave_scratch)
+    with scratch_folder():  # what only reads needs this, and removes nothing
+        pass
+    assert [len(list(folder.iterdir())) for folder in (here, there)] == [2, 2]
+    monkeypatch.setattr("tempfile.tempdir", str(here))
+    next_command(here)
+    assert [len(list(folder.iterdir())) for folder in (here, there)] == [0, 2]
+
+
+def test_what_is_in_no_register_stays(tmp_path: Path, state: Path) -> None:
+    """A folder of a running process, of a stranger, or of another machine; or that is not the registered one."""
+    left = left_in(tmp_path)
+    left.rename(tmp_path / "moved")
+    put(left, {"thesis": "mine"})
+    strange = put(tmp_path / ".sdm-0123456789abcdef", {"journal.json": "[]", "mesh": "stranger's"})
+    before = found(tmp_path)
+    with staging(tmp_path) as own:
+        next_command(tmp_path)
+        assert own.is_dir()
+    assert found(tmp_path) == before
+    (entry,) = state.iterdir()
+    row = {"machine": "another", "path": str(strange), "inode": strange.stat().st_ino}
+    entry.write_text(json.dumps(row) + "\n")
+    next_command(tmp_path)
+    assert found(tmp_path) == before
+    entry.write_text(json.dumps(row | {"machine": os.uname().nodename}) + "\n")
+    next_command(tmp_path)
+    assert not strange.exists()
+
+
+@pytest.mark.parametrize("there", ["nothing", "new", "other"])
+def test_a_folder_put_aside_comes_back_only_where_nothing_is(there: str, tmp_path: Path) -> None:
+    target, aside, new = (put(tmp_path / name, {"who": name}) for name in ("run", ".sdm-aside", "new"))
+
     def leave() -> None:
-        with staging(tmp_path) as folder:
-            put(folder, OLD)
+        with registered(aside) as note:
+            note(inode=aside.stat().st_ino, target=str(target), new=new.stat().st_ino)
             os._exit(9)
 
     in_child(leave)
-    (left,) = tmp_path.iterdir()
-    machine = left.name.removeprefix(temporary.BESIDE).partition("-")[0]
-    others = [left.name.replace(machine, "00000000"), ".sdm-notes", f".sdm-{machine}-1-x"]
-    for name in others:
-        (tmp_path / name).mkdir()
-    with staging(tmp_path) as own:
-        settle(tmp_path)
-        assert sorted(path.name for path in tmp_path.iterdir()) == sorted([own.name, *others])
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(others)
+    target.rename(tmp_path / "other")
+    if there != "nothing":
+        (tmp_path / there).rename(target)
+    next_command(tmp_path)
+    assert found(target) == {"who": {"nothing": ".sdm-aside", "new": "new", "other": "run"}[there]}
+    assert aside.exists() == (there == "other")
 
 
-@pytest.mark.parametrize("journal", ["[", "5", "[{}]", '[{"staged": "mesh", "inode": 5}]', "\x00"])
-def test_a_journal_that_is_damaged_is_named(journal: str, tmp_path: Path) -> None:
-    def leave() -> None:
-        with staging(tmp_path) as folder:
-            put(folder, {"journal.json": journal, "mesh": "new"})
-
-    in_child(leave)
-    (left,) = tmp_path.iterdir()
-    if "inode" in journal:
-        (left / "journal.json").write_text(journal.replace("5", str((left / "mesh").stat().st_ino)))
-    with pytest.raises(MeshFileError, match=f"journal.json: is damaged; delete the folder {left.name}"):
-        settle(tmp_path)
-    assert list(tmp_path.iterdir()) == [left]
+@pytest.mark.parametrize("register", ["no folder", "open to others", "a link"])
+def test_without_a_private_register_all_works_and_nothing_is_cleared(register, tmp_path, state) -> None:
+    left = left_in(tmp_path)
+    if register == "open to others":
+        state.chmod(0o755)
+    else:
+        state.rename(state.with_name("moved"))
+        state.touch() if register == "no folder" else state.symlink_to("moved")
+    with replacing(tmp_path / "mesh") as beside:
+        beside.write_text("new")
+    with replacing_folder(put(tmp_path / "run", OLD), STALE) as beside:
+        put(beside, NEW)
+    assert (tmp_path / "mesh").read_text() == "new"
+    assert found(tmp_path / "run") == NEW | KEPT
+    assert left.exists()
 
 
 def test_a_signal_waits_until_a_target_is_replaced(tmp_path: Path, monkeypatch) -> None:
     told = []
-    monkeypatch.setattr(replacement, "watchers", [lambda path, whole: told.append((path.name, whole))])
+    monkeypatch.setattr(files, "watchers", [lambda path, whole: told.append((path.name, whole))])
+    rename = Path.rename
 
-    def exchange(*_):
+    def interrupted(old, new):
         signal.raise_signal(signal.SIGINT)
-        return False
+        return rename(old, new)
 
-    monkeypatch.setattr(replacement, "_exchange", exchange)
+    monkeypatch.setattr(Path, "rename", interrupted)
     put(tmp_path / "run", OLD)
-    with staging(tmp_path) as folder:
-        put(folder / "run", NEW)
-        with pytest.raises(KeyboardInterrupt):
-            commit(folder, [Move(folder / "run", tmp_path / "run", exchanged=True)], [Path("run")])
-    assert found(tmp_path / "run") == OLD | NEW
+    with pytest.raises(KeyboardInterrupt), replacing_folder(tmp_path / "run", STALE) as beside:
+        put(beside, NEW)
+    assert found(tmp_path / "run") == NEW | KEPT
     assert told == [("run", False), ("run", True)]
+
+
+def modes(folder: Path) -> dict[str, str]:
+    return {
+        path.relative_to(folder).as_posix(): f"{stat.S_IMODE(path.stat().st_mode):o}"
+        for path in [folder, *folder.rglob("*")]
+    }
+
+
+@pytest.mark.parametrize(
+    ("mode", "umask", "file", "folder"),
+    [
+        (0o600, 0o022, "600", "700"),
+        (0o640, 0o022, "640", "750"),
+        (0o444, 0o022, "644", "755"),
+        (0o666, 0o077, "600", "700"),
+    ],
+)
+def test_what_is_new_is_as_private_as_its_source(mode, umask, file, folder, tmp_path) -> None:
+    source = put(tmp_path, {"source": "mesh"}) / "source"
+    source.chmod(mode)
+    before = os.umask(umask)
+    try:
+        with fresh(tmp_path / "copy", source) as beside:
+            assert stat.S_IMODE(beside.parent.stat().st_mode) == 0o700
+        with permitted_as(source), replacing_files(tmp_path / "out", STALE) as beside:
+            put(beside, {"mesh": "new", "run/figures/a.png": "new"})
+    finally:
+        os.umask(before)
+    del source
+    now = modes(tmp_path)
+    assert now["copy"] == file
+    inside = {name.removeprefix("out/"): one for name, one in now.items() if name.startswith("out/")}
+    assert inside == {"mesh": file, "run": folder, "run/figures": folder, "run/figures/a.png": file}
+
+
+def test_what_is_replaced_keeps_its_permissions_and_owner(tmp_path: Path) -> None:
+    home = put(tmp_path, {"mesh": "old", "other": "old"} | {f"run/{name}": text for name, text in OLD.items()})
+    for name, mode in {"mesh": 0o600, "run": 0o710, "run/data": 0o640, "run/notes.txt": 0o666}.items():
+        (home / name).chmod(mode)
+    owner = (65534, 65534) if not os.geteuid() else (os.geteuid(), os.getegid())
+    os.chown(home / "mesh", *owner)
+    (home / "source").touch(0o644)
+    with permitted_as(home / "source"), replacing_files(home, STALE) as beside:
+        put(beside, {"mesh": "new", "run/data": "new", "run/page.html": "new", "run/more": "new"})
+    now = modes(home)
+    assert [now[name] for name in ("mesh", "run", "run/data", "run/notes.txt")] == ["600", "710", "640", "666"]
+    assert now["run/more"] == "600"
+    assert ((home / "mesh").stat().st_uid, (home / "mesh").stat().st_gid) == owner
+    assert (home / "mesh").read_text() == "new"
