@@ -1,8 +1,8 @@
 """End commands at random moments and at each rename: ``python -m tests.fuzz.kills --kills 200``.
 
-A command writes over an older result. However it is ended, the folder is the whole old or the whole new result once
-the next command has looked at it, the line that was printed says which, and nothing else is left. Exit code 1 if one
-of this is not so.
+A command writes over an older result. However it is ended, the folder is the old or the new result, the line that was
+printed says which, and nothing else is left once the next command has written there. After SIGKILL several targets may
+be some old and some new, each of them whole. Exit code 1 if one of this is not so.
 """
 
 import argparse
@@ -20,11 +20,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
+from unittest.mock import patch
 
 import click
 
 from sdm_deflect.meshing.formats.registry import FORMATS
-from sdm_deflect.meshing.temporary import scratch_folder, settle
+from sdm_deflect.meshing.temporary import staging
 from tests.meshing.formats.wing import wing
 
 ROOT = Path(__file__).parents[2]
@@ -32,12 +33,14 @@ SECONDS = 2.0
 """Within which a command has ended."""
 REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SIGNALS = (*REQUESTS, signal.SIGKILL)
+BOTH = "old and new"
+"""State of a folder in which some targets are the old and some the new ones, each as a whole."""
 HOOK = """
-import ctypes, os, signal
+import os, signal
 folder, when, number = os.environ["KILL_FOLDER"], int(os.environ["KILL_AT"]), int(os.environ["KILL_SIGNAL"])
 count = 0
 
-def heeded(rename, path):
+def heeded(rename):
     def other(*given, **named):
         global count
         if any(str(one if isinstance(one, str) else os.fsdecode(one)).startswith(folder)
@@ -52,12 +55,7 @@ def heeded(rename, path):
         return rename(*given, **named)
     return other
 
-class Library(ctypes.CDLL):
-    def __getattr__(self, name):
-        found = super().__getattr__(name)
-        return heeded(found, None) if name == "renameat2" else found
-
-os.rename, os.replace, ctypes.CDLL = heeded(os.rename, None), heeded(os.replace, None), Library
+os.rename, os.replace = heeded(os.rename), heeded(os.replace)
 """
 """Run by the command's interpreter: sends the signal before the KILL_AT-th rename in KILL_FOLDER."""
 
@@ -131,6 +129,7 @@ class Scenario:
             "KILL_SIGNAL": int(number),
             "KILL_COUNT": self.place / "count",
             "TMPDIR": temporary,
+            "XDG_STATE_HOME": self.place / "state",
             "PYTHONPATH": os.pathsep.join([str(self.place), str(ROOT)]),
         }
         return subprocess.Popen(
@@ -150,18 +149,34 @@ class Scenario:
             (self.folder / name).write_bytes(content)
 
     def state(self) -> str:
-        """Return "old", "new" or what is neither."""
-        now = contents(self.folder)
-        if now == self.old:
-            return "old"
-        missing, more = self.new.keys() - now.keys(), now.keys() - self.new.keys()
-        stale = [
-            name
-            for name in now.keys() & self.new.keys()
-            if now[name] != self.new[name] and (now[name] == self.old.get(name) or not complete(name, now, self.new))
-        ]
-        wrong = {"missing": sorted(missing), "too many": sorted(more), "old or torn": stale}
-        return ", ".join(f"{what} {names}" for what, names in wrong.items() if names) or "new"
+        """Return "old", "new", `BOTH`, or what is none of these."""
+        every = contents(self.folder), self.old, self.new
+        targets = {name.partition(os.sep)[0] for files in every for name in files}
+        states = {standing(*(of_target(files, target) for files in every)) for target in targets} - {"unchanged"}
+        if wrong := states - {"old", "new"}:
+            return ", ".join(sorted(wrong))
+        return BOTH if len(states) == 2 else states.pop() if states else "new"
+
+
+def of_target(files: Files, target: str) -> Files:
+    """Return the files of a target, itself a file or a folder."""
+    return {name: content for name, content in files.items() if name.partition(os.sep)[0] == target}
+
+
+def standing(now: Files, old: Files, new: Files) -> str:
+    """Return whether a target is "old", "new", "unchanged" because these are the same, or what it is."""
+    if old == new == now:
+        return "unchanged"
+    if now == old:
+        return "old"
+    missing, more = new.keys() - now.keys(), now.keys() - new.keys()
+    stale = [
+        name
+        for name in now.keys() & new.keys()
+        if now[name] != new[name] and (now[name] == old.get(name) or not complete(name, now, new))
+    ]
+    wrong = {"missing": sorted(missing), "too many": sorted(more), "old or torn": stale}
+    return ", ".join(f"{what} {names}" for what, names in wrong.items() if names) or "new"
 
 
 def contents(folder: Path) -> Files:
@@ -213,19 +228,19 @@ def kill(scenario: Scenario, number: signal.Signals, at: float | int) -> Kill:
     while (alive := [one for one in children if is_alive(one)]) and time.monotonic() < deadline:
         time.sleep(0.01)
     before = scenario.state()
-    settle(scenario.folder / "run" if scenario.name.startswith("run") else scenario.folder)
+    left = next_command(scenario)
     state = scenario.state()
     line = said.strip().rpartition("\n")[2]
     wrong = list(judged(number, process.returncode, line, before, state, sent - begun))
     wrong += [f"ended after {seconds:.1f} s"] * (seconds > SECONDS) + [f"alive: {alive}"] * bool(alive)
-    wrong += [f"left: {left}" for left in leftovers(scenario)]
+    wrong += [f"left: {one}" for one in left]
     when = f"rename {at} of {scenario.renames}" if renaming else f"{at:.2f} of {scenario.seconds:.1f} s"
     return Kill(scenario.name, when, number, seconds, process.returncode, line, state, tuple(wrong))
 
 
 def judged(number: signal.Signals, code: int, line: str, before: str, state: str, age: float) -> Iterator[str]:
     """Yield what is wrong with an exit code, a line, and a folder before and after the next command."""
-    if state not in {"old", "new"}:
+    if state not in {"old", "new"} | ({BOTH} if number == signal.SIGKILL else set()):
         yield f"folder: {state}"
     if code in {0, 1} and state != "new":
         yield f"code {code}, and the folder is {state}"
@@ -238,15 +253,14 @@ def judged(number: signal.Signals, code: int, line: str, before: str, state: str
         yield f"says {line!r}, and the folder is {before}, then {state}"
 
 
-def leftovers(scenario: Scenario) -> list[str]:
-    """Return the temporary folders that are there after the next command."""
-    temporary = scenario.place / "temporary"
-    kept, tempfile.tempdir = tempfile.tempdir, str(temporary)
-    with scratch_folder():
+def next_command(scenario: Scenario) -> list[str]:
+    """Begin to write in the folder, as the next command does; return what is there of temporary files after that."""
+    temporary, state = scenario.place / "temporary", scenario.place / "state"
+    own = patch.dict(os.environ, {"XDG_STATE_HOME": str(state)}), patch.object(tempfile, "tempdir", str(temporary))
+    with own[0], own[1], staging(scenario.folder):
         pass
-    tempfile.tempdir = kept
-    found = [*temporary.glob("sdm-*"), *scenario.place.rglob(".sdm-*")]
-    return [str(path) for path in found]
+    register = (path for path in state.rglob("*") if path.is_file())
+    return [str(path) for path in (*temporary.glob("sdm-*"), *scenario.place.rglob(".sdm-*"), *register)]
 
 
 def descendants(pid: int) -> list[int]:

@@ -19,13 +19,13 @@ def patient(monkeypatch):
     monkeypatch.setattr(kills, "SECONDS", 10.0)
 
 
-def test_a_command_ended_at_a_rename_leaves_all_old_files_or_all_new_ones(scenario):
-    assert scenario.renames > len(scenario.old) - 1
+def test_a_command_ended_at_a_rename_leaves_each_file_old_or_new(scenario):
+    assert scenario.renames == len(scenario.old) - 1
     for at in range(1, scenario.renames + 1):
         assert not kill(scenario, SIGNALS[-at % len(SIGNALS)], at).wrong
 
 
-def test_a_command_ended_at_any_moment_leaves_all_old_files_or_all_new_ones(scenario):
+def test_a_command_ended_at_any_moment_leaves_each_file_old_or_new(scenario):
     random = Random(7)
     for number in SIGNALS:
         assert not kill(scenario, number, random.uniform(0.1, 1.0) * scenario.seconds).wrong
