@@ -25,7 +25,9 @@ PATIENCE = 1.0
 """Seconds that the work has to tidy up after it was asked to end."""
 
 _UNCHANGED = "earlier results are as they were"
-_HALF = "being replaced: each file is the old or the new one; the next command that writes there restores a missing folder"
+_HALF = (
+    "being replaced: each file is the old or the new one; the next command that writes there restores a missing folder"
+)
 _WHOLE = "written already, and whole"
 _ROOM, _NAMED = 4096, 3
 _SHOW_CURSOR = "\x1b[?25h"

@@ -24,7 +24,7 @@ from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.temporary import clear, is_temporary, registered, staging, unused
 from sdm_deflect.meshing.watchers import watchers
 
-HELD = ("SIGINT", "SIGTERM", "SIGHUP")
+HELD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that wait while targets are replaced."""
 MESHES = ("points*", "constant/polyMesh/*", "processor*/constant/polyMesh/*")
 """Files of a case whose permissions count, whatever its folder has."""
@@ -216,9 +216,7 @@ def _swapped(new: Path, old: Path, own: Sequence[Path], stale: Sequence[str]) ->
     with registered(aside) as note:
         try:
             for path in _others(old, own, stale):
-                if not (new / path.parent).exists():
-                    (new / path.parent).mkdir()
-                    shutil.copymode(old / path.parent, new / path.parent)
+                _made_like(old / path.parent, new / path.parent)
                 os.link(old / path, new / path, follow_symlinks=False)
             note(inode=old.stat().st_ino, target=str(old), new=new.stat().st_ino)
             old.rename(aside)
@@ -247,13 +245,20 @@ def _one_by_one(new: Path, old: Path, own: Sequence[Path], stale: Sequence[str])
     gone = {path.relative_to(old) for path in _tree(old) if not path.is_dir()} - {*own, *_others(old, own, stale)}
     for path in own:
         if (new / path).is_dir():
-            (old / path).mkdir(exist_ok=True)
+            _made_like(new / path, old / path)
         else:
             (new / path).replace(old / path)
     for path in gone:
         (old / path).unlink(missing_ok=True)
         with suppress(OSError):
             (old / path.parent).rmdir()
+
+
+def _made_like(folder: Path, other: Path) -> None:
+    """Make another folder, if it is not there, with the permissions of a folder."""
+    if not other.exists():
+        other.mkdir()
+        shutil.copymode(folder, other)
 
 
 @contextmanager
@@ -263,9 +268,8 @@ def _committing(targets: Sequence[Path]) -> Iterator[None]:
     kept: dict[int, Any] = {}
     try:
         if threading.current_thread() is threading.main_thread():
-            for number in (getattr(signal, name) for name in HELD if hasattr(signal, name)):
-                if signal.getsignal(number) not in (signal.SIG_IGN, None):
-                    kept[number] = signal.signal(number, lambda given, _: came.append(given))
+            for number in (one for one in HELD if signal.getsignal(one) not in (signal.SIG_IGN, None)):
+                kept[number] = signal.signal(number, lambda given, _: came.append(given))
         for watch, target in product(watchers, targets):
             watch(target, False)
         yield
