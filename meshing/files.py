@@ -35,8 +35,8 @@ _permitted = ContextVar("_permitted", default=0o7777)
 def permitted_as(*sources: Path | str | None) -> Iterator[None]:
     """Withhold new files and folders that are written in this block from those who may not read or write a source."""
     mode = _permitted.get()
-    for source in filter(None, sources):
-        mode &= _permissions(Path(source))
+    for source in (Path(one) for one in sources if one):
+        mode &= _permissions(source)
     token = _permitted.set(mode)
     try:
         yield
@@ -268,8 +268,8 @@ def _committing(targets: Sequence[Path]) -> Iterator[None]:
     kept: dict[int, Any] = {}
     try:
         if threading.current_thread() is threading.main_thread():
-            for number in (one for one in HELD if signal.getsignal(one) not in (signal.SIG_IGN, None)):
-                kept[number] = signal.signal(number, lambda given, _: came.append(given))
+            for held in (one for one in HELD if signal.getsignal(one) not in (signal.SIG_IGN, None)):
+                kept[held] = signal.signal(held, lambda given, _: came.append(given))
         for watch, target in product(watchers, targets):
             watch(target, False)
         yield
