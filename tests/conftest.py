@@ -42,7 +42,7 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> P
 
 @pytest.fixture(scope="session", autouse=True)
 def mesh_cache(shared_folder: Path):
-    """Keep the user's mesh cache and register of temporary folders out of the tests, and `tests.kept_meshes` in theirs."""
+    """Keep the user's mesh cache and register out of the tests, and put the meshes of `tests.kept_meshes` in theirs."""
     folder = Path(os.environ.get(KEPT_MESHES) or shared_folder / "meshes")
     with FileLock(shared_folder / "kept.lock"):
         if not folder.exists():
