@@ -70,10 +70,10 @@ def registered(path: Path) -> Iterator[Callable[..., None]]:
     `new` folder there.
     """
     with ExitStack() as stack:
-        entry = None
+        entry = opened = None
         with suppress(OSError):
             opened = stack.enter_context(tempfile.NamedTemporaryFile(dir=_register(), buffering=0, delete=False))
-            fcntl.flock(opened, fcntl.LOCK_EX)
+            fcntl.flock(opened, fcntl.LOCK_EX)  # which some file systems cannot
             entry = opened
 
         def note(**known: Any) -> None:
@@ -88,8 +88,8 @@ def registered(path: Path) -> Iterator[Callable[..., None]]:
         try:
             yield note
         finally:
-            if entry and not os.path.lexists(path):
-                Path(entry.name).unlink(missing_ok=True)
+            if opened and not (entry and os.path.lexists(path)):
+                Path(opened.name).unlink(missing_ok=True)
 
 
 def clear(folder: Path) -> None:

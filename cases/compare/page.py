@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -13,6 +12,7 @@ from sdm_deflect.cases.compare.pictures import Shown, drawn
 from sdm_deflect.cases.compare.runs import Run, alike
 from sdm_deflect.cases.report.page import inline, pixels, policy, read, style
 from sdm_deflect.meshing.files import fresh, permitted_as
+from sdm_deflect.meshing.temporary import scratch_folder
 
 HERE = "sdm_deflect.cases.compare"
 
@@ -24,8 +24,8 @@ def write_page(runs: Sequence[Run], out: Path) -> dict[str, Any]:
     """
     found, settings = tables(runs), differing_settings(runs)
     places = (run.folder for run in runs)
-    with permitted_as(*places), fresh(out) as beside, TemporaryDirectory() as folder:
-        beside.write_text(page(runs, found, settings, drawn(runs, Path(folder))), encoding="utf-8")
+    with permitted_as(*places), fresh(out) as beside, scratch_folder() as folder:
+        beside.write_text(page(runs, found, settings, drawn(runs, folder)), encoding="utf-8")
     return figures_of(runs, found, settings) | {"page": str(out)}
 
 

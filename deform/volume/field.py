@@ -5,10 +5,12 @@ ends are told outright, by their places. So any part of a mesh can be moved anyw
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
+from shutil import copymode
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -179,6 +181,8 @@ class Field:
         with TemporaryDirectory(prefix=".sdm-", dir=Path(path).parent) as folder:
             beside = Path(folder, "field.npz")
             np.savez_compressed(beside, **arrays)
+            with suppress(FileNotFoundError):
+                copymode(path, beside)
             beside.replace(path)
 
     @classmethod
