@@ -25,10 +25,10 @@ from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import plans_of
 from sdm_deflect.cases.sdm.pipeline import meshed
 from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.deform.cache_folder import FOLDER_VARIABLE
 from sdm_deflect.deform.mesh import Cells, FloatArray, Mesh
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.geometry.datum import hinged
-from sdm_deflect.meshing.cache import FOLDER_VARIABLE
 
 ASKED = (
     ("tail", 26.0, 0.0, 0.38), ("tail", -26.0, 0.0, 0.38),

@@ -41,6 +41,8 @@ QUIET = {"distributed": "critical", "distributed.client": "critical", "tornado":
 SETTINGS: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": LOSSES,
     "distributed.admin.large-graph-warning-threshold": "1GB",  # what all share is kept by the scheduler
+    "distributed.scheduler.http.routes": [],  # pages, for which no certificate is needed
+    "distributed.worker.http.routes": [],
     "distributed.nanny.pre-spawn-environ": {
         "MALLOC_TRIM_THRESHOLD_": 65536,
         "DASK_LOGGING__DISTRIBUTED": "critical",
@@ -142,13 +144,15 @@ def workers(wanted: Wanted, watch: Stopwatch, source: Path, out: Path) -> Iterat
             cluster = Cluster(client)
             if wanted.scheduler:
                 cluster.check(source, out)
-            progress(f"{len(client.nthreads())} workers, dashboard {client.dashboard_link}", 1.0)
+            told = f", dashboard {client.dashboard_link}" if wanted.scheduler else ""
+            progress(f"{len(client.nthreads())} workers{told}", 1.0)
         yield cluster
 
 
 def _load() -> None:
     """Load Dask, silent unless it was loaded already; InputError if it is not installed."""
     try:
+        import cryptography  # noqa: F401
         import dask
 
         with dask.config.set({"logging": QUIET}):
@@ -159,9 +163,9 @@ def _load() -> None:
 
 @contextmanager
 def _started(wanted: Wanted) -> Iterator[Any]:
-    """Start processes on this machine, which end with this one, however it ends."""
+    """Start processes on this machine, which end with this one, however it ends, and which speak to no one else."""
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client, LocalCluster, Security
     from distributed.system import MEMORY_LIMIT
 
     count = wanted.workers or 1
@@ -172,7 +176,8 @@ def _started(wanted: Wanted) -> Iterator[Any]:
         )
     memory = _bytes(wanted.memory) if wanted.memory else MEMORY_LIMIT // (count + 1)
     with dask.config.set(SETTINGS), scratch_folder() as folder:
-        own = {"local_directory": str(folder), "dashboard_address": "127.0.0.1:0", "memory_limit": memory}
+        own: dict[str, Any] = {"local_directory": str(folder), "memory_limit": memory, "security": Security.temporary()}
+        own |= {"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
         with _interrupts_kept():
             cluster = _begun(lambda: LocalCluster(n_workers=count, threads_per_worker=1, **own))
         try:

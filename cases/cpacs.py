@@ -10,8 +10,8 @@ elements, too. Eta and positionings are understood as TiGL does, the reference i
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
-from xml.etree.ElementTree import Element, parse
+from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element, TreeBuilder, XMLParser
 
 import numpy as np
 
@@ -19,11 +19,25 @@ from sdm_deflect.deform.errors import InputError, nearest, shortened
 from sdm_deflect.deform.mesh import FloatArray, bounded
 from sdm_deflect.deform.reading import damaged
 
-MOST_BYTES = 10**8
 DEVICE = "trailingEdgeDevice"
 BORDERS = ("inner", "outer")
 
 
+REMEDY = "leave out what is not of the wing"
+ATTRIBUTES = ("uID", "refType")
+"""Attributes that are read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How large a file may be: bytes, elements, and levels of elements in one another."""
+
+    size: int = 10_000_000
+    elements: int = 1_000_000
+    depth: int = 100
+
+
+USUAL = Limits()
 Point = tuple[float, float, float]
 
 
@@ -51,12 +65,19 @@ class Device:
     steps: tuple[Step, ...]
 
     @classmethod
-    def read(cls, path: Path, uid: str) -> "Device":
-        """Read a device by its uID; InputError if the file has no such one, or describes it by what is not read."""
-        with damaged(path, "CPACS file"):
-            if path.stat().st_size > MOST_BYTES:
-                raise InputError(f"is larger than {MOST_BYTES / 1e6:g} MB")
-            return _Tree.of(parse(path).getroot()).device(uid)
+    def read(cls, path: Path, uid: str, limits: Limits = USUAL) -> "Device":
+        """Read a device by its uID.
+
+        Raises InputError if the file is larger than the limits, has no such device, or describes it by what is not
+        read.
+        """
+        with damaged(path, "CPACS file"), path.open("rb") as file:
+            text = file.read(limits.size + 1)
+            if len(text) > limits.size:
+                raise InputError(f"is larger than {limits.size / 1e6:g} MB: {REMEDY}")
+            parser = XMLParser(target=_Bounded(limits))
+            parser.feed(text)
+            return _Tree.of(parser.close()).device(uid)
 
     def rotation(self, parameter: float | None) -> float:
         """Return the degrees at a parameter, straight between steps; of None, those of the only step that turns.
@@ -97,6 +118,30 @@ def hinge_and_angle(path: Path, text: str, angle: float | None) -> tuple[tuple[P
     return (first, second), device.rotation(parameter) if angle is None else angle
 
 
+class _Bounded(TreeBuilder):
+    """Builds elements without namespaces, and of their attributes those that are read, within limits."""
+
+    def __init__(self, limits: Limits) -> None:
+        super().__init__()
+        self.limits, self.count, self.depth = limits, 0, 0
+
+    def start(self, tag: Any, attributes: Any, /) -> Element:
+        """Open an element; InputError where there are too many."""
+        self.count += 1
+        self.depth += 1
+        if self.count > self.limits.elements:
+            raise InputError(f"has more than {self.limits.elements} elements: {REMEDY}")
+        if self.depth > self.limits.depth:
+            raise InputError(f"has elements more than {self.limits.depth} levels deep, and CPACS has fewer")
+        own = {name: attributes[name] for name in ATTRIBUTES if name in attributes}
+        return super().start(tag.rpartition("}")[2], own)
+
+    def end(self, tag: str, /) -> Element:
+        """Close an element."""
+        self.depth -= 1
+        return super().end(tag)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tree:
     """The elements of a file, those with a uID by it."""
@@ -106,8 +151,6 @@ class _Tree:
 
     @classmethod
     def of(cls, root: Element) -> "_Tree":
-        for one in root.iter():
-            one.tag = str(one.tag).rpartition("}")[2]  # without the namespace
         return cls(root, {one.attrib["uID"]: one for one in root.iter() if "uID" in one.attrib})
 
     def device(self, uid: str) -> Device:

@@ -15,8 +15,9 @@ import numpy as np
 from sdm_deflect.cases.report.offscreen import RenderError, rendered
 from sdm_deflect.cases.report.scene3d import View, plain
 from sdm_deflect.cases.surroundings import blas, usable_cores, versions
+from sdm_deflect.deform.cache_folder import CODE_VARIABLE, FOLDER_VARIABLE, code_complaint, code_folder, default_folder
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.cache import MeshCache, default_folder
+from sdm_deflect.meshing.cache import MeshCache
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
@@ -104,7 +105,7 @@ def cache() -> Finding:
         with TemporaryFile(dir=store.folder):
             pass
     except OSError as error:
-        remedy = "set the environment variable SDM_DEFLECT_CACHE to a folder that can be written"
+        remedy = f"set the environment variable {FOLDER_VARIABLE} to a folder that can be written"
         return Finding("cache", False, f"{store.folder}: {error.strerror}", remedy)
     sizes = store.entries()
     damaged = [key for key in sizes if not _loads(store, key)]
@@ -113,6 +114,15 @@ def cache() -> Finding:
         return Finding("cache", True, text)
     names = " ".join(str(store.folder / f"{key}.npz") for key in damaged)
     return Finding("cache", False, f"{text}, {len(damaged)} damaged", f"rm {names} (or sdm cache --clear)")
+
+
+def compiled_code() -> Finding:
+    """Look whether compiled code can be kept."""
+    if complaint := code_complaint():
+        text = f"{code_folder()}: {complaint}; functions are compiled in each process, for about 10 s"
+        remedy = f"set the environment variable {CODE_VARIABLE} to a folder that you alone can write"
+        return Finding("compiled code", False, text, remedy)
+    return Finding("compiled code", True, f"kept in {code_folder()}")
 
 
 def _loads(store: MeshCache, key: str) -> bool:
@@ -145,5 +155,14 @@ def memory() -> Finding:
     return Finding("memory", well, f"{free / 1e9:.1f} GB available", "" if well else remedy)
 
 
-EXAMINATIONS: tuple[Callable[[], Finding], ...] = (libraries, compiled, graphics, threads, cache, disk, memory)
+EXAMINATIONS: tuple[Callable[[], Finding], ...] = (
+    libraries,
+    compiled,
+    graphics,
+    threads,
+    cache,
+    compiled_code,
+    disk,
+    memory,
+)
 """Everything that is looked at, in order."""

@@ -11,12 +11,12 @@ from sdm_deflect.cases.selections import selection
 from sdm_deflect.deform.errors import InputError, printable
 from sdm_deflect.deform.mesh import VOLUMES, Cells, FloatArray, Mesh
 from sdm_deflect.deform.parts import MARK, Part
-from sdm_deflect.deform.quality import POLYHEDRON, by_shape, oriented
+from sdm_deflect.deform.quality import POLYHEDRON, by_shape, check_most, oriented
 from sdm_deflect.deform.reading import RATIO_VARIABLE, unpack_limit
 from sdm_deflect.deform.selection import selected
 from sdm_deflect.meshing.child import call
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.formats.registry import known_format
+from sdm_deflect.meshing.formats.registry import format_of, known_format
 
 Json = dict[str, Any]
 
@@ -35,6 +35,8 @@ NAMES = {
     "pyramid": "pyramids",
     POLYHEDRON: "polyhedra",
 }
+UNFIT = (".cas", ".gz")
+"""Suffixes of files that PyVista reads wrongly or not at all; `format_of` says how to convert them."""
 SHOWN = 20
 """Names of zones that are listed."""
 
@@ -84,14 +86,16 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         ``left_handed``, whether the file counts the nodes of cells the other way round; ``notes``, sentences on what
         may not be expected.
 
-    Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, or holds no cells with a
-    volume, and InputError if a selection does not suit it.
+    Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, holds no cells with a
+    volume, or more inverted cells than others, and InputError if a selection does not suit it.
     """
     if not path.exists():
         raise InputError(f"{path} is not a file")
     read = replace(_read(path), name=path.resolve().name)
     mesh = selected(read, [selection(name, text) for name, text in select.items()])
-    blocks = [(block, None, oriented(mesh.points, block)[0]) for block in mesh.cells]
+    judged = [oriented(mesh.points, block) for block in mesh.cells]
+    check_most(str(path), sum(inverted for _, inverted in judged), sum(len(block) for block in mesh.cells))
+    blocks = [(block, None, sign) for block, (sign, _) in zip(mesh.cells, judged, strict=True)]
     components, parts = _components(read)
     parts += [Part.of(mesh, patch) for patch in mesh.patches if patch.name not in read.names]
     return {
@@ -142,7 +146,7 @@ def _point(corner: list[float]) -> str:
 
 
 def _read(path: Path) -> Mesh:
-    known = known_format(path)
+    known = known_format(path) or (format_of(path) if path.suffix.lower() in UNFIT else None)
     mesh = known.read(path) if known else _read_other(path)
     if not sum(len(block) for block in mesh.cells):
         raise InputError(f"{path} holds no tetrahedra, hexahedra, prisms, pyramids or polyhedra, nor plane cells")

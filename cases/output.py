@@ -1,7 +1,7 @@
 """The files of a run: written into a folder that replaces the old one as a whole."""
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
@@ -30,6 +30,8 @@ RUN = (
     "undeflected.vtu", "deflected.vtu", "background.vtu", *PAGE,
 )  # fmt: skip
 """Everything that a run folder may hold of ours."""
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
+"""What text begins with that a spreadsheet runs, and our mark of it."""
 
 
 @contextmanager
@@ -97,16 +99,35 @@ def write_interpolants(path: Path, deflections: Sequence[Deflection]) -> None:
 
 def write_convergence(path: Path, deflections: Sequence[Deflection]) -> None:
     """Write the adaptation history: one row per surface, step, group and iteration."""
+    rows: list[Sequence[object]] = [("direction", "iteration", "centres", "max_error", "seconds", "surface", "step")]
+    for one in deflections:
+        for k, step in enumerate(one.steps, 1):
+            for fit in step.fits.adaptations:
+                direction = "".join(DIRECTIONS[c] for c in fit.components)
+                for row in fit.history:
+                    figures = (f"{row.max_residual:.6e}", f"{row.seconds:.6f}")
+                    rows.append((direction, row.iteration, row.n_centers, *figures, one.plan.surface, k))
+    write_table(path, rows)
+
+
+def write_table(path: Path, rows: Iterable[Iterable[object]]) -> None:
+    """Write a .csv; text that a spreadsheet would run as a formula has an apostrophe before it (`text_of`)."""
     with path.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file)
-        rows.writerow(["direction", "iteration", "centres", "max_error", "seconds", "surface", "step"])
-        for one in deflections:
-            for k, step in enumerate(one.steps, 1):
-                for fit in step.fits.adaptations:
-                    direction = "".join(DIRECTIONS[c] for c in fit.components)
-                    for row in fit.history:
-                        figures = (f"{row.max_residual:.6e}", f"{row.seconds:.6f}")
-                        rows.writerow([direction, row.iteration, row.n_centers, *figures, one.plan.surface, k])
+        csv.writer(file).writerows([_cell(one) for one in row] for row in rows)
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, str) and value.startswith(FORMULA):
+        try:
+            float(value)
+        except ValueError:
+            return f"'{value}"
+    return value
+
+
+def text_of(cell: str) -> str:
+    """Return the text that `write_table` wrote as a cell."""
+    return cell[1:] if cell.startswith("'") and cell[1:].startswith(FORMULA) else cell
 
 
 def moved_by_repair(path: Path, count: int) -> FloatArray:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform import polyhedra
 from sdm_deflect.deform.edges import rows_of
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import VOLUMES, Cells, FloatArray, IntArray, Polyhedra, Volume
 
 BLOCK = 1 << 13
@@ -171,6 +172,18 @@ def oriented(points: FloatArray, block: Volume) -> tuple[float, int]:
         return 1.0, int(bad)
     mirrored = np.count_nonzero(inverted_of(points, block, orientation=-1.0))
     return (-1.0, int(mirrored)) if mirrored < bad else (1.0, int(bad))
+
+
+def check_most(name: str, inverted: int, cells: int) -> None:
+    """Raise InputError if more than half of a mesh's cells are inverted, counted by `oriented`: it was not read right.
+
+    Blocks whose nodes a file counts left-handed are none of these: they are judged by the order that suits them.
+    """
+    if 2 * inverted > cells:
+        raise InputError(
+            f"{name}: more than half of the cells ({inverted} of {cells}) are inverted or flat: the file is damaged "
+            "or not read right; export it from the mesher as CGNS or SU2"
+        )
 
 
 def by_shape(points: FloatArray, parts: Iterable[tuple[Volume, IntArray | None, float]]) -> tuple[Quality, ...]:

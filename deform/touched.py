@@ -12,7 +12,7 @@ from sdm_deflect.deform import polyhedra
 from sdm_deflect.deform.edges import rows_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Polyhedra, Volume
-from sdm_deflect.deform.quality import Quality, by_shape, inverted_of, oriented
+from sdm_deflect.deform.quality import Quality, by_shape, check_most, inverted_of, oriented
 from sdm_deflect.deform.rbf.compiled import compiled
 from sdm_deflect.deform.rbf.threads import in_chunks
 
@@ -76,7 +76,11 @@ class TouchedCells:
         return by_shape(points, parts)
 
     def check(self, allow: bool = False) -> None:
-        """Raise InputError if the mesh has inverted cells before anything moves, unless they are allowed."""
+        """Raise InputError if the mesh has inverted cells before anything moves, unless they are allowed.
+
+        More than half of all cells are never allowed (`check_most`).
+        """
+        check_most(self.mesh.name, sum(self.inverted), sum(self.mesh.cell_counts))
         for block, size, count in zip(self.mesh.cells, self.mesh.cell_counts, self.inverted, strict=True):
             if count and not allow:
                 shape = "polyhedra" if isinstance(block, Polyhedra) else f"cells ({block.shape})"

@@ -3,22 +3,20 @@
 import hashlib
 import io
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-import platformdirs
 
+from sdm_deflect.deform.cache_folder import code_files, default_folder
 from sdm_deflect.meshing.files import replacing, written
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.mesh import TetMesh
 
 # Raised whenever the same parameters give another mesh than before: kept meshes then no longer match.
 RECIPE = 1
-FOLDER_VARIABLE = "SDM_DEFLECT_CACHE"
 
 _MAKERS = ("cadquery-ocp", "gmsh", "pytetwild")
 _ARRAYS = ("points", "tets", "triangles", "patch", "face")
@@ -37,10 +35,18 @@ def cache_key(parameters: Mapping[str, object]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def default_folder() -> Path:
-    """The folder named by the environment variable SDM_DEFLECT_CACHE, or the user's cache folder."""
-    named = os.environ.get(FOLDER_VARIABLE)
-    return Path(named) if named else Path(platformdirs.user_cache_dir("sdm-deflect", appauthor=False))
+def code_bytes() -> int:
+    """Size in bytes of the compiled code in the cache folder."""
+    return sum(path.stat().st_size for path in code_files())
+
+
+def clear_code() -> int:
+    """Remove the compiled code in the cache folder, as `MeshCache.clear` does meshes."""
+    freed = code_bytes()
+    with written(default_folder()):
+        for path in code_files():
+            path.unlink(missing_ok=True)
+    return freed
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from sdm_deflect.cases.progress import Silent, Stopwatch
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.pipeline import meshed
 from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.meshing.cache import FOLDER_VARIABLE
+from sdm_deflect.deform.cache_folder import CODE_VARIABLE, FOLDER_VARIABLE, code_folder
 from tests import kept_meshes
 from tests.deform.blocks import annulus_with_fin, block_with_body
 from tests.meshing.formats.wing import FLAP, wing
@@ -42,12 +42,16 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> P
 
 @pytest.fixture(scope="session", autouse=True)
 def mesh_cache(shared_folder: Path):
-    """Keep the user's mesh cache and register out of the tests, and put the meshes of `tests.kept_meshes` in theirs."""
+    """Keep the user's mesh cache and register out of the tests, and put the meshes of `tests.kept_meshes` in theirs.
+
+    Compiled code is that of all commands.
+    """
     folder = Path(os.environ.get(KEPT_MESHES) or shared_folder / "meshes")
     with FileLock(shared_folder / "kept.lock"):
         if not folder.exists():
             kept_meshes.put(folder)
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(CODE_VARIABLE, str(code_folder()))
         patch.setenv(FOLDER_VARIABLE, str(folder))
         patch.setenv("XDG_STATE_HOME", str(shared_folder / "state"))
         yield folder

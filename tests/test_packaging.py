@@ -2,13 +2,16 @@
 
 import csv
 import email
+import os
 import shutil
 import subprocess
 import sys
 import tarfile
+import venv
 import zipfile
 from pathlib import Path, PurePosixPath
 
+import numpy
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -122,3 +125,49 @@ print(sdm_deflect.__file__)
     command = [sys.executable, "-m", "sdm_deflect", "list"]
     done = subprocess.run(command, cwd=tmp_path, env={}, capture_output=True, text=True, check=True)
     assert "aileron-chimera" in done.stdout
+
+
+USE = """
+from sdm_deflect.deform.rbf.kernels import scaled_log
+assert abs(scaled_log(4.0) - scaled_log(2.0)) > 0.1
+import sdm_deflect
+print(sdm_deflect.__file__)
+"""
+
+
+@pytest.fixture
+def environment(tmp_path):
+    """An empty virtual environment that sees all libraries of this one but the package: its interpreter."""
+    venv.create(tmp_path / "venv", with_pip=False)
+    own, (new,) = Path(numpy.__file__).parents[1], (tmp_path / "venv").glob("lib/*/site-packages")
+    (tmp_path / "libraries").mkdir()
+    for one in own.iterdir():
+        if "sdm_deflect" not in one.name:
+            (tmp_path / "libraries" / one.name).symlink_to(one)
+    (new / "libraries.pth").write_text(str(tmp_path / "libraries"))
+    return tmp_path / "venv" / "bin" / "python"
+
+
+def test_pip_replaces_and_removes_a_package_that_was_used(environment, wheel, source, tmp_path):
+    """Nothing that use leaves in the package's folder outlives it, where it would hide the next one."""
+    clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "NUMBA_CACHE_DIR")}
+    clean |= {"SDM_DEFLECT_CACHE": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+
+    def python(*words):
+        done = subprocess.run([environment, *words], cwd=tmp_path, env=clean, capture_output=True, text=True)
+        return done.stdout.strip() + done.stderr
+
+    def pip(*words):
+        said = python("-m", "pip", "-q", "--disable-pip-version-check", *words)
+        assert "ERROR" not in said, said
+
+    pip("install", "--no-deps", "--no-index", str(wheel))
+    installed = Path(python("-c", USE)).parent
+    assert installed.parent.name == "site-packages"
+    assert list(tmp_path.glob("cache/numba/*/*/*.nbc"))
+    pip("install", "--no-deps", "--no-index", "--no-build-isolation", "-e", str(source))
+    assert not installed.exists()
+    assert Path(python("-c", USE)) == source / "sdm_deflect" / "__init__.py"
+    pip("uninstall", "-y", "sdm-deflect")
+    assert "ModuleNotFoundError: No module named 'sdm_deflect'" in python("-c", "import sdm_deflect")
+    assert not list(source.rglob("*.nb[ci]"))

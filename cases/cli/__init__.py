@@ -32,21 +32,24 @@ for command in (list_cases, run, deflect, validate, report, compare, view, expor
 
 
 @cli.command()
-@click.option("--clear", is_flag=True, help="Delete the cached meshes.")
+@click.option("--clear", is_flag=True, help="Delete the cached meshes and compiled code.")
 @options.json_option
 def cache(clear: bool, as_json: bool) -> None:
-    """Show where meshes are cached and how much they take."""
-    from sdm_deflect.meshing.cache import MeshCache, default_folder
+    """Show where meshes and compiled code are cached and how much they take."""
+    from sdm_deflect.deform.cache_folder import default_folder
+    from sdm_deflect.meshing.cache import MeshCache, clear_code, code_bytes
 
     store = MeshCache(default_folder())
-    freed = store.clear() if clear else 0
-    sizes = store.entries().values()
+    freed = store.clear() + clear_code() if clear else 0
+    sizes, code = store.entries().values(), code_bytes()
     if as_json:
-        options.print_json({"folder": store.folder, "meshes": len(sizes), "bytes": sum(sizes), "freed_bytes": freed})
+        figures = {"meshes": len(sizes), "bytes": sum(sizes), "code_bytes": code, "freed_bytes": freed}
+        options.print_json({"folder": store.folder, **figures})
     elif clear:
         click.echo(f"{store.folder}: freed {freed / 1e6:.1f} MB")
     else:
-        click.echo(f"{store.folder}: {len(sizes)} meshes, {sum(sizes) / 1e6:.1f} MB")
+        meshes = f"{len(sizes)} meshes, {sum(sizes) / 1e6:.1f} MB"
+        click.echo(f"{store.folder}: {meshes}; compiled code, {code / 1e6:.1f} MB")
 
 
 @cli.command()

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdm_deflect.cases.metrics import Json
+from sdm_deflect.cases.output import text_of
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.hexahedron import Hexahedron
@@ -349,7 +350,7 @@ def _directions(courses: Sequence[Convergence]) -> list[str]:
 
 
 def _course(row: dict[str, str]) -> tuple[str, int, str]:
-    return row["surface"], int(row["step"]), row["direction"]
+    return text_of(row["surface"]), int(row["step"]), row["direction"]
 
 
 def _check(row: Json) -> Check:

@@ -1,7 +1,6 @@
 """The largest deflection of each sign that keeps every cell positive and of acceptable shape, and what ends it."""
 
-import csv
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
+from sdm_deflect.cases.output import write_table
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import deflected, plans_of
 from sdm_deflect.deform.errors import InputError
@@ -144,11 +144,10 @@ def where_worst(one: Deflection) -> str:
 
 def write_limits(limits: tuple[Limit, ...], case: Case, threshold: float, folder: Path) -> Table:
     """Write limit.csv and limit.png and return the limits as a table."""
-    with (folder / "limit.csv").open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file)
-        rows.writerow(["repair", "angle_deg", "quality_min", "steps", "where", "reason"])
-        for mode, trials in _curves(limits).items():
-            rows.writerows([mode, f"{t.angle:g}", f"{t.quality_min:.4f}", t.steps, t.where, t.reason] for t in trials)
+    rows: list[Sequence[object]] = [("repair", "angle_deg", "quality_min", "steps", "where", "reason")]
+    for mode, trials in _curves(limits).items():
+        rows += [(mode, f"{t.angle:g}", f"{t.quality_min:.4f}", t.steps, t.where, t.reason) for t in trials]
+    write_table(folder / "limit.csv", rows)
     _draw(limits, case, threshold).savefig(folder / "limit.png", dpi=110, metadata={"Software": None})
     table = Table(title=f"{case.name}: largest deflections with quality >= {threshold:g}", title_justify="left")
     for heading in ("repair", "largest angle, deg", "smallest quality there", "steps", "angles tried"):

@@ -14,11 +14,12 @@ from sdm_deflect.cases.sdm.metrics import MeshOrigin, Run, metrics
 from sdm_deflect.cases.sdm.overset import finer_background
 from sdm_deflect.cases.sdm.reference import reference
 from sdm_deflect.cases.sdm.run_folder import write_deformation, write_metrics
+from sdm_deflect.deform.cache_folder import default_folder
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.volume.deflection import Deflection, combined, repair_of
-from sdm_deflect.meshing.cache import MeshCache, cache_key, default_folder
+from sdm_deflect.meshing.cache import MeshCache, cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import TetMesh
 

@@ -1,10 +1,10 @@
 """Donors of a Chimera block at each angle of a sweep: how many nodes need one, and how many find none."""
 
-import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
+from sdm_deflect.cases.output import write_table
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import deflected, plans_of
@@ -64,10 +64,9 @@ def write_donors(case: Case, positions: Sequence[Position], folder: Path) -> str
     """Write donors-CASE.md and .csv into `folder`; return the former's text."""
     text = "\n".join([f"# Donors of the {case.name} case", "", *_words(case, positions), "", *_table(positions), ""])
     (folder / f"donors-{case.name}.md").write_text(text, encoding="utf-8")
-    with (folder / f"donors-{case.name}.csv").open("w", newline="", encoding="utf-8") as file:
-        out = csv.DictWriter(file, ["angle", "quality_min", *(one.name for one in fields(Donors)), "reason"])
-        out.writeheader()
-        out.writerows(row_of(one) for one in positions)
+    names = ["angle", "quality_min", *(one.name for one in fields(Donors)), "reason"]
+    rows = [row_of(one) for one in positions]
+    write_table(folder / f"donors-{case.name}.csv", [names, *([row[name] for name in names] for row in rows)])
     return text
 
 

@@ -1,6 +1,5 @@
 """A study as CSV, as a table in Markdown and as a plot (figure 2 of the paper and its kin), ours beside the paper's."""
 
-import csv
 from collections.abc import Iterator
 from math import isnan
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sdm_deflect.cases.output import write_table
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.study.measure import DEFAULT, GMRES, GROWN, REPETITIONS, Measured, Result
 from sdm_deflect.cases.study.paper import Row, Setting, Size, paper
@@ -40,14 +40,13 @@ def write_plot(result: Result, path: Path) -> str:
 
 def write_csv(result: Result, path: Path) -> None:
     """Write one line for every row of the paper and for every row measured here."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        out = csv.writer(file)
-        out.writerow(FIELDS)
-        for row in result.table.rows:
-            out.writerow(["paper", *_setting(row.setting), "", *_results(row), "", ""])
-        for one in result.measured:
-            counted = (one.converged, one.repetitions)
-            out.writerow([one.loop.name, *_setting(one.row.setting), one.sites, *_results(one.row), *counted])
+    rows: list[list[object]] = [list(FIELDS)]
+    for row in result.table.rows:
+        rows.append(["paper", *_setting(row.setting), "", *_results(row), "", ""])
+    for one in result.measured:
+        counted = (one.converged, one.repetitions)
+        rows.append([one.loop.name, *_setting(one.row.setting), one.sites, *_results(one.row), *counted])
+    write_table(path, rows)
 
 
 def markdown(result: Result) -> str:

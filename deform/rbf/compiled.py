@@ -1,16 +1,24 @@
 """How this package compiles its loops."""
 
+import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from numba import njit, types
+from numba import config, njit, types
+from numba.core.caching import FunctionCache
 from numba.extending import intrinsic
+
+from sdm_deflect.deform.cache_folder import code_complaint, code_folder
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 OPTIONS = {"fastmath": True, "error_model": "numpy", "nogil": True}
 PACKAGE = __name__.partition(".")[0]
+MARK = b"rbf.compiled import"
+"""What stands in every source whose functions are compiled, and here."""
 
 
 def compiled(function: Function) -> Function:
@@ -18,16 +26,13 @@ def compiled(function: Function) -> Function:
 
     Reassociation (`fastmath`) lets LLVM vectorise reductions, the NumPy error model removes the branch of a
     division by zero that would stop it, and without the interpreter lock threads run side by side.
-
-    Machine code on disk is renewed when the *file of the function* changes, not when a function that it
-    calls changes in another file: after editing `kernels.py` touch the modules with loops as well.
     """
-    return cast(Function, njit(cache=True, **OPTIONS)(function))
+    return cast(Function, _kept(njit(**OPTIONS)(function)))
 
 
 def compiled_exactly(function: Function) -> Function:
     """Compile `function` like `compiled`, but as it is written: infinities are allowed, sums keep their order."""
-    return cast(Function, njit(cache=True, **{**OPTIONS, "fastmath": False})(function))
+    return cast(Function, _kept(njit(**{**OPTIONS, "fastmath": False})(function)))
 
 
 def for_code(loop: Function, code: object) -> Function:
@@ -45,6 +50,42 @@ def for_code(loop: Function, code: object) -> Function:
 def _in_memory(loop: Any) -> Any:
     """Return the twin of a compiled loop that keeps its machine code in this process alone."""
     return njit(**OPTIONS)(loop.py_func)
+
+
+class _OnDisk(FunctionCache):  # type: ignore[misc]
+    """Machine code on disk; what a full disk does not take stays in this process alone."""
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(OSError):
+            super().save_overload(sig, data)
+
+
+def _kept(loop: Any) -> Any:
+    """Keep the machine code of a compiled loop in the folder of compiled code, if that can be written.
+
+    Numba's own choice is the folder of the package, where pip neither expects nor removes it. What it reads from the
+    environment is for all functions of this process, ours and others'.
+    """
+    if folder := _folder():
+        elsewhere, config.CACHE_DIR = config.CACHE_DIR, folder
+        try:
+            loop._cache = _OnDisk(loop.py_func)
+        finally:
+            config.CACHE_DIR = elsewhere
+    return loop
+
+
+@cache
+def _folder() -> str:
+    """Return the folder for the sources as they are now, or nothing if none can be written.
+
+    Numba compares the file of a function with that from which it was compiled, but not those of the functions called.
+    """
+    if code_complaint():
+        return ""
+    texts = (path.read_bytes() for path in sorted(Path(__file__).parents[1].rglob("*.py")))
+    state = hashlib.sha256(b"".join(text for text in texts if MARK in text))
+    return str(code_folder() / state.hexdigest()[:16])
 
 
 def _prefer_wide_vectors(context: Any) -> tuple[Any, Callable[..., Any]]:  # pragma: no cover - compiling

@@ -14,6 +14,11 @@ from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.mesh import FloatArray
 
+FLUENT = (
+    "write it as .cas.h5 or .msh.h5 in Fluent, or convert it, as text, to an OpenFOAM case: fluentMeshToFoam "
+    "(fluent3DMeshToFoam for hanging nodes)"
+)
+"""What to do with Fluent's older files."""
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of writing alone: no space, a quota, a limit of the size."""
 

@@ -7,7 +7,7 @@ from mmap import mmap
 import numpy as np
 
 from sdm_deflect.deform.sets import distinct
-from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
 from sdm_deflect.meshing.formats.numbers import Lines, Placed, numbers
 from sdm_deflect.meshing.mesh import IntArray
 
@@ -134,10 +134,7 @@ def opened(data: bytes) -> GmshFile:
     """Find the sections of a file; MeshFileError if it is not of Gmsh, of a version that is not read, or truncated."""
     if not NAME.match(data):
         if data.lstrip()[:1] == b"(":
-            raise MeshFileError(
-                "is a mesh of Fluent, not of Gmsh; write it as .msh.h5 in Fluent, or convert it to an OpenFOAM case: "
-                "fluentMeshToFoam (fluent3DMeshToFoam for hanging nodes)"
-            )
+            raise MeshFileError(f"is a mesh of Fluent, not of Gmsh; {FLUENT}")
         raise MeshFileError("is not a mesh of Gmsh: it does not begin with $MeshFormat")
     sections = _sections(data)
     if "MeshFormat" not in sections:

@@ -11,13 +11,9 @@ from typing import Any, NamedTuple
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.formats.format import Format, MeshFileError
+from sdm_deflect.meshing.formats.format import FLUENT, Format, MeshFileError
 from sdm_deflect.meshing.temporary import scratch_folder
 
-FLUENT = (
-    "write it as .cas.h5 in Fluent, or convert it to an OpenFOAM case: fluentMeshToFoam (fluent3DMeshToFoam for "
-    "hanging nodes)"
-)
 GMSH = "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh"
 VTK = 'convert it with PyVista: pyvista.read("FILE").cast_to_unstructured_grid().save("mesh.vtu")'
 EXPORT = "export it from the mesher as CGNS or SU2"
@@ -137,8 +133,12 @@ def format_of(path: str | Path) -> Format:
     if known := known_format(path):
         return known
     suffixes = sorted(suffix for entry in ENTRIES.values() for suffix in entry.suffixes)
-    packed = f"unpack it first: gunzip {path.name}" if path.suffix.lower() == ".gz" else ""
-    hint = packed or ADVICE.get(path.suffix.lower(), f"known are {', '.join(suffixes)}").replace("FILE", path.name)
+    packed = path.suffix.lower() == ".gz"
+    own = path.with_suffix("") if packed else path
+    usual = "" if packed else f"known are {', '.join(suffixes)}"
+    hint = ADVICE.get(own.suffix.lower(), usual).replace("FILE", own.name)
+    if packed:
+        hint = f"unpack it first: gunzip {path.name}" + (f", then {hint}" if hint else "")
     raise MeshFileError(f"{path}: no mesh format has the suffix {path.suffix!r}; {hint}")
 
 

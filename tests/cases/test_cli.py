@@ -185,9 +185,15 @@ def test_cache_tells_and_clears(sdm, tmp_path, monkeypatch):
     monkeypatch.setenv("SDM_DEFLECT_CACHE", str(tmp_path / "cache"))
     (tmp_path / "cache").mkdir()
     (tmp_path / "cache" / "0123.npz").write_bytes(bytes(1_000_000))
-    assert "1 meshes, 1.0 MB" in sdm("cache")[1]
-    assert "freed 1.0 MB" in sdm("cache", "--clear")[1]
-    assert "0 meshes" in sdm("cache")[1]
+    code = tmp_path / "cache" / "numba" / "state" / "rbf" / "sums.1.nbc"
+    code.parent.mkdir(parents=True)
+    code.write_bytes(bytes(2_000_000))
+    foreign = code.with_name("notes.txt")
+    foreign.touch()
+    assert "1 meshes, 1.0 MB; compiled code, 2.0 MB" in sdm("cache")[1]
+    assert "freed 3.0 MB" in sdm("cache", "--clear")[1]
+    assert "0 meshes, 0.0 MB; compiled code, 0.0 MB" in sdm("cache")[1]
+    assert foreign.exists()
     assert json.loads(sdm("cache", "--json")[1])["bytes"] == 0
 
 

@@ -1,13 +1,14 @@
 """Hinge line and angle from a CPACS file: wings whose hinge points are known without it."""
 
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
 
 import sdm_deflect
 from sdm_deflect.cases import cli
-from sdm_deflect.cases.cpacs import Device, hinge_and_angle
+from sdm_deflect.cases.cpacs import Device, Limits, hinge_and_angle
 from sdm_deflect.cases.job_settings import job_settings, read_job
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.meshing.formats.registry import FORMATS
@@ -65,6 +66,31 @@ def test_transformations_scale_turn_and_shift_in_this_order(tmp_path):
          np.sin(a) * np.cos(c) + np.cos(a) * np.sin(b) * np.sin(c), np.cos(a) * np.cos(b)],
     ]  # fmt: skip
     assert found == pytest.approx(plain @ np.array(rows).T)
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        (Limits(size=1000), r"is larger than 0.001 MB: leave out what is not of the wing$"),
+        (Limits(elements=20), r"has more than 20 elements: leave out what is not of the wing$"),
+        (Limits(depth=5), r"has elements more than 5 levels deep"),
+    ],
+)
+def test_a_file_beyond_the_limits_is_refused(limits, said, tmp_path):
+    with pytest.raises(InputError, match=said):
+        Device.read(written(tmp_path), "flap", limits)
+
+
+def test_memory_is_bounded_by_the_limits(tmp_path):
+    """Elements, attributes and levels that come to nothing: each takes little more than it takes in the file."""
+    path, limits = tmp_path / "wide.xml", Limits(size=300_000, elements=30_000, depth=50)
+    for text in ("<a b=''/>" * 29_000, "<a>" * 49 + "</a>" * 49, "".join(f"<a uID='{i}'/>" for i in range(15_000))):
+        path.write_text(f"<c>{text}</c>")
+        tracemalloc.start()
+        with pytest.raises(InputError, match=r"device 'd' is no trailingEdgeDevice"):
+            Device.read(path, "d", limits)
+        assert tracemalloc.get_traced_memory()[1] < 15e6
+        tracemalloc.stop()
 
 
 def test_a_profile_may_begin_on_either_side(tmp_path):

@@ -1,6 +1,7 @@
 """What ails a machine is found, named, and something helps."""
 
 import json
+import stat
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,22 @@ def test_cache_that_cannot_be_written_is_found(monkeypatch, tmp_path):
     found = doctor.cache()
     assert not found.well
     assert "SDM_DEFLECT_CACHE" in found.remedy
+
+
+def test_the_place_of_compiled_code_is_told_and_others_may_not_write_there(monkeypatch, tmp_path):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("SDM_DEFLECT_CACHE", str(tmp_path))
+    assert doctor.compiled_code() == doctor.Finding("compiled code", True, f"kept in {tmp_path / 'numba'}")
+    assert stat.S_IMODE((tmp_path / "numba").stat().st_mode) == 0o700
+    (tmp_path / "numba").chmod(0o770)
+    found = doctor.compiled_code()
+    assert not found.well
+    assert "other users can write there" in found.text
+    assert "NUMBA_CACHE_DIR" in found.remedy
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
+    assert doctor.compiled_code().well
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/folder")
+    assert "Not a directory" in doctor.compiled_code().text
 
 
 @pytest.mark.parametrize("examine", [doctor.disk, doctor.memory])

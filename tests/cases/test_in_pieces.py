@@ -68,6 +68,14 @@ def written(mesh: Mesh, path: Path) -> Path:
     return path
 
 
+def tangled(mesh: Mesh) -> Mesh:
+    """The same with nodes off the boundary in one another's places, so that most cells are inverted."""
+    inner = np.setdiff1d(np.arange(len(mesh.points)), mesh.on(*mesh.names))
+    points = mesh.points.copy()
+    points[inner] = points[np.random.default_rng(3).permutation(inner)]
+    return mesh.with_points(points)
+
+
 @pytest.fixture
 def called(monkeypatch, capsys):
     """Run a command; return its code, what it printed, and how many meshes were read in pieces."""
@@ -381,6 +389,17 @@ def test_a_face_of_no_cell(suffix, shared, small, called, tmp_path, monkeypatch)
         code, _, complaint, _ = called(large, *words)
         assert code == 2
         assert f": 1 of {len(small.patches[0])} faces of patch wing_upper are of no cell" in complaint
+
+
+@pytest.mark.parametrize("suffix", [".cgns", SUFFIXES[-1]])
+def test_a_mesh_most_of_whose_cells_are_inverted_is_refused(suffix, small, called, tmp_path):
+    path = written(tangled(small), tmp_path / f"wing{suffix}")
+    words = ["deflect", path, *FLAP, "--angle", "8", "--quiet", "--no-report", "--allow-inverted", "--out"]
+    for large in (1 << 60, 0):
+        code, _, complaint, _ = called(large, *words, tmp_path / f"out{suffix}")
+        assert code == 2
+        assert re.fullmatch(r"sdm: wing\S*: more than half of the cells \(\d+ of \d+\) .*\n", complaint)
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize(("suffix", "other"), [(".lb8.ugrid", ".b8.ugrid"), (".b8.ugrid", ".ugrid"), (".cgns", ".su2")])

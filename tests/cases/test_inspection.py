@@ -1,6 +1,8 @@
 """`sdm quality` says the same of a mesh in every format."""
 
+import gzip
 import json
+import re
 import subprocess
 import sys
 
@@ -16,7 +18,7 @@ from sdm_deflect.deform.quality import MEASURES, mean_ratio
 from sdm_deflect.deform.reading import RATIO_VARIABLE
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN
+from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, read
 from tests.meshing.formats.examples import grid, hybrid, polyhedral
 
 SHAPES = (("tetrahedra", 4), ("hexahedra", 1), ("prisms", 1), ("pyramids", 1))
@@ -64,6 +66,25 @@ def test_left_handed_files_are_judged_accordingly(tmp_path):
     text = inspect(tmp_path / "mesh.vtk")
     assert text.count(" 0 inverted") == 4
     assert "left-handed" in text
+
+
+def test_a_file_most_of_whose_cells_are_inverted_is_refused(tmp_path):
+    mesh = hybrid()
+    grid(mesh.with_points(mesh.points * [1.0, 1.0, 0.0])).save(tmp_path / "mesh.vtk")
+    with pytest.raises(InputError, match=r"mesh.vtk: more than half of the cells \(7 of 7\) are inverted or flat"):
+        inspected(tmp_path / "mesh.vtk")
+
+
+@pytest.mark.parametrize("name", ["a.cas", "a.CAS", "a.msh", "a.cas.gz", "a.msh.gz", "a.su2.gz"])
+def test_older_files_of_fluent_and_packed_files_say_how_to_convert_them(name, tmp_path):
+    text = b'(0 "grid")\n(2 3)\n(10 (0 1 4 1 3))\n'
+    (tmp_path / name).write_bytes(gzip.compress(text) if name.endswith("gz") else text)
+    with pytest.raises(MeshFileError) as said:
+        inspected(tmp_path / name)
+    assert ("fluentMeshToFoam" in str(said.value)) == (name in ("a.cas", "a.CAS", "a.msh", "a.cas.gz"))
+    assert (f"unpack it first: gunzip {name}" in str(said.value)) == name.endswith("gz")
+    with pytest.raises(MeshFileError, match=re.escape(str(said.value))):
+        read(tmp_path / name)
 
 
 def test_names_do_not_command_the_terminal(tmp_path):

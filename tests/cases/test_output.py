@@ -1,10 +1,11 @@
 """Folders of results: replaced as one, with what users keep in them."""
 
+import csv
 from fnmatch import fnmatchcase
 
 import pytest
 
-from sdm_deflect.cases.output import PAGE, OutputError, output_folder
+from sdm_deflect.cases.output import PAGE, OutputError, output_folder, text_of, write_table
 
 FIRST = ("case.toml", "deflected.vtu", "report.html", "figures/slices_tail.png", "figures/mine.png", "notes.txt")
 
@@ -47,3 +48,24 @@ def test_a_file_in_the_place_of_the_folder_is_named(tmp_path):
     with pytest.raises(OutputError, match=rf"--out {place}: .*; choose a folder"), output_folder(place):
         pass
     assert texts(tmp_path) == {"run": "mine"}
+
+
+def test_no_cell_of_a_table_is_a_formula_and_every_text_comes_back(tmp_path):
+    names = [
+        '=HYPERLINK("http://a")',
+        "+1+cmd|' /C calc'!A0",
+        "-2+3",
+        "@SUM(1)",
+        "\tx",
+        "\rx",
+        "'=x",
+        "''",
+        "wing",
+        "a=b",
+    ]
+    write_table(tmp_path / "table.csv", [names, ["-12.5", "+1e-3", -3, 2.0]])
+    with (tmp_path / "table.csv").open(newline="", encoding="utf-8") as file:
+        texts, numbers = csv.reader(file)
+    assert not [one for one in texts if one.startswith(("=", "+", "-", "@", "\t", "\r"))]
+    assert list(map(text_of, texts)) == names
+    assert numbers == ["-12.5", "+1e-3", "-3", "2.0"]

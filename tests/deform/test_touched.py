@@ -53,6 +53,21 @@ def test_cells_inverted_before_are_refused_unless_allowed():
         touched.check()
 
 
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_a_mesh_most_of_whose_cells_are_inverted_is_not_read_right(mirror):
+    """Left-handed or not, a mesh is one as long as its cells agree; if most do not, nothing is taken from it."""
+    points, cells = grid([0, 0, 0], [1, 1, mirror], [3, 3, 3])
+    few, most = cells.copy(), cells.copy()
+    few[:13] = few[:13, [0, 1, 3, 2, 4, 5, 7, 6]]  # as VTK's voxels count them: inverted in either order
+    most[:14] = most[:14, [0, 1, 3, 2, 4, 5, 7, 6]]
+    assert len(cells) == 27
+    TouchedCells.of(Mesh(points, (Cells("hexahedron", few),), ()), np.array([0])).check(allow=True)
+    with pytest.raises(
+        InputError, match=r"more than half of the cells \(14 of 27\) are inverted or flat: .*CGNS or SU2"
+    ):
+        TouchedCells.of(Mesh(points, (Cells("hexahedron", most),), ()), np.array([0])).check(allow=True)
+
+
 def test_cells_with_a_node_that_may_move_are_touched():
     points, cells = grid([0, 0, 0], [1, 1, 1], [60, 40, 30])
     assert len(cells) * WEIGHT > SERIAL_PAIRS  # on several threads

@@ -24,9 +24,9 @@ from sdm_deflect.cases.job_settings import JobSettings
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.registry import CASES
 from sdm_deflect.cases.settings import to_toml
+from sdm_deflect.deform.cache_folder import FOLDER_VARIABLE
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.meshing.cache import FOLDER_VARIABLE
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.cases.cpacs_wing import written
 from tests.fuzz import meshes

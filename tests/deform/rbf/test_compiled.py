@@ -1,8 +1,10 @@
 """Machine code on disk is of our own kernels alone."""
 
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +14,7 @@ from sdm_deflect.deform.rbf.compiled import for_code
 from sdm_deflect.deform.rbf.kernels import FORMULAS, MultiquadricCode, ThinPlateSplineCode
 from sdm_deflect.deform.rbf.sums import _sum_rows, kernel_matrix, kernel_sum
 
+ROOT = Path(__file__).parents[3]
 FOREIGN = """
 from typing import Any, NamedTuple
 import numpy as np
@@ -67,6 +70,56 @@ def test_a_foreign_kernel_leaves_nothing_that_stops_others(results, tmp_path):
     assert results("sdm_deflect.deform.rbf.kernels", "ThinPlateSpline") == (spline, [1, 1])
     (own / "foreign.py").write_text(FOREIGN.replace("r2 * np.sqrt(r2)", "np.sqrt(r2)"))
     assert results("foreign", "Cubic", own) == ([2.0, 2.0], [0, 0])
+
+
+SUM = """
+import numba
+from sdm_deflect.deform.rbf.sums import kernel_matrix, _matrix_rows
+import sdm_deflect, resource, numpy as np
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+assert not numba.config.CACHE_DIR  # functions of others stay where they were
+resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))
+x = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+print(kernel_matrix(ThinPlateSpline(), x, x)[0, 1], sum(_matrix_rows.stats.cache_hits.values()), sdm_deflect.__file__)
+"""
+
+
+@pytest.fixture
+def sums(tmp_path):
+    """Run a program in a copy of the package: a sum, whether its loop was on disk, and files of compiled code there."""
+    place = tmp_path / "place" / "sdm_deflect"
+    shutil.copytree(ROOT / "deform", place / "deform", ignore=shutil.ignore_patterns("__pycache__"))
+    (place / "__init__.py").touch()
+
+    def run(room=1 << 30, **given):
+        clean = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+        environment = {**clean, "SDM_DEFLECT_CACHE": str(tmp_path / "cache"), "HOME": str(tmp_path / "home"), **given}
+        words = [sys.executable, "-c", SUM.format(room=room)]
+        done = subprocess.run(words, env=environment, cwd=place.parent, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        value, hits, file = done.stdout.split()
+        assert Path(file).parent == place
+        assert not list(tmp_path.glob("home/**/*.nb*"))
+        assert not list(place.rglob("*.nb*"))
+        return float(value), int(hits)
+
+    run.place, run.cache = place, tmp_path / "cache"
+    return run
+
+
+def test_machine_code_is_kept_in_the_cache_folder_for_the_sources_as_they_are(sums):
+    spline = pytest.approx(2.7725887222397811)  # 4 log 2
+    assert sums(room=0) == (spline, 0)  # as on a full disk
+    assert sums() == (spline, 0)
+    assert sums() == (spline, 1)
+    assert list(sums.cache.glob("numba/*/*/*.nbc"))
+    kernels = sums.place / "deform" / "rbf" / "kernels.py"
+    kernels.write_text(kernels.read_text().replace("return r2 * scaled_log(r2)", "return 3.0 * r2 * scaled_log(r2)"))
+    assert sums() == (pytest.approx(3.0 * 2.7725887222397811), 0)
+
+
+def test_where_no_folder_can_be_written_functions_are_compiled_all_the_same(sums):
+    assert sums(SDM_DEFLECT_CACHE="/dev/null/none") == (pytest.approx(2.7725887222397811), 0)
 
 
 class LinearCode(NamedTuple):
