@@ -40,8 +40,8 @@ class Images:
     def of(cls, mesh: Mesh) -> Images:
         """Join the nodes that are images of one another, in one step or several.
 
-        Where a turn leads a node back to itself, as on an axis, its displacement is along the axis. In a case one cell
-        thick it is within the node's own side.
+        Where a turn leads a node back to itself, as on an axis, its displacement is along the axis. It is within the
+        plane of the node's own side in a case one cell thick, and where the file says so by a constraint.
         """
         pairs = [pair for pair in mesh.periodic if len(pair.nodes)]
         if not pairs:
@@ -55,8 +55,9 @@ class Images:
         for pair, (one, other) in ((pair, own.T) for pair, own in sides):
             back = np.swapaxes(turn[other], 1, 2) @ pair.rotation @ turn[one] - np.eye(3)
             np.add.at(bound, group[one], np.swapaxes(back, 1, 2) @ back)
-            if is_thin(mesh, pair):
-                normal = np.einsum("kji,j->ki", turn[one], plane_of(mesh.points[pair.nodes[:, 0]])[1])
+            _, across, off = plane_of(mesh.points[pair.nodes[:, 0]])
+            if off <= FLAT and any(mesh.patch(name).constraint for name in pair.patches if name in mesh.names):
+                normal = np.einsum("kji,j->ki", turn[one], across)
                 np.add.at(bound, group[one], normal[:, :, None] * normal[:, None, :])
         some = np.abs(bound).max(axis=(1, 2)) > CLOSED
         free = np.tile(np.eye(3), (len(bound), 1, 1))

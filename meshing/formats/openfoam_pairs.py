@@ -58,8 +58,13 @@ def pairs_of(foam: Sequence[FoamPatch], patches: Sequence[Patch], places: Places
 
 
 def constraint_of(patch: FoamPatch) -> Constraint:
-    """Return what the type of a patch says of its nodes."""
-    return CONSTRAINTS.get(patch.type, "")
+    """Return what a patch says of its nodes.
+
+    Where a cyclic one does not say how it is transformed, OpenFOAM looks at the normals of its faces, one by one: so
+    plane sides of a rotation have to stay plane.
+    """
+    guessed = patch.type in MATCHED and patch.entries.get("transform", "unknown") == "unknown"
+    return "symmetry" if guessed else CONSTRAINTS.get(patch.type, "")
 
 
 def _names(foam: Sequence[FoamPatch], one: str, other: str) -> bool:

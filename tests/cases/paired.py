@@ -133,15 +133,15 @@ def wedge(degrees=5.0, axis=0.0):
     return bounded(points, cells, parts)
 
 
-def written(mesh, case, types, neighbours=()):
-    """Write a case with these types of patches; `neighbours` are the pairs of cyclic ones."""
+def written(mesh, case, types, neighbours=(), more=""):
+    """Write a case with these types of patches; `neighbours` are the pairs of cyclic ones, which say `more`."""
     write_mesh(mesh, case / MESH, {"far": "patch", **types})
     boundary = case / MESH / "boundary"
     text = boundary.read_text()
     for one, other in [(a, b) for pair in neighbours for a, b in (pair, pair[::-1])]:
         head = f"{one}\n{{\n    type {types[one]};\n"
         assert head in text
-        text = text.replace(head, f"{head}    neighbourPatch {other};\n")
+        text = text.replace(head, f"{head}    neighbourPatch {other}; {more}\n")
     boundary.write_text(text)
     write_system(case)
     return case
