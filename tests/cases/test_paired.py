@@ -9,7 +9,8 @@ from sdm_deflect.cases import cli
 from sdm_deflect.cases.flow.openfoam import write_settings
 from sdm_deflect.cases.flow.setup import Setup
 from sdm_deflect.meshing.formats.registry import read
-from tests.cases import foam, paired
+from tests.cases import foam
+from tests.deform import paired
 
 SIDES = ("side0", "side1")
 TURNS = "transform rotational; rotationAxis (1 0 0); rotationCentre (0 0 0);"

@@ -1,8 +1,11 @@
 """OpenFOAM cases whose patches bind nodes to one another: cyclic pairs, empty and wedge sides."""
 
-import numpy as np
+from dataclasses import replace
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+import numpy as np
+from scipy.spatial import KDTree
+
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Periodic
 from sdm_deflect.meshing.formats.openfoam_files import MESH
 from sdm_deflect.meshing.formats.openfoam_write import write_mesh, write_system
 from tests.deform.blocks import FACES, grid
@@ -145,3 +148,21 @@ def written(mesh, case, types, neighbours=(), more=""):
     boundary.write_text(text)
     write_system(case)
     return case
+
+
+def bound(mesh, one, other, rotation=None, shift=(0.0, 0.0, 0.0), constraint=""):
+    """The mesh with a pair of two of its patches, whose nodes are matched by where they are."""
+    rotation = np.eye(3) if rotation is None else rotation
+    nodes = [mesh.patch(name).nodes for name in (one, other)]
+    images = mesh.points[nodes[0]] @ rotation.T + shift
+    distance, rows = KDTree(mesh.points[nodes[1]]).query(images)
+    assert distance.max() < 1e-12
+    pair = Periodic(one, (one, other), np.column_stack([nodes[0], nodes[1][rows]]), rotation, np.array(shift))
+    patches = tuple(replace(p, constraint=constraint) if p.name in (one, other) else p for p in mesh.patches)
+    return replace(mesh, patches=patches, periodic=(*mesh.periodic, pair))
+
+
+def about_x(degrees):
+    """The rotation about x that brings y to z."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
