@@ -37,12 +37,14 @@ class Images:
     free: FloatArray = field(default_factory=lambda: np.empty((0, 3, 3)), repr=False)
 
     @classmethod
-    def of(cls, mesh: Mesh) -> Images:
+    def of(cls, mesh: Mesh, flat: Sequence[str] = ()) -> Images:
         """Join the nodes that are images of one another, in one step or several.
 
         Where a turn leads a node back to itself, as on an axis, its displacement is along the axis. It is within the
-        plane of the node's own side in a case one cell thick, and where the file says so by a constraint.
+        plane of the node's own side in a case one cell thick, where the file says so by a constraint, and on patches
+        that shall stay `flat`.
         """
+        flat = (*flat, *(patch.name for patch in mesh.patches if patch.constraint))
         pairs = [pair for pair in mesh.periodic if len(pair.nodes)]
         if not pairs:
             return cls()
@@ -56,7 +58,7 @@ class Images:
             back = np.swapaxes(turn[other], 1, 2) @ pair.rotation @ turn[one] - np.eye(3)
             np.add.at(bound, group[one], np.swapaxes(back, 1, 2) @ back)
             _, across, off = plane_of(mesh.points[pair.nodes[:, 0]])
-            if off <= FLAT and any(mesh.patch(name).constraint for name in pair.patches if name in mesh.names):
+            if off <= FLAT and any(name in flat for name in pair.patches):
                 normal = np.einsum("kji,j->ki", turn[one], across)
                 np.add.at(bound, group[one], normal[:, :, None] * normal[:, None, :])
         some = np.abs(bound).max(axis=(1, 2)) > CLOSED

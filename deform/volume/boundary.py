@@ -14,7 +14,7 @@ from sdm_deflect.deform.surface.motions import MotionLaw
 from sdm_deflect.deform.surface.placement import Placement
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.deform.volume.sliding import Plane, SlidingPatch
+from sdm_deflect.deform.volume.sliding import Plane, SlidingPatch, fitted
 
 SAME = 1e-9  # of the moving surfaces' size: lengths below are zero
 LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordinate or of 1
@@ -67,7 +67,8 @@ class Boundary:
         surfaces = tuple(Surface.of(mesh, moving.patches) for moving in job.surfaces)
         moves = [name for surface in surfaces for name in surface.patches]
         slides = {name: one.shape for one in job.slides for name in mesh.named([one.patch], "slide")}
-        pairs, sides = _bound(mesh, job, (*moves, *slides))
+        pairs, sides, flat = _bound(mesh, moves, slides)
+        slides = {name: shape for name, shape in slides.items() if name not in flat}
         others = (*moves, *slides, *pairs, *sides)
         fixed = tuple(name for name in mesh.named(job.fixed, "fixed") if name in job.fixed or name not in others)
         slides |= _symmetry(mesh, (*others, *fixed))
@@ -89,7 +90,7 @@ class Boundary:
                 "told apart; take another unit of length, or another origin"
             )
         pairs, sides = (tuple(name for name in names if name not in fixed) for names in (pairs, sides))
-        bound = Images.of(mesh), pairs, sides, _walls(mesh)
+        bound = Images.of(mesh, flat), pairs, sides, _walls(mesh)
         return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, size, *bound)
 
     @property
@@ -237,23 +238,27 @@ class Boundary:
         return on_shape
 
 
-def _bound(mesh: Mesh, job: Job, named: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _bound(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[str, ...], ...]:
     """Return the patches of periodic pairs, and those of cases one cell thick, that have pairs of nodes.
 
-    Raises InputError if the job moves one or lets it slide.
+    Third come those of both that shall stay plane. Raises InputError if one moves, or slides on any other shape.
     """
     known = {name: len(pair.nodes) for pair in mesh.periodic for name in pair.patches if name in mesh.names}
     thin = [patch.name for patch in mesh.patches if patch.constraint in THIN]
-    for name in {**known, **dict.fromkeys(thin, 0)}:
-        if name in named:
+    names = (*known, *(name for name in thin if name not in known))
+    for name in names:
+        plane = slides.get(name) == "plane" and known.get(name, 0)
+        if plane:
+            fitted("plane", mesh.points[mesh.patch(name).nodes], name, mesh.plane)
+        elif name in moves or name in slides:
             what = f"is {mesh.patch(name).constraint}" if name in thin else "is one side of a periodic pair"
             raise InputError(
                 f"{mesh.name}: patch {name} {what}, so that its nodes move as their images do; it can neither move by "
-                "itself nor slide: leave it out"
+                "itself nor slide on a shape: leave it out"
             )
     matched = any(is_thin(mesh, pair) and len(pair.nodes) for pair in mesh.periodic)
     pairs = tuple(name for name, count in known.items() if count and name not in thin)
-    return pairs, tuple(thin if matched else ())
+    return pairs, tuple(thin if matched else ()), tuple(name for name in names if name in slides)
 
 
 def _symmetry(mesh: Mesh, named: tuple[str, ...]) -> dict[str, str]:

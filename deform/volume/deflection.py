@@ -137,6 +137,7 @@ class Plan:
         free[mesh.on(*(name for name in mesh.names if name not in bound))] = False
         free = self.boundary.images.complete(free)
         images = self.boundary.images.within(free)
+        inside[np.setdiff1d(self.boundary.images.nodes, images.nodes, assume_unique=True)] = False
         found = Freedom.of(mesh, points, inside, np.flatnonzero(free), shapes, images)
         return found.with_columns(Columns.of(self.touched, self.walls), points)
 

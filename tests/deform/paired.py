@@ -12,7 +12,7 @@ from tests.deform.blocks import FACES, grid
 
 
 def section(around=64, outwards=14, far=8.0, angle=30.0):
-    """Points (N, 2) of an O-grid around an airfoil of chord 1 (Karman and Trefftz), and its quads; N = around * (out+1).
+    """Points (N, 2) of an O-grid around an airfoil of chord 1 (Karman and Trefftz), and its quads.
 
     The trailing edge, at (1, 0), has that angle in degrees, and is the first point of the airfoil.
     """

@@ -206,7 +206,7 @@ def test_images_of_nodes_that_stay_or_are_beyond_the_box_stay():
 
 
 REFUSED = {
-    "slide": (lambda j: replace(j, slides=job(["flap"], slide={"side0": "plane"}).slides), "side0 is one side of a"),
+    "slide": (lambda j: replace(j, slides=job(["flap"], slide={"side0": "surface"}).slides), "side0 is one side of a"),
     "moves": (lambda j: replace(j, surfaces=job(["flap", "side1"]).surfaces), "side1 is one side of a periodic pair"),
     "hinge": (
         lambda j: replace(j, surfaces=job(["flap", "wing"], [[0.7, 0, 0], [0.7, 0, 1]]).surfaces, fixed=()),
@@ -227,10 +227,10 @@ def test_what_a_pair_cannot_do_is_refused(name):
 def test_a_plane_case_turns_within_its_plane():
     mesh, wanted = made("empty")
     tilted = job(["flap", "wing"], [[0.7, 0.0, 0.0], [0.7, 1.0, 0.5]]).surfaces
-    with pytest.raises(InputError, match="would leave the plane of a case one cell thick, by up to .* parallel"):
+    with pytest.raises(InputError, match=r"would leave the plane of a case one cell thick, by up to .* parallel"):
         Plan.of(mesh, replace(wanted, surfaces=tilted, fixed=()))
     with pytest.raises(InputError, match="patch side0 is empty, so that its nodes move as their images do"):
-        Plan.of(mesh, replace(wanted, slides=job(["flap"], slide={"side*": "plane"}).slides))
+        Plan.of(mesh, replace(wanted, slides=job(["flap"], slide={"side*": "cylinder"}).slides))
 
 
 def test_sides_that_do_not_match_stay_out_of_the_box():
@@ -251,6 +251,19 @@ def test_planes_of_symmetry_slide_without_being_asked():
     plan = Plan.of(mesh, wanted)
     asked = Plan.of(mesh, replace(wanted, slides=job(["flap"], slide={"side*": "plane"}).slides))
     assert np.array_equal(deflect(plan, 10.0).points, deflect(asked, 10.0).points)
+
+
+@pytest.mark.parametrize(("name", "sides"), [("sector", ["left"]), ("empty", ["side0", "side1"])])
+def test_a_pair_may_be_kept_plane(name, sides, turned):
+    mesh, wanted = made(name)
+    slides = job(["flap"], slide=dict.fromkeys(sides, "plane")).slides
+    result = deflect(Plan.of(mesh, replace(wanted, slides=slides)), 10.0)
+    if name == "empty":
+        assert np.array_equal(result.points, turned(name).points)
+    for patch, degrees in (("left", -15.0), ("right", 15.0)) if name == "sector" else ():
+        normal, nodes = about_x(degrees)[1], mesh.patch(patch).nodes
+        assert np.abs(result.points[nodes] @ normal).max() < 1e-15
+        assert np.abs(turned(name).points[nodes] @ normal).max() > 1e-3
 
 
 def test_parts_of_a_pair_cannot_be_selected():
