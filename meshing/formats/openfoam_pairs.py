@@ -1,7 +1,8 @@
 """What the types of OpenFOAM's patches say of their nodes: cyclic pairs, and both sides of a case one cell thick.
 
 Nodes are matched by where they are. The transformation of a pair is what brings all nodes of one side to those of the
-other: a translation, else the best rotation of faces in their order, else one about the axis that the case names.
+other: a translation or rotation of faces in their order; else one about the axis that the case names; else a
+translation.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -88,16 +89,33 @@ def _pair(patch: FoamPatch, names: tuple[str, str], one: Polygons, other: Polygo
 def _motions(
     patch: FoamPatch, one: Polygons, other: Polygons, points: tuple[FloatArray, FloatArray], places: Places
 ) -> Iterator[Motion]:
-    yield np.eye(3), points[1].mean(axis=0) - points[0].mean(axis=0)
-    if len(one) == len(other) and np.array_equal(one.offsets, other.offsets):
-        corners = np.arange(len(one.nodes)) - np.repeat(one.offsets[:-1], np.diff(one.offsets))
-        size = np.repeat(np.diff(one.offsets), np.diff(one.offsets))
-        back = np.repeat(one.offsets[:-1], np.diff(one.offsets)) + -corners % size  # in opposite sense
-        yield _rigid(places(one.nodes), places(other.nodes[back]))
-        yield _rigid(*(_centres(side, places) for side in (one, other)))
+    """Yield what may bring one side to the other, the likeliest first; `points` are the nodes of both."""
+    if patch.type in MATCHED and len(one) == len(other):
+        yield from _in_order(one, other, places)
     axis, centre = (_vector(patch.entries.get(key, "")) for key in ("rotationAxis", "rotationCentre"))
     if axis is not None and axis.any():
         yield _about(axis, np.zeros(3) if centre is None else centre, *points)
+    yield _moved(*points)
+
+
+def _in_order(one: Polygons, other: Polygons, places: Places) -> Iterator[Motion]:
+    """Yield the motions that bring each face to the one at its place: a translation, else the best rotation."""
+    centres, near = [_centres(side, places) for side in (one, other)], NEAR * np.ptp(places(other.nodes), axis=0).max()
+    found = [_moved(*centres)]
+    if np.array_equal(one.offsets, other.offsets):
+        first, size = (np.repeat(values, np.diff(one.offsets)) for values in (one.offsets[:-1], np.diff(one.offsets)))
+        back = first - (np.arange(len(one.nodes)) - first)  # in opposite sense from the same corner on
+        back[back < first] += size[back < first]
+        found.append(_rigid(places(one.nodes), places(other.nodes[back])))
+    for rotation, shift in (*found, _rigid(*centres)):
+        off = centres[0] @ rotation.T + shift - centres[1]
+        if np.abs(off).max(initial=0.0) <= near:
+            yield rotation, shift
+
+
+def _moved(points: FloatArray, others: FloatArray) -> Motion:
+    """Return the translation from the mean of points (K, 3) to that of others."""
+    return np.eye(3), others.mean(axis=0) - points.mean(axis=0)
 
 
 def _vector(text: str) -> FloatArray | None:
