@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.cases.mesh_files import write_mesh
 from sdm_deflect.deform.mesh import Cells, Patch
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
@@ -123,3 +124,11 @@ def test_constraints_are_those_of_the_types(tmp_path):
     more = sector(tmp_path / "known", f"transform rotational; {AXIS}"), sector(tmp_path / "unknown")
     said = [{p.name: p.constraint for p in OpenFoam().read(case).patches}["left"] for case in more]
     assert said == ["", "symmetry"]
+
+
+def test_what_is_written_anew_says_what_became_of_pairs(tmp_path):
+    thin, pair = (OpenFoam().read(MADE[name](tmp_path / name)) for name in ("empty", "translation"))
+    for mesh, lost in ((thin, ()), (pair, ("the nodes of the periodic pair side0 are no pair in it (side0, side1)",))):
+        assert write_mesh(None, mesh, mesh.points, tmp_path / f"case{len(lost)}") == lost
+        assert len(OpenFoam().read(tmp_path / f"case{len(lost)}").periodic) == 1 - len(lost)
+    assert len(write_mesh(None, thin, thin.points, tmp_path / "thin.cgns")) == 1
