@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError, printable
-from sdm_deflect.deform.images import THIN
 from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import quality_of
-from sdm_deflect.meshing.formats.format import Format, only_rewritten, unpaired
+from sdm_deflect.meshing.formats.format import Format, only_rewritten
 from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, ending, format_of
 
 if TYPE_CHECKING:
@@ -220,7 +219,6 @@ def write_mesh(
         lost = Vtu().write(moved, out, progress, {"displacement": points - mesh.points}, {"quality": quality})
     else:
         lost = form.write(moved, out, progress)
-    lost = (*lost, *unpaired(mesh, THIN if form.name == "openfoam" else ()))
     return tuple(map(printable, lost))
 
 

@@ -127,7 +127,7 @@ class MeshInPieces:
     patches: tuple[Patch, ...] = field(repr=False)
     zones: tuple[Zone, ...]
     notes: tuple[str, ...] = ()
-    periodic: tuple[Periodic, ...] = ()
+    periodic: tuple[Periodic, ...] = field(default=(), repr=False)
 
     @property
     def cell_count(self) -> int:

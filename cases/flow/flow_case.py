@@ -10,12 +10,11 @@ from sdm_deflect.cases.flow.openfoam import RESERVED, write_case
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Kind, Setup, kinds_of
 from sdm_deflect.cases.flow.su2 import check_name, configuration
 from sdm_deflect.deform.errors import InputError, shortened
-from sdm_deflect.deform.images import THIN
 from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.parts import MARK
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.volume.deflection import Plan
-from sdm_deflect.meshing.formats.format import fitting_names, unpaired
+from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam_write import UNFIT
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from sdm_deflect.meshing.formats.shapes import refuse_plane
@@ -141,7 +140,7 @@ def write_flow(
     InputError if there is no far field or no wall, MeshFileError as the solver's format does.
     """
     if solver == "openfoam":
-        return (out,), (*write_case(mesh, out, setup, progress), *unpaired(mesh, THIN))
+        return (out,), write_case(mesh, out, setup, progress)
     names = fitting_names(mesh.names, UNFIT_MARKER, (PARALLEL,))
     kinds = {names[name]: kind for name, kind in setup.kinds_on(mesh).items()}
     text = configuration(kinds, out, replace(setup, hinges=tuple(hinge.renamed(names) for hinge in setup.hinges)))
@@ -149,7 +148,7 @@ def write_flow(
     if copied:
         FORMATS["su2"].rewrite(Path(mesh.source), mesh.points, out, progress)
     else:
-        lost = (*FORMATS["su2"].write(mesh, out, progress), *unpaired(mesh))
+        lost = FORMATS["su2"].write(mesh, out, progress)
     config = configuration_of(out)
     config.write_text(text, encoding="utf-8")
     return (out, config), lost

@@ -90,19 +90,6 @@ def check_points(points: FloatArray, count: int) -> None:
         raise ValueError(f"{bad} of the {count} points to write are not finite")
 
 
-def unpaired(mesh: Mesh, kept: Container[str] = ()) -> tuple[str, ...]:
-    """Return a sentence for each pair of patches that is written as two patches like others.
-
-    `kept` are constraints of patches that the format has.
-    """
-    found = []
-    for pair in mesh.periodic:
-        names = dict.fromkeys(name for name in pair.patches if name in mesh.names)
-        if not any(mesh.patch(name).constraint in kept for name in names):
-            found.append(f"the nodes of the periodic pair {pair.name} are no pair in it ({', '.join(names)})")
-    return tuple(found)
-
-
 def only_rewritten(out: Path) -> MeshFileError:
     """Return the error of writing a mesh from elsewhere in a format of which files are only rewritten."""
     return MeshFileError(f"{out}: only a mesh of this format can be written in it; name another one, such as .cgns")
