@@ -153,4 +153,6 @@ def _part(plan: Plan, name: str) -> str:
             return f"moves by {moving.amount:+g} {moving.motion.unit}"
     if name in plan.boundary.fixed:
         return "fixed"
+    if name in (*plan.boundary.pairs, *plan.boundary.sides):
+        return "moves as its image"
     return "slides" if name in plan.boundary.declared else "outside"

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sdm_deflect.deform import polyhedra
+from sdm_deflect.deform.images import is_thin, plane_of
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Polyhedra
 from sdm_deflect.deform.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.touched import Layers, first_layer
@@ -14,6 +15,8 @@ from sdm_deflect.deform.volume.deflection import Deflection
 
 LAYER_CHANGE = 0.01  # of the first layer's height
 ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid
+ON_IMAGE = 1e-14  # of a pair's size: how far nodes may be from the images of others
+WORSE = 4.0  # times as far as they were, in files with fewer digits
 MIN_QUALITY = 0.1  # of the undeflected mesh's least quality: what is left of it, unless asked otherwise
 
 Judgement = Literal["at most", "at least"]
@@ -134,10 +137,32 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
         drift = np.abs(patch.surface.distance(points[nodes]) - patch.surface.distance(mesh.points[nodes]))
         allowed, where = ON_SHAPE * plan.boundary.size, f"{len(nodes)} sliding nodes"
         yield Check(f"on_{patch.patch}", float(drift.max(initial=0.0)), allowed, "", where, over=len(nodes))
+    yield from _pairs(deflection)
     layers = layers_of(deflection)
     if layers:
         where = f"{layers.edges} edges off the walls, from {layers.lowest:.3g}; 99 % within {layers.p99:.2e}"
         yield Check("first_layer", layers.largest, LAYER_CHANGE, "", where)
+
+
+def _pairs(deflection: Deflection) -> Iterator[Check]:
+    """Check that nodes in the box are where the images of others are; those of cases one cell thick, on their side."""
+    mesh, points = deflection.plan.mesh, deflection.points
+    may_move = np.zeros(len(points), dtype=np.bool_)
+    may_move[deflection.plan.changed] = True
+    for pair in mesh.periodic:
+        nodes = pair.nodes[may_move[pair.nodes].any(axis=1)]
+        size = float(np.abs(mesh.points[nodes]).max(initial=0.0))
+        off = [np.linalg.norm(pair.image(at[nodes[:, 0]]) - at[nodes[:, 1]], axis=1) for at in (mesh.points, points)]
+        name, where = "periodic", f"{len(nodes)} pairs of nodes"
+        if is_thin(mesh, pair):
+            name, where = "plane", f"{where} on both sides of one cell, and from their side"
+            _, normal, _ = plane_of(mesh.points[pair.nodes[:, 0]])
+            off[1] = np.maximum(off[1], np.abs((points - mesh.points)[nodes[:, 0]] @ normal))
+        before, now = (float(one.max(initial=0.0)) / (size or 1.0) for one in off)
+        limit = max(ON_IMAGE, WORSE * before)
+        if len(pair.nodes):
+            where += f", {before:.1e} of their largest coordinate before"
+            yield Check(f"{name}_{pair.name}", now, limit, "", where, over=len(nodes))
 
 
 def slid_nodes(deflection: Deflection) -> IntArray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Patch, Zone
+from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Patch, Periodic, Zone
 from sdm_deflect.deform.polyhedra import SomePolyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.rbf.threads import available_threads
@@ -119,7 +119,7 @@ class MeshInPieces:
     ----------
     name : the file, for messages.
     pieces : points and cells.
-    patches, zones, notes : those of `Mesh`, as reading the whole file gives them.
+    patches, zones, notes, periodic : those of `Mesh`, as reading the whole file gives them.
     """
 
     name: str
@@ -127,6 +127,7 @@ class MeshInPieces:
     patches: tuple[Patch, ...] = field(repr=False)
     zones: tuple[Zone, ...]
     notes: tuple[str, ...] = ()
+    periodic: tuple[Periodic, ...] = field(default=(), repr=False)
 
     @property
     def cell_count(self) -> int:

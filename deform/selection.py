@@ -112,6 +112,8 @@ class Selection:
         whole = part = Part.of(mesh, mesh.patch(patch))
         if not len(whole):
             raise InputError(f"{what} patch {patch} has no faces of which some could be chosen")
+        if any(patch in pair.patches for pair in mesh.periodic):
+            raise InputError(f"{what} patch {patch} is one side of a pair, whose nodes move as their images do")
         for condition in conditions:
             try:
                 left = part.some(np.flatnonzero(condition.of(part)))
@@ -213,9 +215,9 @@ def _divided(patch: Patch, parts: Sequence[Part]) -> Iterator[Patch]:
     if not parts:
         yield patch
     elif rest.any() or len(patch.loose):
-        yield Patch(patch.name, tuple(_some(patch.faces, np.flatnonzero(rest))), patch.loose)
+        yield replace(patch, faces=tuple(_some(patch.faces, np.flatnonzero(rest))))
     for part in parts:
-        yield Patch(part.name, tuple(_some(patch.faces, part.rows)))
+        yield Patch(part.name, tuple(_some(patch.faces, part.rows)), constraint=patch.constraint)
 
 
 def _some(blocks: Sequence[Faces], rows: IntArray) -> Iterator[Faces]:

@@ -139,6 +139,12 @@ CHECKS = {
     "chimera_face_in_plane": "nodes of the Chimera face from its plane",
     "orphans": "nodes of the overset meshes without a donor cell",
 }
+OF_PATCHES = {
+    "on": "nodes of a sliding patch from its shape",
+    "periodic": "nodes of a periodic pair from the images of their partners, over the largest coordinate",
+    "plane": "nodes on the sides of a case one cell thick from their partners' images and their side, the same",
+}
+"""What a check measures that ends with the name of a patch, or of a pair."""
 STATES = {
     "before": "undeflected",
     "interpolated": "deflected, before the repair",
@@ -150,4 +156,4 @@ STATES = {
 def meaning(check: str) -> str:
     """Return what a check measures, empty for one that is not known."""
     name = check.partition(":")[0]
-    return CHECKS.get(name, "nodes of a sliding patch from its shape" if name.startswith("on_") else "")
+    return CHECKS.get(name, OF_PATCHES.get(name.partition("_")[0], "") if "_" in name else "")

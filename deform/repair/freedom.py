@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from sdm_deflect.deform.edges import Joints, area_vectors, polygons_of, unit
+from sdm_deflect.deform.images import Images
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Patch, Polygons
 from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.crossing import Crossing
@@ -43,12 +44,14 @@ class Piece(NamedTuple):
 class Freedom:
     """The nodes that may move: `free` (F,) anywhere, others on their shapes; each is in one place at most.
 
-    Those of `columns` keep their distances from the nodes below them, too.
+    Those of `columns` keep their distances from the nodes below them, too, and `images` of one another move alike: all
+    nodes of their groups are free.
     """
 
     free: IntArray = field(repr=False)
     slides: tuple[Slide, ...] = field(repr=False)
     columns: Columns = field(default_factory=Columns, repr=False)
+    images: Images = field(default_factory=Images, repr=False)
 
     @property
     def nodes(self) -> IntArray:
@@ -68,6 +71,7 @@ class Freedom:
         inside: BoolArray,
         free: IntArray,
         shapes: Mapping[str, SlidingSurface | str],
+        images: Images | None = None,
     ) -> Freedom:
         """Find on what the boundary's nodes inside may slide.
 
@@ -82,6 +86,7 @@ class Freedom:
         shapes : Of patches: a shape; or its name. A ``"plane"`` is each part of the patch that is plane before the
             deflection and still is; a ``"surface"`` each part between edges that were sharp, as it is at `points`, so
             that a node of a thin body stays on its side. The whole patch is a ``"cylinder"``, fitted to its nodes.
+        images : Of free nodes: those that move alike.
         """
         pieces: list[Piece] = []
         pairs = [np.empty((0, 2), dtype=np.intp)]
@@ -104,7 +109,7 @@ class Freedom:
             if shape is not None:
                 own = edge & (found[first, 1] == k) & (found[last, 1] == other)
                 slides.append(Slide(nodes[own], shape, pieces[k].faces + pieces[other].faces))
-        return cls(free, tuple(slides))
+        return cls(free, tuple(slides), images=images or Images())
 
     def left_by(self, start: FloatArray, points: FloatArray) -> tuple[Slide, ...]:
         """Return the slides on plane faces that some nodes left on the way from points (N, 3) `start` to `points`.
@@ -119,7 +124,15 @@ class Freedom:
 
     def without(self, some: tuple[Slide, ...]) -> Freedom:
         """Return the same without the nodes of some of the slides."""
-        return Freedom(self.free, tuple(one for one in self.slides if one not in some), self.columns)
+        return replace(self, slides=tuple(one for one in self.slides if one not in some))
+
+    def closed(self, nodes: IntArray, size: int) -> IntArray:
+        """Return sorted nodes (K,) with all that move with them; `size` is the number of nodes of the mesh."""
+        while True:
+            found = self.images.closed(self.columns.closed(nodes, size), size)
+            if len(found) == len(nodes) or not len(self.images.nodes):
+                return found
+            nodes = found
 
     def with_columns(self, columns: Columns, points: FloatArray) -> Freedom:
         """Return the same with the heights of layers kept, the nodes at points (N, 3).
@@ -139,10 +152,16 @@ class Freedom:
             levels.append(pairs[kept])
         first = np.concatenate([columns.forked, *(pairs[:, 0] for pairs in columns.levels[:1])])
         stay = np.setdiff1d(first, levels[0][:, 0]) if levels else first
+        if len(self.images.nodes):
+            stay = self.images.closed(stay, len(points))
+            levels = [pairs[np.isin(pairs[:, 0], stay, invert=True)] for pairs in levels]
+            anywhere[:] = True
+            anywhere[stay] = False
         slides = tuple(
             Slide(np.setdiff1d(one.nodes, stay, assume_unique=True), one.shape, one.faces) for one in self.slides
         )
-        return Freedom(np.setdiff1d(self.free, stay, assume_unique=True), slides, Columns(tuple(levels)))
+        free = np.setdiff1d(self.free, stay, assume_unique=True)
+        return Freedom(free, slides, Columns(tuple(levels)), self.images.within(anywhere))
 
 
 def _pieces(

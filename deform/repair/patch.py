@@ -7,6 +7,7 @@ from itertools import chain, repeat
 
 import numpy as np
 
+from sdm_deflect.deform.images import Images
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.quality import POLYHEDRON
 from sdm_deflect.deform.rbf.threads import single_threaded_blas
@@ -45,12 +46,14 @@ class Chart:
     slides : rows (K,) of nodes that slide, and their shapes.
     edges : rows (K,) of nodes that slide along edges, and these.
     heights : of the layers, kept after that.
+    images : rows of nodes that go alike.
     """
 
     base: FloatArray = field(repr=False)
     slides: tuple[tuple[IntArray, SlidingSurface], ...] = field(repr=False)
     edges: tuple[IntArray, Tracks] = field(repr=False)
     heights: Heights
+    images: Images = field(default_factory=Images)
 
     @classmethod
     def of(cls, points: FloatArray, nodes: IntArray, freedom: Freedom) -> Chart:
@@ -65,7 +68,8 @@ class Chart:
                 slides.append((rows, one.shape))
         rows = np.concatenate([np.empty(0, dtype=np.intp), *(rows for rows, _ in edges)])
         tracks = Tracks.joined([tracks for _, tracks in edges])
-        return cls(points[nodes], tuple(slides), (rows, tracks), Heights.of(freedom.columns, points, nodes))
+        heights, images = Heights.of(freedom.columns, points, nodes), freedom.images.among(nodes)
+        return cls(points[nodes], tuple(slides), (rows, tracks), heights, images)
 
     def place(self, way: FloatArray) -> FloatArray:
         """Return the places (U, 3)."""
@@ -80,11 +84,11 @@ class Chart:
         rows, tracks = self.edges
         along = np.einsum("ij,ij->i", gradient[rows], tracks.slope(way[rows]))
         gradient[rows] = along[:, None] * tracks.tangent
-        return gradient
+        return self.images.projected(gradient)
 
     def _placed(self, way: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
         """Return the places (U, 3), and the arms of the layers' nodes."""
-        out = self.base + way
+        out = self.base + self.images.projected(way)
         for rows, shape in self.slides:
             out[rows] = self.base[rows] + shape.projected(self.base[rows], way[rows])
         rows, tracks = self.edges

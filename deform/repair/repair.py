@@ -79,6 +79,8 @@ def repaired(
         steps += count
         if goal.rank(other) > goal.rank(found):
             here, found = there, other
+    if len(freedom.images.nodes):
+        here = points + freedom.images.projected(here - points)
     made = Repaired.of(points, here, touched, freedom, share)
     return replace(made, steps=steps, seconds=perf_counter() - begin)
 
@@ -106,7 +108,7 @@ def _raised(
     size, last, steps, vain = 0, 0, 0, 0
     below = goal.missed(found, level)
     while below.any() and size < len(sizes) and vain < VAIN:
-        unknown = freedom.columns.closed(_around(tetrahedra, below, movable, sizes[size]), len(points))
+        unknown = freedom.closed(_around(tetrahedra, below, movable, sizes[size]), len(points))
         count = int(below.sum())
         if len(unknown) <= LARGER * last or (sizes[size] < len(points) and count > MANY * len(unknown)):
             size += 1

@@ -59,8 +59,10 @@ class Surface:
 
     @property
     def neighbours(self) -> tuple[str, ...]:
-        """Other patches that share nodes with it."""
-        others = [name for name in self.mesh.names if name not in self.patches]
+        """Other patches that share nodes with it, but for planes of symmetry and those whose nodes have images."""
+        bound = {name for pair in self.mesh.periodic for name in pair.patches}
+        bound |= {patch.name for patch in self.mesh.patches if patch.constraint}
+        others = [name for name in self.mesh.names if name not in (*self.patches, *bound)]
         return tuple(name for name in others if self.on([name]).any())
 
 

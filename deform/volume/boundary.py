@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError, nearest
+from sdm_deflect.deform.images import FLAT, THIN, Images, is_thin, plane_of
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
 from sdm_deflect.deform.rbf.sites import XYZ
 from sdm_deflect.deform.sets import union
@@ -13,11 +14,13 @@ from sdm_deflect.deform.surface.motions import MotionLaw
 from sdm_deflect.deform.surface.placement import Placement
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.deform.volume.sliding import SlidingPatch
+from sdm_deflect.deform.volume.sliding import Plane, SlidingPatch, fitted
 
 SAME = 1e-9  # of the moving surfaces' size: lengths below are zero
 LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordinate or of 1
 ON_SHAPE = 1e-6  # of it: a moving node this near to a sliding shape is put on it
+ALIKE = 0.01  # of the largest displacement: images on a moving surface that move alike but for this get the mean
+TILT = 0.1  # the same in a wedge, whose sides are turned from the plane in which its hinge turns
 KEPT = 32  # displacements of different amounts, each of which may take a fit
 Amounts = tuple[float, ...]
 """Amount of each moving surface: degrees, or the share of a table."""
@@ -35,8 +38,12 @@ class Boundary:
     nodes : (K,) sorted indices of their nodes, each once.
     fixed : patches that stay.
     fixed_nodes : (F,) sorted indices of the nodes of fixed patches that do not move.
-    sliding : sliding patches.
+    sliding : sliding patches, those that the file calls planes of symmetry among them.
     size : largest extent of the moving nodes.
+    images : nodes that move as images of one another.
+    pairs : names of the patches of periodic pairs, which are neither fixed nor moving.
+    sides : names of the same of cases one cell thick.
+    walls : planes of all these patches, where they are plane.
     """
 
     job: Job
@@ -48,6 +55,10 @@ class Boundary:
     fixed_nodes: IntArray = field(repr=False)
     sliding: tuple[SlidingPatch, ...]
     size: float
+    images: Images = field(default_factory=Images, repr=False)
+    pairs: tuple[str, ...] = ()
+    sides: tuple[str, ...] = ()
+    walls: tuple[Plane, ...] = ()
     _known: dict[Amounts, FloatArray] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -56,9 +67,11 @@ class Boundary:
         surfaces = tuple(Surface.of(mesh, moving.patches) for moving in job.surfaces)
         moves = [name for surface in surfaces for name in surface.patches]
         slides = {name: one.shape for one in job.slides for name in mesh.named([one.patch], "slide")}
-        fixed = tuple(
-            name for name in mesh.named(job.fixed, "fixed") if name in job.fixed or name not in (*moves, *slides)
-        )
+        pairs, sides, flat = _bound(mesh, moves, slides)
+        slides = {name: shape for name, shape in slides.items() if name not in flat}
+        others = (*moves, *slides, *pairs, *sides)
+        fixed = tuple(name for name in mesh.named(job.fixed, "fixed") if name in job.fixed or name not in others)
+        slides |= _symmetry(mesh, (*others, *fixed))
         _check_parts(mesh, moves, fixed, slides)
         for section in job.sections:
             if section.patch not in mesh.names:
@@ -76,7 +89,9 @@ class Boundary:
                 f"{mesh.name}: the moving surface is {size:.2g} long at {far:.2g} from the origin: its nodes cannot be "
                 "told apart; take another unit of length, or another origin"
             )
-        return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, size)
+        pairs, sides = (tuple(name for name in names if name not in fixed) for names in (pairs, sides))
+        bound = Images.of(mesh, flat), pairs, sides, _walls(mesh)
+        return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, size, *bound)
 
     @property
     def components(self) -> tuple[int, ...]:
@@ -85,9 +100,9 @@ class Boundary:
 
     @property
     def declared(self) -> tuple[str, ...]:
-        """Every patch that the job names."""
+        """Every patch that the job names, or the file binds: what becomes of its nodes is known."""
         moving = tuple(name for surface in self.surfaces for name in surface.patches)
-        return (*moving, *self.fixed, *(one.patch for one in self.sliding))
+        return (*moving, *self.fixed, *(one.patch for one in self.sliding), *self.pairs)
 
     def displacement(self, amounts: Amounts) -> FloatArray:
         """Return how far each of `nodes` (K, 3) moves, each of them once.
@@ -102,6 +117,7 @@ class Boundary:
             out[self.shared_with_fixed] = 0.0
             for patch, rows in self._on_sliding():
                 out[rows] = self._projected(patch, rows, out[rows])
+            out = self._alike(out)
             if self.mesh.plane and out[:, 2].any():
                 raise InputError(
                     f"{self.mesh.name}: the surface would leave the plane of the mesh by "
@@ -122,7 +138,8 @@ class Boundary:
         points = self.mesh.points[self.nodes]
         for patch, rows in self._on_sliding():
             out[rows] = patch.surface.rate(points[rows], displacement[rows], out[rows])
-        return out
+        self._left_behind(out)
+        return self.images.among(self.nodes).projected(out)
 
     @property
     def placements(self) -> tuple[Placement, ...]:
@@ -176,6 +193,37 @@ class Boundary:
                     f"let {name} slide"
                 )
 
+    def _alike(self, displacement: FloatArray) -> FloatArray:
+        """Return the displacement (K, 3) with that of images alike; InputError if the motion makes them differ."""
+        if not len(self.images.nodes):
+            return displacement
+        mesh, largest = self.mesh, float(np.abs(displacement).max(initial=0.0))
+        behind = self._left_behind(displacement)
+        if behind > SAME * self.size:
+            raise InputError(
+                f"{mesh.name}: nodes of the moving surface move by up to {behind:.4g}, and others, of which they are "
+                "images in a periodic pair, are on no moving surface; name the patches on both sides"
+            )
+        out = self.images.among(self.nodes).projected(displacement)
+        off = float(np.linalg.norm(out - displacement, axis=1).max(initial=0.0))
+        wedge = any(mesh.patch(name).constraint == "wedge" for name in self.sides)
+        if off > max(SAME * self.size, (TILT if wedge else ALIKE) * largest):
+            what, hinge = "move unlike their periodic images", "fit to the periodicity"
+            if self.sides:
+                what, hinge = "leave the plane of a case one cell thick", "be parallel to its thin direction"
+            raise InputError(
+                f"{mesh.name}: nodes of the moving surface would {what}, by up to {off:.4g}; the hinge must {hinge}"
+            )
+        return out
+
+    def _left_behind(self, displacement: FloatArray) -> float:
+        """Let moving nodes stay whose images are on no moving surface; return how far they would go at most."""
+        lone = np.isin(self.nodes, self.images.nodes, assume_unique=True)
+        lone[self.images.among(self.nodes).nodes] = False
+        largest = float(np.abs(displacement[lone]).max(initial=0.0))
+        displacement[lone] = 0.0
+        return largest
+
     def _projected(self, patch: SlidingPatch, rows: IntArray, displacement: FloatArray) -> FloatArray:
         points = self.mesh.points[self.nodes[rows]]
         on_shape = patch.surface.projected(points, displacement)
@@ -188,6 +236,41 @@ class Boundary:
                 "motion there"
             )
         return on_shape
+
+
+def _bound(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[str, ...], ...]:
+    """Return the patches of periodic pairs, and those of cases one cell thick, that have pairs of nodes.
+
+    Third come those of both that shall stay plane. Raises InputError if one moves, or slides on any other shape.
+    """
+    known = {name: len(pair.nodes) for pair in mesh.periodic for name in pair.patches if name in mesh.names}
+    thin = [patch.name for patch in mesh.patches if patch.constraint in THIN]
+    names = (*known, *(name for name in thin if name not in known))
+    for name in names:
+        plane = slides.get(name) == "plane" and known.get(name, 0)
+        if plane:
+            fitted("plane", mesh.points[mesh.patch(name).nodes], name, mesh.plane)
+        elif name in moves or name in slides:
+            what = f"is {mesh.patch(name).constraint}" if name in thin else "is one side of a periodic pair"
+            raise InputError(
+                f"{mesh.name}: patch {name} {what}, so that its nodes move as their images do; it can neither move by "
+                "itself nor slide on a shape: leave it out"
+            )
+    matched = any(is_thin(mesh, pair) and len(pair.nodes) for pair in mesh.periodic)
+    pairs = tuple(name for name, count in known.items() if count and name not in thin)
+    return pairs, tuple(thin if matched else ()), tuple(name for name in names if name in slides)
+
+
+def _symmetry(mesh: Mesh, named: tuple[str, ...]) -> dict[str, str]:
+    """Return the planes of symmetry among the patches that are not named: nodes slide on them without being asked."""
+    own = [patch for patch in mesh.patches if patch.constraint == "symmetry" and patch.name not in named]
+    return {one.name: "plane" for one in own if plane_of(mesh.points[one.nodes])[2] <= FLAT}
+
+
+def _walls(mesh: Mesh) -> tuple[Plane, ...]:
+    """Return the planes in which one side of a pair lies."""
+    found = [plane_of(mesh.points[nodes]) for pair in mesh.periodic if len(pair.nodes) > 2 for nodes in pair.nodes.T]
+    return tuple(Plane(point, normal) for point, normal, off in found if off <= FLAT)
 
 
 def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement, Surface]]:

@@ -117,7 +117,7 @@ class Plan:
         """Return which nodes a repair may move, with the mesh at `points` (N, 3), and on what they stay.
 
         Nodes on a face of a cell that is on no patch stay, for other zones may fit to them, and so do nodes of moving
-        patches beyond the box. Layers keep their heights.
+        patches beyond the box. Layers keep their heights, and images of one another move alike.
         """
         mesh, job = self.mesh, self.job
         shapes: dict[str, SlidingSurface | str] = {}
@@ -132,8 +132,13 @@ class Plan:
         inside[self.region.inside] = True
         inside[moving] = self.region.hexahedron.contains(mesh.points[moving], ON_FACE * size)
         inside[np.setdiff1d(self.sites.fixed, mesh.on(*shapes), assume_unique=True)] = inside[self.unheld.nodes] = False
-        free = np.setdiff1d(np.flatnonzero(inside), mesh.on(*mesh.names), assume_unique=True)
-        found = Freedom.of(mesh, points, inside, free, shapes)
+        bound = (*self.boundary.pairs, *self.boundary.sides)
+        free = inside.copy()
+        free[mesh.on(*(name for name in mesh.names if name not in bound))] = False
+        free = self.boundary.images.complete(free)
+        images = self.boundary.images.within(free)
+        inside[np.setdiff1d(self.boundary.images.nodes, images.nodes, assume_unique=True)] = False
+        found = Freedom.of(mesh, points, inside, np.flatnonzero(free), shapes, images)
         return found.with_columns(Columns.of(self.touched, self.walls), points)
 
     def state(self, points: FloatArray) -> StepState:

@@ -60,8 +60,8 @@ def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runne
 
 
 def _border(mesh: MeshInPieces) -> Mesh:
-    """Return the boundary of a mesh, without cells."""
-    nodes = union(*(patch.nodes for patch in mesh.patches))
+    """Return the boundary of a mesh, without cells, and the nodes that are images of one another."""
+    nodes = union(*(patch.nodes for patch in mesh.patches), *(pair.nodes for pair in mesh.periodic))
     if len(nodes) and (nodes[0] < 0 or nodes[-1] >= mesh.pieces.points):
         raise InputError(f"{mesh.name}: patches name points that are not among the {mesh.pieces.points}")
     points = _gathered(mesh.pieces, nodes)
@@ -70,18 +70,22 @@ def _border(mesh: MeshInPieces) -> Mesh:
 
 
 def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...], whole: Whole) -> Mesh:
-    """Return a mesh of some nodes: patches and zones in their numbers."""
+    """Return a mesh of some nodes: patches, zones and periodic pairs in their numbers."""
 
     def own(block: Block) -> Block:
         return replace(block, nodes=np.searchsorted(whole.nodes, block.nodes))
 
+    def placed(nodes: IntArray) -> IntArray:
+        return np.searchsorted(whole.nodes, nodes)
+
     patches = tuple(
-        Patch(patch.name, tuple(own(faces) for faces in patch.faces), np.searchsorted(whole.nodes, patch.loose))
+        replace(patch, faces=tuple(own(faces) for faces in patch.faces), loose=placed(patch.loose))
         for patch in mesh.patches
     )
+    periodic = tuple(replace(pair, nodes=placed(pair.nodes)) for pair in mesh.periodic)
     ends = [np.searchsorted(whole.nodes, (zone.start, zone.stop)).tolist() for zone in mesh.zones]
     zones = tuple(replace(zone, start=low, stop=high) for zone, (low, high) in zip(mesh.zones, ends, strict=True))
-    return Mesh(points, cells, patches, zones, mesh.name, mesh.pieces.source, mesh.notes, whole)
+    return Mesh(points, cells, patches, zones, mesh.name, mesh.pieces.source, mesh.notes, whole, periodic)
 
 
 def _framed(mesh: MeshInPieces, border: Mesh, box: Hexahedron, zones: Sequence[Zone], moving: IntArray) -> Frame:

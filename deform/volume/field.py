@@ -86,7 +86,7 @@ class Field:
     box : nodes outside stay, but for those of `places`.
     steps : one after another.
     places, ends : (K, 3) undeflected coordinates of the nodes whose ends are told outright, and these: those of moving,
-        fixed and sliding patches in the box, and those that a repair has moved.
+        fixed and sliding patches in the box, those that move as images of others, and those that a repair has moved.
     planes : (S, 3) component, station and tolerance of faces of overlapping blocks, in whose planes nodes stay.
     """
 
@@ -101,6 +101,7 @@ class Field:
         """Take what a deflection has found; of a mesh with several zones it is that of the zones that deform."""
         plan, sites = one.plan, one.plan.sites
         told = np.zeros(len(plan.mesh.points), dtype=np.bool_)
+        told[np.intersect1d(plan.boundary.images.nodes, plan.region.inside, assume_unique=True)] = True
         told[sites.known] = True
         if one.repaired is not None:
             told[one.repaired.moved] = True

@@ -129,7 +129,7 @@ def _scene(boundary: Boundary, zones: tuple[Zone, ...], all_amounts: Sequence[Am
     moves = [boundary.displacement(pose) for pose in poses]
     largest = max(float(np.linalg.norm(move, axis=1).max()) for move in moves)
     axes = [moving.motion.axis for moving in boundary.job.surfaces if moving.motion.axis is not None]
-    nodes = mesh.on(*(name for name in mesh.names if name not in boundary.declared))
+    nodes = mesh.on(*(name for name in mesh.names if name not in (*boundary.declared, *boundary.sides)))
     others = np.concatenate([nodes[(nodes >= zone.start) & (nodes < zone.stop)] for zone in zones])
     track = np.vstack([moving + move for move in moves])
     return Scene(moving, track, largest, axes[0] if axes else None, mesh.points[others])
@@ -161,7 +161,7 @@ def _reach(start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _check_clear(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray) -> None:
     """Raise if the box contains nodes of a patch that must not be there."""
     mesh, job, tol = boundary.mesh, boundary.job, ON_FACE * boundary.size
-    allowed = boundary.declared if job.near_wall else tuple(set(boundary.declared) - set(boundary.fixed))
+    allowed = {*boundary.declared, *boundary.sides} - (set() if job.near_wall else set(boundary.fixed))
     for patch in mesh.patches:
         if patch.name in allowed:
             continue
@@ -188,6 +188,10 @@ def _check_clear(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray) -
 
 def _remedy(mesh: Mesh, patch: Patch, tol: float) -> str:
     """Say how to declare a patch: a plane one may slide as well."""
+    for pair in mesh.periodic:
+        if patch.name in pair.patches:
+            first, second = pair.patches
+            return f"{first} and {second} do not match node by node, so it can only stay: name it in fixed"
     points = mesh.points[patch.nodes]
     plane = np.linalg.matrix_rank(points - points[0], tol) < 3
     return f"name it in fixed{f' or slide ({patch.name}:plane)' if plane else ''}"
@@ -215,7 +219,8 @@ def _at_rest(boundary: Boundary, inside: IntArray) -> tuple[IntArray, tuple[tupl
     mesh, tol = boundary.mesh, ON_FACE * boundary.size
     slides = [section for section in boundary.job.sections if section.slides]
     moving = [name for surface in boundary.surfaces for name in surface.patches]
-    others = [name for name in mesh.names if name not in (*moving, *(one.patch for one in boundary.sliding))]
+    free = (*moving, *(one.patch for one in boundary.sliding), *boundary.pairs, *boundary.sides)
+    others = [name for name in mesh.names if name not in free]
     walls = mesh.on(*(name for name in others if name not in {section.patch for section in slides}))
     sections = []
     for section in slides:
@@ -225,7 +230,19 @@ def _at_rest(boundary: Boundary, inside: IntArray) -> tuple[IntArray, tuple[tupl
     fixed = np.setdiff1d(np.intersect1d(mesh.on(*others), inside, True), boundary.nodes, assume_unique=True)
     for _, own in sections:
         fixed = np.setdiff1d(fixed, own, assume_unique=True)
-    return fixed, tuple(sections)
+    return _with_images(boundary, inside, fixed), tuple(sections)
+
+
+def _with_images(boundary: Boundary, inside: IntArray, fixed: IntArray) -> IntArray:
+    """Return the nodes inside that stay, with those that have an image which stays, or is not inside."""
+    images, moves = boundary.images, np.zeros(len(boundary.mesh.points), dtype=np.bool_)
+    if not len(images.nodes):
+        return fixed
+    moves[inside] = True
+    moves[fixed] = False
+    moves[boundary.nodes] = False
+    some = np.setdiff1d(inside, boundary.nodes, assume_unique=True)
+    return union(fixed, some[~images.complete(moves)[some]])
 
 
 def _in_plane(points: FloatArray, section: Section, tol: float) -> BoolArray:

@@ -1,6 +1,5 @@
 """Where displacements are known at the start of a step: nodes of the boundary, and zero sites on the box."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +9,7 @@ from sdm_deflect.deform.edges import edges_of, median_edge, polygons_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import KERNELS, Fitting
 from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
+from sdm_deflect.deform.images import FLAT, is_thin
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
 from sdm_deflect.deform.rbf.points import first_coincident
@@ -42,6 +42,7 @@ class Sites:
     fixed : (F,) nodes inside that stay.
     sampled : rows of `fixed` that are data sites, at most `MOST_FIXED`, none where a moving node is.
     sliding : nodes of each sliding patch inside that neither move nor stay.
+    paired : nodes of periodic pairs inside that neither move nor stay.
     sampled_sliding : rows of `slid` that are data sites, at most `MOST_FIXED`.
     zero : sites of zero displacement on the box, and on sections of it for some directions.
     spacing, edge, tolerance : lengths: between zero sites, of the surface's median edge, of a site's error.
@@ -53,6 +54,7 @@ class Sites:
     fixed: IntArray = field(repr=False)
     sampled: IntArray = field(repr=False)
     sliding: tuple[IntArray, ...] = field(repr=False)
+    paired: IntArray = field(repr=False)
     sampled_sliding: IntArray = field(repr=False)
     zero: tuple[DataSites, ...] = field(repr=False)
     spacing: float
@@ -63,8 +65,8 @@ class Sites:
 
     @property
     def slid(self) -> IntArray:
-        """Sorted, distinct indices of all sliding nodes inside."""
-        return _union(self.sliding)
+        """Sorted, distinct indices of all nodes inside that slide, or go with their images."""
+        return union(*self.sliding, self.paired)
 
     @property
     def known(self) -> IntArray:
@@ -84,18 +86,18 @@ class Sites:
     def of(cls, boundary: Boundary, region: Region) -> "Sites":
         """Place the sites."""
         job, mesh = boundary.job, boundary.mesh
-        sliding = _sliding(boundary, region)
-        distinct, sampled, sampled_sliding = _distinct(boundary, region.fixed, _union(sliding))
+        sliding, paired = _sliding(boundary, region)
+        distinct, sampled, sampled_sliding = _distinct(boundary, region.fixed, union(*sliding, paired))
         if not job.near_wall:
             sampled = sampled[:0]
         edge = _surface_edge(boundary, distinct)
-        known = [boundary.nodes, region.fixed, *sliding] if job.near_wall else [boundary.nodes]
+        known = [boundary.nodes, region.fixed, *sliding, paired] if job.near_wall else [boundary.nodes]
         spacing, zero = _placed(boundary, region, mesh.points[np.concatenate(known)], edge)
         tolerance = job.fitting.tolerance or TOLERANCE * edge
         radius = _radius(job.fitting, region.hexahedron.corners, edge)
         kernel = OF_RADIUS[job.fitting.kernel](radius)
         return cls(
-            boundary.nodes, distinct, region.fixed, sampled, sliding, sampled_sliding, zero,
+            boundary.nodes, distinct, region.fixed, sampled, sliding, paired, sampled_sliding, zero,
             spacing, edge, tolerance, kernel, radius,
         )  # fmt: skip
 
@@ -143,10 +145,6 @@ def apart_from(sites: FloatArray, points: FloatArray, distance: float) -> FloatA
     return np.ascontiguousarray(sites[nearest >= distance])
 
 
-def _union(sliding: Sequence[IntArray]) -> IntArray:
-    return union(*sliding)
-
-
 def _distinct(boundary: Boundary, fixed: IntArray, slid: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Return rows of moving, fixed and sliding nodes at places of their own.
 
@@ -173,13 +171,15 @@ def _sampled(own: BoolArray) -> IntArray:
     return rows[:: max(1, -(-len(rows) // MOST_FIXED))]
 
 
-def _sliding(boundary: Boundary, region: Region) -> tuple[IntArray, ...]:
-    """Return the nodes of each sliding patch inside that neither move nor stay."""
-    known = union(boundary.nodes, region.fixed)
-    return tuple(
-        np.setdiff1d(np.intersect1d(patch.nodes, region.inside, assume_unique=True), known, assume_unique=True)
-        for patch in boundary.sliding
-    )
+def _sliding(boundary: Boundary, region: Region) -> tuple[tuple[IntArray, ...], IntArray]:
+    """Return the nodes inside that neither move nor stay: of each sliding patch, and of periodic pairs."""
+    known, mesh = union(boundary.nodes, region.fixed), boundary.mesh
+    pairs = union(*(pair.nodes for pair in mesh.periodic if not is_thin(mesh, pair)))
+    found = [
+        np.setdiff1d(np.intersect1d(nodes, region.inside, assume_unique=True), known, assume_unique=True)
+        for nodes in (*(patch.nodes for patch in boundary.sliding), pairs)
+    ]
+    return tuple(found[:-1]), found[-1]
 
 
 def _surface_edge(boundary: Boundary, distinct: IntArray) -> float:
@@ -249,19 +249,31 @@ def _zero_sites(boundary: Boundary, region: Region, known: FloatArray, spacing: 
 def _on_box(boundary: Boundary, region: Region, spacing: float) -> FloatArray:
     """Return points (P, 3) on all faces of the box but its open ones; in a plane mesh on its outline there."""
     if not boundary.mesh.plane:
-        return region.hexahedron.face_sites(spacing, skip=region.box.open_faces)
+        sites = region.hexahedron.face_sites(spacing, skip=region.box.open_faces)
+        around = _around_walls(boundary, region, spacing)
+        return np.vstack([apart_from(sites, around, APART * spacing), around]) if len(around) else sites
     outline = region.hexahedron.section(boundary.mesh.points[0], np.array([0.0, 0.0, 1.0]))
     sites = border_sites(outline, spacing)
     sites[:, 2] = boundary.mesh.points[0, 2]
     return sites
 
 
+def _around_walls(boundary: Boundary, region: Region, spacing: float) -> FloatArray:
+    """Return points (P, 3) where the box cuts the planes of pairs: there may be less than a spacing between two."""
+    found = [np.empty((0, 3))]
+    for plane in boundary.walls:
+        heights = plane.distance(region.hexahedron.corners)
+        if heights.min() < 0.0 < heights.max():
+            found.append(border_sites(region.hexahedron.section(plane.point, plane.normal), spacing))
+    return np.vstack(found)
+
+
 def _in_front(boundary: Boundary, sites: FloatArray) -> FloatArray:
-    """Drop sites behind a sliding plane that bounds the mesh: nothing is there to be held."""
-    for patch in boundary.sliding:
-        if isinstance(patch.surface, Plane):
-            side = patch.surface.distance(boundary.mesh.points[boundary.nodes])
-            tol = SAME * boundary.size
-            if (side >= -tol).all() or (side <= tol).all():
-                sites = sites[patch.surface.distance(sites) * np.copysign(1.0, side.sum()) >= -tol]
+    """Drop sites behind a plane that bounds the mesh, a sliding one or of a pair: nothing is there to be held."""
+    sliding = [(patch.surface, SAME) for patch in boundary.sliding if isinstance(patch.surface, Plane)]
+    for plane, near in (*sliding, *((wall, FLAT) for wall in boundary.walls)):
+        side = plane.distance(boundary.mesh.points[boundary.nodes])
+        tol = near * boundary.size
+        if (side >= -tol).all() or (side <= tol).all():
+            sites = sites[plane.distance(sites) * np.copysign(1.0, side.sum()) >= -tol]
     return np.ascontiguousarray(sites)

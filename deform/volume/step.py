@@ -9,6 +9,7 @@ import numpy as np
 
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting, RuleName, Strategy
+from sdm_deflect.deform.images import Images
 from sdm_deflect.deform.mesh import FloatArray, IntArray
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress
@@ -71,6 +72,7 @@ class StepState:
     near_wall : the free ones that follow boundary nodes nearby.
     near_sliding : the sliding ones that follow moving and fixed nodes nearby.
     turning : how boundary nodes turn.
+    tied, tied_sliding : images of one another among the free nodes, and among those that slide.
     """
 
     boundary: Boundary
@@ -82,18 +84,21 @@ class StepState:
     near_wall: NearWall = field(repr=False)
     near_sliding: NearWall = field(repr=False)
     turning: LocalRotation = field(repr=False)
+    tied: Images = field(repr=False)
+    tied_sliding: Images = field(repr=False)
 
     @classmethod
     def of(cls, boundary: Boundary, region: Region, sites: Sites, points: FloatArray) -> "StepState":
         """Sort the nodes inside, with the mesh at `points`."""
         free = np.setdiff1d(region.inside, sites.known, assume_unique=True)
         known = points[sites.known]
+        tied = boundary.images.among(free), boundary.images.among(sites.slid)
         if not boundary.job.near_wall:
             none, no_edges = np.empty((0, 3)), np.empty((0, 2), dtype=np.intp)
             nearby = Nearby.of(none, known, [])
             nothing = NearWall.of(none, known, nearby, 0.0)
             turning = LocalRotation.of(known, no_edges, len(known))
-            return cls(boundary, region, sites, points, free, nothing.follow, nothing, nothing, turning)
+            return cls(boundary, region, sites, points, free, nothing.follow, nothing, nothing, turning, *tied)
         parts, places, reach = sites.parts(boundary), points[free], REACH * sites.edge
         nearby = Nearby.of(places, known, parts)
         layers = RigidFollow.of(places, known, layer_sites(nearby, len(sites.moving), sites.edge), nearby)
@@ -102,7 +107,7 @@ class StepState:
         nearby = Nearby.of(places, known, [part[part < certain] for part in parts])
         near_sliding = NearWall.of(places, known, nearby, reach)
         turning = LocalRotation.of(known, sites.edges(boundary), certain, boundary.mesh.plane)
-        return cls(boundary, region, sites, points, free, layers, near_wall, near_sliding, turning)
+        return cls(boundary, region, sites, points, free, layers, near_wall, near_sliding, turning, *tied)
 
     @property
     def fitting(self) -> Fitting:
@@ -153,7 +158,7 @@ class StepState:
         out = self.near_wall.following(interpolated, values, turns)
         for section, nodes in self.region.sections:
             out[np.searchsorted(self.free, nodes), section.component] = 0.0
-        return out
+        return self.tied.projected(out)
 
     def slid(self, move: FloatArray, interpolated: FloatArray) -> FloatArray:
         """Return the displacement (L, 3) of the sliding nodes, given the interpolant's: on their shapes."""
@@ -352,10 +357,11 @@ def _carried_rate(state: StepState, speeds: FloatArray, move: FloatArray, speed:
 
 
 def _on_shapes(state: StepState, displacement: FloatArray) -> FloatArray:
-    """Put sliding nodes (L, 3) on their shapes; those on several, on one after another."""
+    """Put sliding nodes (L, 3) on their shapes, as images of one another; those on several, on one after another."""
     for surface, rows, points in _rounds(state):
         displacement[rows] = surface.projected(points, displacement[rows])
-    return displacement
+        displacement = state.tied_sliding.projected(displacement)
+    return state.tied_sliding.projected(displacement)
 
 
 def _on_shapes_rate(state: StepState, displacement: FloatArray, speed: FloatArray) -> FloatArray:
@@ -363,7 +369,8 @@ def _on_shapes_rate(state: StepState, displacement: FloatArray, speed: FloatArra
     for surface, rows, points in _rounds(state):
         speed[rows] = surface.rate(points, displacement[rows], speed[rows])
         displacement[rows] = surface.projected(points, displacement[rows])
-    return speed
+        speed, displacement = (state.tied_sliding.projected(one) for one in (speed, displacement))
+    return state.tied_sliding.projected(speed)
 
 
 def _rounds(state: StepState) -> list[tuple[SlidingSurface, IntArray, FloatArray]]:
@@ -373,4 +380,4 @@ def _rounds(state: StepState) -> list[tuple[SlidingSurface, IntArray, FloatArray
         (patch.surface, np.searchsorted(slid, nodes), state.points[nodes])
         for patch, nodes in zip(patches, state.sites.sliding, strict=True)
     ]
-    return one * (ROUNDS if len(one) > 1 else 1)
+    return one * (ROUNDS if len(one) + bool(len(state.tied_sliding.nodes)) > 1 else 1)

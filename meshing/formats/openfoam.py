@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -21,6 +21,7 @@ from sdm_deflect.meshing.formats.openfoam_files import (
     parse,
     vectors,
 )
+from sdm_deflect.meshing.formats.openfoam_pairs import constraint_of, pairs_of
 from sdm_deflect.meshing.formats.openfoam_parts import BETWEEN, CYCLIC
 from sdm_deflect.meshing.formats.openfoam_write import write_mesh, write_system
 from sdm_deflect.meshing.formats.polyhedra import check_cells
@@ -38,9 +39,10 @@ class OpenFoam:
     """A case folder, its folder ``polyMesh``, or a file such as ``case.foam`` in the case folder.
 
     Cells are polyhedra, patches are polygons. Files may be text or binary (labels of 32 or 64 bits) and packed
-    (.gz). Types of patches, zones and sets are no part of the mesh; a rewritten case keeps them, as it keeps every
-    file but `points`; only the parts of a decomposed case (``processor0`` and so on) are not copied. Meshes of time
-    folders are not looked at. Output is a folder that must not exist, or be empty.
+    (.gz). Of the types of patches the mesh has those that bind nodes, see `openfoam_pairs`; zones and sets are no part
+    of it. A rewritten case keeps them, as it keeps every file but `points`; only the parts of a decomposed case
+    (``processor0`` and so on) are not copied. Meshes of time folders are not looked at. Output is a folder that must
+    not exist, or be empty.
 
     Where a case has nothing but parts, or a path names one of them (``case/processor0``), all parts are read and
     rewritten as one mesh, see `openfoam_decomposed`.
@@ -64,7 +66,8 @@ class OpenFoam:
             cells = Polyhedra(polygons, owner, neighbour[neighbour >= 0])
             check_cells(cells)
             named = patches_of(patches, len(polygons), len(cells.neighbour), polygons.rows)
-            return Mesh(points, (cells,), named, notes=parts_beside(case_folder(path)))
+            mesh = Mesh(points, (cells,), named, notes=parts_beside(case_folder(path)))
+            return replace(mesh, periodic=pairs_of(patches, named, lambda nodes: points[nodes]))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; `out` is a copy of the case (of the folder ``polyMesh`` if `source` is one)."""
@@ -124,7 +127,7 @@ def patches_of(
             raise MeshFileError(
                 f"patch {patch.name} begins at face {first}, but the faces before {inner} are inside the mesh"
             )
-        named.append(Patch(patch.name, (rows(first, end),)))
+        named.append(Patch(patch.name, (rows(first, end),), constraint=constraint_of(patch)))
     return tuple(named)
 
 

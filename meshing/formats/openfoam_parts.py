@@ -6,7 +6,7 @@ where the part has the face the other way round; ``boundaryProcAddressing`` is -
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from sdm_deflect.deform.mesh import Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.parts import taken
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
+from sdm_deflect.meshing.formats.openfoam_pairs import constraint_of, pairs_of
 from sdm_deflect.meshing.formats.shapes import polygons
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
@@ -208,8 +209,13 @@ def whole(parts: Sequence[Part], places: Sequence[Place], names: Sequence[str]) 
     cells = Polyhedra(faces, owner, neighbour[:inner])
     order = np.argsort(patch, kind="stable")
     ends = np.searchsorted(patch[order], np.arange(len(names) + 1))
-    patches = (Patch(name, (taken(faces, order[ends[i] : ends[i + 1]]),)) for i, name in enumerate(names))
-    return Mesh(points, (cells,), tuple(patches))
+    foam = {patch.name: patch for part in parts for patch in part.patches if patch.type not in (BETWEEN, CYCLIC)}
+    patches = tuple(
+        Patch(name, (taken(faces, order[ends[i] : ends[i + 1]]),), constraint=constraint_of(foam[name]))
+        for i, name in enumerate(names)
+    )
+    mesh = Mesh(points, (cells,), patches)
+    return replace(mesh, periodic=pairs_of([foam[name] for name in names], patches, lambda nodes: points[nodes]))
 
 
 def _count(index: IntArray, what: str, once: bool = False) -> int:

@@ -28,6 +28,7 @@ from sdm_deflect.meshing.formats.openfoam import (
     stored,
 )
 from sdm_deflect.meshing.formats.openfoam_files import COMPACT, FoamFile, headed, located, parse
+from sdm_deflect.meshing.formats.openfoam_pairs import pairs_of
 from sdm_deflect.meshing.formats.polyhedra import FEWEST, check_labels, check_sides
 from sdm_deflect.meshing.formats.tables import PointRange, Table, TablePieces, copy_range
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
@@ -156,7 +157,10 @@ def in_pieces(path: Path) -> MeshInPieces | None:
     count = lists.points.rows
     ranges = (PointRange(0, count, (lists.points,)),)
     pieces = FoamPieces(str(path.resolve()), count, ranges, (), path.absolute(), lists, cells, *spans)
-    return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, count),), parts_beside(case_folder(path)))
+    with about(folder):
+        pairs = pairs_of(boundary, patches, pieces.places)
+    notes = parts_beside(case_folder(path))
+    return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, count),), notes, pairs)
 
 
 def _lists(folder: Path) -> Lists | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.images import THIN, is_thin
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
@@ -74,7 +75,8 @@ def header(kind: str, name: str, folder: str = MESH.as_posix(), form: str = "asc
 def write_mesh(mesh: Mesh, folder: Path, types: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """Write points, faces, owner, neighbour (binary), boundary (text); return what is lost; errors as of `bounded`.
 
-    Patches have the `types` given by their names, all others that of `kind_of`.
+    The sides of a case one cell thick are what they were; other patches have the `types` given by their names, or that
+    of `kind_of`.
     """
     whole = bounded(mesh)
     cells = whole.cells
@@ -91,16 +93,22 @@ def write_mesh(mesh: Mesh, folder: Path, types: Mapping[str, str] | None = None)
     patches, renamed = _patches(mesh, whole, types or {})
     content = header("polyBoundaryMesh", "boundary") + written(patches)
     (folder / "boundary").write_text(content, encoding="utf-8")
-    return (*whole.lost, *renamed)
+    pairs = [pair.patches for pair in mesh.periodic if not is_thin(mesh, pair)]
+    return (
+        *whole.lost,
+        *renamed,
+        *(f"{' and '.join(names)} are periodic, which the file does not say" for names in pairs),
+    )
 
 
 def _patches(mesh: Mesh, whole: Bounded, types: Mapping[str, str]) -> tuple[list[FoamPatch], list[str]]:
     names = fitting_names([name for name, _, _ in whole.patches], UNFIT)
+    thin = {patch.name: str(patch.constraint) for patch in mesh.patches if patch.constraint in THIN}
     patches = []
     for name, start, count in whole.patches:
         own = whole.cells.faces.rows(start, start + count).nodes
         kind = kind_of(name, is_planar(mesh.points[own]), sides_reached(mesh.points, own) > 0)
-        patches.append(FoamPatch(names[name], types.get(name, kind), count, start))
+        patches.append(FoamPatch(names[name], thin.get(name, types.get(name, kind)), count, start))
     return patches, [f"patch {old} is called {new}" for old, new in names.items() if old != new]
 
 

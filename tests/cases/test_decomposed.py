@@ -119,10 +119,15 @@ def test_cyclic_patches_that_are_cut_and_patches_without_faces_are_those_of_the_
     for name in expected.names:
         np.testing.assert_array_equal(found.patch(name).faces[0].nodes, expected.patch(name).faces[0].nodes)
     assert found.names == expected.names
+    np.testing.assert_array_equal(found.periodic[0].nodes, expected.periodic[0].nodes)
+    assert len(found.periodic[0].nodes) == 6 * 5
     for list_ in case.glob(f"processor*/{MESH}/*ProcAddressing"):
         list_.unlink()
     joined = OpenFoam().read(case / "processor0")
     assert {p.name: len(p) for p in joined.patches} == {p.name: len(p) for p in expected.patches}
+    one, other = joined.points[joined.periodic[0].nodes.T]
+    assert len(one) == 6 * 5
+    np.testing.assert_allclose(other - one, [[4.0, 0.0, 0.0]] * len(one), atol=1e-12)
 
 
 def test_a_part_that_is_missing_is_one_line_and_code_two(whole, sdm, tmp_path):
