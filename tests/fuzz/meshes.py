@@ -98,9 +98,14 @@ def in_blocks(folder: Path) -> Iterator[Input]:
     write_blocks(folder / "plane.cgns", [block.flat() for block in two_blocks()], dimension=2)
     for name in ("two", "plane"):
         yield of_path(folder / f"{name}.cgns")
-    for name, order in (("two", "<"), ("tet", ">"), ("polyhedra", "<")):
-        path = folder / f"{name}-adf.cgns"
-        path.write_bytes(in_adf(folder / f"{name}.cgns", order, pieces=2))
+    for name, order, binary in (
+        ("two", "<", False),
+        ("tet", ">", False),
+        ("polyhedra", "<", False),
+        ("two", ">", True),
+    ):
+        path = folder / f"{name}-adf{binary:d}.cgns"
+        path.write_bytes(in_adf(folder / f"{name}.cgns", order, pieces=2, binary=binary))
         yield of_path(path)
 
 
