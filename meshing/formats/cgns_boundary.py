@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.deform.errors import sentence
 from sdm_deflect.deform.mesh import ABSENT, Cells, Patch, Polygons
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers, text
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -154,7 +155,7 @@ def notes_of(faults: Mapping[str, Sequence[Fault]]) -> tuple[str, ...]:
     notes = []
     for zone, own in faults.items():
         for fault in own:
-            reason = f"zone {zone}: {fault.reason}"
+            reason = sentence(f"zone {zone}: {fault.reason}")
             if fault.patch:
                 name = fault.patch if fault.of_family or len(faults) == 1 else f"{zone}/{fault.patch}"
                 absent.setdefault(name, []).append(reason)
@@ -162,7 +163,7 @@ def notes_of(faults: Mapping[str, Sequence[Fault]]) -> tuple[str, ...]:
                 notes.append(reason)
     for name, reasons in absent.items():
         more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
-        notes.insert(0, ABSENT.format(name) + reasons[0] + more)
+        notes.insert(0, ABSENT.format(sentence(name)) + reasons[0] + more)
     left = len(notes) - SHOWN
     return (*notes[:SHOWN], *([f"{left} more conditions and interfaces could not be read"] if left > 0 else []))
 

@@ -91,7 +91,7 @@ def base_of(file: Any) -> Base:
     bases = [base for _, base in children(file, "CGNSBase_t")]
     if not bases:
         kind = "ADF" if isinstance(file, adf.Node) else "HDF5"
-        raise MeshFileError(f"this {kind} file has no CGNSBase_t; it is no CGNS file, or it is damaged")
+        raise MeshFileError(f"this {kind} file has no CGNSBase_t; it is no CGNS file")
     each = [tuple(integers(base).tolist()) for base in bases]
     solid = [i for i, own in enumerate(each) if own == (3, 3)]
     chosen = solid or [i for i, own in enumerate(each) if own in DIMENSIONS]
@@ -152,7 +152,7 @@ def coordinate_data(base: Base, name: str) -> list[Any]:
         if stored.shape != expected or stored.dtype.kind != "f":
             raise MeshFileError(f"{axis} holds {stored.shape} {stored.dtype}, expected {expected} real numbers")
         if not isinstance(stored, adf.Stored) and not is_real(stored):
-            raise MeshFileError(f"{axis} holds real numbers of an unknown kind; the file is damaged")
+            raise MeshFileError(f"the kind of real numbers that {axis} holds is not supported")
     return found
 
 

@@ -314,6 +314,26 @@ def test_a_condition_on_the_whole_plane_is_on_no_line(where, tmp_path):
     assert sorted(Cgns().read(tmp_path / "layer.cgns").names) == ["far", "wall"]
 
 
+def test_what_could_not_be_read_is_said_by_the_commands_and_matters_where_it_is_needed(tmp_path):
+    blocks = plane_blocks()
+    blocks[0].conditions.append(("lost", None, "BCWall", (1, 5), (9, 6), None))
+    write_blocks(tmp_path / "plane.cgns", blocks, dimension=2)
+    where = "zone upper: boundary condition lost: it is on the points (1, 5) to (9, 6) of a block of 9 x 5"
+    note = f"patch upper/lost is absent: {where}"
+    assert inspected(tmp_path / "plane.cgns")["notes"] == [note]
+    assert note in inspect(tmp_path / "plane.cgns").splitlines()
+    box = [[-2.05, -2.05], [2.05, 2.05]]
+    given = {"hinge": [[0.0, 0.0]], "angle": 10.0, "box": box}
+    done = sdm_deflect.deflect(tmp_path / "plane.cgns", "wall", **given)
+    assert done.passed
+    assert note in done.figures()["notes"]
+    for how in ({"surface": "lost"}, {"surface": "wall", "fixed": ["lost"]}):
+        with pytest.raises(
+            sdm_deflect.InputError, match=r"'lost' cannot be taken: patch upper/lost is absent: zone upper"
+        ):
+            sdm_deflect.deflect(tmp_path / "plane.cgns", **how, **given)
+
+
 def test_plane_blocks_are_deflected_as_in_su2(tmp_path):
     write_blocks(tmp_path / "plane.cgns", plane_blocks(), dimension=2)
     Su2().write(Cgns().read(tmp_path / "plane.cgns"), tmp_path / "plane.su2")
