@@ -23,6 +23,7 @@ from tests.meshing.formats.blocks import (
     Block,
     complaints,
     cube,
+    in_a_layer,
     stored,
     two_blocks,
     wing_blocks,
@@ -246,32 +247,6 @@ def test_plane_blocks_are_quads_with_lines_around_them(order, tmp_path):
         assert complaints(tmp_path / "unstructured.cgns") == complaints(tmp_path / "plane.cgns") == []
 
 
-def in_a_layer(path, axis, third):
-    """Give plane blocks three axes, with one point along `axis`, and the same number in the coordinate `third`."""
-    with h5py.File(path, "r+") as file:
-        base = file["Base#1"]
-        base[" data"][...] = [3, 3]
-        for zone in (node for node in base.values() if "GridCoordinates" in node):
-            size = np.insert(zone[" data"][()], axis, [1, 0, 0], axis=1)
-            replace_data(zone, size.astype(np.int32))
-            grid = zone["GridCoordinates"]
-            for node in grid.values():
-                replace_data(node, node[" data"][()].reshape(size[0, ::-1]))
-            given = iter([node[" data"][()] for node in grid.values()])
-            for name in AXES:
-                values = np.full(size[0, ::-1], 2.5) if name == third else next(given)
-                if name in grid:
-                    replace_data(grid[name], values)
-                else:
-                    create(grid, name, "DataArray_t", values)
-            for node in (*zone["ZoneBC"].values(), *zone["ZoneGridConnectivity"].values()):
-                for name in {"PointRange", "PointRangeDonor"} & set(node):
-                    replace_data(node[name], np.insert(node[name][" data"][()], axis, 1, axis=1).astype(np.int32))
-                if "Transform" in node:
-                    turn = [way + np.sign(way) * (abs(way) > axis) for way in node["Transform"][" data"][()]]
-                    replace_data(node["Transform"], np.insert(turn, axis, axis + 1).astype(np.int32))
-
-
 @pytest.mark.parametrize(
     ("axis", "third"),
     [(0, "CoordinateZ"), (1, "CoordinateZ"), (2, "CoordinateZ"), (2, "CoordinateY"), (1, "CoordinateX")],
@@ -327,11 +302,11 @@ def test_what_could_not_be_read_is_said_by_the_commands_and_matters_where_it_is_
     done = sdm_deflect.deflect(tmp_path / "plane.cgns", "wall", **given)
     assert done.passed
     assert note in done.figures()["notes"]
-    for how in ({"surface": "lost"}, {"surface": "wall", "fixed": ["lost"]}):
+    for surface, fixed in (("lost", {}), ("wall", {"fixed": ["lost"]})):
         with pytest.raises(
             sdm_deflect.InputError, match=r"'lost' cannot be taken: patch upper/lost is absent: zone upper"
         ):
-            sdm_deflect.deflect(tmp_path / "plane.cgns", **how, **given)
+            sdm_deflect.deflect(tmp_path / "plane.cgns", surface, **given, **fixed)
 
 
 def test_plane_blocks_are_deflected_as_in_su2(tmp_path):
