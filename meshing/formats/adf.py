@@ -125,6 +125,11 @@ class Node:
             ends = [pointer(table[at : at + POINTER]) for at in range(0, len(table), POINTER)]
             chunks = list(zip(ends[::2], ends[1::2], strict=True))
         found, left = [], size
+        if self.place not in self.tree.known:
+            self.tree.known.add(self.place)
+            self.tree.held += size
+        if self.tree.held > self.tree.size:
+            raise MeshFileError(f"{self.name} and other nodes have more data than the file; the file is damaged")
         for begin, end in chunks:
             first = begin + TAG + POINTER
             length = min(left, end - first)
@@ -144,6 +149,8 @@ class Tree:
         """Read the header; MeshFileError if it is damaged, or of a machine whose numbers are none of today's."""
         self.file, self.size = file, file.seek(0, 2)
         self.parents: dict[int, int] = {}
+        self.known: set[int] = set()
+        self.held = 0
         header = self.bytes_at(0, HEADER)
         if header[32:36] != b"AdF0" or header[182:186] != b"AdF5":
             raise MeshFileError("the header of this ADF file is damaged")

@@ -6,15 +6,16 @@ import subprocess
 from contextlib import suppress
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns import Cgns
-from sdm_deflect.meshing.formats.cgns_nodes import AXES
+from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
 from sdm_deflect.meshing.formats.format import MeshFileError
 from tests.meshing.formats.adf_files import in_adf
-from tests.meshing.formats.alike import content
+from tests.meshing.formats.alike import content, zone_of
 from tests.meshing.formats.blocks import complaints, two_blocks, write_blocks
 from tests.meshing.formats.examples import hybrid, polyhedral
 
@@ -127,3 +128,26 @@ def test_a_node_of_two_parents_is_refused(old, tmp_path):
     (tmp_path / "loop.cgns").write_bytes(data[:to] + data[place : place + 12] + data[to + 12 :])
     with pytest.raises(MeshFileError, match="is there twice"):
         Cgns().read(tmp_path / "loop.cgns")
+
+
+def test_data_of_many_nodes_in_the_same_bytes_are_refused(tmp_path):
+    """Each of a hundred sections has the same 8000 bytes."""
+    path = tmp_path / "mesh.cgns"
+    Cgns().write(hybrid(), path)
+    with h5py.File(path, "r+") as file:
+        for i in range(100):
+            node = create(zone_of(file), f"more {i}", "Elements_t", np.array([5, 0], dtype=np.int32))
+            create(node, "ElementRange", "IndexRange_t", np.array([1000 * i + 1000, 1000 * i + 1665], dtype=np.int32))
+            create(node, "ElementConnectivity", "DataArray_t", np.ones(1998 if i == 0 else 1, dtype=np.int32))
+    data = in_adf(path, binary=True)
+    short, long = (b"I4".ljust(32) + b"01" + n.to_bytes(8, "little") + bytes(88) + b"0001" for n in (1, 1998))
+    name = b"NoDeElementConnectivity".ljust(36) + b"DataArray_t".ljust(32)
+    places = [at for at in range(len(data)) if data.startswith(name, at)]
+    (full,) = (at for at in places if data.startswith(long, at + 96))
+    changed = bytearray(data)
+    for at in places:
+        if data.startswith(short, at + 96):
+            changed[at + 96 : at + 242] = data[full + 96 : full + 242]
+    (tmp_path / "shared.cgns").write_bytes(changed)
+    with pytest.raises(MeshFileError, match="have more data than the file"):
+        Cgns().read(tmp_path / "shared.cgns")
