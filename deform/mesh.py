@@ -37,6 +37,8 @@ OWNERS = "{} faces need as many owners, got {}, and no more neighbours, got {}"
 """What is wrong with faces, and with their cells, wherever that is found."""
 ORTHOGONAL = 1e-6
 """How far the product of a rotation with its transpose may be from the identity: files have few digits."""
+ABSENT = "patch {} is absent: "
+"""Beginning of a note of a mesh on a patch that the file has, but that could not be read."""
 LARGEST = 1e40
 """Coordinates beyond this would overflow where the sixth power of a length is taken."""
 
@@ -398,16 +400,28 @@ class Mesh:
     def named(self, wanted: Sequence[str], what: str) -> tuple[str, ...]:
         """Return the patches that names and wildcards (``wing*``, in any zone) stand for.
 
-        Raises InputError if a name stands for no patch; the message suggests the nearest ones.
+        Raises InputError if a name stands for no patch, or for one that the notes call absent; the message suggests the
+        nearest ones, or says why.
         """
         found: list[str] = []
         for text in wanted:
             some = [text] if text in self.names else [name for name in self.names if meant(text, name)]
+            if (note := self._absent(text)) and len(some) < len(self.names):
+                raise InputError(f"{self.name}: {what} {text!r} cannot be taken: {note}")
             if not some:
                 hint = nearest(text, self.names, "the patches are")
                 raise InputError(f"{self.name}: {what} {text!r} is no patch; {hint}")
             found += [name for name in some if name not in found]
         return tuple(found)
+
+    def _absent(self, text: str) -> str:
+        """Return the note on the first patch that is absent, and that a name or wildcard stands for; empty if none."""
+        begin, end = ABSENT.split("{}")
+        for note in self.notes:
+            name, found, _ = note.removeprefix(begin).partition(end)
+            if note.startswith(begin) and found and (meant(text, name) or text == name.rpartition("/")[2]):
+                return note
+        return ""
 
     def with_points(self, points: FloatArray) -> Mesh:
         """Return the same cells and patches on moved points (N, 3)."""

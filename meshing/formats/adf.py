@@ -4,7 +4,10 @@ Tables in the file say where the bytes of each node's data are, so that coordina
 every other byte stays. That is why they are read here, and not by way of a conversion to HDF5 and back: that would
 make another file of it, and need a program that pip does not install.
 
-Numbers in the tables are hexadecimal text. A pointer is 8 digits for a block of 4096 bytes and 4 for a place in it.
+A pointer is the number of a block of 4096 bytes and a place in it. Files of version A (``A02011``) hold all numbers of
+the tables as hexadecimal text: 8 digits and 4 for a pointer, 8 for a size. Files of version B (``B02012``, of libraries
+for large files) hold pointers and sizes of data as binary integers in the file's order of bytes: 8 bytes and 4 for a
+pointer, 8 for a size; counts stay text.
 Source: ADF User's Guide, and the layout of tables in the ADF core of the CGNS library (``ADF_internals``).
 """
 
@@ -85,11 +88,12 @@ class Node:
         count = _number(self._header[68:76])
         if not count:
             return {}
-        table = self.tree.tagged(_place(self._header[84:96]), b"SNTb", TAG + POINTER + count * ENTRY)
+        place = self.tree.pointer(self._header[84:96])
+        table = self.tree.tagged(place, b"SNTb", TAG + POINTER + count * ENTRY)
         found = {}
         for start in range(TAG + POINTER, len(table), ENTRY):
             name = _text(table[start : start + 32])
-            place = _place(table[start + 32 : start + ENTRY])
+            place = self.tree.pointer(table[start + 32 : start + ENTRY])
             if name in found or self.tree.parents.setdefault(place, self.place) != self.place:
                 raise MeshFileError(f"the node {self.name}/{name} is there twice; the file is damaged")
             found[name] = Node(self.tree, f"{self.name}/{name}", place)
@@ -107,19 +111,25 @@ class Node:
             raise MeshFileError(
                 f"{self.name} has data in {dimensions} dimensions, expected 1 to 12; the file is damaged"
             )
-        shape = tuple(_number(self._header[130 + 8 * i : 138 + 8 * i]) for i in reversed(range(dimensions)))
+        shape = tuple(self.tree.integer(self._header[130 + 8 * i : 138 + 8 * i]) for i in reversed(range(dimensions)))
         kind = np.dtype(KINDS[self.kind]).newbyteorder(self.tree.order)
         return Stored(self.tree, self.name, shape, kind, self._pieces(prod(shape) * kind.itemsize))
 
     def _pieces(self, size: int) -> tuple[tuple[int, int], ...]:
         """Place and length of the runs of bytes that hold `size` bytes of data."""
-        count, place = _number(self._header[226:230]), _place(self._header[230:242])
-        chunks = [(place, _place(self.tree.tagged(place, b"DaTa", TAG + POINTER)[TAG:]))] if count == 1 else []
+        pointer = self.tree.pointer
+        count, place = _number(self._header[226:230]), pointer(self._header[230:242])
+        chunks = [(place, pointer(self.tree.tagged(place, b"DaTa", TAG + POINTER)[TAG:]))] if count == 1 else []
         if count > 1:
             table = self.tree.tagged(place, b"DCtb", TAG + POINTER + 2 * count * POINTER)[TAG + POINTER :]
-            ends = [_place(table[at : at + POINTER]) for at in range(0, len(table), POINTER)]
+            ends = [pointer(table[at : at + POINTER]) for at in range(0, len(table), POINTER)]
             chunks = list(zip(ends[::2], ends[1::2], strict=True))
         found, left = [], size
+        if self.place not in self.tree.known:
+            self.tree.known.add(self.place)
+            self.tree.held += size
+        if self.tree.held > self.tree.size:
+            raise MeshFileError(f"{self.name} and other nodes have more data than the file; the file is damaged")
         for begin, end in chunks:
             first = begin + TAG + POINTER
             length = min(left, end - first)
@@ -139,16 +149,28 @@ class Tree:
         """Read the header; MeshFileError if it is damaged, or of a machine whose numbers are none of today's."""
         self.file, self.size = file, file.seek(0, 2)
         self.parents: dict[int, int] = {}
+        self.known: set[int] = set()
+        self.held = 0
         header = self.bytes_at(0, HEADER)
         if header[32:36] != b"AdF0" or header[182:186] != b"AdF5":
             raise MeshFileError("the header of this ADF file is damaged")
         letter = header[100:101].decode("latin-1")
         if letter not in ORDER:
             raise MeshFileError(f"its numbers are in the format {letter!r}, expected B or L (IEEE); convert the file")
-        self.order = ORDER[letter]
-        if self.size <= (end := _place(header[146:158])):
+        self.order, self.binary = ORDER[letter], header[25:26] == b"B"
+        if self.size <= (end := self.pointer(header[146:158])):
             raise MeshFileError(f"the file is truncated: it has {self.size} of {end + 1} bytes")
-        self.root = Node(self, "", _place(header[134:146]))
+        self.root = Node(self, "", self.pointer(header[134:146]))
+
+    def integer(self, stored: bytes) -> int:
+        """Return a number in binary or in hexadecimal digits, as the file has them; MeshFileError if it is none."""
+        if not self.binary:
+            return _number(stored)
+        return int.from_bytes(stored, "big" if self.order == ">" else "little")
+
+    def pointer(self, stored: bytes) -> int:
+        """Return the place in the file that a pointer (12 bytes) leads to; MeshFileError if it is none."""
+        return self.integer(stored[:8]) * BLOCK + self.integer(stored[8:])
 
     def bytes_at(self, place: int, length: int) -> bytes:
         """Return bytes of the file; MeshFileError if it ends before."""
@@ -176,7 +198,3 @@ def _number(digits: bytes) -> int:
         return int(digits, 16)
     except ValueError:
         raise MeshFileError(f"{digits[:12]!r} is no number in hexadecimal digits; the file is damaged") from None
-
-
-def _place(pointer: bytes) -> int:
-    return _number(pointer[:8]) * BLOCK + _number(pointer[8:12])

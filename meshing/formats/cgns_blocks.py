@@ -1,7 +1,8 @@
 """Blocks of a CGNS file: structured zones, their cells and the faces that conditions and interfaces name.
 
 A block has size[d] points along axis d, the first axis fastest. Its faces lie in planes of its grid: all those that
-have one number along an axis. SIDS, sections 6.3 (Zone_t), 8.2 (GridConnectivity1to1_t) and 9.3 (BC_t).
+have one number along an axis. A block with one point along one of three axes is plane; that axis is none of its `wide`
+ones. SIDS, sections 6.3 (Zone_t), 8.2 (GridConnectivity1to1_t) and 9.3 (BC_t).
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,8 +13,16 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Patch
-from sdm_deflect.meshing.formats.cgns_boundary import PLACES, location, patch_name
-from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, children, has, integers
+from sdm_deflect.meshing.formats.cgns_boundary import (
+    Border,
+    Fault,
+    check_range,
+    location,
+    named_conditions,
+    placed,
+    tolerated,
+)
+from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, integers
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
@@ -43,50 +52,60 @@ class Plane:
 
 
 def size_of(zone: Any, dimensions: int) -> Size:
-    """Return the points of a block along each axis; MeshFileError if it has no volume, or its sizes are damaged."""
+    """Return the points of a block along each axis; MeshFileError if it has no cells, or its sizes are damaged."""
     sizes = integers(zone).tolist()
     if len(sizes) != 3 * dimensions or min(sizes[:dimensions]) < 0:
         raise MeshFileError(f"its size {sizes} is none of {dimensions} axes; the file is damaged")
     size = tuple(sizes[:dimensions])
-    if min(size) < 2:
-        raise MeshFileError(f"its {_times(size)} points hold no cells: 2 are needed along each axis")
+    if 0 in size or len(wide(size)) < 2:
+        raise no_cells(size)
     return size
+
+
+def no_cells(size: Size) -> MeshFileError:
+    """Return the error of a block with too few points along an axis."""
+    return MeshFileError(f"its {_times(size)} points hold no cells: 2 are needed along each axis")
+
+
+def wide(size: Size) -> list[int]:
+    """Return the axes along which a block has several points."""
+    return [axis for axis, n in enumerate(size) if n != 1]
 
 
 def cells(size: Size) -> Cells:
     """Return all cells of a block, the first axis fastest."""
-    first = _numbers([np.arange(n - 1) for n in size], size)
-    return Cells(SHAPES[len(size)][0], first[:, None] + _steps(size, range(len(size))))
+    first = _numbers([np.arange(max(n - 1, 1)) for n in size], size)
+    return Cells(SHAPES[len(wide(size))][0], first[:, None] + _steps(size, wide(size)))
 
 
 def faces(size: Size, plane: Plane, left_handed: bool) -> Cells:
     """Return the faces of a plane; on the outside of a block their normals point out of it."""
-    others = [axis for axis in range(len(size)) if axis != plane.axis]
+    others = _others(size, plane.axis)
     places = np.unravel_index(plane.rows, _faces_along(size, plane.axis), order="F")
     step = strides(size)
     first = plane.at * step[plane.axis] + sum(at * step[axis] for at, axis in zip(places, others, strict=True))
     nodes = np.asarray(first, dtype=np.intp)[:, None] + _steps(size, others)
-    forward = (plane.at > 0) ^ (plane.axis == 1) ^ left_handed
-    return Cells(SHAPES[len(size)][1], nodes if forward else nodes[:, ::-1])
+    forward = (plane.at > 0) ^ (wide(size).index(plane.axis) == 1) ^ left_handed
+    return Cells(SHAPES[len(others) + 1][1], nodes if forward else nodes[:, ::-1])
 
 
-def block_patches(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[list[Patch], list[Patch], set[str]]:
-    """Return the patches of a block, the faces on no patch by side (``"imin"``), and which patches are families.
+def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[Border, list[Patch]]:
+    """Return the patches of a block, and the faces on no patch by side (``"imin"``).
 
     A condition belongs to the patch of its family's name where it names a family, else to one of its own name. A face
-    that several conditions have is of the first. MeshFileError if one is on what the block does not have.
+    that several conditions have is of the first.
     """
     free: Sides = {}
-    for axis, n in enumerate(size):
-        for at in (0, n - 1):
+    for axis in wide(size):
+        for at in (0, size[axis] - 1):
             free[axis, at] = np.ones(prod(_faces_along(size, axis)), dtype=np.bool_)
     found: dict[str, list[Cells]] = {}
+    faults: list[Fault] = []
     families, numbers = set(), 0
-    for _, group in children(zone, "ZoneBC_t"):
-        for name, node in children(group, "BC_t"):
-            patch, of_family = patch_name(base, name, node, always=True)
-            families |= {patch} if of_family else set()
-            for plane in _planes(name, node, size):
+    for name, node, patch, of_family in named_conditions(base, zone, faults, always=True):
+        families |= {patch} if of_family else set()
+        with tolerated(faults, name, patch, of_family):
+            for plane in list(_planes(node, size)):
                 numbers += len(plane.rows)
                 check_taken(zone, 64 * numbers, "what its boundary conditions name")
                 rows = _taken(plane, free)
@@ -97,14 +116,14 @@ def block_patches(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[
         for (axis, at), mask in free.items()
         if len(rows := np.flatnonzero(mask))
     ]
-    return [Patch(name, tuple(own)) for name, own in found.items()], rest, families
+    return Border([Patch(name, tuple(own)) for name, own in found.items()], frozenset(families), faults), rest
 
 
 def collapsed(points: FloatArray, size: Size) -> IntArray:
     """Return pairs (K, 2) of the block's points (N, 3) that are neighbours on a side, and at the same place."""
     grid = np.arange(len(points)).reshape(size, order="F")
     pairs = [np.empty((0, 2), dtype=np.intp)]
-    for axis in range(len(size)):
+    for axis in wide(size):
         for side in (np.take(grid, [0], axis), np.take(grid, [-1], axis)):
             for along in range(side.ndim):
                 ahead = np.moveaxis(side, along, 0)
@@ -134,7 +153,7 @@ def donors_of(
         at[abs(way) - 1] = at[abs(way) - 1] + along.reshape([-1 if d == axis else 1 for d in range(len(shape))])
     for values, n in zip(at, size, strict=True):
         if np.min(values) < 0 or np.max(values) >= n:
-            raise MeshFileError(f"it lies on points beyond the {_times(size)} of the other block; the file is damaged")
+            raise MeshFileError(f"it lies on points beyond the {_times(size)} of the other block")
     numbers = sum(values * stride for values, stride in zip(at, strides(size), strict=True))
     return np.asarray(np.broadcast_to(numbers, shape), dtype=np.intp).ravel(order="F")
 
@@ -145,59 +164,62 @@ def faces_at(begin: Indices, end: Indices, where: str, size: Size) -> IntArray:
     return np.concatenate([np.empty(0, dtype=np.intp), *(faces(size, plane, False).nodes.ravel() for plane in planes)])
 
 
+def check_face(begin: Indices, end: Indices, size: Size) -> None:
+    """Refuse (MeshFileError) a range of points that is on no face of a block."""
+    if not any(begin[axis] == end[axis] for axis in wide(size)):
+        raise MeshFileError("its range is no face of the block")
+
+
 def bounds(node: Any, place: str, size: Size) -> tuple[list[int], list[int]]:
     """Return the first and the last indices of a range, counted from 0; MeshFileError if they are not in the block."""
-    values = integers(child(node, place)) - 1
+    values = integers(child(node, place))
     if len(values) != 2 * len(size):
-        raise MeshFileError(f"its {place} has {len(values)} numbers, expected {2 * len(size)}; the file is damaged")
+        raise MeshFileError(f"its {place} has {len(values)} numbers, expected {2 * len(size)}")
     begin, end = values[: len(size)].tolist(), values[len(size) :].tolist()
-    if min(*begin, *end) < 0 or any(max(a, b) >= n for a, b, n in zip(begin, end, size, strict=True)):
+    check_range(begin, end, size)
+    if min(*begin, *end) < 1 or any(max(a, b) > n for a, b, n in zip(begin, end, size, strict=True)):
         raise MeshFileError(
-            f"it is on the points {_listed(begin)} to {_listed(end)} of a block of {_times(size)}; the file is damaged"
+            f"it is on the points ({', '.join(map(str, begin))}) to ({', '.join(map(str, end))}) of a block of "
+            f"{_times(size)}"
         )
-    return begin, end
+    return [a - 1 for a in begin], [b - 1 for b in end]
 
 
-def _planes(name: str, node: Any, size: Size) -> Iterator[Plane]:
+def _planes(node: Any, size: Size) -> Iterator[Plane]:
     """Yield the faces that a boundary condition is on."""
-    place = next((place for place in PLACES if has(node, place)), None)
-    where = location(node)
-    if place is None or place.startswith("Element"):
-        raise MeshFileError(f"boundary condition {name} says not where it is on the block; the file is damaged")
-    if where == "EdgeCenter" and len(size) > 2:
+    place, where = placed(node), location(node)
+    if place.startswith("Element"):
+        raise MeshFileError("it does not say where it is on the block")
+    if where == "EdgeCenter" and len(wide(size)) > 2:
         return
-    try:
-        if place == "PointRange":
-            yield from _plane_of_range(*bounds(node, place, size), where, size)
-            return
-        values = integers(child(node, place)) - 1
-        if len(values) % len(size):
-            raise MeshFileError(f"its {place} has {len(values)} numbers, no multiple of {len(size)}")
-        at = values.reshape(-1, len(size))
-        if len(at) and (at.min() < 0 or np.any(at >= size)):
-            raise MeshFileError(f"it is on points beyond the {_times(size)} of the block; the file is damaged")
-        yield from _planes_of_points(at, size) if where == "Vertex" else _planes_of_faces(at, where, size)
-    except MeshFileError as error:
-        raise MeshFileError(f"boundary condition {name}: {error}") from error
+    if place == "PointRange":
+        yield from _plane_of_range(*bounds(node, place, size), where, size)
+        return
+    values = integers(child(node, place)) - 1
+    if len(values) % len(size):
+        raise MeshFileError(f"its {place} has {len(values)} numbers, no multiple of {len(size)}")
+    at = values.reshape(-1, len(size))
+    if len(at) and (at.min() < 0 or np.any(at >= size)):
+        raise MeshFileError(f"it is on points beyond the {_times(size)} of the block")
+    yield from _planes_of_points(at, size) if where == "Vertex" else _planes_of_faces(at, where, size)
 
 
 def _plane_of_range(
     begin: Sequence[int] | IntArray, end: Sequence[int] | IntArray, where: str, size: Size
 ) -> Iterator[Plane]:
-    """Yield the faces of a range; none if it is an edge or a point of the block."""
+    """Yield the faces of a range; none if it is an edge or a point of the block, or all of a plane one."""
     low, high = np.minimum(begin, end), np.maximum(begin, end)
     found = _face_axis(low, high, where, size)
     if found is None:  # by points, or faces told by the points around them
-        flat = np.flatnonzero(low == high)
-        if not len(flat):
-            raise MeshFileError("its range is no face of the block; the file is damaged")
-        if len(flat) > 1:
+        flat = [d for d in wide(size) if low[d] == high[d]]
+        if not flat and len(wide(size)) == len(size):
+            raise MeshFileError("its range is no face of the block")
+        if len(flat) != 1:  # an edge or a point; or a plane block itself
             return
-        axis, at, high = int(flat[0]), int(low[flat[0]]), high - 1
+        axis, at, high = flat[0], int(low[flat[0]]), high - 1
     else:
         axis, at = found
-    others = [d for d in range(len(size)) if d != axis]
-    rows = _numbers([np.arange(low[d], high[d] + 1) for d in others], _faces_along(size, axis))
+    rows = _numbers([np.arange(low[d], high[d] + 1) for d in _others(size, axis)], _faces_along(size, axis))
     yield Plane(axis, at, rows)
 
 
@@ -207,8 +229,10 @@ def _face_axis(low: IntArray, high: IntArray, where: str, size: Size) -> tuple[i
         return None
     last = np.array(size) - (2 if where == "CellCenter" else 1)
     fit = []
-    for axis in [LOCATIONS[where]] if where in LOCATIONS else range(len(size)):
-        others = [d for d in range(len(size)) if d != axis]
+    for axis in wide(size):
+        if LOCATIONS.get(where, axis) != axis:
+            continue
+        others = _others(size, axis)
         outer = low[axis] in (0, last[axis]) or where in LOCATIONS
         if low[axis] == high[axis] and outer and all(high[d] <= size[d] - 2 for d in others):
             whole = all(low[d] == 0 and high[d] == size[d] - 2 for d in others)
@@ -220,10 +244,10 @@ def _planes_of_points(at: IntArray, size: Size) -> Iterator[Plane]:
     """Yield the faces on the outside of a block all of whose corners are among points (K, axes)."""
     numbers = np.unique(at @ strides(size))
     at = np.stack(np.unravel_index(numbers, size, order="F"), axis=1)
-    for axis, n in enumerate(size):
-        others = [d for d in range(len(size)) if d != axis]
+    for axis in wide(size):
+        others = _others(size, axis)
         along = _faces_along(size, axis)
-        for number in (0, n - 1):
+        for number in (0, size[axis] - 1):
             first = (at[:, axis] == number) & (at[:, others] < along).all(axis=1)
             corners = numbers[first, None] + _steps(size, others)
             whole = at[first][np.isin(corners, numbers).all(axis=1)]
@@ -237,8 +261,7 @@ def _planes_of_faces(at: IntArray, where: str, size: Size) -> Iterator[Plane]:
     if found is None:
         raise MeshFileError("its list of faces is on no side of the block; give it by ranges, one for each side")
     axis, number = found
-    others = [d for d in range(len(size)) if d != axis]
-    yield Plane(axis, number, np.unique(at[:, others] @ strides(_faces_along(size, axis))))
+    yield Plane(axis, number, np.unique(at[:, _others(size, axis)] @ strides(_faces_along(size, axis))))
 
 
 def _taken(plane: Plane, free: Sides) -> IntArray:
@@ -257,7 +280,11 @@ def _count(begin: int, end: int) -> IntArray:
 
 def _faces_along(size: Size, axis: int) -> Size:
     """Return the number of faces along the other axes in a plane."""
-    return tuple(n - 1 for d, n in enumerate(size) if d != axis)
+    return tuple(size[d] - 1 for d in _others(size, axis))
+
+
+def _others(size: Size, axis: int) -> list[int]:
+    return [d for d in wide(size) if d != axis]
 
 
 def strides(size: Size) -> IntArray:
@@ -281,7 +308,3 @@ def _numbers(along: Sequence[IntArray], size: Size) -> IntArray:
 
 def _times(size: Sequence[int]) -> str:
     return " x ".join(map(str, size))
-
-
-def _listed(indices: Sequence[int]) -> str:
-    return "(" + ", ".join(str(i + 1) for i in indices) + ")"

@@ -1,12 +1,14 @@
 """Boundary conditions of a CGNS zone as named patches."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Patch, Polygons
+from sdm_deflect.deform.errors import sentence
+from sdm_deflect.deform.mesh import ABSENT, Cells, Patch, Polygons
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers, text
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import all_of, chosen
@@ -15,6 +17,27 @@ from sdm_deflect.meshing.mesh import BoolArray, IntArray
 ON_FACES = ("FaceCenter", "CellCenter")
 """Gmsh and older writers say CellCenter where they mean the boundary's faces."""
 PLACES = ("PointRange", "PointList", "ElementRange", "ElementList")
+PART = "part of {}"
+"""Name of the faces that are left of a patch that could not be read as a whole."""
+UNNAMED = "faces without a condition"
+SHOWN = 20
+"""Notes of one file."""
+
+
+class NoFacesError(MeshFileError):
+    """A boundary condition is on nothing: its patch lacks none of its faces."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What could not be read of a zone, and why.
+
+    `patch` is the one that lacks faces because of it, which may be a family's; empty if none does.
+    """
+
+    patch: str
+    of_family: bool
+    reason: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,6 +47,7 @@ class Condition:
     `of_family` says whether its patch bears the name of a family.
     """
 
+    name: str
     patch: str
     of_family: bool
     by_points: bool
@@ -40,59 +64,108 @@ class NumberedFaces:
     outer: bool = True
 
 
-def conditions(base: Any, zone: Any, last: int, points: int, dimension: int) -> list[Condition]:
-    """Return the boundary conditions of a zone that are on faces or points; faces of plane cells are edges.
+@dataclass(frozen=True, slots=True, eq=False)
+class Border:
+    """Patches of a zone, which of their names are of families, and what could not be read of its conditions."""
+
+    patches: list[Patch]
+    families: frozenset[str]
+    faults: list[Fault]
+
+
+def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int, points: int, dimension: int) -> Border:
+    """Return the patches of a zone whose elements are numbered up to `last`; faces of plane cells are edges.
 
     A condition that is specified by its family (FamilySpecified) belongs to the patch of the family's name (of the
-    physical group's name in files of Gmsh); any other is a patch of its own name. MeshFileError if one names elements
-    or points that are not among the zone's, which are numbered up to `last` and `points`.
+    physical group's name in files of Gmsh); any other is a patch of its own name. A condition given by points has the
+    boundary faces with all corners among them that no other condition has. Faces of a section that no condition has are
+    a patch of the section's name.
     """
-    found = []
-    for _, group in children(zone, "ZoneBC_t"):
-        for name, node in children(group, "BC_t"):
-            place = next((place for place in PLACES if has(node, place)), None)
-            if place is None:
-                raise MeshFileError(f"boundary condition {name} says not where it is; the file is damaged")
-            where = location(node)
-            numbers = integers(child(node, place))
-            if (where == "EdgeCenter" and dimension > 2) or not len(numbers):
-                continue
-            by_points = where not in (*ON_FACES, "EdgeCenter") and place.startswith("Point")
-            if numbers.min() < 1 or numbers.max() > (points if by_points else last):
-                held, most = ("points", points) if by_points else ("elements", last)
-                raise MeshFileError(
-                    f"boundary condition {name} is on {held} {numbers.min()} to {numbers.max()}, but they are numbered "
-                    f"from 1 to {most}; the file is damaged"
-                )
-            if place.endswith("Range"):
-                if len(numbers) != 2 or numbers[1] < numbers[0]:
-                    raise MeshFileError(
-                        f"boundary condition {name} has the range {numbers.tolist()}; the file is damaged"
-                    )
-                numbers = np.arange(numbers[0], numbers[1] + 1)
-            found.append(Condition(*patch_name(base, name, node), by_points, np.unique(numbers)))
-    return found
-
-
-def patches(found: Sequence[Condition], faces: Sequence[NumberedFaces], last: int) -> list[Patch]:
-    """Return the patches of a zone whose elements are numbered up to `last`.
-
-    A condition given by points has the boundary faces with all corners among them that no other condition has. Faces of
-    a section that no condition has are a patch of the section's name. MeshFileError if a condition names elements that
-    are not there, or that are only in part faces.
-    """
+    found: list[Condition] = []
+    faults: list[Fault] = []
+    for name, node, patch, of_family in named_conditions(base, zone, faults, always=False):
+        with tolerated(faults, name, patch, of_family):
+            place = placed(node)
+            by_points, numbers = _numbers(node, place, location(node), last, points, dimension)
+            if len(numbers):
+                found.append(Condition(name, patch, of_family, by_points, np.unique(numbers)))
     free = [np.ones(len(part.numbers), dtype=np.bool_) for part in faces]
     named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in found}
     for condition in sorted(found, key=lambda condition: condition.by_points):
-        rows = _on_points(condition, faces, free) if condition.by_points else _by_number(condition, faces, last)
-        for part, own, left in zip(faces, rows, free, strict=True):
-            left &= ~own
-            if own.any():
-                named[condition.patch].append(chosen(part.faces, np.flatnonzero(own)))
+        with tolerated(faults, condition.name, condition.patch, condition.of_family):
+            rows = _on_points(condition, faces, free) if condition.by_points else _by_number(condition, faces, last)
+            for part, own, left in zip(faces, rows, free, strict=True):
+                left &= ~own
+                if own.any():
+                    named[condition.patch].append(chosen(part.faces, np.flatnonzero(own)))
     for part, left in zip(faces, free, strict=True):
-        if part.section is not None and left.any():
-            named.setdefault(part.section, []).append(chosen(part.faces, np.flatnonzero(left)))
-    return [Patch(name, tuple(own)) for name, own in named.items() if own]
+        section = part.section or (UNNAMED if part.outer and faults else None)
+        if section and left.any():
+            named.setdefault(section, []).append(chosen(part.faces, np.flatnonzero(left)))
+    patches = [Patch(name, tuple(own)) for name, own in named.items() if own]
+    return Border(patches, frozenset(one.patch for one in found if one.of_family), faults)
+
+
+def named_conditions(base: Any, zone: Any, faults: list[Fault], always: bool) -> Iterator[tuple[str, Any, str, bool]]:
+    """Yield name, node, patch, and whether that is a family's, of each boundary condition of a zone."""
+    for _, group in children(zone, "ZoneBC_t"):
+        for name, node in children(group, "BC_t"):
+            with tolerated(faults, name, name):
+                yield name, node, *patch_name(base, name, node, always)
+
+
+@contextmanager
+def tolerated(faults: list[Fault], name: str, patch: str, of_family: bool = False) -> Iterator[None]:
+    """Add what is wrong with a boundary condition to `faults` in place of raising it."""
+    try:
+        yield
+    except NoFacesError as error:
+        faults.append(Fault("", False, f"boundary condition {name}: {error}"))
+    except MeshFileError as error:
+        faults.append(Fault(patch, of_family, f"boundary condition {name}: {error}"))
+
+
+def placed(node: Any) -> str:
+    """Return which of `PLACES` says where a boundary condition is; MeshFileError if none does."""
+    for place in PLACES:
+        if has(node, place):
+            return place
+    raise MeshFileError("it does not say where it is")
+
+
+def check_range(begin: Sequence[int], end: Sequence[int], most: Sequence[int]) -> None:
+    """Refuse (`NoFacesError`) a range, counted from 1, that ends right before it begins, outside 1 to `most`."""
+    for a, b, n in zip(begin, end, most, strict=True):
+        if a - b == 1 and not 1 <= b < a <= n:
+            raise NoFacesError(f"its range {_listed(begin)} to {_listed(end)} holds nothing")
+
+
+def without(patches: Sequence[Patch], absent: Container[str]) -> tuple[Patch, ...]:
+    """Return patches with those that lack faces under another name, and those of one name as one."""
+    faces: dict[str, list[Any]] = {}
+    for patch in patches:
+        name = PART.format(patch.name) if patch.name in absent else patch.name
+        faces.setdefault(name, []).extend(patch.faces)
+    return tuple(Patch(name, tuple(own)) for name, own in faces.items())
+
+
+def notes_of(faults: Mapping[str, Sequence[Fault]]) -> tuple[str, ...]:
+    """Return a sentence for each patch that is absent, and for all else that could not be read, by zones' names."""
+    absent: dict[str, list[str]] = {}
+    notes = []
+    for zone, own in faults.items():
+        for fault in own:
+            reason = sentence(f"zone {zone}: {fault.reason}")
+            if fault.patch:
+                name = fault.patch if fault.of_family or len(faults) == 1 else f"{zone}/{fault.patch}"
+                absent.setdefault(name, []).append(reason)
+            else:
+                notes.append(reason)
+    for name, reasons in absent.items():
+        more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
+        notes.insert(0, ABSENT.format(sentence(name)) + reasons[0] + more)
+    left = len(notes) - SHOWN
+    return (*notes[:SHOWN], *([f"{left} more conditions and interfaces could not be read"] if left > 0 else []))
 
 
 def location(node: Any) -> str:
@@ -112,13 +185,34 @@ def patch_name(base: Any, name: str, node: Any, always: bool = False) -> tuple[s
     return (text(nested[0]) if nested else family), True
 
 
+def _numbers(node: Any, place: str, where: str, last: int, points: int, dimension: int) -> tuple[bool, IntArray]:
+    """Return whether a condition is given by points, and the numbers (K,) of these or of its elements."""
+    numbers = integers(child(node, place))
+    if (where == "EdgeCenter" and dimension > 2) or not len(numbers):
+        return False, numbers[:0]
+    by_points = where not in (*ON_FACES, "EdgeCenter") and place.startswith("Point")
+    held, most = ("points", points) if by_points else ("elements", last)
+    if place.endswith("Range"):
+        if len(numbers) != 2:
+            raise MeshFileError(f"its range has {len(numbers)} numbers, expected 2")
+        check_range(numbers[:1].tolist(), numbers[1:].tolist(), [most])
+    if numbers.min() < 1 or numbers.max() > most:
+        raise MeshFileError(
+            f"it is on {held} {numbers.min()} to {numbers.max()}, but they are numbered from 1 to {most}"
+        )
+    if place.endswith("Range"):
+        if numbers[1] < numbers[0]:
+            raise MeshFileError(f"it has the range {numbers.tolist()}, which ends before it begins")
+        numbers = np.arange(numbers[0], numbers[1] + 1)
+    return by_points, numbers
+
+
 def _by_number(condition: Condition, faces: Sequence[NumberedFaces], last: int) -> list[BoolArray]:
     rows = [np.isin(part.numbers, condition.numbers) for part in faces]
     missing = len(condition.numbers) - sum(int(own.sum()) for own in rows)
     of_cells_or_edges = missing == len(condition.numbers) and condition.numbers[-1] <= last
     if missing and not of_cells_or_edges:
-        count = f"{missing} of its {len(condition.numbers)} elements"
-        raise MeshFileError(f"patch {condition.patch}: {count} are no faces of the file; it is damaged")
+        raise MeshFileError(f"{missing} of its {len(condition.numbers)} elements are no faces")
     return rows
 
 
@@ -132,7 +226,11 @@ def _on_points(condition: Condition, faces: Sequence[NumberedFaces], free: Seque
         rows.append(whole & left & part.outer)
     if not any(own.any() for own in rows):
         raise MeshFileError(
-            f"boundary condition {condition.patch} is given by points, and no face of the file has all its corners "
-            "among them; write the boundary's faces as elements"
+            "it is given by points, and no face of the file has all its corners among them; write the boundary's faces "
+            "as elements"
         )
     return rows
+
+
+def _listed(indices: Sequence[int]) -> str:
+    return f"({', '.join(map(str, indices))})" if len(indices) > 1 else str(indices[0])

@@ -164,7 +164,7 @@ def read_polyhedra(found: Sequence[Section], points: int) -> tuple[Polyhedra, In
     if len(owner) and max(owner.max(), neighbour.max()) >= 2 * len(owner):
         raise MeshFileError("there are more cells than sides of faces; the file is damaged")
     if unused := np.count_nonzero(owner < 0):
-        raise MeshFileError(f"{unused} of {len(owner)} faces are of no cell; the file is damaged")
+        raise MeshFileError(f"{unused} of {len(owner)} faces are of no cell")
     inner, outer = np.flatnonzero(neighbour >= 0), np.flatnonzero(neighbour < 0)
     order = np.concatenate([inner, outer])
     return Polyhedra(taken(turned(faces, inward), order), owner[order], neighbour[inner]), numbers[order]
@@ -213,7 +213,7 @@ def _paired(row: IntArray, cell: IntArray, inward: BoolArray, faces: int) -> Sid
     row, cell, inward = row[order], cell[order], inward[order]
     count = np.bincount(row, minlength=faces)
     if more := np.count_nonzero(count > 2):
-        raise MeshFileError(f"{more} faces are of more than two cells; the file is damaged")
+        raise MeshFileError(f"{more} faces are of more than two cells")
     first = np.cumsum(count) - count
     owner, neighbour, backward = np.full(faces, -1), np.full(faces, -1), np.zeros(faces, dtype=np.bool_)
     used, both = count > 0, count == 2

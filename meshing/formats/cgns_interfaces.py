@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.mesh import Cells
-from sdm_deflect.meshing.formats.cgns_blocks import Size, bounds, donors_of, faces_at, points_in, strides
-from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, location
+from sdm_deflect.meshing.formats.cgns_blocks import Size, bounds, check_face, donors_of, faces_at, points_in, strides
+from sdm_deflect.meshing.formats.cgns_boundary import Fault, NumberedFaces, location
 from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, children, has, integers, label_of, text
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import places
@@ -23,14 +23,15 @@ LABELS = ("GridConnectivity1to1_t", "GridConnectivity_t")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Interface:
-    """Where a zone ends at another one.
+    """Where a zone meets another one.
 
     Parameters
     ----------
     name, donor : its own, and the other zone's.
     nodes : (K,) its points, in the zone's own numbers.
     partners : (K,) the points of the other zone that they lie on; None if the file does not pair them.
-    matching : whether every point lies on one of the other zone; else the two only touch along a surface.
+    matching : whether the file says that every point lies on one of the other zone; else the two may only touch along a
+        surface.
     """
 
     name: str
@@ -40,43 +41,50 @@ class Interface:
     matching: bool
 
 
-def interfaces(zone: Any, name: str, sizes: Mapping[str, Size], faces: Sequence[NumberedFaces]) -> list[Interface]:
-    """Return the interfaces of a zone that touch another one; overlapping and periodic ones are none.
+def interfaces(
+    zone: Any, name: str, sizes: Mapping[str, Size], faces: Sequence[NumberedFaces]
+) -> tuple[list[Interface], list[Fault]]:
+    """Return the interfaces of a zone that touch another one, and those that could not be read.
+
+    Overlapping and periodic ones are none.
 
     Parameters
     ----------
     sizes : Points of each zone by name: along each axis of a block, all of them of an unstructured zone.
     faces : Faces of an unstructured zone by their numbers.
 
-    Raises MeshFileError if one is on points that are not there, InputError if they name too many for the file.
+    Raises InputError if they name too many points for the file.
     """
     found, total = [], 0
+    faults: list[Fault] = []
     for group in (group for _, group in children(zone, "ZoneGridConnectivity_t")):
         for own, node in chain(*(children(group, label) for label in LABELS)):
             try:
                 one = _interface(own, node, sizes[name], sizes, faces)
             except MeshFileError as error:
-                raise MeshFileError(f"interface {own}: {error}") from error
+                faults.append(Fault("", False, f"interface {own}: {error}"))
+                continue
             if one is not None:
                 total += len(one.nodes)
                 check_taken(zone, 64 * total, "what its interfaces name")
                 found.append(one)
-    return found
+    return found, faults
 
 
 def pairs(own: FloatArray, other: FloatArray, interface: Interface, tree: Callable[[], cKDTree]) -> IntArray | None:
     """Return rows (K, 2): points of a zone (N, 3), and those of the other zone (M, 3) that they lie on.
 
-    Where the file does not pair them they lie on the nearest one, by the other zone's `tree`. None if they lie
-    elsewhere: the interface is periodic.
+    Where the file does not pair them, or not with those they lie on, that is the nearest one, by the other zone's
+    `tree`. None if any lies elsewhere: the interface is periodic, or the zones only touch.
     """
-    here, partners = own[interface.nodes], interface.partners
-    if partners is None or len(partners) != len(here):
-        _, partners = tree().query(here)
-    gap, distance = np.linalg.norm(other[partners] - here, axis=1), np.linalg.norm(here, axis=1)
-    if np.any(gap > NEAR * np.maximum(distance, np.median(distance))):
-        return None
-    return np.stack([interface.nodes, partners], axis=1)
+    here = own[interface.nodes]
+    distance = np.linalg.norm(here, axis=1)
+    allowed = NEAR * np.maximum(distance, np.median(distance))
+    for given in (interface.partners, None):
+        partners = tree().query(here)[1] if given is None else given
+        if len(partners) == len(here) and np.all(np.linalg.norm(other[partners] - here, axis=1) <= allowed):
+            return np.stack([interface.nodes, partners], axis=1)
+    return None
 
 
 def meeting(points: FloatArray, faces: IntArray) -> IntArray:
@@ -111,7 +119,7 @@ def _interface(
         donor = donor.replace(" ", "_")  # Gmsh puts them in the names of zones, and not here
     if donor not in sizes:
         raise MeshFileError(f"it leads to the zone {donor!r}, which the file does not have")
-    if has(node, "PointRangeDonor"):
+    if has(node, "PointRangeDonor") and has(node, "PointRange"):
         return _of_ranges(name, node, donor, size, sizes[donor])
     matching = kind == "Abutting1to1"
     where = location(node)
@@ -124,13 +132,13 @@ def _interface(
 
 def _of_ranges(name: str, node: Any, donor: str, size: Size, other: Size) -> Interface:
     begin, end = bounds(node, "PointRange", size)
-    if len(size) > 1 and all(a != b for a, b in zip(begin, end, strict=True)):
-        raise MeshFileError("its range is no face of the block; the file is damaged")
+    if len(size) > 1:
+        check_face(begin, end, size)
     if len(size) != len(other):
-        raise MeshFileError(f"the zone {donor} has {len(other)} axes, its own has {len(size)}; the file is damaged")
+        raise MeshFileError(f"the zone {donor} has {len(other)} axes, its own has {len(size)}")
     turn = integers(child(node, "Transform")).tolist() if has(node, "Transform") else [1, 2, 3][: len(size)]
     if sorted(map(abs, turn)) != [1, 2, 3][: len(size)]:
-        raise MeshFileError(f"its Transform {turn} does not name every axis once; the file is damaged")
+        raise MeshFileError(f"its Transform {turn} does not name every axis once")
     first, _ = bounds(node, "PointRangeDonor", other)
     return Interface(name, donor, points_in(begin, end, size), donors_of(begin, end, first, turn, other), True)
 
@@ -142,18 +150,17 @@ def _points(node: Any, where: str, size: Size, faces: Sequence[NumberedFaces]) -
             begin, end = bounds(node, "PointRange", size)
             if where != "Vertex":
                 return _corners([faces_at(begin, end, where, size)])
-            if all(a != b for a, b in zip(begin, end, strict=True)):
-                raise MeshFileError("its range is no face of the block; the file is damaged")
+            check_face(begin, end, size)
             return points_in(begin, end, size)
         first, last = _two(integers(child(node, "PointRange")))
         most = max([*size, *(int(part.numbers.max(initial=0)) for part in faces)])
         if not 1 <= first <= last <= most:
-            raise MeshFileError(f"its range is {first} to {last} of {most}; the file is damaged")
+            raise MeshFileError(f"its range is {first} to {last} of {most}")
         values = np.arange(first, last + 1)
     elif has(node, "PointList"):
         values = integers(child(node, "PointList"))
     else:
-        raise MeshFileError("it says not where it is; the file is damaged")
+        raise MeshFileError("it does not say where it is")
     if len(size) > 1:
         at = _triples(values, size)
         return (
@@ -165,30 +172,34 @@ def _points(node: Any, where: str, size: Size, faces: Sequence[NumberedFaces]) -
 
 
 def _partners(node: Any, size: Size) -> IntArray | None:
+    """Points (K,) of the other zone that are listed; None if the list is none of points, but of cells or faces."""
     if not has(node, "PointListDonor"):
         return None
     values = integers(child(node, "PointListDonor"))
-    return _triples(values, size) @ strides(size) if len(size) > 1 else _in_zone(values, size)
+    try:
+        return _triples(values, size) @ strides(size) if len(size) > 1 else _in_zone(values, size)
+    except MeshFileError:
+        return None
 
 
 def _triples(values: IntArray, size: Size) -> IntArray:
     if not len(values) or len(values) % len(size):
-        raise MeshFileError(f"it lists {len(values)} numbers, no multiple of {len(size)}; the file is damaged")
+        raise MeshFileError(f"it lists {len(values)} numbers, no multiple of {len(size)}")
     at = values.reshape(-1, len(size)) - 1
     if at.min() < 0 or np.any(at >= size):
-        raise MeshFileError(f"it lists points that are not among the {' x '.join(map(str, size))}; the file is damaged")
+        raise MeshFileError(f"it lists points that are not among the {' x '.join(map(str, size))}")
     return at
 
 
 def _in_zone(values: IntArray, size: Size) -> IntArray:
     if len(values) and (values.min() < 1 or values.max() > size[0]):
-        raise MeshFileError(f"it lists points that are not among the {size[0]}; the file is damaged")
+        raise MeshFileError(f"it lists points that are not among the {size[0]}")
     return values - 1
 
 
 def _two(values: IntArray) -> tuple[int, int]:
     if len(values) != 2:
-        raise MeshFileError(f"its range has {len(values)} numbers, expected 2; the file is damaged")
+        raise MeshFileError(f"its range has {len(values)} numbers, expected 2")
     return int(values[0]), int(values[1])
 
 

@@ -36,7 +36,7 @@ def child(node: Any, name: str) -> Any:
     """Return the child of that name; MeshFileError if there is none, or it is elsewhere, by a link."""
     found = _own(node, name)
     if not isinstance(found, h5py.Group | adf.Node):
-        raise MeshFileError(f"{node.name.strip('/') or 'the file'} has no {name}; the file is damaged")
+        raise MeshFileError(f"{node.name.strip('/') or 'the file'} has no {name}")
     return found
 
 

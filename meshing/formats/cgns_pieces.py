@@ -9,7 +9,7 @@ import numpy as np
 
 from sdm_deflect.deform.mesh import VOLUMES, Zone
 from sdm_deflect.deform.pieces import MeshInPieces
-from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
+from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, notes_of, without, zone_border
 from sdm_deflect.meshing.formats.cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, Section, blocks, sections
 from sdm_deflect.meshing.formats.cgns_nodes import child, data
 from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_fit
@@ -47,9 +47,10 @@ def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
     faces = _faces(found, count)
     if faces is None:
         return None
-    border = patches(conditions(base.node, zone, found[-1].last, count, base.dimension), faces, found[-1].last)
+    border = zone_border(base.node, zone, faces, found[-1].last, count, base.dimension)
+    patches = without(border.patches, {fault.patch for fault in border.faults})
     pieces = TablePieces(str(path.resolve()), count, (PointRange(0, count, tuple(points)),), cells).oriented()
-    return MeshInPieces(path.name, pieces, tuple(border), (Zone(name, 0, count),))
+    return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, count),), notes_of({name: border.faults}))
 
 
 def _is_mixed(section: Section) -> bool:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polyhedra
+from sdm_deflect.deform.mesh import Cells, Mesh, Polyhedra
 from sdm_deflect.meshing.formats import adf
-from sdm_deflect.meshing.formats.cgns_blocks import Size, block_patches, cells, collapsed, size_of
-from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, conditions, patches
+from sdm_deflect.meshing.formats.cgns_blocks import Size, block_border, cells, collapsed, no_cells, size_of, wide
+from sdm_deflect.meshing.formats.cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, read_polyhedra, sections
 from sdm_deflect.meshing.formats.cgns_interfaces import Interface, interfaces, meeting, pairs
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, has, integers, text
@@ -27,6 +27,7 @@ DIMENSIONS = (3, 3), (2, 2), (2, 3)
 """Dimensions of the cells and of the points; those of points in a plane mesh may be three, with one z."""
 NONE = np.empty((0, 2), dtype=np.intp)
 TYPES = ("Structured", "Unstructured")
+PLANE = "the mesh is plane: its x and y are {} and {} of the file"
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +39,8 @@ class Base:
     node : its node.
     zones : its zones by name, in the file's order.
     sizes : by name, the points along each axis of a block, or all points of an unstructured zone.
-    dimension : that of the cells.
-    axes : names of the coordinates.
+    dimension : that of the cells: 2 for blocks with one point along one of three axes, too.
+    axes : names of the coordinates in the order of the mesh's; in a plane mesh those of its plane come first.
     """
 
     node: Any = field(repr=False)
@@ -51,12 +52,16 @@ class Base:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Zone:
-    """A zone by itself, its interfaces, pairs (K, 2) of its points that are one, and its faces (F, k) on nothing."""
+    """A zone by itself, its interfaces, pairs (K, 2) of its points that are one, and its faces (F, k) on nothing.
+
+    `faults` are its conditions and interfaces that could not be read.
+    """
 
     part: Part
     interfaces: Sequence[Interface]
     collapsed: IntArray
     free: IntArray
+    faults: Sequence[Fault]
 
 
 def read_base(file: Any, report: Callable[[float], None]) -> Fitted:
@@ -65,14 +70,17 @@ def read_base(file: Any, report: Callable[[float], None]) -> Fitted:
     MeshFileError or ValueError if the file is damaged, or holds what is no mesh in three dimensions.
     """
     base = base_of(file)
-    parts = []
+    zones = []
     for i, name in enumerate(base.zones):
         report(i / len(base.zones))
         with _about(name):
-            parts.append(_zone(base, name))
-    found = _put_together(parts)
+            zones.append(_zone(base, name))
+    found = _put_together(_without_absent(zones))
+    notes = notes_of({zone.part.name: zone.faults for zone in zones})
+    if base.dimension < len(base.axes) and base.axes != AXES:
+        notes = (PLANE.format(*base.axes), *notes)
     report(1.0)
-    return found
+    return replace(found, mesh=replace(found.mesh, notes=notes)) if notes else found
 
 
 def base_of(file: Any) -> Base:
@@ -83,7 +91,7 @@ def base_of(file: Any) -> Base:
     bases = [base for _, base in children(file, "CGNSBase_t")]
     if not bases:
         kind = "ADF" if isinstance(file, adf.Node) else "HDF5"
-        raise MeshFileError(f"this {kind} file has no CGNSBase_t; it is no CGNS file, or it is damaged")
+        raise MeshFileError(f"this {kind} file has no CGNSBase_t; it is no CGNS file")
     each = [tuple(integers(base).tolist()) for base in bases]
     solid = [i for i, own in enumerate(each) if own == (3, 3)]
     chosen = solid or [i for i, own in enumerate(each) if own in DIMENSIONS]
@@ -98,7 +106,32 @@ def base_of(file: Any) -> Base:
     for name, zone in zones.items():
         with _about(name):
             sizes[name] = _size(zone, dimension)
-    return Base(node, dimension, AXES[:axes], zones, sizes)
+    found = Base(node, _dimension(sizes, dimension), AXES[:axes], zones, sizes)
+    return replace(found, axes=_plane_first(found)) if found.dimension < axes else found
+
+
+def _dimension(sizes: dict[str, Size], dimension: int) -> int:
+    """Return the dimension of the cells: 2 where all zones are plane blocks; MeshFileError if only some are."""
+    flat = [name for name, size in sizes.items() if len(wide(size)) < len(size)]
+    if not flat:
+        return dimension
+    if len(flat) < len(sizes):
+        with _about(flat[0]):
+            raise no_cells(sizes[flat[0]])
+    return 2
+
+
+def _plane_first(base: Base) -> tuple[str, ...]:
+    """Return the coordinates in the mesh's order: the last one is the same everywhere, if any is."""
+    for last in reversed(base.axes):
+        values = []
+        for name in base.zones:
+            with _about(name):
+                stored = coordinate_data(base, name)[base.axes.index(last)][()]
+            values += [stored.min(initial=np.inf), stored.max(initial=-np.inf)]
+        if min(values) == max(values):
+            return (*(axis for axis in base.axes if axis != last), last)
+    return base.axes
 
 
 def may_fit(base: Base) -> bool:
@@ -119,7 +152,7 @@ def coordinate_data(base: Base, name: str) -> list[Any]:
         if stored.shape != expected or stored.dtype.kind != "f":
             raise MeshFileError(f"{axis} holds {stored.shape} {stored.dtype}, expected {expected} real numbers")
         if not isinstance(stored, adf.Stored) and not is_real(stored):
-            raise MeshFileError(f"{axis} holds real numbers of an unknown kind; the file is damaged")
+            raise MeshFileError(f"the kind of real numbers that {axis} holds is not supported")
     return found
 
 
@@ -144,6 +177,18 @@ def _size(zone: Any, dimension: int) -> Size:
     return (int(sizes[0]),)
 
 
+def _without_absent(zones: Sequence[_Zone]) -> list[_Zone]:
+    """Return zones with patches that lack faces under another name; a family lacks them in all zones."""
+    families = {fault.patch for zone in zones for fault in zone.faults if fault.of_family}
+    found = []
+    for zone in zones:
+        absent = {fault.patch for fault in zone.faults} | (families & zone.part.families)
+        mesh = replace(zone.part.mesh, patches=without(zone.part.mesh.patches, absent)) if absent else zone.part.mesh
+        own = frozenset(PART.format(name) if name in absent else name for name in zone.part.families)
+        found.append(replace(zone, part=replace(zone.part, mesh=mesh, families=own)))
+    return found
+
+
 def _put_together(zones: Sequence[_Zone]) -> Fitted:
     """Join the zones at their interfaces, and blocks where faces without a condition are at the same places."""
     number = {zone.part.name: i for i, zone in enumerate(zones)}
@@ -154,12 +199,11 @@ def _put_together(zones: Sequence[_Zone]) -> Fitted:
         same.append(zone.collapsed + starts[i])
         for interface in zone.interfaces:
             j = number[interface.donor]
-            if interface.matching:
-                rows = pairs(zone.part.mesh.points, zones[j].part.mesh.points, interface, partial(tree, j))
-                if rows is None:
-                    continue
+            rows = pairs(zone.part.mesh.points, zones[j].part.mesh.points, interface, partial(tree, j))
+            if rows is not None:
                 same.append(rows + np.array([starts[i], starts[j]]))
-            touching.append((i, j))
+            if rows is not None or not interface.matching:
+                touching.append((i, j))
     parts = [_without_touching(zone) for zone in zones]
     free = [zone.free + starts[i] for i, zone in enumerate(zones) if len(zone.free)]
     if free:
@@ -198,11 +242,12 @@ def _block(base: Base, name: str, points: FloatArray) -> _Zone:
     own = cells(size)
     turned = oriented(points, own)
     left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != own.nodes[:, 1]) > len(own))
-    named, rest, families = block_patches(base.node, zone, size, left_handed)
-    part = Part(name, Mesh(points, (turned,), _by_name([*named, *rest])), frozenset(families), block=True)
+    border, rest = block_border(base.node, zone, size, left_handed)
+    part = Part(name, Mesh(points, (turned,), without([*border.patches, *rest], ())), border.families, block=True)
     free = [faces.nodes for patch in rest for faces in patch.faces]
-    own_interfaces = interfaces(zone, name, base.sizes, ())
-    return _Zone(part, own_interfaces, collapsed(points, size), np.concatenate(free) if free else NONE)
+    found, faults = interfaces(zone, name, base.sizes, ())
+    same = collapsed(points, size)
+    return _Zone(part, found, same, np.concatenate(free) if free else NONE, [*border.faults, *faults])
 
 
 def _unstructured(base: Base, name: str, points: FloatArray) -> _Zone:
@@ -214,19 +259,11 @@ def _unstructured(base: Base, name: str, points: FloatArray) -> _Zone:
     if polyhedral and base.dimension == 2:
         raise MeshFileError("cells by their faces (NGON_n) in two dimensions; triangles and quads can be read")
     volume, faces = _polyhedral(found, points) if polyhedral else _shaped(found, points, base.dimension)
-    named = conditions(base.node, zone, found[-1].last, len(points), base.dimension)
-    mesh = Mesh(points, volume, tuple(patches(named, faces, found[-1].last)))
+    border = zone_border(base.node, zone, faces, found[-1].last, len(points), base.dimension)
+    mesh = Mesh(points, volume, tuple(border.patches))
     check_faces(mesh)
-    families = frozenset(one.patch for one in named if one.of_family)
-    return _Zone(Part(name, mesh, families), interfaces(zone, name, base.sizes, faces), NONE, NONE)
-
-
-def _by_name(found: Sequence[Patch]) -> tuple[Patch, ...]:
-    """Patches of one name as one."""
-    faces: dict[str, list[Any]] = {}
-    for patch in found:
-        faces.setdefault(patch.name, []).extend(patch.faces)
-    return tuple(Patch(name, tuple(own)) for name, own in faces.items())
+    meets, faults = interfaces(zone, name, base.sizes, faces)
+    return _Zone(Part(name, mesh, border.families), meets, NONE, NONE, [*border.faults, *faults])
 
 
 def _shaped(

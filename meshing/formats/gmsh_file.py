@@ -163,7 +163,7 @@ def _sections(data: bytes) -> dict[str, tuple[int, int]]:
         found.setdefault(name, (header.end(), end))
         at = end + len(name) + 4
     if data[at:].strip():
-        raise MeshFileError(f"{data[at : at + 20].strip()!r} stands between sections; the file is damaged")
+        raise MeshFileError(f"{data[at : at + 20].strip()!r} between sections is not supported: delete it")
     return found
 
 

@@ -76,7 +76,7 @@ def _check_chunks(stored: Any, name: str, length: int) -> None:
     stored.id.chunk_iter(chunks.append)
     expected = prod(-(-size // chunk) for size, chunk in zip(stored.shape, stored.chunks, strict=True))
     if len(chunks) < expected or any(chunk.size > length for chunk in chunks):
-        raise MeshFileError(f"{name} holds {len(chunks)} of {expected} parts of its data; the file is damaged")
+        raise MeshFileError(f"{name} holds {len(chunks)} of {expected} parts of its data; the file is incomplete")
     if h5py.h5z.FILTER_DEFLATE not in used:
         return
     skipped, room = 1 << used.index(h5py.h5z.FILTER_DEFLATE), prod(stored.chunks) * stored.dtype.itemsize
@@ -121,7 +121,7 @@ def dataset(group: Any, path: str, kinds: str, what: str) -> Any:
     if not isinstance(stored, h5py.Dataset) or stored.shape is None or stored.dtype.kind not in kinds:
         raise MeshFileError(f"{name} holds no {what}; the file is damaged")
     if stored.dtype.kind == "f" and not is_real(stored):
-        raise MeshFileError(f"{name} holds real numbers of an unknown kind; the file is damaged")
+        raise MeshFileError(f"the kind of real numbers that {name} holds is not supported")
     if stored.external or stored.is_virtual:
         raise MeshFileError(f"{name} holds data of other files or datasets; only what lies in the file itself is read")
     check_stored(stored, name)

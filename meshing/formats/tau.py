@@ -142,7 +142,7 @@ def _elements(file: NetCdf, what: str, shape: str, points: int) -> Iterator[Cell
 def _check_count(file: NetCdf, dimension: str, blocks: Sequence[Cells]) -> None:
     announced, found = file.length(dimension), sum(len(block) for block in blocks)
     if announced is not None and announced != found:
-        raise MeshFileError(f"{dimension} is {announced}, but {found} of known shapes are there; the file is damaged")
+        raise MeshFileError(f"{dimension} is {announced}, but {found} of the shapes that are supported are there")
 
 
 def _by_marker(file: NetCdf, faces: Sequence[Cells]) -> dict[int, list[Cells]]:

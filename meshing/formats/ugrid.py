@@ -197,7 +197,7 @@ def patches(arrays: Mapping[str, Any], names: Mapping[int, str]) -> tuple[Patch,
     """Patches in the order of their least ids."""
     ids, index = np.unique(arrays[SURFACE].ravel(), return_inverse=True)
     if len(ids) > SURFACES:
-        raise MeshFileError(f"has {len(ids)} surface ids, more than {SURFACES}; it is damaged")
+        raise MeshFileError(f"has {len(ids)} surface ids; more than {SURFACES} are not supported")
     given = set(names.values())
     found: dict[str, list[Cells]] = {}
     parts = np.split(index, [len(arrays["triangle"])])

@@ -10,12 +10,13 @@ import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats import openfoam_files as foam
+from sdm_deflect.meshing.formats.cgns_nodes import create
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
 from tests.deform.blocks import block_with_body
 from tests.fuzz.inputs import Input, of_path
 from tests.meshing.formats.adf_files import in_adf
-from tests.meshing.formats.blocks import two_blocks, write_blocks
+from tests.meshing.formats.blocks import in_a_layer, two_blocks, write_blocks
 from tests.meshing.formats.examples import grid, hybrid, polyhedral, with_gmsh
 from tests.meshing.formats.fluent_files import LAYOUTS, plane_mesh
 from tests.meshing.formats.fluent_files import written as fluent_written
@@ -93,14 +94,24 @@ def cgns(folder: Path) -> Iterator[Input]:
 
 
 def in_blocks(folder: Path) -> Iterator[Input]:
-    """Two structured zones with an interface, and plane ones; the same and other files in ADF."""
+    """Two structured zones with an interface, and plane ones, of one layer, too; the same and other files in ADF."""
     write_blocks(folder / "two.cgns", two_blocks())
     write_blocks(folder / "plane.cgns", [block.flat() for block in two_blocks()], dimension=2)
-    for name in ("two", "plane"):
+    write_blocks(folder / "layer.cgns", [block.flat() for block in two_blocks()], dimension=2)
+    in_a_layer(folder / "layer.cgns", 1, "CoordinateZ")
+    write_blocks(folder / "lists.cgns", two_blocks(), connect=False)
+    with h5py.File(folder / "lists.cgns", "r+") as file:
+        group = create(file["Base#1/left"], "ZoneGridConnectivity", "ZoneGridConnectivity_t")
+        meets = create(group, "meets", "GridConnectivity_t", "right")
+        create(meets, "GridConnectivityType", "GridConnectivityType_t", "Abutting1to1")
+        for name, i in (("PointList", 4), ("PointListDonor", 1)):
+            points = [(i, j, k) for j in (1, 2, 3) for k in range(1, 6)]
+            create(meets, name, "IndexArray_t", np.array(points, dtype=np.int32))
+    for name in ("two", "plane", "layer", "lists"):
         yield of_path(folder / f"{name}.cgns")
-    for name, order in (("two", "<"), ("tet", ">"), ("polyhedra", "<")):
-        path = folder / f"{name}-adf.cgns"
-        path.write_bytes(in_adf(folder / f"{name}.cgns", order, pieces=2))
+    for name, order, binary in (("two", "<", 0), ("tet", ">", 0), ("polyhedra", "<", 0), ("two", ">", 1)):
+        path = folder / f"{name}-adf{binary}.cgns"
+        path.write_bytes(in_adf(folder / f"{name}.cgns", order, pieces=2, binary=bool(binary)))
         yield of_path(path)
 
 

@@ -1,34 +1,55 @@
 """CGNS files in ADF, made from files in HDF5 node by node."""
 
+from dataclasses import dataclass
+
 import h5py
 
 KINDS = {"int8": "C1", "uint8": "B1", "int32": "I4", "int64": "I8", "float32": "R4", "float64": "R8"}
 DATE = b"Mon Jan  1 00:00:00 2024    "
-FREE = b"fCbt" + b"000000001000" * 6 + b"Fcte"
 
 
-def pointer(place: int) -> bytes:
-    """8 digits for a block of 4096 bytes, 4 for a place in it."""
-    return b"%08X%04X" % divmod(place, 4096)
+@dataclass(frozen=True)
+class Layout:
+    """Order of bytes, number of pieces of data (if they are long enough), and whether pointers are in binary."""
+
+    order: str
+    pieces: int
+    binary: bool
+
+    def pointer(self, place: int) -> bytes:
+        """The block of 4096 bytes, 8 digits or bytes, and the place in it, 4 digits or bytes."""
+        block, offset = divmod(place, 4096)
+        return self.size(block) + (offset.to_bytes(4, self.endian) if self.binary else b"%04X" % offset)
+
+    def size(self, number: int) -> bytes:
+        """8 digits, or 8 bytes."""
+        return number.to_bytes(8, self.endian) if self.binary else b"%08X" % number
+
+    @property
+    def endian(self) -> str:
+        return "little" if self.order == "<" else "big"
 
 
-def in_adf(path, order: str = "<", pieces: int = 1) -> bytes:
-    """The tree of a file in HDF5 with data in an order of bytes, each in as many pieces (if it is long enough)."""
-    out = bytearray(186) + FREE
+def in_adf(path, order: str = "<", pieces: int = 1, binary: bool = False) -> bytes:
+    """The tree of a file in HDF5, laid out as `Layout` says."""
+    how = Layout(order, pieces, binary)
+    out = bytearray(186) + b"fCbt" + how.pointer(4096) * 6 + b"Fcte"
     with h5py.File(path) as file:
-        root = _node(out, file, b"ADF MotherNode", b"Root Node of ADF File", order, pieces)
+        root = _node(out, file, b"ADF MotherNode", b"Root Node of ADF File", how)
     end = len(out) - 1
     out += b" " * (-len(out) % 4096)
     letters = b"LB" if order == "<" else b"BB"
     sizes = b"010204080408080808080808"
+    version = b"B02012" if binary else b"A02011"
     out[:186] = (
-        b"\xc0\xa8\xa3\xa9ADF Database Version A02011>AdF0" + DATE + b"AdF1" + DATE + b"AdF2" + letters + b"AdF3"
-        + sizes + b"AdF4" + pointer(root) + pointer(end) + pointer(186) + b"000000001000" + b"AdF5"
+        b"\xc0\xa8\xa3\xa9ADF Database Version " + version + b">AdF0" + DATE + b"AdF1" + DATE + b"AdF2" + letters
+        + b"AdF3" + sizes + b"AdF4" + how.pointer(root) + how.pointer(end) + how.pointer(186) + how.pointer(4096)
+        + b"AdF5"
     )  # fmt: skip
     return bytes(out)
 
 
-def _node(out: bytearray, group, name: bytes, label: bytes, order: str, pieces: int) -> int:
+def _node(out: bytearray, group, name: bytes, label: bytes, how: Layout) -> int:
     place = len(out)
     out += bytes(246)
     found = [(key, node) for key, node in group.items() if isinstance(node, h5py.Group) and "label" in node.attrs]
@@ -38,33 +59,33 @@ def _node(out: bytearray, group, name: bytes, label: bytes, order: str, pieces: 
     if " data" in group and "label" in group.attrs and group.name != "/":
         stored = group[" data"][()]
         kind, dimensions, values = KINDS[stored.dtype.name].encode(), stored.ndim, stored.shape[::-1]
-        count, data = _data(out, stored.astype(stored.dtype.newbyteorder(order)).tobytes(), pieces)
+        count, data = _data(out, stored.astype(stored.dtype.newbyteorder(how.order)).tobytes(), how)
     entries = b""
     for key, node in found:
-        own = _node(out, node, key.encode(), node.attrs["label"], order, pieces)
-        entries += key.encode().ljust(32) + pointer(own)
+        own = _node(out, node, key.encode(), node.attrs["label"], how)
+        entries += key.encode().ljust(32) + how.pointer(own)
     if found:
-        body = b"SNTb" + pointer(table + 16 + len(entries)) + entries + b"snTE"
+        body = b"SNTb" + how.pointer(table + 16 + len(entries)) + entries + b"snTE"
         out[table : table + len(body)] = body
-    sizes = b"".join(b"%08X" % value for value in values).ljust(96, b"0")
+    sizes = b"".join(map(how.size, values)).ljust(96, b"\0" if how.binary else b"0")
     out[place : place + 246] = (
         b"NoDe" + name.ljust(32) + label.ljust(32) + b"%08X%08X" % (len(found), len(found))
-        + (pointer(table) if found else b"000000001000") + kind.ljust(32) + b"%02X" % dimensions + sizes
-        + b"%04X" % count + (pointer(data) if count else b"000000001000") + b"TaiL"
+        + (how.pointer(table) if found else how.pointer(4096)) + kind.ljust(32) + b"%02X" % dimensions + sizes
+        + b"%04X" % count + (how.pointer(data) if count else how.pointer(4096)) + b"TaiL"
     )  # fmt: skip
     return place
 
 
-def _data(out: bytearray, data: bytes, pieces: int) -> tuple[int, int]:
+def _data(out: bytearray, data: bytes, how: Layout) -> tuple[int, int]:
     """Write data, and return the number of pieces and where they or their table begin."""
-    size = -(-len(data) // (8 * pieces)) * 8 if len(data) > 64 else len(data)
+    size = -(-len(data) // (8 * how.pieces)) * 8 if len(data) > 64 else len(data)
     parts = [data[at : at + size] for at in range(0, len(data), size)] or [b""]
     places = []
     for part in parts:
         places.append((len(out), len(out) + 16 + len(part)))
-        out += b"DaTa" + pointer(places[-1][1]) + part + b"dEnD"
+        out += b"DaTa" + how.pointer(places[-1][1]) + part + b"dEnD"
     if len(parts) == 1:
         return 1, places[0][0]
-    table, entries = len(out), b"".join(pointer(begin) + pointer(end) for begin, end in places)
-    out += b"DCtb" + pointer(table + 16 + len(entries)) + entries + b"dcTE"
+    table, entries = len(out), b"".join(how.pointer(begin) + how.pointer(end) for begin, end in places)
+    out += b"DCtb" + how.pointer(table + 16 + len(entries)) + entries + b"dcTE"
     return len(parts), table

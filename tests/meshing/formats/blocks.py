@@ -11,6 +11,7 @@ import numpy as np
 
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
 from sdm_deflect.meshing.formats.cgns_write import write_root
+from tests.meshing.formats.alike import replace_data
 from tests.meshing.formats.wing import _points, _section, _span
 
 HINGE = 0.7
@@ -123,6 +124,32 @@ def write_blocks(path, blocks: list[Block], kind=np.float64, family_nodes=True, 
         families = dict.fromkeys(own[1] for block in blocks for own in block.conditions if own[1])
         for family in families if family_nodes else ():
             create(create(base, family, "Family_t"), "FamilyBC", "FamilyBC_t", "BCWall")
+
+
+def in_a_layer(path, axis, third):
+    """Give plane blocks three axes, with one point along `axis`, and the same number in the coordinate `third`."""
+    with h5py.File(path, "r+") as file:
+        base = file["Base#1"]
+        base[" data"][...] = [3, 3]
+        for zone in (node for node in base.values() if "GridCoordinates" in node):
+            size = np.insert(zone[" data"][()], axis, [1, 0, 0], axis=1)
+            replace_data(zone, size.astype(np.int32))
+            grid = zone["GridCoordinates"]
+            for node in grid.values():
+                replace_data(node, node[" data"][()].reshape(size[0, ::-1]))
+            given = iter([node[" data"][()] for node in grid.values()])
+            for name in AXES:
+                values = np.full(size[0, ::-1], 2.5) if name == third else next(given)
+                if name in grid:
+                    replace_data(grid[name], values)
+                else:
+                    create(grid, name, "DataArray_t", values)
+            for node in (*zone["ZoneBC"].values(), *zone.get("ZoneGridConnectivity", {}).values()):
+                for name in {"PointRange", "PointRangeDonor"} & set(node):
+                    replace_data(node[name], np.insert(node[name][" data"][()], axis, 1, axis=1).astype(np.int32))
+                if "Transform" in node:
+                    turn = [way + np.sign(way) * (abs(way) > axis) for way in node["Transform"][" data"][()]]
+                    replace_data(node["Transform"], np.insert(turn, axis, axis + 1).astype(np.int32))
 
 
 def wing_blocks(cells: int = 4, layers: int = 6) -> list[Block]:

@@ -1,28 +1,37 @@
 """CGNS files in ADF: the same meshes, all bytes but those of coordinates kept, and damage told in a sentence."""
 
+import gzip
 import shutil
 import subprocess
 from contextlib import suppress
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns import Cgns
-from sdm_deflect.meshing.formats.cgns_nodes import AXES
+from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
 from sdm_deflect.meshing.formats.format import MeshFileError
 from tests.meshing.formats.adf_files import in_adf
-from tests.meshing.formats.alike import content
+from tests.meshing.formats.alike import content, zone_of
 from tests.meshing.formats.blocks import complaints, two_blocks, write_blocks
 from tests.meshing.formats.examples import hybrid, polyhedral
 
+LAYOUTS = [("<", 1, False), ("<", 3, False), (">", 1, False), (">", 2, False), ("<", 1, True), (">", 3, True)]
 
-@pytest.fixture(params=[("<", 1), ("<", 3), (">", 1), (">", 2)], ids=lambda given: f"{given[0]}{given[1]}")
-def old(request, tmp_path):
-    """Two blocks in ADF, in an order of bytes, data in some pieces."""
+
+def write_two(path):
     left, right = two_blocks()
     left.conditions.append(("a", "wall", "BCWall", (1, 1, 1), (1, 3, 5), None))
-    write_blocks(tmp_path / "two.cgns", [left, right])
+    write_blocks(path, [left, right])
+
+
+@pytest.fixture(params=LAYOUTS, ids=lambda given: "{}{}{}".format(*given[:2], "AB"[given[2]]))
+def old(request, tmp_path):
+    """Two blocks in ADF, in an order of bytes, data in some pieces, pointers as text (A) or in binary (B)."""
+    write_two(tmp_path / "two.cgns")
     (tmp_path / "old.cgns").write_bytes(in_adf(tmp_path / "two.cgns", *request.param))
     return tmp_path / "old.cgns"
 
@@ -55,6 +64,25 @@ def test_adf_holds_the_same_mesh_and_keeps_all_other_bytes(old, tmp_path):
                 ["cgnsdiff", "-d", "-f", tmp_path / "two.cgns", path], capture_output=True, text=True, check=False
             )
             assert done.stdout.split() == ["/", "<>", "/", ":", "labels", "differ"]
+        assert complaints(tmp_path / "moved.cgns") == []
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_files_of_the_cgns_library_with_pointers_in_binary(order, tmp_path):
+    """Written by libcgns 3.4 (``ADF_Database_Open`` with ``IEEE_LITTLE_64`` and ``IEEE_BIG_64``) from `write_two`."""
+    path = tmp_path / "library.cgns"
+    path.write_bytes(
+        gzip.decompress((Path(__file__).parent / "data" / f"two-blocks-B02012-{order}.cgns.gz").read_bytes())
+    )
+    write_two(tmp_path / "two.cgns")
+    mesh, same = Cgns().read(tmp_path / "two.cgns"), Cgns().read(path)
+    np.testing.assert_array_equal(same.points, mesh.points)
+    assert content(same) == content(mesh)
+    Cgns().rewrite(path, mesh.points + 0.5, tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, mesh.points + 0.5)
+    a, b = (np.frombuffer(file.read_bytes(), dtype=np.uint8) for file in (path, tmp_path / "moved.cgns"))
+    assert not np.any((a != b) & ~coordinate_bytes(path))
+    if shutil.which("cgnscheck"):
         assert complaints(tmp_path / "moved.cgns") == []
 
 
@@ -100,3 +128,26 @@ def test_a_node_of_two_parents_is_refused(old, tmp_path):
     (tmp_path / "loop.cgns").write_bytes(data[:to] + data[place : place + 12] + data[to + 12 :])
     with pytest.raises(MeshFileError, match="is there twice"):
         Cgns().read(tmp_path / "loop.cgns")
+
+
+def test_data_of_many_nodes_in_the_same_bytes_are_refused(tmp_path):
+    """Each of a hundred sections has the same 8000 bytes."""
+    path = tmp_path / "mesh.cgns"
+    Cgns().write(hybrid(), path)
+    with h5py.File(path, "r+") as file:
+        for i in range(100):
+            node = create(zone_of(file), f"more {i}", "Elements_t", np.array([5, 0], dtype=np.int32))
+            create(node, "ElementRange", "IndexRange_t", np.array([1000 * i + 1000, 1000 * i + 1665], dtype=np.int32))
+            create(node, "ElementConnectivity", "DataArray_t", np.ones(1998 if i == 0 else 1, dtype=np.int32))
+    data = in_adf(path, binary=True)
+    short, long = (b"I4".ljust(32) + b"01" + n.to_bytes(8, "little") + bytes(88) + b"0001" for n in (1, 1998))
+    name = b"NoDeElementConnectivity".ljust(36) + b"DataArray_t".ljust(32)
+    places = [at for at in range(len(data)) if data.startswith(name, at)]
+    (full,) = (at for at in places if data.startswith(long, at + 96))
+    changed = bytearray(data)
+    for at in places:
+        if data.startswith(short, at + 96):
+            changed[at + 96 : at + 242] = data[full + 96 : full + 242]
+    (tmp_path / "shared.cgns").write_bytes(changed)
+    with pytest.raises(MeshFileError, match="have more data than the file"):
+        Cgns().read(tmp_path / "shared.cgns")

@@ -12,10 +12,23 @@ from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
 import sdm_deflect
 from sdm_deflect.cases.inspection import inspect, inspected
 from sdm_deflect.meshing.formats.cgns import Cgns
-from sdm_deflect.meshing.formats.cgns_nodes import create
+from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
+from sdm_deflect.meshing.formats.cgns_read import PLANE
+from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.su2 import Su2
-from tests.meshing.formats.alike import content
-from tests.meshing.formats.blocks import FLAP, HINGE, Block, complaints, cube, stored, wing_blocks, write_blocks
+from tests.meshing.formats.alike import content, replace_data
+from tests.meshing.formats.blocks import (
+    FLAP,
+    HINGE,
+    Block,
+    complaints,
+    cube,
+    in_a_layer,
+    stored,
+    two_blocks,
+    wing_blocks,
+    write_blocks,
+)
 from tests.meshing.formats.examples import grid
 from tests.meshing.formats.wing import boundary_faces
 
@@ -232,6 +245,68 @@ def test_plane_blocks_are_quads_with_lines_around_them(order, tmp_path):
     assert content(again) == {**content(mesh), "zones": [("upper", 0, 80)]}
     if shutil.which("cgnscheck"):
         assert complaints(tmp_path / "unstructured.cgns") == complaints(tmp_path / "plane.cgns") == []
+
+
+@pytest.mark.parametrize(
+    ("axis", "third"),
+    [(0, "CoordinateZ"), (1, "CoordinateZ"), (2, "CoordinateZ"), (2, "CoordinateY"), (1, "CoordinateX")],
+)
+def test_blocks_of_one_layer_of_points_are_plane(axis, third, tmp_path):
+    blocks = plane_blocks()
+    blocks[1] = blocks[1].transposed(1, 0)
+    for name in ("plane", "layer"):
+        write_blocks(tmp_path / f"{name}.cgns", blocks, dimension=2)
+    in_a_layer(tmp_path / "layer.cgns", axis, third)
+    mesh, same = (Cgns().read(tmp_path / f"{name}.cgns") for name in ("plane", "layer"))
+    np.testing.assert_array_equal(same.points, mesh.points + np.array([0.0, 0.0, 2.5]))
+    assert content(same) == content(mesh)
+    assert same.notes == (() if third == "CoordinateZ" else (PLANE.format(*(one for one in AXES if one != third)),))
+    moved = same.points * [2.0, 3.0, 1.0]
+    Cgns().rewrite(tmp_path / "layer.cgns", moved, tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, moved)
+
+
+def test_a_block_of_one_layer_beside_others_has_no_cells(tmp_path):
+    write_blocks(
+        tmp_path / "two.cgns",
+        [*two_blocks(), cube("flat", n=(4, 3, 1), at=(0.0, 9.0, 0.0), places=5000)],
+        connect=False,
+    )
+    with pytest.raises(MeshFileError, match=r"zone flat: its 4 x 3 x 1 points hold no cells"):
+        Cgns().read(tmp_path / "two.cgns")
+
+
+@pytest.mark.parametrize("where", ["KFaceCenter", "Vertex", "FaceCenter"])
+def test_a_condition_on_the_whole_plane_is_on_no_line(where, tmp_path):
+    blocks = plane_blocks()
+    blocks[0].conditions.append(("sym", "sym", "BCSymmetryPlane", (1, 1), (9, 5), None))
+    write_blocks(tmp_path / "layer.cgns", blocks, dimension=2)
+    in_a_layer(tmp_path / "layer.cgns", 2, "CoordinateZ")
+    with h5py.File(tmp_path / "layer.cgns", "r+") as file:
+        node = file["Base#1/upper/ZoneBC/sym"]
+        create(node, "GridLocation", "GridLocation_t", where)
+        replace_data(node["PointRange"], np.array([[1, 1, 1], [9, 5, 1] if where == "Vertex" else [8, 4, 1]]))
+    assert sorted(Cgns().read(tmp_path / "layer.cgns").names) == ["far", "wall"]
+
+
+def test_what_could_not_be_read_is_said_by_the_commands_and_matters_where_it_is_needed(tmp_path):
+    blocks = plane_blocks()
+    blocks[0].conditions.append(("lost", None, "BCWall", (1, 5), (9, 6), None))
+    write_blocks(tmp_path / "plane.cgns", blocks, dimension=2)
+    where = "zone upper: boundary condition lost: it is on the points (1, 5) to (9, 6) of a block of 9 x 5"
+    note = f"patch upper/lost is absent: {where}"
+    assert inspected(tmp_path / "plane.cgns")["notes"] == [note]
+    assert note in inspect(tmp_path / "plane.cgns").splitlines()
+    box = [[-2.05, -2.05], [2.05, 2.05]]
+    given = {"hinge": [[0.0, 0.0]], "angle": 10.0, "box": box}
+    done = sdm_deflect.deflect(tmp_path / "plane.cgns", "wall", **given)
+    assert done.passed
+    assert note in done.figures()["notes"]
+    for surface, fixed in (("lost", {}), ("wall", {"fixed": ["lost"]})):
+        with pytest.raises(
+            sdm_deflect.InputError, match=r"'lost' cannot be taken: patch upper/lost is absent: zone upper"
+        ):
+            sdm_deflect.deflect(tmp_path / "plane.cgns", surface, **given, **fixed)
 
 
 def test_plane_blocks_are_deflected_as_in_su2(tmp_path):

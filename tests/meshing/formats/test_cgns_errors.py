@@ -6,7 +6,9 @@ import h5py
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.meshing.formats.cgns import Cgns
+from sdm_deflect.meshing.formats.cgns_boundary import UNNAMED
 from sdm_deflect.meshing.formats.cgns_nodes import create, describe
 from sdm_deflect.meshing.formats.format import MeshFileError
 from tests.meshing.formats.alike import replace_data, zone_of
@@ -75,18 +77,6 @@ DAMAGE = {
         lambda zone: set_first(zone["outlet/ElementConnectivity"], 1),
         "1 of 2 faces of patch outlet are of no cell",
     ),
-    "condition": (
-        lambda zone: zone["ZoneBC/outlet/PointRange/ data"].write_direct(np.array([[12], [99]], dtype=np.int32)),
-        "condition outlet is on elements 12 to 99, but they are numbered from 1 to 25",
-    ),
-    "condition reversed": (
-        lambda zone: zone["ZoneBC/outlet/PointRange/ data"].write_direct(np.array([[13], [12]], dtype=np.int32)),
-        "outlet has the range [13, 12]",
-    ),
-    "condition on cells": (
-        lambda zone: zone["ZoneBC/outlet/PointRange/ data"].write_direct(np.array([[1], [12]], dtype=np.int32)),
-        "patch outlet: 7 of its 12 elements are no faces",
-    ),
     "size": (lambda zone: replace_data(zone, np.empty((0, 1), dtype=np.int32)), "its size has 0 numbers, expected 3"),
     "null space": (
         lambda zone: replace_data(zone["GridCoordinates/CoordinateX"], h5py.Empty("f8")),
@@ -96,11 +86,6 @@ DAMAGE = {
     "same numbers": (
         lambda zone: zone["cells tetra/ElementRange/ data"].write_direct(np.array([2, 5], dtype=np.int32)),
         "have the same numbers",
-    ),
-    "condition nowhere": (lambda zone: zone["ZoneBC/outlet"].__delitem__("PointRange"), "outlet says not where it is"),
-    "condition on points": (
-        lambda zone: replace_data(zone["ZoneBC/outlet/GridLocation"], letters("Vertex")),
-        "outlet is given by points",
     ),
 }  # fmt: skip
 
@@ -140,6 +125,100 @@ def test_damage_is_named(damage, path):
     with h5py.File(path, "r+") as file:
         change(zone_of(file))
     assert message in complaint(path)
+
+
+CONDITIONS = {
+    "beyond": (
+        lambda zone: zone["ZoneBC/outlet/PointRange/ data"].write_direct(np.array([[12], [99]], dtype=np.int32)),
+        "it is on elements 12 to 99, but they are numbered from 1 to 25",
+    ),
+    "zero": (
+        lambda zone: zone["ZoneBC/outlet/PointRange/ data"].write_direct(np.array([[0], [12]], dtype=np.int32)),
+        "it is on elements 0 to 12, but they are numbered from 1 to 25",
+    ),
+    "reversed": (
+        lambda zone: zone["ZoneBC/outlet/PointRange/ data"].write_direct(np.array([[13], [12]], dtype=np.int32)),
+        "it has the range [13, 12], which ends before it begins",
+    ),
+    "cells": (
+        lambda zone: zone["ZoneBC/outlet/PointRange/ data"].write_direct(np.array([[1], [12]], dtype=np.int32)),
+        "7 of its 12 elements are no faces",
+    ),
+    "nowhere": (lambda zone: zone["ZoneBC/outlet"].__delitem__("PointRange"), "it does not say where it is"),
+    "points": (
+        lambda zone: replace_data(zone["ZoneBC/outlet/GridLocation"], letters("Vertex")), "it is given by points",
+    ),
+    "numbers": (
+        lambda zone: replace_data(zone["ZoneBC/outlet/PointRange"], np.arange(3, dtype=np.int32)),
+        "its range has 3 numbers, expected 2",
+    ),
+    "reals": (
+        lambda zone: replace_data(zone["ZoneBC/outlet/PointRange"], np.arange(2.0)), "holds float64, expected integers",
+    ),
+}  # fmt: skip
+
+
+POLYHEDRAL_CONDITIONS = {
+    "zero": (lambda zone: set_first(zone["ZoneBC/outlet/PointList"], 0), "it is on elements 0 to "),
+    "nowhere": (lambda zone: zone["ZoneBC/outlet"].__delitem__("PointList"), "it does not say where it is"),
+}
+
+
+def with_one_bad_condition(mesh, change, path):
+    """The mesh of a file before and after a change of the condition on the outlet."""
+    Cgns().write(mesh, path)
+    before = Cgns().read(path)
+    with h5py.File(path, "r+") as file:
+        change(zone_of(file))
+    return before, Cgns().read(path)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "damage"),
+    [
+        *((hybrid(), damage) for damage in CONDITIONS.values()),
+        *((polyhedral(hybrid()), damage) for damage in POLYHEDRAL_CONDITIONS.values()),
+    ],
+    ids=[*CONDITIONS, *(f"polyhedra {name}" for name in POLYHEDRAL_CONDITIONS)],
+)
+def test_one_bad_condition_is_a_note_and_its_patch_is_absent(mesh, damage, tmp_path):
+    """The faces of the patch are on another one still, and its name is refused with the reason."""
+    change, message = damage
+    before, after = with_one_bad_condition(mesh, change, tmp_path / "mesh.cgns")
+    (note,) = after.notes
+    assert note.startswith("patch outlet is absent: zone Zone: boundary condition outlet: ")
+    assert message in note
+    assert {*after.names} - {"part of outlet", UNNAMED} == {*before.names} - {"outlet"}
+    assert sum(map(len, after.patches)) == sum(map(len, before.patches))
+    with pytest.raises(InputError, match=r"the surface 'outlet' cannot be taken: patch outlet is absent: zone Zone"):
+        after.named(["outlet"], "the surface")
+    assert after.named(["*"], "fixed") == after.names
+    Cgns().rewrite(tmp_path / "mesh.cgns", after.points * 2.0, tmp_path / "moved.cgns")
+    np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, after.points * 2.0)
+    assert "\n" not in note
+    pieces = Cgns().in_pieces(tmp_path / "mesh.cgns")
+    assert pieces is None or (pieces.notes, [patch.name for patch in pieces.patches]) == (after.notes, [*after.names])
+
+
+def test_a_condition_on_nothing_takes_no_faces_away(path):
+    with h5py.File(path, "r+") as file:
+        zone = zone_of(file)
+        node = create(zone["ZoneBC"], "empty", "BC_t", "FamilySpecified")
+        create(node, "FamilyName", "FamilyName_t", "outlet")
+        create(node, "PointRange", "IndexRange_t", np.array([[0], [-1]], dtype=np.int32))
+        create(node, "GridLocation", "GridLocation_t", "FaceCenter")
+    mesh = Cgns().read(path)
+    assert mesh.notes == ("zone Zone: boundary condition empty: its range 0 to -1 holds nothing",)
+    assert "outlet" in mesh.names
+
+
+def test_there_are_few_notes_however_much_is_wrong(path):
+    with h5py.File(path, "r+") as file:
+        for i in range(100):
+            create(zone_of(file)["ZoneBC"], f"bad {i}", "BC_t", "BCWall")
+    notes = Cgns().read(path).notes
+    assert len(notes) == 21
+    assert notes[-1] == "80 more conditions and interfaces could not be read"
 
 
 POLYHEDRAL = {

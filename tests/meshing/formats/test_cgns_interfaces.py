@@ -4,6 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -169,17 +170,23 @@ def test_copies_of_a_point_keep_their_bits_until_they_move(tmp_path):
     np.testing.assert_array_equal(left.astype(np.float32), right)
 
 
-@pytest.mark.parametrize("how", ["points", "faces", "abutting", "overset"])
+@pytest.mark.parametrize("how", ["points", "disorder", "cells", "faces", "abutting", "apart", "overset", "by cells"])
 def test_a_block_meets_an_unstructured_zone(how, tmp_path):
-    """The hexahedron of the hybrid mesh is made longer by a block on its inlet."""
+    """The hexahedron of the hybrid mesh is made longer by a block on its inlet.
+
+    The other zone's points may be listed in disorder, or in their place cells; zones that only touch may do so in all
+    points, or not (`apart`); in the hybrid files of Pointwise they name the cells on either side (`by cells`).
+    """
     mesh = hybrid()
     Cgns().write(mesh, tmp_path / "mesh.cgns")
     inlet = np.array([[0, 4], [3, 7]])  # along y, along z
-    own = np.stack([mesh.points[inlet] - [1.0, 0.0, 0.0], mesh.points[inlet]])
-    write_blocks(tmp_path / "block.cgns", [Block("block", own, np.arange(8).reshape(2, 2, 2))])
+    own = np.stack([mesh.points[inlet] - [x, 0.0, 0.0] for x in (2.0, 1.0, 0.0)])
+    own[2, 1, 1] += [0.0, 0.0, 0.1 if how == "apart" else 0.0]
+    write_blocks(tmp_path / "block.cgns", [Block("block", own, np.arange(12).reshape(3, 2, 2))])
     with h5py.File(tmp_path / "mesh.cgns", "r+") as file, h5py.File(tmp_path / "block.cgns") as other:
         other.copy("Base#1/block", file["Base"])
-        connect(file["Base/block"], "Zone", how, np.array([[2, j, k] for k in (1, 2) for j in (1, 2)]), [1, 4, 5, 8])
+        donors = {"disorder": [8, 1, 5, 4], "cells": [99]}.get(how, [1, 4, 5, 8])
+        connect(file["Base/block"], "Zone", how, np.array([[3, j, k] for k in (1, 2) for j in (1, 2)]), donors)
         first = int(file["Base/Zone/inlet/ElementRange/ data"][0])
         faces = how == "faces"
         connect(file["Base/Zone"], "block", how, np.array([[first]] if faces else [[1], [4], [5], [8]]), [1])
@@ -192,10 +199,11 @@ def test_a_block_meets_an_unstructured_zone(how, tmp_path):
         return
     (zone,) = both.zones
     assert sorted(zone.blocks) == ["Zone", "block"]
-    assert len(both.points) == 14 + (8 if how == "abutting" else 4)
+    assert both.notes == ()
+    assert len(both.points) == 14 + (12 if how == "apart" else 8)
     faces = sorted(map(sorted, (row for shape in boundary_faces(both.cells).values() for row in shape.tolist())))
     held = sorted(sorted(row.tolist()) for patch in both.patches for block in patch.faces for row in block.nodes)
-    if how == "abutting":  # the two faces that touch are on no patch
+    if how == "apart":  # the two faces that touch are on no patch
         assert len(held) == len(faces) - 2
     else:
         assert held == faces
@@ -206,14 +214,24 @@ def test_a_block_meets_an_unstructured_zone(how, tmp_path):
 def connect(zone, donor, how, own, partners):
     group = create(zone, "ZoneGridConnectivity", "ZoneGridConnectivity_t")
     node = create(group, "meets", "GridConnectivity_t", donor)
-    kind = {"abutting": "Abutting", "overset": "Overset"}.get(how, "Abutting1to1")
+    kind = {"overset": "Overset"}.get(how, "Abutting" if how in ("abutting", "apart", "by cells") else "Abutting1to1")
     create(node, "GridConnectivityType", "GridConnectivityType_t", kind)
-    if how == "faces" and own.shape[1] == 3:
-        own = np.array([[2, 1, 1]])
+    block = own.shape[1] == 3
+    if how == "by cells":
+        create(node, "GridLocation", "GridLocation_t", "CellCenter")
+        if block:
+            create(node, "PointRange", "IndexRange_t", np.array([[2, 1, 1], [2, 1, 1]], dtype=np.int32))
+            create(node, "PointListDonor", "IndexArray_t", np.array([[1]], dtype=np.int32))
+        else:
+            create(node, "PointList", "IndexArray_t", np.array([[1]], dtype=np.int32))
+            create(node, "PointRangeDonor", "UserDefinedData_t")
+        return
+    if how == "faces" and block:
+        own = np.array([[3, 1, 1]])
     create(node, "PointList", "IndexArray_t", own.astype(np.int32))
     if how == "faces":
-        create(node, "GridLocation", "GridLocation_t", "IFaceCenter" if own.shape[1] == 3 else "FaceCenter")
-    elif own.shape[1] == 3:
+        create(node, "GridLocation", "GridLocation_t", "IFaceCenter" if block else "FaceCenter")
+    elif block:
         create(node, "PointListDonor", "IndexArray_t", np.array(partners, dtype=np.int32)[:, None])
 
 
@@ -224,33 +242,6 @@ DAMAGE = {
     "huge": (lambda z: replace_data(z, np.full((3, 3), 2**40)), "CoordinateX holds (5, 3, 4)"),
     "rind": (
         lambda z: create(z["GridCoordinates"], "Rind", "Rind_t", np.array([1, 1, 0, 0, 0, 0])), "have rind planes",
-    ),
-    "condition": (
-        lambda z: replace_data(z["ZoneBC/a/PointRange"], np.array([[4, 1, 1], [4, 3, 9]])),
-        "boundary condition a: it is on the points (4, 1, 1) to (4, 3, 9) of a block of 4 x 3 x 5",
-    ),
-    "short condition": (
-        lambda z: replace_data(z["ZoneBC/a/PointRange"], np.array([4, 1])), "has 2 numbers, expected 6",
-    ),
-    "volume": (
-        lambda z: replace_data(z["ZoneBC/a/PointRange"], np.array([[1, 1, 1], [4, 3, 5]])), "is no face of the block",
-    ),
-    "nowhere": (lambda z: z["ZoneBC/a"].__delitem__("PointRange"), "a says not where it is on the block"),
-    "donor": (
-        lambda z: replace_data(z["ZoneGridConnectivity/SF0"], np.frombuffer(b"none", np.int8)),
-        "interface SF0: it leads to the zone 'none', which the file does not have",
-    ),
-    "transform": (
-        lambda z: replace_data(z["ZoneGridConnectivity/SF0/Transform"], np.array([1, 1, 3])),
-        "does not name every axis",
-    ),
-    "donor's range": (
-        lambda z: replace_data(z["ZoneGridConnectivity/SF0/PointRangeDonor"], np.array([[1, 3, 1], [1, 3, 5]])),
-        "it lies on points beyond the 4 x 3 x 5 of the other block",
-    ),
-    "interface": (
-        lambda z: replace_data(z["ZoneGridConnectivity/SF0/PointRange"], np.array([[1, 1, 1], [4, 3, 5]])),
-        "interface SF0: its range is no face",
     ),
 }  # fmt: skip
 
@@ -267,3 +258,82 @@ def test_damage_is_named(damage, tmp_path):
         Cgns().read(tmp_path / "two.cgns")
     assert message in str(caught.value)
     assert str(caught.value).startswith(f"{tmp_path / 'two.cgns'}: zone left: ")
+
+
+FAULTS = {
+    "condition": (
+        lambda z: replace_data(z["ZoneBC/a/PointRange"], np.array([[4, 1, 1], [4, 3, 9]])),
+        "boundary condition a: it is on the points (4, 1, 1) to (4, 3, 9) of a block of 4 x 3 x 5",
+    ),
+    "short condition": (
+        lambda z: replace_data(z["ZoneBC/a/PointRange"], np.array([4, 1])), "has 2 numbers, expected 6",
+    ),
+    "volume": (
+        lambda z: replace_data(z["ZoneBC/a/PointRange"], np.array([[1, 1, 1], [4, 3, 5]])), "is no face of the block",
+    ),
+    "nowhere": (lambda z: z["ZoneBC/a"].__delitem__("PointRange"), "boundary condition a: it does not say where it is"),
+    "donor": (
+        lambda z: replace_data(z["ZoneGridConnectivity/SF0"], np.frombuffer(b"none", np.int8)),
+        "interface SF0: it leads to the zone 'none', which the file does not have",
+    ),
+    "transform": (
+        lambda z: replace_data(z["ZoneGridConnectivity/SF0/Transform"], np.array([1, 1, 3])),
+        "does not name every axis",
+    ),
+    "donor's range": (
+        lambda z: replace_data(z["ZoneGridConnectivity/SF0/PointRangeDonor"], np.array([[1, 3, 1], [1, 3, 5]])),
+        "it lies on points beyond the 4 x 3 x 5 of the other block",
+    ),
+    "interface": (
+        lambda z: replace_data(z["ZoneGridConnectivity/SF0/PointRange"], np.array([[1, 1, 1], [4, 3, 5]])),
+        "interface SF0: its range is no face",
+    ),
+    "interface nowhere": (
+        lambda z: z["ZoneGridConnectivity/SF0"].__delitem__("PointRange"), "interface SF0: it does not say where it is",
+    ),
+    "empty interface": (
+        lambda z: replace_data(z["ZoneGridConnectivity/SF0/PointRange"], np.array([[4, 1, 0], [4, 3, -1]])),
+        "interface SF0: its range (4, 1, 0) to (4, 3, -1) holds nothing",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_of_one_condition_or_interface_is_a_note(fault, tmp_path):
+    left, right = two_blocks()
+    left.conditions.append(("a", None, "BCWall", (1, 1, 1), (1, 3, 5), None))
+    write_blocks(tmp_path / "two.cgns", [left, right])
+    before = Cgns().read(tmp_path / "two.cgns")
+    change, message = FAULTS[fault]
+    with h5py.File(tmp_path / "two.cgns", "r+") as file:
+        change(file["Base#1/left"])
+    mesh = Cgns().read(tmp_path / "two.cgns")
+    (note,) = mesh.notes
+    assert message in note
+    assert sum(map(len, mesh.patches)) == sum(map(len, before.patches))
+    np.testing.assert_array_equal(mesh.points, before.points)
+    if "boundary condition" in note:
+        assert note.startswith("patch left/a is absent: zone left: boundary condition a: ")
+        assert "a" not in mesh.names
+        with pytest.raises(InputError, match="fixed 'a' cannot be taken: patch left/a is absent"):
+            mesh.named(["a"], "fixed")
+    else:
+        assert note.startswith("zone left: interface SF0: ")
+        assert mesh.names == before.names
+
+
+def test_a_family_that_lacks_faces_in_one_zone_is_absent_in_all(tmp_path):
+    left, right = two_blocks()
+    for block, end in ((left, 3), (right, 9)):
+        block.conditions.append(("a", "wall", "BCWall", (1, 1, 1), (4, end, 1), None))
+    left.conditions.append(("e", "wall", "BCWall", (1, 3, 0), (4, 3, -1), None))
+    right.conditions.append(("b", "wall", "BCWall", (1, 1, 5), (4, 3, 5), None))
+    write_blocks(tmp_path / "two.cgns", [left, right])
+    mesh = Cgns().read(tmp_path / "two.cgns")
+    assert len(mesh.patch("part of wall")) == 12
+    assert "wall" not in mesh.names
+    assert [note.partition(": ")[0] for note in mesh.notes] == ["patch wall is absent", "zone left"]
+    assert "(1, 1, 1) to (4, 9, 1)" in mesh.notes[0]
+    assert mesh.notes[1].endswith("boundary condition e: its range (1, 3, 0) to (4, 3, -1) holds nothing")
+    with pytest.raises(InputError, match=r"the surface 'wall' cannot be taken"):
+        mesh.named(["wall"], "the surface")

@@ -252,12 +252,12 @@ def test_a_shape_of_cells_that_is_not_known_is_missed(tmp_path):
     path = written(hybrid(), tmp_path / "mesh.grid")
     data = path.read_bytes()
     path.write_bytes(data.replace(b"points_of_pyramids", b"points_of_octaeders"[:18]))
-    assert "no_of_elements is 7, but 6 of known shapes are there" in complaint(Tau(), path)
+    assert "no_of_elements is 7, but 6 of the shapes that are supported are there" in complaint(Tau(), path)
     names, arrays, _, attributes = parts(path)
     names["boundarymarker_of_surfaces"] = ("no_of_surfaceelements",)
     del arrays["points_of_surfacetriangles"]
     classic(path, names, arrays, attributes, 1)
-    assert "no_of_surfaceelements is 18, but 6 of known" in complaint(Tau(), path)
+    assert "no_of_surfaceelements is 18, but 6 of the shapes" in complaint(Tau(), path)
 
 
 def test_an_unlimited_dimension_is_refused(tmp_path):
