@@ -156,8 +156,9 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
         name, where = "periodic", f"{len(nodes)} pairs of nodes"
         if is_thin(mesh, pair):
             name, where = "plane", f"{where} on both sides of one cell, and from their side"
-            _, normal, _ = plane_of(mesh.points[pair.nodes[:, 0]])
-            off[1] = np.maximum(off[1], np.abs((points - mesh.points)[nodes[:, 0]] @ normal))
+            plane = plane_of(mesh, pair.nodes[:, 0])
+            moved = (points - mesh.points)[nodes[:, 0]]
+            off[1] = np.maximum(off[1], np.abs(moved @ plane.normal) if plane else 0.0)
         before, now = (float(one.max(initial=0.0)) / (size or 1.0) for one in off)
         limit = max(ON_IMAGE, WORSE * before)
         if len(pair.nodes):

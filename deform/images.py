@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Periodic
+from sdm_deflect.deform.volume.sliding import Plane
 
 THIN = ("empty", "wedge")
 """Constraints of the patches of plane and axisymmetric cases, which are one cell thick."""
@@ -57,9 +58,9 @@ class Images:
         for pair, (one, other) in ((pair, own.T) for pair, own in sides):
             back = np.swapaxes(turn[other], 1, 2) @ pair.rotation @ turn[one] - np.eye(3)
             np.add.at(bound, group[one], np.swapaxes(back, 1, 2) @ back)
-            _, across, off = plane_of(mesh.points[pair.nodes[:, 0]])
-            if off <= FLAT and any(name in flat for name in pair.patches):
-                normal = np.einsum("kji,j->ki", turn[one], across)
+            plane = plane_of(mesh, pair.nodes[:, 0])
+            if plane and any(name in flat for name in pair.patches):
+                normal = np.einsum("kji,j->ki", turn[one], plane.normal)
                 np.add.at(bound, group[one], normal[:, :, None] * normal[:, None, :])
         some = np.abs(bound).max(axis=(1, 2)) > CLOSED
         free = np.tile(np.eye(3), (len(bound), 1, 1))
@@ -120,16 +121,14 @@ def is_thin(mesh: Mesh, pair: Periodic) -> bool:
     return any(name in mesh.names and mesh.patch(name).constraint in THIN for name in pair.patches)
 
 
-def plane_of(points: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Return a point (3,) and the unit normal (3,) of the best plane of points (K, 3), and their distance from it.
-
-    The distance is a share of their extent.
-    """
-    center = points.mean(axis=0)
-    normal = np.asarray(np.linalg.svd(points - center, full_matrices=False)[2][-1])
-    normal = normal if len(points) > 2 else np.zeros(3)
-    size = float(np.ptp(points, axis=0).max())
-    return center, _whole(normal), float(np.abs((points - center) @ normal).max()) / (size or 1.0)
+def plane_of(mesh: Mesh, nodes: IntArray) -> Plane | None:
+    """Return the plane, in a plane mesh the line, that all these nodes (K,) are in; None if there is none."""
+    points = mesh.points[nodes]
+    if len(points) < (2 if mesh.plane else 3):
+        return None
+    plane = Plane.fitted(points, mesh.plane)
+    off = float(np.abs(plane.distance(points)).max())
+    return plane if off <= FLAT * float(np.ptp(points, axis=0).max()) else None
 
 
 def _groups(ends: IntArray, count: int) -> IntArray:

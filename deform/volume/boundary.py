@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError, nearest
-from sdm_deflect.deform.images import FLAT, THIN, Images, is_thin, plane_of
+from sdm_deflect.deform.images import THIN, Images, is_thin, plane_of
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
 from sdm_deflect.deform.rbf.sites import XYZ
 from sdm_deflect.deform.sets import union
@@ -264,13 +264,13 @@ def _bound(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[
 def _symmetry(mesh: Mesh, named: tuple[str, ...]) -> dict[str, str]:
     """Return the planes of symmetry among the patches that are not named: nodes slide on them without being asked."""
     own = [patch for patch in mesh.patches if patch.constraint == "symmetry" and patch.name not in named]
-    return {one.name: "plane" for one in own if plane_of(mesh.points[one.nodes])[2] <= FLAT}
+    return {one.name: "plane" for one in own if plane_of(mesh, one.nodes)}
 
 
 def _walls(mesh: Mesh) -> tuple[Plane, ...]:
     """Return the planes in which one side of a pair lies."""
-    found = [plane_of(mesh.points[nodes]) for pair in mesh.periodic if len(pair.nodes) > 2 for nodes in pair.nodes.T]
-    return tuple(Plane(point, normal) for point, normal, off in found if off <= FLAT)
+    found = [plane_of(mesh, nodes) for pair in mesh.periodic for nodes in pair.nodes.T]
+    return tuple(plane for plane in found if plane)
 
 
 def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement, Surface]]:

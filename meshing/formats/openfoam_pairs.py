@@ -11,9 +11,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.edges import polygons_of
-from sdm_deflect.deform.images import plane_of
 from sdm_deflect.deform.mesh import Constraint, FloatArray, IntArray, Patch, Periodic, Polygons
 from sdm_deflect.deform.sets import union
+from sdm_deflect.deform.volume.sliding import Plane
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
 
 CONSTRAINTS: dict[str, Constraint] = {
@@ -199,15 +199,16 @@ def _flat_sides(nodes: IntArray, points: FloatArray) -> Sides | None:
 def _wedge_sides(one: IntArray, other: IntArray, places: Places) -> Sides | None:
     """Return the same for the two sides of a wedge, which meet on its axis."""
     points = places(one), places(other)
-    if len(one) != len(other) or not np.isfinite(points).all():
+    if len(one) != len(other) or len(one) < 3 or not np.isfinite(points).all():
         return None
-    (p, n, _), (q, m, _) = (plane_of(side) for side in points)
+    front, back = (Plane.fitted(side) for side in points)
+    n, m = front.normal, back.normal
     axis = np.cross(n, m)
     if not axis.any():
         return None
     axis /= np.linalg.norm(axis)
     axis = np.where(np.abs(axis - np.round(axis)) < NEAR, np.round(axis), axis)
-    centre = np.linalg.solve(np.vstack([n, m, axis]), np.array([n @ p, m @ q, 0.0]))
+    centre = np.linalg.solve(np.vstack([n, m, axis]), np.array([n @ front.point, m @ back.point, 0.0]))
     size = np.abs(np.vstack(points)).max()
     rotation, shift = _about(axis, np.where(np.abs(centre) < EXACT * size, 0.0, centre), *points)
     rows = _matched(points[0] @ rotation.T + shift, points[1])

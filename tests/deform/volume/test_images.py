@@ -8,12 +8,13 @@ import pytest
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.images import Images
-from sdm_deflect.deform.mesh import Periodic
+from sdm_deflect.deform.mesh import Cells, Patch, Periodic
 from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.deform.selection import Selection, Within, selected
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
+from sdm_deflect.deform.volume.box import Outline
 from sdm_deflect.deform.volume.deflection import Plan, deflect, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
@@ -21,6 +22,7 @@ from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job
 from tests.deform.paired import about_x, airfoil, bound, sector, wedge
+from tests.deform.plates import plate
 from tests.deform.volume.test_excerpt import Elsewhere, Held
 
 SMALL = {"around": 32, "outwards": 8}
@@ -264,6 +266,22 @@ def test_a_pair_may_be_kept_plane(name, sides, turned):
         normal, nodes = about_x(degrees)[1], mesh.patch(patch).nodes
         assert np.abs(result.points[nodes] @ normal).max() < 1e-15
         assert np.abs(turned(name).points[nodes] @ normal).max() > 1e-3
+
+
+def test_a_plane_mesh_has_pairs():
+    mesh = plate()
+    middle = np.concatenate([mesh.points[line].mean(axis=0)[None] for line in mesh.patch("rest").faces[0].nodes])
+    lines = mesh.patch("rest").faces[0].nodes
+    ends = {"left": middle[:, 0] < -0.99, "right": middle[:, 0] > 0.99, "top": np.abs(middle[:, 0]) < 0.99}
+    parts = (Patch(name, (Cells("line", lines[own]),)) for name, own in ends.items())
+    mesh = bound(replace(mesh, patches=(*mesh.patches[:2], *parts)), "left", "right", shift=[2.0, 0.0, 0.0])
+    box = Outline.at(np.array([[-1.1, -0.9], [1.1, 0.9]]))
+    wanted = job(["hole"], hinge=[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], box=box)
+    result = deflect(Plan.of(mesh, wanted), 8.0)
+    left, right = mesh.periodic[0].nodes.T
+    assert np.array_equal(result.points[left, 1], result.points[right, 1])
+    assert np.abs(result.points[left] - mesh.points[left]).max() > 1e-3
+    assert all(check.passed for check in checks_of(result))
 
 
 def test_parts_of_a_pair_cannot_be_selected():
