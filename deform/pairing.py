@@ -4,12 +4,15 @@ Files give pairs, or a motion, or neither, and a motion in single precision is 1
 to the pairs, and pairs that no rigid motion carries into one another are refused.
 """
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Patch, Periodic
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Patch, Periodic
 from sdm_deflect.deform.sets import distinct
 from sdm_deflect.deform.surface.axis import Axis
 
@@ -19,6 +22,40 @@ SNAP = 1e-6
 """An axis nearer to a coordinate axis than this is that axis, so that the coordinate along it keeps its bits."""
 RigidMotion = tuple[FloatArray, FloatArray]
 """Rotation (3, 3) and shift (3,): the image of x is ``rotation @ x + shift``."""
+ORIGIN = np.zeros(3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PeriodicPatches:
+    """Two patches that are images of one another, as a user names them.
+
+    Attributes
+    ----------
+    first, second : names of the patches; the motion leads from the first to the second.
+    axis : axis of the rotation; its angle is that between the patches.
+    translation : (3,) the translation. Without both: the translation between the patches, or the rotation about x, y
+        or z through the origin, whichever fits.
+    """
+
+    first: str
+    second: str
+    axis: Axis | None = None
+    translation: FloatArray | None = None
+
+    def motions(self, points: FloatArray, patches: tuple[Patch, Patch]) -> Iterator[RigidMotion]:
+        """Yield the motions that may lead from patch to patch; points (N, 3) are those of the mesh."""
+        nodes = patches[0].nodes, patches[1].nodes
+        if self.translation is not None:
+            yield np.eye(3), self.translation
+        elif self.axis:
+            yield rotation_between(points, *nodes, self.axis)
+        else:
+            yield translation_between(points, *nodes)
+            for direction in np.eye(3):
+                try:
+                    yield rotation_between(points, *nodes, Axis(ORIGIN, direction))
+                except InputError:
+                    continue
 
 
 def translation_between(points: FloatArray, first: IntArray, second: IntArray) -> RigidMotion:
@@ -73,9 +110,10 @@ def matched(
     apart, rows = cKDTree(points[second]).query(images)
     if apart.max() > allowed:
         worst = int(np.argmax(apart))
+        place = ", ".join(f"{x:g}" for x in points[first[worst]])
         raise InputError(
-            f"{what}: node {first[worst]} has no image within {allowed:.3g}, the nearest is {apart[worst]:.3g} away; "
-            f"check the rotation and the translation from {one.name} to {other.name}"
+            f"{what}: the node at ({place}) has no image within {allowed:.3g}, the nearest node of {other.name} is "
+            f"{apart[worst]:.3g} away from it; check the rotation or the translation from {one.name} to {other.name}"
         )
     if len(distinct(rows)) < len(rows):
         raise InputError(f"{what}: two nodes have the same image, so the patches do not match node by node")
@@ -121,7 +159,43 @@ def _rotation(here: FloatArray, there: FloatArray) -> FloatArray:
         direction = np.round(direction)
     if not direction.any():
         return np.eye(3)
-    axis = Axis(np.zeros(3), direction)
+    axis = Axis(ORIGIN, direction)
     here, there = axis.radial(here), axis.radial(there)
     sine, cosine = axis.direction @ np.cross(here, there).sum(axis=0), (here * there).sum()
     return axis.matrix(float(np.degrees(np.arctan2(sine, cosine))))
+
+
+def pair_of(points: FloatArray, patches: tuple[Patch, Patch], wanted: PeriodicPatches) -> Periodic:
+    """Return the pair that two patches of points (N, 3) are; InputError if no motion that is wanted fits."""
+    names = patches[0].name, patches[1].name
+    if not all(len(patch.nodes) for patch in patches):
+        raise InputError(f"periodic patches {names[0]} and {names[1]}: a patch without nodes has no images")
+    errors: list[InputError] = []
+    for motion in wanted.motions(points, patches):
+        try:
+            return fitted(points, names[0], names, matched(points, patches, motion))
+        except InputError as error:
+            errors.append(error)
+    if len(errors) == 1:
+        raise errors[0]
+    raise InputError(
+        f"{errors[0]}; no rotation about x, y or z through the origin fits either: give the axis or the translation"
+    )
+
+
+def paired(mesh: Mesh, wanted: Sequence[PeriodicPatches]) -> Mesh:
+    """Return the mesh with the pairs that a user names, in place of those of the file on the same patches.
+
+    Raises InputError if a name is of no patch or of several, or the patches do not match node by node.
+    """
+    own = []
+    for one in wanted:
+        names = mesh.named([one.first, one.second], "periodic")
+        if len(names) != 2:
+            raise InputError(
+                f"{mesh.name}: periodic {one.first} {one.second} stands for {', '.join(names)}; name two patches"
+            )
+        own.append(pair_of(mesh.points, (mesh.patch(names[0]), mesh.patch(names[1])), one))
+    taken = {name for pair in own for name in pair.patches}
+    kept = [pair for pair in mesh.periodic if not taken & set(pair.patches)]
+    return replace(mesh, periodic=(*kept, *own)) if own else mesh
