@@ -4,8 +4,17 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Patch
-from sdm_deflect.deform.pairing import RigidMotion, about, fitted, matched, rotation_between, translation_between
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Patch, Periodic
+from sdm_deflect.deform.pairing import (
+    PeriodicPatches,
+    RigidMotion,
+    about,
+    fitted,
+    matched,
+    paired,
+    rotation_between,
+    translation_between,
+)
 from sdm_deflect.deform.surface.axis import Axis
 
 RNG = np.random.default_rng(24)
@@ -87,3 +96,34 @@ def test_what_does_not_match_is_refused_in_a_sentence() -> None:
         rotation_between(
             np.array([[1.0, 0, 0], [-1, 0, 0]]), np.array([0, 1]), np.array([0, 1]), Axis(np.zeros(3), np.eye(3)[1])
         )
+
+
+@pytest.mark.parametrize(
+    ("motion", "wanted"),
+    [
+        ((np.eye(3), np.array([0.0, 3.0, 0.0])), {}),
+        (about(Axis(np.zeros(3), np.array([0.0, 1.0, 0.0])), 40.0), {}),
+        (about(Axis(np.array([0.0, 5.0, 0.0]), np.array([1.0, 0.0, 1.0])), 40.0), {"axis": True}),
+        ((np.eye(3), np.array([4.0, 4.0, 0.0])), {"translation": np.array([4.0, 4.0, 0.0])}),
+    ],
+)
+def test_patches_that_a_user_names_become_a_pair(motion: RigidMotion, wanted: dict[str, object]) -> None:
+    points, patches, pairs = two_sides(motion)
+    if "axis" in wanted:
+        wanted = {"axis": Axis(np.array([0.0, 5.0, 0.0]), np.array([1.0, 0.0, 1.0]))}
+    mesh = Mesh(points, (), patches, periodic=(Periodic("old", ("right", "left"), pairs[:3, ::-1], *motion),))
+    (pair,) = paired(mesh, [PeriodicPatches("left", "right", **wanted)]).periodic  # type: ignore[arg-type]
+    assert np.array_equal(pair.nodes, pairs)
+    np.testing.assert_allclose(pair.rotation, motion[0], atol=ROUNDING)
+    np.testing.assert_allclose(pair.shift, motion[1], atol=ROUNDING)
+
+
+def test_patches_that_no_motion_joins_are_refused_with_what_to_give() -> None:
+    points, patches, _ = two_sides(about(Axis(np.array([0.0, 5.0, 0.0]), np.array([1.0, 0.0, 1.0])), 40.0))
+    mesh = Mesh(points, (), patches)
+    with pytest.raises(InputError, match=r"no rotation about x, y or z .* give the axis or the translation"):
+        paired(mesh, [PeriodicPatches("left", "right")])
+    with pytest.raises(InputError, match="periodic 'rihgt' is no patch; did you mean right"):
+        paired(mesh, [PeriodicPatches("left", "rihgt")])
+    with pytest.raises(InputError, match="stands for left; name two patches"):
+        paired(mesh, [PeriodicPatches("left", "left")])
