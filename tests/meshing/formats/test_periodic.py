@@ -1,12 +1,15 @@
 """Periodic pairs in files: every node of one side has its image on the other, by the motion that the file says."""
 
+import h5py
 import numpy as np
 import pytest
 
 from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces, read
+from tests.meshing.formats import fluent_files
 from tests.meshing.formats.periodic_files import DEGREES, VARIANTS, box, carried, sector, square, write_periodic
 
 X = Axis(np.zeros(3), np.array([1.0, 0.0, 0.0]))
@@ -107,3 +110,30 @@ def test_link_that_no_rigid_motion_fits_is_left_out_with_a_note(files, tmp_path)
     (note,) = mesh.notes
     assert "no rigid motion leads to all images" in note
     assert note.endswith("the pair is left out")
+
+
+@pytest.mark.parametrize("layout", fluent_files.LAYOUTS)
+@pytest.mark.parametrize("shape", [box, square, sector])
+def test_periodic_zones_of_fluent_are_pairs_with_their_shadows(files, shape, layout, tmp_path):
+    expected = Gmsh().read(files[shape][4.1, 0])
+    path = fluent_files.written(expected, tmp_path / "mesh.cas.h5", layout)
+    found = Fluent().read(path)
+    (pair,) = found.periodic
+    assert (pair.name, pair.patches, found.notes) == ("left", ("left", "right"), ())
+    assert np.array_equal(found.points, expected.points)
+    assert np.array_equal(pair.nodes, expected.periodic[0].nodes)
+    np.testing.assert_allclose(pair.rotation, expected.periodic[0].rotation, atol=ROUNDING)
+
+
+def test_shadow_is_the_zone_that_the_periodic_one_names(files, tmp_path):
+    path = fluent_files.written(Gmsh().read(files[box][4.1, 0]), tmp_path / "mesh.cas.h5")
+    for shadow, note in (("right", None), ("rest", "there is no zone of its images")):
+        with h5py.File(path, "r+") as file:
+            zones = file[fluent_files.ZONES]
+            names = zones["name"][0].decode().split(";")
+            zones["zoneType"][names.index("rest")] = 8
+            zones["zoneType"][names.index("right")] = 8 if shadow == "right" else 3
+            zones["shadowZoneId"][names.index("left")] = zones["id"][names.index(shadow)]
+        mesh = Fluent().read(path)
+        assert len(mesh.periodic) == (note is None)
+        assert all(text.startswith("zone left is periodic, and its pair is left out: ") for text in mesh.notes)
