@@ -134,8 +134,10 @@ def fitted(
 
     Raises InputError if there are no nodes, one has two images, or no rigid motion fits all.
     """
-    if not len(nodes) or any(len(distinct(side)) < len(side) for side in nodes.T):
-        raise InputError(f"periodic pair {name}: {'a node has two images' if len(nodes) else 'it has no nodes'}")
+    if np.array_equal(nodes[:, 0], nodes[:, 1]):
+        raise InputError(f"periodic pair {name}: {'every node is its own image' if len(nodes) else 'it has no nodes'}")
+    if any(len(distinct(side)) < len(side) for side in nodes.T):
+        raise InputError(f"periodic pair {name}: a node has two images")
     allowed = tolerance(points, *nodes.T) if allowed is None else allowed
     here, there = points[nodes[:, 0]], points[nodes[:, 1]]
     centre, target = here.mean(axis=0), there.mean(axis=0)

@@ -1,15 +1,21 @@
 """Periodic pairs in files: every node of one side has its image on the other, by the motion that the file says."""
 
+import shutil
+import subprocess
+
 import h5py
 import numpy as np
 import pytest
 
 from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.meshing.formats.cgns import Cgns
+from sdm_deflect.meshing.formats.cgns_nodes import create
 from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces, read
 from tests.meshing.formats import fluent_files
+from tests.meshing.formats.blocks import Block, write_blocks
 from tests.meshing.formats.periodic_files import DEGREES, VARIANTS, box, carried, sector, square, write_periodic
 
 X = Axis(np.zeros(3), np.array([1.0, 0.0, 0.0]))
@@ -137,3 +143,108 @@ def test_shadow_is_the_zone_that_the_periodic_one_names(files, tmp_path):
         mesh = Fluent().read(path)
         assert len(mesh.periodic) == (note is None)
         assert all(text.startswith("zone left is periodic, and its pair is left out: ") for text in mesh.notes)
+
+
+@pytest.mark.parametrize("shape", [box, square, sector])
+def test_cgns_file_written_has_the_pairs(files, shape, tmp_path):
+    mesh, out = Gmsh().read(files[shape][4.1, 0]), tmp_path / "new.cgns"
+    assert Cgns().write(mesh, out) == ()
+    found = Cgns().read(out)
+    (pair,), (expected,) = found.periodic, mesh.periodic
+    assert (pair.name, pair.patches, found.notes) == ("left", ("left", "right"), ())
+    assert np.array_equal(pair.nodes, expected.nodes)
+    np.testing.assert_allclose(pair.rotation, expected.rotation, atol=1e-15)
+    if shutil.which("cgnscheck"):
+        report = subprocess.run(["cgnscheck", str(out)], capture_output=True, text=True, check=False).stdout
+        assert "ERROR" not in report
+
+
+READINGS = {"radians": np.pi / 180.0, "degrees": 1.0, "backward": -np.pi / 180.0}
+
+
+@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("given", ["wrong donors", "faces", "points alone"])
+def test_cgns_images_are_found_by_the_motion_where_the_file_lists_none(files, given, reading, tmp_path):
+    mesh, out = Gmsh().read(files[sector][4.1, 0]), tmp_path / "new.cgns"
+    Cgns().write(mesh, out)
+    with h5py.File(out, "r+") as file:
+        zone = file["Base/Zone"]
+        group = zone["ZoneGridConnectivity"]
+        for node, side in ((group["Periodic 1 to"], "left"), (group["Periodic 1 from"], "right")):
+            angle = node["GridConnectivityProperty/Periodic/RotationAngle/ data"]
+            angle[0] = np.sign(angle[0]) * READINGS[reading] * DEGREES
+            del node["PointListDonor"]
+            if given == "wrong donors":
+                create(node, "PointListDonor", "IndexArray_t", np.array([[10**8]], dtype=np.int32))
+            if given == "faces":
+                del node["PointList"], node["GridLocation"]
+                create(node, "GridLocation", "GridLocation_t", "FaceCenter")
+                first, last = zone[side]["ElementRange/ data"][:]
+                create(node, "PointList", "IndexArray_t", np.arange(first, last + 1, dtype=np.int32)[:, None])
+    (pair,) = Cgns().read(out).periodic
+    assert np.array_equal(pair.nodes, mesh.periodic[0].nodes)
+
+
+def ring(sectors=2, degrees=45.0):
+    """Blocks of a part of an annulus about x, one behind another; the end of the last one is the first one's image."""
+    found = []
+    for k in range(sectors):
+        x, r = np.meshgrid(np.linspace(0, 1, 3), np.linspace(1, 2, 4), indexing="ij")
+        turn = np.radians(degrees) * (k + np.linspace(0, 1, 4))
+        points = np.stack([x[..., None] + 0 * turn, r[..., None] * np.cos(turn), r[..., None] * np.sin(turn)], axis=-1)
+        places = np.arange(12).reshape(3, 4, 1) + 12 * ((3 * k + np.arange(4)) % (3 * sectors))
+        found.append(Block(f"block{k}", points, places))
+    return found
+
+
+@pytest.mark.parametrize("orders", [((0, 1, 2), (0, 1, 2)), ((2, 0, 1), (-1, 2, 1))])
+def test_periodic_ranges_of_blocks_are_pairs(orders, tmp_path):
+    write_blocks(
+        tmp_path / "ring.cgns", [block.transposed(*order) for block, order in zip(ring(), orders, strict=True)]
+    )
+    mesh = Cgns().read(tmp_path / "ring.cgns")
+    (pair,) = mesh.periodic
+    assert len(pair.nodes) == 12
+    assert carried(mesh) < 1e-14
+    np.testing.assert_allclose(pair.rotation, X.matrix(np.sign(pair.rotation[2, 1]) * 90.0), atol=1e-14)
+    assert len(mesh.zones) == 1
+
+
+def test_symmetry_planes_of_cgns_are_constraints(files, tmp_path):
+    mesh, out = Gmsh().read(files[box][4.1, 0]), tmp_path / "new.cgns"
+    Cgns().write(mesh, out)
+    with h5py.File(out, "r+") as file:
+        data = file["Base/rest/FamilyBC"]
+        del data[" data"]
+        data.create_dataset(" data", data=np.frombuffer(b"BCSymmetryPlane", dtype=np.int8))
+    found = Cgns().read(out)
+    assert [(one.name, one.constraint) for one in found.patches] == [("left", ""), ("right", ""), ("rest", "symmetry")]
+    Cgns().write(found, tmp_path / "again.cgns")
+    assert Cgns().read(tmp_path / "again.cgns").patch("rest").constraint == "symmetry"
+
+
+MOTION = "GridConnectivityProperty/Periodic"
+
+
+@pytest.mark.parametrize(
+    ("change", "note"),
+    [
+        ((f"{MOTION}/RotationAngle", np.full(9, 1.0, np.float32)), "RotationAngle is no vector of three numbers"),
+        ((f"{MOTION}/Translation", np.array([np.nan, 0, 0], np.float32)), "Translation is no vector of three numbers"),
+        ((f"{MOTION}/Translation", np.array([1, 2, 3], np.int32)), "expected real numbers"),
+        (("PointListDonor", np.array([[1], [2]], np.int32)), "every node is its own image; the pair is left out"),
+    ],
+)
+def test_periodic_interfaces_that_lie_are_notes(files, change, note, tmp_path):
+    Cgns().write(Gmsh().read(files[box][4.1, 0]), tmp_path / "bad.cgns")
+    with h5py.File(tmp_path / "bad.cgns", "r+") as file:
+        for name in ("to", "from"):
+            node = file["Base/Zone/ZoneGridConnectivity"][f"Periodic 1 {name}"]
+            own = node[change[0]]
+            if "Donor" in change[0]:
+                del node[f"{MOTION}/Translation"]
+            del own[" data"]
+            own.create_dataset(" data", data=change[1])
+    mesh = Cgns().read(tmp_path / "bad.cgns")
+    assert not mesh.periodic
+    assert any(note in text for text in mesh.notes), mesh.notes
