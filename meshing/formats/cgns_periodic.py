@@ -16,6 +16,7 @@ from sdm_deflect.deform.mesh import LARGEST, Mesh, Periodic
 from sdm_deflect.deform.pairing import TOLERANCE, RigidMotion
 from sdm_deflect.meshing.formats.cgns_nodes import Integer, child, children, create, has, reals
 from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.periodic import written_pairs
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 PROPERTY, PERIODIC = "GridConnectivityProperty_t", "Periodic_t"
@@ -50,7 +51,7 @@ def images(
 
 def write_pairs(zone: Any, name: str, mesh: Mesh, kind: Integer, axes: int) -> None:
     """Write the periodic pairs of a zone with so many coordinates, each from either side."""
-    pairs = [pair for pair in mesh.periodic if len(pair.nodes)]
+    pairs = written_pairs(mesh)
     group = create(zone, "ZoneGridConnectivity", "ZoneGridConnectivity_t") if pairs else None
     for i, pair in enumerate(pairs, 1):
         turn, shift = pair.rotation.T, -pair.shift @ pair.rotation

@@ -13,6 +13,7 @@ from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, SHAPES
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
 from sdm_deflect.meshing.formats.cgns_periodic import write_pairs
 from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.periodic import written_pairs
 from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, simple_faces
 from sdm_deflect.meshing.formats.zones import part
 from sdm_deflect.meshing.mesh import IntArray
@@ -49,7 +50,7 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
     lost, count = [], 0
     for i, (zone, zone_name) in enumerate(zip(mesh.zones, zones, strict=True)):
         own = part(mesh, zone)
-        count += sum(len(pair.nodes) > 0 for pair in own.periodic)
+        count += len(written_pairs(own))
         fresh = [patch.name for patch in own.patches if patch.name not in families]
         families |= dict(zip(fresh, node_names(fresh, (*zones, *families.values())), strict=True))
         planes |= {families[patch.name] for patch in own.patches if patch.constraint == "symmetry"}
@@ -60,8 +61,8 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
         create(create(base, name, "Family_t"), "FamilyBC", "FamilyBC_t", "BCSymmetryPlane" if name in planes else kind)
     renamed = [("zone", zone.name, name) for zone, name in zip(mesh.zones, zones, strict=True) if zone.name]
     renamed += [("patch", old, new) for old, new in families.items()]
-    if count < len(mesh.periodic):
-        lost.append(f"{len(mesh.periodic) - count} periodic pairs are not written")
+    if left := len(written_pairs(mesh)) - count:
+        lost.append(f"{left} periodic pairs join zones, and are not written")
     return (*lost, *(f"{what} {old} is named {new}" for what, old, new in renamed if old != new))
 
 

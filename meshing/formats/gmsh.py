@@ -1,7 +1,7 @@
 """Gmsh meshes (.msh), versions 2.2 and 4.1, text and binary."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
 from sdm_deflect.meshing.formats.gmsh_file import GmshFile, nodes, opened, periodic
-from sdm_deflect.meshing.formats.periodic import with_pairs
+from sdm_deflect.meshing.formats.periodic import Listed, with_pairs, written_pairs
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, places, simple_faces
 from sdm_deflect.meshing.mesh import VOLUME, FloatArray, IntArray
@@ -84,9 +84,21 @@ def _mesh(file: GmshFile) -> Mesh:
     patches = group_patches(own, group_names(file, dimension - 1), faces)
     mesh = Mesh(points, tuple(oriented(points, Cells(solids[kind], r)) for kind, r in inner.items()), patches)
     check_faces(mesh)
-    return with_pairs(
-        mesh, ((name, _indices(rows, tags, f"pairs of {name}")) for name, rows in periodic(file, dimension - 1))
-    )
+    listed, notes = pairs_listed(file, dimension - 1, lambda rows, what: _indices(rows, tags, what))
+    return with_pairs(mesh, listed, notes)
+
+
+def pairs_listed(
+    file: GmshFile, dimension: int, index: Callable[[IntArray, str], IntArray]
+) -> tuple[list[Listed], tuple[str, ...]]:
+    """Return the periodic pairs of a file, of boundaries of a dimension, or a sentence on why they cannot be read.
+
+    `index` returns the index of each node, from its number, and takes what names the nodes.
+    """
+    try:
+        return [(name, index(rows, f"pairs of {name}")) for name, rows in periodic(file, dimension)], ()
+    except MeshFileError as error:
+        return [], (f"{error}; the periodic pairs are left out",)
 
 
 def _indices(tags: IntArray, known: IntArray, what: str = "elements") -> IntArray:
@@ -144,7 +156,7 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
         [(block.shape, nodes) for (block, _), nodes in zip(faces + solids, turned, strict=True)],
         cell_data={"gmsh:physical": groups, "gmsh:geometrical": groups},
         field_data=fields,
-        gmsh_periodic=[_link(mesh, pair) for pair in mesh.periodic if len(pair.nodes)] or None,
+        gmsh_periodic=[_link(mesh, pair) for pair in written_pairs(mesh)] or None,
     )
     meshio.write(out, whole, file_format="gmsh22", binary=False)
     pairs = zip(mesh.patches, names, strict=True)

@@ -13,7 +13,8 @@ from sdm_deflect.meshing.formats.numbers import Lines, Placed, numbers
 from sdm_deflect.meshing.mesh import IntArray
 
 REAL = np.dtype("f8")
-AFFINE = re.compile(rb"^[ \t]*Affine.*$", re.MULTILINE)
+AFFINE = re.compile(rb"^[ \t]*Affine[^\n]*\n(?:[^\n]*\.[^\n]*\n)*", re.MULTILINE)
+"""A transformation in version 2.2; Gmsh breaks its line after 255 letters where it copies it, within a number."""
 NAME = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 VERSIONS = {"2": 22, "2.0": 22, "2.1": 22, "2.2": 22, "4.1": 41}
 
@@ -229,7 +230,8 @@ def periodic(file: GmshFile, dimension: int) -> Iterator[tuple[str, IntArray]]:
     """
     if "Periodic" not in file.sections:
         return
-    links = _links22(file) if file.version == 22 else _links41(file.cursor("Periodic"))
+    as_text = file.version == 22 or b"Affine" in file.content("Periodic")  # copied as it was read
+    links = _links22(file) if as_text else _links41(file.cursor("Periodic"))
     for (own, entity, source), nodes in links:
         if own == dimension:
             yield f"{'curve' if own == 1 else 'surface'}s {source} and {entity}", nodes[:, ::-1]

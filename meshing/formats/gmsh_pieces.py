@@ -10,9 +10,9 @@ import numpy as np
 from sdm_deflect.deform.mesh import Zone
 from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.meshing.formats.format import MeshFileError, about
-from sdm_deflect.meshing.formats.gmsh import FACES, SOLIDS, group_names, group_patches
+from sdm_deflect.meshing.formats.gmsh import FACES, SOLIDS, group_names, group_patches, pairs_listed
 from sdm_deflect.meshing.formats.gmsh_elements import NONE, Elements, corner_count, groups, of_entity
-from sdm_deflect.meshing.formats.gmsh_file import NAME, ByteCursor, GmshFile, node_width, opened, periodic
+from sdm_deflect.meshing.formats.gmsh_file import NAME, ByteCursor, GmshFile, node_width, opened
 from sdm_deflect.meshing.formats.periodic import pairs_of
 from sdm_deflect.meshing.formats.shapes import MIRRORED
 from sdm_deflect.meshing.formats.tables import CellTable, Joined, PointRange, Table, TablePieces
@@ -137,10 +137,10 @@ def _mesh(path: Path, layout: Layout) -> MeshInPieces | None:
     own = {kind: _faces(layout, kind, ends[-1]) for kind in kinds if kind in FACES}
     border = group_patches(own, group_names(layout.file, 2), FACES)
     pieces = TablePieces(str(path), ends[-1], points, cells).oriented()
-    listed = ((name, _numbers(rows, ends[-1], f"pairs of {name}")) for name, rows in periodic(layout.file, 2))
+    listed, notes = pairs_listed(layout.file, 2, lambda rows, what: _numbers(rows, ends[-1], what))
     found = pairs_of(border, listed, pieces.places)
     return MeshInPieces(
-        path.name, pieces, found.patches, (Zone("", 0, ends[-1]),), found.notes, periodic=found.periodic
+        path.name, pieces, found.patches, (Zone("", 0, ends[-1]),), (*notes, *found.notes), periodic=found.periodic
     )
 
 

@@ -12,7 +12,6 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.numbers import Placed, with_numbers
-from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import simple_faces
 from sdm_deflect.meshing.formats.su2_read import CHUNK, FACES, PARALLEL, SOLIDS, Su2File, read_zones
@@ -55,7 +54,7 @@ class Su2:
         lost = [f"patch {old} is marker {new}" for old, new in renamed.items()]
         if len(mesh.zones) > 1:
             lost.append("SU2 numbers its zones; the names " + ", ".join(z.name for z in mesh.zones) + " are lost")
-        return (*lost, *unwritten(mesh))
+        return tuple(lost)
 
 
 def copy_moved(source: Su2File, points: FloatArray, out: BinaryIO) -> None:

@@ -5,6 +5,8 @@ from math import cos, radians, sin
 import gmsh
 import numpy as np
 
+from tests.meshing.formats.blocks import Block
+
 VARIANTS = [(version, binary) for version in (2.2, 4.1) for binary in (0, 1)]
 DEGREES = 30.0
 SHIFTED = [1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
@@ -54,6 +56,18 @@ def sector():
     face = gmsh.model.occ.addRectangle(0, 1, 0, 1, 1)
     found = gmsh.model.occ.revolve([(2, face)], 0, 0, 0, 1, 0, 0, radians(DEGREES))
     return 3, face, found[0][1], TURNED
+
+
+def ring_of_blocks(sectors=2, degrees=45.0):
+    """Blocks of a part of an annulus about x, one behind another; the end of the last one is the first one's image."""
+    found = []
+    for k in range(sectors):
+        x, r = np.meshgrid(np.linspace(0, 1, 3), np.linspace(1, 2, 4), indexing="ij")
+        turn = np.radians(degrees) * (k + np.linspace(0, 1, 4))
+        points = np.stack([x[..., None] + 0 * turn, r[..., None] * np.cos(turn), r[..., None] * np.sin(turn)], axis=-1)
+        places = np.arange(12).reshape(3, 4, 1) + 12 * ((3 * k + np.arange(4)) % (3 * sectors))
+        found.append(Block(f"block{k}", points, places))
+    return found
 
 
 def carried(mesh):
