@@ -13,7 +13,7 @@ from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, SHAPES
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
 from sdm_deflect.meshing.formats.cgns_periodic import write_pairs
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.periodic import written_pairs
+from sdm_deflect.meshing.formats.periodic import unwritten, written_pairs
 from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, simple_faces
 from sdm_deflect.meshing.formats.zones import part
 from sdm_deflect.meshing.mesh import IntArray
@@ -47,10 +47,10 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
     zones = node_names([zone.name or "Zone" for zone in mesh.zones], ())
     families: dict[str, str] = {}
     planes: set[str] = set()
-    lost, count = [], 0
+    lost, held = [], set[str]()
     for i, (zone, zone_name) in enumerate(zip(mesh.zones, zones, strict=True)):
         own = part(mesh, zone)
-        count += len(written_pairs(own))
+        held |= {pair.name for pair in written_pairs(own)}
         fresh = [patch.name for patch in own.patches if patch.name not in families]
         families |= dict(zip(fresh, node_names(fresh, (*zones, *families.values())), strict=True))
         planes |= {families[patch.name] for patch in own.patches if patch.constraint == "symmetry"}
@@ -61,8 +61,7 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
         create(create(base, name, "Family_t"), "FamilyBC", "FamilyBC_t", "BCSymmetryPlane" if name in planes else kind)
     renamed = [("zone", zone.name, name) for zone, name in zip(mesh.zones, zones, strict=True) if zone.name]
     renamed += [("patch", old, new) for old, new in families.items()]
-    if left := len(written_pairs(mesh)) - count:
-        lost.append(f"{left} periodic pairs join zones, and are not written")
+    lost += unwritten(pair for pair in mesh.periodic if pair.name not in held)
     return (*lost, *(f"{what} {old} is named {new}" for what, old, new in renamed if old != new))
 
 

@@ -13,7 +13,7 @@ from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
 from sdm_deflect.meshing.formats.gmsh_file import GmshFile, nodes, opened, periodic
-from sdm_deflect.meshing.formats.periodic import Listed, with_pairs, written_pairs
+from sdm_deflect.meshing.formats.periodic import Listed, unwritten, with_pairs, written_pairs
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, places, simple_faces
 from sdm_deflect.meshing.mesh import VOLUME, FloatArray, IntArray
@@ -151,17 +151,19 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     dimension = 2 if mesh.plane else 3
     fields = {name: np.array([tag, dimension - 1]) for tag, name in enumerate(names, 1)}
     fields[fitting_names([VOLUME], '"', names)[VOLUME]] = np.array([len(names) + 1, dimension])
+    links = written_pairs(mesh)
     whole = meshio.Mesh(
         mesh.points,
         [(block.shape, nodes) for (block, _), nodes in zip(faces + solids, turned, strict=True)],
         cell_data={"gmsh:physical": groups, "gmsh:geometrical": groups},
         field_data=fields,
-        gmsh_periodic=[_link(mesh, pair) for pair in written_pairs(mesh)] or None,
+        gmsh_periodic=[_link(mesh, pair) for pair in links] or None,
     )
     meshio.write(out, whole, file_format="gmsh22", binary=False)
     pairs = zip(mesh.patches, names, strict=True)
     renamed = [f"patch {patch.name} is called {name}" for patch, name in pairs if patch.name != name]
-    return (*renamed, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []))
+    left = [pair for pair in mesh.periodic if pair not in links]
+    return (*renamed, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(left))
 
 
 def _link(mesh: Mesh, pair: Periodic) -> tuple[int, tuple[int, int], FloatArray, IntArray]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.images import THIN
+from sdm_deflect.deform.images import is_thin
 from sdm_deflect.deform.mesh import Mesh, Patch, Periodic
 from sdm_deflect.deform.pairing import fitted, tolerance
 from sdm_deflect.deform.sets import union
@@ -43,8 +43,12 @@ def with_pairs(mesh: Mesh, listed: Iterable[Listed], notes: tuple[str, ...] = ()
 
 def written_pairs(mesh: Mesh) -> list[Periodic]:
     """Return the pairs that a format with periodic sides can hold: of nodes, and not those of a case one cell thick."""
-    thin = {patch.name for patch in mesh.patches if patch.constraint in THIN}
-    return [pair for pair in mesh.periodic if len(pair.nodes) and not thin.intersection(pair.patches)]
+    return [pair for pair in mesh.periodic if len(pair.nodes) and not is_thin(mesh, pair)]
+
+
+def unwritten(pairs: Iterable[Periodic]) -> tuple[str, ...]:
+    """Return a sentence for each pair that a file does not hold."""
+    return tuple(f"{' and '.join(pair.patches)} are periodic, which the file does not say" for pair in pairs)
 
 
 def pairs_of(patches: Sequence[Patch], listed: Iterable[Listed], places: Places) -> Pairs:

@@ -53,8 +53,8 @@ def part(mesh: Mesh, zone: Zone) -> Mesh:
             kept = tuple(f for f in faces if len(f))
             patches.append(_unprefixed(Patch(patch.name, kept, constraint=patch.constraint), zone))
     pairs = [pair for pair in mesh.periodic if ((pair.nodes >= zone.start) & (pair.nodes < zone.stop)).all()]
-    periodic = tuple(replace(pair, nodes=pair.nodes - zone.start) for pair in pairs if len(pair.nodes))
-    return Mesh(mesh.points[zone.start : zone.stop], tuple(cells), tuple(patches), periodic=periodic)
+    own = [replace(pair, nodes=pair.nodes - zone.start, patches=_own(pair.patches, zone)) for pair in pairs]
+    return Mesh(mesh.points[zone.start : zone.stop], tuple(cells), tuple(patches), periodic=tuple(own))
 
 
 def agreed(named: Iterable[tuple[str, Constraint]]) -> dict[str, Constraint]:
@@ -67,6 +67,10 @@ def agreed(named: Iterable[tuple[str, Constraint]]) -> dict[str, Constraint]:
 
 def _unprefixed(patch: Patch, zone: Zone) -> Patch:
     return replace(patch, name=patch.name.removeprefix(f"{zone.name}/"))
+
+
+def _own(names: tuple[str, str], zone: Zone) -> tuple[str, str]:
+    return names[0].removeprefix(f"{zone.name}/"), names[1].removeprefix(f"{zone.name}/")
 
 
 def _shifted(block: Faces, by: int) -> Faces:
