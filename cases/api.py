@@ -312,6 +312,10 @@ def deflect(
         - `fixed`: names of the patches that stay.
         - `slide`: patches that stay on their shape: ``{"symmetry": "plane"}`` or ``"symmetry:plane"``; shapes are
           ``plane`` and ``cylinder``, fitted to the patch's nodes and verified, and ``surface``, the patch as it is.
+        - `periodic`: two patches that are images of one another, ``("left", "right")``, or several such pairs, where
+          the file does not say so. The motion is the translation between them, or the rotation about x, y or z through
+          the origin, whichever fits node by node; for another axis or translation a dictionary: `patches`, and `axis`,
+          two points, or `translation` (3,).
         - `box`: ``"auto"`` (default), a `Hexahedron`, its corners (8, 3), two opposite corners (2, 3) of a box along
           the axes, or a .toml file with `corners`.
         - `margin`: distance from the surface to an automatic box, a length; 0 (default): chosen.

@@ -14,6 +14,7 @@ from sdm_deflect.deform.checks import MIN_QUALITY
 from sdm_deflect.deform.errors import InputError, nearest, shortened
 from sdm_deflect.deform.fitting import LARGEST_ANGLE, Fitting, Repair, RepairMode
 from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.pairing import PeriodicPatches
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
@@ -118,6 +119,40 @@ class SectionSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class PeriodicSettings:
+    """Two patches that are images of one another: a table ``[[periodic]]``.
+
+    Attributes
+    ----------
+    patches : names of the two.
+    axis : two points of the axis about which the first is turned onto the second; one point, x and y, in a plane mesh.
+    translation : from the first to the second. Without both, the translation between the patches, or the rotation about
+        x, y or z through the origin, whichever fits.
+    """
+
+    patches: tuple[str, ...]
+    axis: tuple[Corner, ...] | None = None
+    translation: Corner | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.patches) != 2:
+            raise InputError(f"periodic {shortened(self.patches)}: two patches are images of one another")
+        if self.axis and self.translation:
+            raise InputError(f"translation = {self.translation}: the axis says all; leave out one of them")
+        if self.translation and len(self.translation) not in (2, 3):
+            raise InputError(f"translation = {self.translation}: must be three numbers, or two in a plane mesh")
+
+    def pair(self) -> PeriodicPatches:
+        """Return it as the engine has it."""
+        try:
+            axis = _rotation(self.axis).axis if self.axis else None
+        except InputError as error:
+            raise InputError(f"periodic {' '.join(self.patches)}: {str(error).replace('hinge', 'axis')}") from None
+        shift = np.array([*self.translation, 0.0][:3]) if self.translation else None
+        return PeriodicPatches(self.patches[0], self.patches[1], axis, shift)
+
+
+@dataclass(frozen=True, slots=True)
 class JobSettings:
     """What moves, what stays, what slides, and in which box.
 
@@ -127,6 +162,7 @@ class JobSettings:
     select : parts of patches that become patches by these names, before all else; see `selections.selection`.
     fixed : names or wildcards of patches that stay.
     slide : patches that stay on their shape.
+    periodic : pairs of patches that are images of one another, where the file does not say so.
     box : ``"auto"``, a .toml file with `corners`, the corners, or a `BoxRule`.
     margin : distance from the surface to an automatic box; 0: chosen.
     open_faces : faces of a given box without zero sites, such as ``y-``.
@@ -147,6 +183,7 @@ class JobSettings:
     select: dict[str, str] = field(default_factory=dict)
     fixed: tuple[str, ...] = ()
     slide: dict[str, Literal["plane", "cylinder", "surface"]] = field(default_factory=dict)
+    periodic: tuple[PeriodicSettings, ...] = ()
     box: str | tuple[Corner, ...] | BoxRule = "auto"
     margin: float = 0.0
     open_faces: tuple[str, ...] = ()
@@ -182,6 +219,7 @@ class JobSettings:
             repair_slides=tuple(Sliding(patch, shape) for patch, shape in self.repair_slide.items()),
             allow_inverted=self.allow_inverted,
             selections=tuple(selection(name, text) for name, text in self.select.items()),
+            periodic=tuple(one.pair() for one in self.periodic),
         )
 
     def _box(self) -> BoxRule:
@@ -254,6 +292,8 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
         rest["box"] = Given(rest["box"])
     for kind in {"slide", "repair_slide"} & rest.keys():
         rest[kind] = slides_of(rest[kind], kind)
+    if "periodic" in rest:
+        rest["periodic"] = periodic_of(rest["periodic"])
     if "select" in rest:
         rest["select"] = selections_of(rest["select"])
     share = {"amount": own["angle"]} if "angle" in own else {}
@@ -282,6 +322,14 @@ def slides_of(value: Any, setting: str = "slide") -> Any:
             raise InputError(f"{setting} = {text}: must be NAME:plane, NAME:cylinder or NAME:surface")
         out[name.strip()] = shape.strip()
     return out
+
+
+def periodic_of(value: Any) -> Any:
+    """Return a pair of names, or several pairs, as tables; tables as they are."""
+    if not isinstance(value, list | tuple):
+        return [value] if isinstance(value, Mapping) else value
+    pairs = [value] if value and all(isinstance(one, str) for one in value) else value
+    return [one if isinstance(one, Mapping) else {"patches": one} for one in pairs]
 
 
 def _check_use(surfaces: Sequence[Nested], rest: Nested) -> None:

@@ -43,6 +43,7 @@ IDLE_IN_TIME = ("angle", "angles", "sensitivity", "workers", "scheduler", "worke
 @click.option("--device", metavar="UID[=STEP]", help="Trailing edge device of --cpacs; a step of its path.")
 @click.option("--fixed", multiple=True, metavar="NAME", help="Patches that stay; wildcards such as 'wing*'.")
 @click.option("--slide", multiple=True, metavar="NAME:plane|cylinder|surface", help="Patches that stay on their shape.")
+@click.option("--periodic", nargs=2, multiple=True, metavar="NAME NAME", help="Patches that are images; repeat.")
 @click.option("--zone", "zones", multiple=True, metavar="NAME", help="Further zones that deform; '*' for all.")
 @click.option("--box", metavar="auto|FILE", help="The box: auto, or a .toml with `corners`.")
 @click.option("--margin", type=float, help="Distance from the surface to an automatic box.")
@@ -175,12 +176,13 @@ def _check_alone(given: dict[str, Any]) -> None:
 
 def _tables(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the tables of a configuration file with the options of the command line in their place."""
-    from sdm_deflect.cases.job_settings import read_job, slides_of, with_options
+    from sdm_deflect.cases.job_settings import periodic_of, read_job, slides_of, with_options
     from sdm_deflect.cases.selections import selections_of
 
     own = dict(given)
     config, assignments, steps = (own.pop(name) for name in ("config", "assignments", "steps"))
     own["slide"], own["select"] = slides_of(own["slide"]), selections_of(own["select"])
+    own["periodic"] = periodic_of(own["periodic"]) or None
     own["max_steps"] = None if steps in (None, "auto") else _steps(steps)
     return with_options(read_job(config) if config else {}, own, assignments)
 

@@ -19,7 +19,6 @@ from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Repaired
 from sdm_deflect.deform.repair.repair import repaired
-from sdm_deflect.deform.selection import selected
 from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.between import ErrorBetween
@@ -60,7 +59,7 @@ class Plan:
         """
         wanted = tuple(angles) or (job.angle,)
         progress("surfaces", nan)
-        boundary = Boundary.of(selected(mesh, job.selections, job.names), job)
+        boundary = Boundary.of(job.prepared(mesh), job)
         progress("box", nan)
         try:
             region = Region.of(boundary, job.ends(wanted))

@@ -17,7 +17,6 @@ from sdm_deflect.deform.pieces import MeshInPieces, Pieces, Runner
 from sdm_deflect.deform.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import POLYHEDRON
-from sdm_deflect.deform.selection import selected
 from sdm_deflect.deform.sets import distinct, union
 from sdm_deflect.deform.volume.boundary import Boundary
 from sdm_deflect.deform.volume.job import Job
@@ -40,7 +39,7 @@ def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runne
     """
     pieces = mesh.pieces
     border = _border(mesh)
-    boundary = Boundary.of(selected(border, job.selections, job.names), job)
+    boundary = Boundary.of(job.prepared(border), job)
     zones, box = confined(boundary, job.ends(tuple(angles) or (job.angle,)))
     frame = _framed(mesh, border, box.hexahedron, zones, boundary.mesh.numbers(boundary.nodes))
     if runner.shares_memory and (pieces.points <= HELD or frame.is_scattered):

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting, Repair
-from sdm_deflect.deform.mesh import FloatArray
-from sdm_deflect.deform.selection import Selection
+from sdm_deflect.deform.mesh import FloatArray, Mesh
+from sdm_deflect.deform.pairing import PeriodicPatches, paired
+from sdm_deflect.deform.selection import Selection, selected
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import OnPatches
@@ -71,6 +72,7 @@ class Job:
         A ``"plane"`` is each plane face of the patch.
     allow_inverted : whether a mesh that has inverted cells is taken.
     selections : parts of patches that become patches, before all else.
+    periodic : patches that are images of one another, where the file does not say so.
     """
 
     surfaces: tuple[Moving, ...]
@@ -85,6 +87,7 @@ class Job:
     repair_slides: tuple[Sliding, ...] = ()
     allow_inverted: bool = False
     selections: tuple[Selection, ...] = ()
+    periodic: tuple[PeriodicPatches, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.surfaces:
@@ -105,6 +108,7 @@ class Job:
             *self.fixed,
             *(sliding.patch for sliding in (*self.slides, *self.repair_slides)),
             *(section.patch for section in self.sections),
+            *(name for pair in self.periodic for name in (pair.first, pair.second)),
             *(name for nodes in sets for name in nodes.names),
         )
 
@@ -125,6 +129,13 @@ class Job:
                 "cannot be in proportion to it; put a surface that moves first"
             )
         return tuple(amount / self.angle if self.angle else 1.0 for amount in self.amounts)
+
+    def prepared(self, mesh: Mesh) -> Mesh:
+        """Return a mesh with the selections as patches, and the periodic pairs that the job names.
+
+        Raises InputError if one of them does not suit the mesh.
+        """
+        return paired(selected(mesh, self.selections, self.names), self.periodic)
 
     def amounts_at(self, angle: float) -> tuple[float, ...]:
         """Return the amount of each surface when the first one's is `angle` and the others keep their ratio to it."""

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Patch
+from sdm_deflect.deform.mesh import Cells, Constraint, Patch
 from sdm_deflect.meshing.formats.cgns_boundary import (
     Border,
     Fault,
     check_range,
+    constraint,
     location,
     named_conditions,
     placed,
@@ -24,6 +25,7 @@ from sdm_deflect.meshing.formats.cgns_boundary import (
 )
 from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, integers
 from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.zones import agreed
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 Size = tuple[int, ...]
@@ -101,9 +103,10 @@ def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[B
             free[axis, at] = np.ones(prod(_faces_along(size, axis)), dtype=np.bool_)
     found: dict[str, list[Cells]] = {}
     faults: list[Fault] = []
-    families, numbers = set(), 0
+    families, numbers, held = set(), 0, list[tuple[str, Constraint]]()
     for name, node, patch, of_family in named_conditions(base, zone, faults, always=True):
         families |= {patch} if of_family else set()
+        held.append((patch, constraint(base, node)))
         with tolerated(faults, name, patch, of_family):
             for plane in list(_planes(node, size)):
                 numbers += len(plane.rows)
@@ -116,7 +119,9 @@ def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[B
         for (axis, at), mask in free.items()
         if len(rows := np.flatnonzero(mask))
     ]
-    return Border([Patch(name, tuple(own)) for name, own in found.items()], frozenset(families), faults), rest
+    kinds = agreed(held)
+    patches = [Patch(name, tuple(own), constraint=kinds[name]) for name, own in found.items()]
+    return Border(patches, frozenset(families), faults), rest
 
 
 def collapsed(points: FloatArray, size: Size) -> IntArray:

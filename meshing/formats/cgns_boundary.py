@@ -2,16 +2,17 @@
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from sdm_deflect.deform.errors import sentence
-from sdm_deflect.deform.mesh import ABSENT, Cells, Patch, Polygons
+from sdm_deflect.deform.mesh import ABSENT, Cells, Constraint, Patch, Polygons
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers, text
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import all_of, chosen
+from sdm_deflect.meshing.formats.zones import agreed
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 ON_FACES = ("FaceCenter", "CellCenter")
@@ -52,6 +53,7 @@ class Condition:
     of_family: bool
     by_points: bool
     numbers: IntArray = field(repr=False)
+    constraint: Constraint = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,9 +90,11 @@ def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int,
             place = placed(node)
             by_points, numbers = _numbers(node, place, location(node), last, points, dimension)
             if len(numbers):
-                found.append(Condition(name, patch, of_family, by_points, np.unique(numbers)))
+                held_by = constraint(base, node)
+                found.append(Condition(name, patch, of_family, by_points, np.unique(numbers), held_by))
     free = [np.ones(len(part.numbers), dtype=np.bool_) for part in faces]
     named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in found}
+    held = agreed((condition.patch, condition.constraint) for condition in found)
     for condition in sorted(found, key=lambda condition: condition.by_points):
         with tolerated(faults, condition.name, condition.patch, condition.of_family):
             rows = _on_points(condition, faces, free) if condition.by_points else _by_number(condition, faces, last)
@@ -102,7 +106,7 @@ def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int,
         section = part.section or (UNNAMED if part.outer and faults else None)
         if section and left.any():
             named.setdefault(section, []).append(chosen(part.faces, np.flatnonzero(left)))
-    patches = [Patch(name, tuple(own)) for name, own in named.items() if own]
+    patches = [Patch(name, tuple(own), constraint=held.get(name, "")) for name, own in named.items() if own]
     return Border(patches, frozenset(one.patch for one in found if one.of_family), faults)
 
 
@@ -143,10 +147,11 @@ def check_range(begin: Sequence[int], end: Sequence[int], most: Sequence[int]) -
 def without(patches: Sequence[Patch], absent: Container[str]) -> tuple[Patch, ...]:
     """Return patches with those that lack faces under another name, and those of one name as one."""
     faces: dict[str, list[Any]] = {}
-    for patch in patches:
-        name = PART.format(patch.name) if patch.name in absent else patch.name
-        faces.setdefault(name, []).extend(patch.faces)
-    return tuple(Patch(name, tuple(own)) for name, own in faces.items())
+    named = [replace(one, name=PART.format(one.name)) if one.name in absent else one for one in patches]
+    for patch in named:
+        faces.setdefault(patch.name, []).extend(patch.faces)
+    held = agreed((patch.name, patch.constraint) for patch in named)
+    return tuple(Patch(name, tuple(own), constraint=held[name]) for name, own in faces.items())
 
 
 def notes_of(faults: Mapping[str, Sequence[Fault]]) -> tuple[str, ...]:
@@ -183,6 +188,18 @@ def patch_name(base: Any, name: str, node: Any, always: bool = False) -> tuple[s
     family = text(child(node, "FamilyName"))
     nested = [own for _, own in children(child(base, family), "FamilyName_t")] if has(base, family) else []
     return (text(nested[0]) if nested else family), True
+
+
+def constraint(base: Any, node: Any) -> Constraint:
+    """Return what a boundary condition says of its nodes; one that its family specifies says what the family does."""
+    try:
+        kind = text(node)
+        if kind == "FamilySpecified":
+            family = child(base, text(child(node, "FamilyName")))
+            kind = next((text(own) for _, own in children(family, "FamilyBC_t")), "")
+    except MeshFileError:  # it has no kind that can be read
+        return ""
+    return "symmetry" if kind == "BCSymmetryPlane" else ""
 
 
 def _numbers(node: Any, place: str, where: str, last: int, points: int, dimension: int) -> tuple[bool, IntArray]:

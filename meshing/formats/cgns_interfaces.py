@@ -1,7 +1,7 @@
 """Interfaces of a CGNS file: which points of a zone lie on which of another, or of itself. SIDS, section 8."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
@@ -9,9 +9,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.mesh import Cells
+from sdm_deflect.deform.pairing import RigidMotion
 from sdm_deflect.meshing.formats.cgns_blocks import Size, bounds, check_face, donors_of, faces_at, points_in, strides
 from sdm_deflect.meshing.formats.cgns_boundary import Fault, NumberedFaces, location
 from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, children, has, integers, label_of, text
+from sdm_deflect.meshing.formats.cgns_periodic import images, motions
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import places
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
@@ -29,9 +31,11 @@ class Interface:
     ----------
     name, donor : its own, and the other zone's.
     nodes : (K,) its points, in the zone's own numbers.
-    partners : (K,) the points of the other zone that they lie on; None if the file does not pair them.
+    partners : (K,) the points of the other zone that they lie on, or that are their images; None if the file does not
+        pair them.
     matching : whether the file says that every point lies on one of the other zone; else the two may only touch along a
         surface.
+    motions : of a periodic one, what may lead to the other zone; None if it is not periodic.
     """
 
     name: str
@@ -39,6 +43,12 @@ class Interface:
     nodes: IntArray = field(repr=False)
     partners: IntArray | None = field(repr=False)
     matching: bool
+    motions: tuple[RigidMotion, ...] | None = field(default=None, repr=False)
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the file says that its points are images of others."""
+        return self.motions is not None
 
 
 def interfaces(
@@ -46,7 +56,7 @@ def interfaces(
 ) -> tuple[list[Interface], list[Fault]]:
     """Return the interfaces of a zone that touch another one, and those that could not be read.
 
-    Overlapping and periodic ones are none.
+    Overlapping ones are none.
 
     Parameters
     ----------
@@ -61,6 +71,7 @@ def interfaces(
         for own, node in chain(*(children(group, label) for label in LABELS)):
             try:
                 one = _interface(own, node, sizes[name], sizes, faces)
+                one = replace(one, motions=motions(node)) if one else None
             except MeshFileError as error:
                 faults.append(Fault("", False, f"interface {own}: {error}"))
                 continue
@@ -87,6 +98,19 @@ def pairs(own: FloatArray, other: FloatArray, interface: Interface, tree: Callab
     return None
 
 
+def periodic_pairs(
+    own: FloatArray, other: FloatArray, interface: Interface, tree: Callable[[], cKDTree]
+) -> IntArray | None:
+    """Return rows (K, 2): points of a zone (N, 3), and those of the other zone (M, 3) that are their images.
+
+    None if not all have one that the file lists, or by a motion that it gives.
+    """
+    nodes, partners = interface.nodes, interface.partners
+    if partners is not None and len(partners) == len(nodes):
+        return np.stack([nodes, partners], axis=1)
+    return images(own, other, nodes, interface.motions or (), tree)
+
+
 def meeting(points: FloatArray, faces: IntArray) -> IntArray:
     """Return the points (K, 2) that lie at the same places, to the bit, of pairs of the faces (F, k).
 
@@ -109,8 +133,6 @@ def meeting(points: FloatArray, faces: IntArray) -> IntArray:
 def _interface(
     name: str, node: Any, size: Size, sizes: Mapping[str, Size], faces: Sequence[NumberedFaces]
 ) -> Interface | None:
-    if any(True for _, own in children(node, "GridConnectivityProperty_t") for _ in children(own, "Periodic_t")):
-        return None
     kind = text(child(node, "GridConnectivityType")) if has(node, "GridConnectivityType") else "Overset"
     if label_of(node) == LABELS[1] and kind not in ("Abutting", "Abutting1to1"):
         return None

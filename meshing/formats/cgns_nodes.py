@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.reading import check_unpacked
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.hdf5 import check_stored
+from sdm_deflect.meshing.formats.hdf5 import check_stored, is_real
 from sdm_deflect.meshing.mesh import IntArray
 
 DATA = " data"
@@ -92,6 +92,14 @@ def integers(node: Any) -> IntArray:
     if values.size:
         stored.read_direct(values)
     return values.reshape(-1)
+
+
+def reals(node: Any) -> Any:
+    """Return the data of a node of real numbers, not read yet; MeshFileError for other data."""
+    stored = _of_kind(node, "f", "real numbers")
+    if not isinstance(stored, adf.Stored) and not is_real(stored):
+        raise MeshFileError(f"{node.name.strip('/')} holds real numbers of an unknown kind; the file is damaged")
+    return stored
 
 
 def text(node: Any) -> str:

@@ -15,11 +15,12 @@ from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_blocks import Size, block_border, cells, collapsed, no_cells, size_of, wide
 from sdm_deflect.meshing.formats.cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, read_polyhedra, sections
-from sdm_deflect.meshing.formats.cgns_interfaces import Interface, interfaces, meeting, pairs
+from sdm_deflect.meshing.formats.cgns_interfaces import Interface, interfaces, meeting, pairs, periodic_pairs
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, has, integers, text
 from sdm_deflect.meshing.formats.fitted import Fitted, Part, fitted
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import is_real
+from sdm_deflect.meshing.formats.periodic import Listed, with_pairs
 from sdm_deflect.meshing.formats.shapes import all_of, check_faces, chosen, oriented
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
@@ -27,6 +28,7 @@ DIMENSIONS = (3, 3), (2, 2), (2, 3)
 """Dimensions of the cells and of the points; those of points in a plane mesh may be three, with one z."""
 NONE = np.empty((0, 2), dtype=np.intp)
 TYPES = ("Structured", "Unstructured")
+UNPAIRED = "zone {}: interface {} is periodic, and not every point has an image in zone {}; the pair is left out"
 PLANE = "the mesh is plane: its x and y are {} and {} of the file"
 
 
@@ -80,7 +82,7 @@ def read_base(file: Any, report: Callable[[float], None]) -> Fitted:
     if base.dimension < len(base.axes) and base.axes != AXES:
         notes = (PLANE.format(*base.axes), *notes)
     report(1.0)
-    return replace(found, mesh=replace(found.mesh, notes=notes)) if notes else found
+    return replace(found, mesh=replace(found.mesh, notes=(*notes, *found.mesh.notes))) if notes else found
 
 
 def base_of(file: Any) -> Base:
@@ -190,32 +192,42 @@ def _without_absent(zones: Sequence[_Zone]) -> list[_Zone]:
 
 
 def _put_together(zones: Sequence[_Zone]) -> Fitted:
-    """Join the zones at their interfaces, and blocks where faces without a condition are at the same places."""
+    """Join the zones at their interfaces, and blocks where faces without a condition are at the same places.
+
+    Points that are images of one another become periodic pairs.
+    """
     number = {zone.part.name: i for i, zone in enumerate(zones)}
     starts = np.cumsum([0, *(len(zone.part.mesh.points) for zone in zones)])
     tree = cache(lambda j: cKDTree(zones[j].part.mesh.points))
-    touching, same = [], []
+    touching, same, listed, notes = [], [], list[Listed](), list[str]()
     for i, zone in enumerate(zones):
         same.append(zone.collapsed + starts[i])
         for interface in zone.interfaces:
             j = number[interface.donor]
-            rows = pairs(zone.part.mesh.points, zones[j].part.mesh.points, interface, partial(tree, j))
+            places = zone.part.mesh.points, zones[j].part.mesh.points
+            rows = None if interface.is_periodic else pairs(*places, interface, partial(tree, j))
             if rows is not None:
                 same.append(rows + np.array([starts[i], starts[j]]))
-            if rows is not None or not interface.matching:
+            if rows is not None or not (interface.matching or interface.is_periodic):
                 touching.append((i, j))
+            elif (images := periodic_pairs(*places, interface, partial(tree, j))) is not None:
+                listed.append((interface.name, images + np.array([starts[i], starts[j]])))
+            elif interface.is_periodic:
+                notes.append(UNPAIRED.format(zone.part.name, interface.name, interface.donor))
     parts = [_without_touching(zone) for zone in zones]
     free = [zone.free + starts[i] for i, zone in enumerate(zones) if len(zone.free)]
     if free:
-        found = meeting(np.concatenate([zone.part.mesh.points for zone in zones]), np.concatenate(free))
-        same.append(found)
-        touching += np.unique(np.searchsorted(starts, found, side="right") - 1, axis=0).tolist()
-    return fitted(parts, touching, [rows for rows in same if len(rows)])
+        met = meeting(np.concatenate([zone.part.mesh.points for zone in zones]), np.concatenate(free))
+        same.append(met)
+        touching += np.unique(np.searchsorted(starts, met, side="right") - 1, axis=0).tolist()
+    found = fitted(parts, touching, [rows for rows in same if len(rows)])
+    pairs_of_mesh = ((name, found.index[rows]) for name, rows in listed)
+    return replace(found, mesh=with_pairs(found.mesh, pairs_of_mesh, tuple(notes))) if listed or notes else found
 
 
 def _without_touching(zone: _Zone) -> Part:
     """Return a zone's part without the faces, on its patches, that only touch those of another zone."""
-    nodes = [interface.nodes for interface in zone.interfaces if not interface.matching]
+    nodes = [one.nodes for one in zone.interfaces if not (one.matching or one.is_periodic)]
     if not nodes:
         return zone.part
     marked = np.zeros(len(zone.part.mesh.points), dtype=np.bool_)

@@ -11,7 +11,9 @@ from sdm_deflect.deform.faces import face_keys, node_keys, patch_keys
 from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, SHAPES
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
+from sdm_deflect.meshing.formats.cgns_periodic import write_pairs
 from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.periodic import unwritten, written_pairs
 from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, simple_faces
 from sdm_deflect.meshing.formats.zones import part
 from sdm_deflect.meshing.mesh import IntArray
@@ -44,18 +46,22 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
     base = create(file, "Base", "CGNSBase_t", np.array([dimension, axes], dtype=np.int32))
     zones = node_names([zone.name or "Zone" for zone in mesh.zones], ())
     families: dict[str, str] = {}
-    lost = []
+    planes: set[str] = set()
+    lost, held = [], set[str]()
     for i, (zone, zone_name) in enumerate(zip(mesh.zones, zones, strict=True)):
         own = part(mesh, zone)
+        held |= {pair.name for pair in written_pairs(own)}
         fresh = [patch.name for patch in own.patches if patch.name not in families]
         families |= dict(zip(fresh, node_names(fresh, (*zones, *families.values())), strict=True))
+        planes |= {families[patch.name] for patch in own.patches if patch.constraint == "symmetry"}
         lost += _write_zone(base, zone_name, own, families, AXES[:axes])
         report((i + 1) / len(zones))
     for name in families.values():
         kind = next((kind for pattern, kind in CONDITIONS if re.search(pattern, name.lower())), "BCWall")
-        create(create(base, name, "Family_t"), "FamilyBC", "FamilyBC_t", kind)
+        create(create(base, name, "Family_t"), "FamilyBC", "FamilyBC_t", "BCSymmetryPlane" if name in planes else kind)
     renamed = [("zone", zone.name, name) for zone, name in zip(mesh.zones, zones, strict=True) if zone.name]
     renamed += [("patch", old, new) for old, new in families.items()]
+    lost += unwritten(pair for pair in mesh.periodic if pair.name not in held)
     return (*lost, *(f"{what} {old} is named {new}" for what, old, new in renamed if old != new))
 
 
@@ -83,6 +89,7 @@ def _write_zone(base: Any, name: str, mesh: Mesh, families: dict[str, str], axes
     grid = create(zone, "GridCoordinates", "GridCoordinates_t")
     for axis, values in zip(axes, mesh.points.T, strict=False):
         create(grid, axis, "DataArray_t", np.ascontiguousarray(values, dtype=np.float64))
+    write_pairs(zone, name, mesh, kind, len(axes))
     conditions = create(zone, "ZoneBC", "ZoneBC_t")
     faces = write_polyhedra(zone, mesh, polyhedra[0], kind) if polyhedra else write_shapes(zone, mesh, families, kind)
     for patch, numbers in faces.items():

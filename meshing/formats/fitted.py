@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sdm_deflect.deform.faces import cell_face_keys, face_keys, node_keys
-from sdm_deflect.deform.mesh import Cells, Faces, Mesh, Patch, Polygons, Polyhedra, Volume, Zone
+from sdm_deflect.deform.mesh import Cells, Constraint, Faces, Mesh, Patch, Polygons, Polyhedra, Volume, Zone
 from sdm_deflect.deform.sets import distinct
 from sdm_deflect.meshing.formats.collapsed import expanded
 from sdm_deflect.meshing.formats.shapes import chosen, places
-from sdm_deflect.meshing.formats.zones import renumbered
+from sdm_deflect.meshing.formats.zones import agreed, renumbered
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 
@@ -145,18 +145,22 @@ def _patches(parts: Sequence[Part], numbers: Sequence[IntArray]) -> list[Patch]:
     having = Counter(patch.name for part in parts for patch in part.mesh.patches)
     families = Counter(name for part in parts for name in part.families.intersection(part.mesh.names))
     found: dict[str, list[Faces]] = {}
+    kinds: list[tuple[str, Constraint]] = []
     for part, index in zip(parts, numbers, strict=True):
         for patch in part.mesh.patches:
             apart = having[patch.name] > max(1, families[patch.name])
             name = f"{part.name}/{patch.name}" if apart else patch.name
+            kinds.append((name, patch.constraint))
             for faces in (renumbered(faces, index) for faces in patch.faces):
                 found.setdefault(name, []).extend(expanded(faces) if isinstance(faces, Cells) else [faces])
+    held = agreed(kinds)
     if len(parts) == 1 and not parts[0].block:
-        return [Patch(name, tuple(own)) for name, own in found.items()]
+        return [Patch(name, tuple(own), constraint=held[name]) for name, own in found.items()]
     patches = []
     for name, own in found.items():
         simple = _by_shape([faces for faces in own if isinstance(faces, Cells)])
-        patches.append(Patch(name, (*simple, *(faces for faces in own if isinstance(faces, Polygons)))))
+        polygons = [faces for faces in own if isinstance(faces, Polygons)]
+        patches.append(Patch(name, (*simple, *polygons), constraint=held[name]))
     return [patch for patch in patches if patch.faces]
 
 
@@ -179,5 +183,5 @@ def _without_inner(mesh: Mesh, twice: BoolArray) -> Mesh:
     for patch in mesh.patches:
         kept = [chosen(faces, np.flatnonzero(count[np.searchsorted(given, next(each))] < 2)) for faces in patch.faces]
         if any(len(faces) for faces in kept):
-            patches.append(Patch(patch.name, tuple(faces for faces in kept if len(faces)), patch.loose))
+            patches.append(replace(patch, faces=tuple(faces for faces in kept if len(faces))))
     return replace(mesh, patches=tuple(patches))

@@ -4,15 +4,17 @@ Source: vtkFLUENTCFFReader (VTK, IO/FLUENTCFF) for the layout; Ansys Fluent User
 zones, types and the cells c0 and c1 of a face.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.pairing import PeriodicPatches, pair_of
 from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.polyhedra import face_centres_and_areas
 from sdm_deflect.deform.progress import Progress, silent
@@ -26,6 +28,8 @@ from sdm_deflect.meshing.mesh import FloatArray, IntArray
 MESH = "meshes/1"
 INTERIOR = 2
 """Type of a zone of faces that is no boundary."""
+TWINS = 12, 8
+"""Types of zones of faces that are images of one another; the appendix calls them periodic and periodic-shadow."""
 INTERFACES = (
     "the file holds mesh interfaces that are cut into common faces; delete them in Fluent, write the file, and create "
     "them anew for the deflected mesh"
@@ -44,9 +48,9 @@ class Fluent:
     """Polyhedra by their faces, in a plane triangles and quadrilaterals; patches are zones of faces, by name.
 
     Both layouts are read: that of meshing, which has a section of each array for each zone, and that of the solver, one
-    for all. Zones of the interior are no patches. Zones of cells, settings and results are no part of the mesh; a
-    rewritten file keeps them. Coordinates in single precision stay in single precision. Faces of no cell, such as those
-    of a geometry, are left out.
+    for all. Zones of the interior are no patches; periodic zones are pairs with their shadows. Zones of cells, settings
+    and results are no part of the mesh; a rewritten file keeps them. Coordinates in single precision stay in single
+    precision. Faces of no cell, such as those of a geometry, are left out.
     """
 
     name: str = "fluent"
@@ -116,13 +120,18 @@ def read_mesh(mesh: Any, report: Callable[[float], None]) -> Mesh:
     plane = stored.shape[1] == 2
     place = np.full(len(faces), -1, dtype=np.intp)
     place[rows] = np.arange(len(rows))
+    zones = _zones(mesh, len(faces))
+    by_name: dict[str, list[IntArray]] = {}
+    for zone in zones:
+        by_name.setdefault(zone.name, []).append(place[zone.first - 1 : zone.last])
     patches = []
-    for name, zones in _boundary(mesh, len(faces)).items():
-        own = np.concatenate([place[first - 1 : last] for first, last in zones])
+    for name, parts in by_name.items():
+        own = np.concatenate(parts)
         if (own >= 0).any():
             kept = taken(cells.faces, own[own >= 0])
             patches.append(Patch(name, (Cells("line", kept.nodes.reshape(-1, 2)) if plane else kept,)))
-    return Mesh(points, plane_cells(points, cells) if plane else (cells,), tuple(patches))
+    found = Mesh(points, plane_cells(points, cells) if plane else (cells,), tuple(patches))
+    return _with_pairs(found, zones)
 
 
 def _group(file: Any) -> Any:
@@ -248,20 +257,55 @@ def plane_cells(points: FloatArray, cells: Polyhedra) -> tuple[Cells, ...]:
     return tuple(found)
 
 
-def _boundary(mesh: Any, faces: int) -> dict[str, list[tuple[int, int]]]:
-    """First and last face of the zones of each name, but for those of the interior."""
-    zones = member(mesh, "faces/zoneTopology")
-    first, last, kinds, numbers = (integers(zones, name) for name in ("minId", "maxId", "zoneType", "id"))
-    text = b";".join(dataset(zones, "name", "S", "names")[()].reshape(-1).tolist())
+@dataclass(frozen=True, slots=True)
+class _Zone:
+    """A zone of faces first to last, from 1; `shadow` is the number of the zone of its images, or 0."""
+
+    name: str
+    first: int
+    last: int
+    kind: int
+    number: int
+    shadow: int
+
+
+def _zones(mesh: Any, faces: int) -> list[_Zone]:
+    """Zones of faces, but for those of the interior, and empty ones."""
+    topology = member(mesh, "faces/zoneTopology")
+    columns = [integers(topology, name) for name in ("minId", "maxId", "zoneType", "id")]
+    first = columns[0]
+    shadows = integers(topology, "shadowZoneId") if "shadowZoneId" in topology else columns[0][:0]
+    columns.append(shadows if len(shadows) == len(first) else np.zeros_like(first))
+    text = b";".join(dataset(topology, "name", "S", "names")[()].reshape(-1).tolist())
     names = text.decode("utf-8", "replace").replace("\0", "").split(";")
-    if not len(first) == len(last) == len(kinds) == len(numbers) <= len(names):
+    if any(len(own) != len(first) for own in columns) or len(first) > len(names):
         raise MeshFileError(f"faces/zoneTopology has {len(first)} first faces and {len(names)} names; it is damaged")
-    found: dict[str, list[tuple[int, int]]] = {}
-    table = np.column_stack([first, last, kinds, numbers]).tolist()
-    for (begin, end, kind, zone), name in zip(table, names, strict=False):  # the names may end with a separator
+    found = []
+    for (begin, end, kind, zone, shadow), name in zip(np.column_stack(columns).tolist(), names, strict=False):
         if kind == INTERIOR or end < begin:
             continue
         if begin < 1 or end > faces:
             raise MeshFileError(f"zone {name} has the faces {begin} to {end}, but there are {faces}")
-        found.setdefault(name.strip() or f"zone-{zone}", []).append((begin, end))
-    return found
+        found.append(_Zone(name.strip() or f"zone-{zone}", begin, end, kind, zone, shadow))
+    return found  # the names may end with a separator
+
+
+def _with_pairs(mesh: Mesh, zones: Sequence[_Zone]) -> Mesh:
+    """Return the mesh with its periodic zones as pairs with their shadows; the file has no motion, so it is sought."""
+    patches = {patch.name: patch for patch in mesh.patches}
+    periodic, shadows = ([zone for zone in zones if zone.kind == kind and zone.name in patches] for kind in TWINS)
+    pairs, notes = [], []
+    for zone in periodic:
+        named = [one for one in shadows if zone.number == one.shadow or one.number == zone.shadow]
+        errors = ["there is no zone of its images"]
+        for one in named or shadows:
+            try:
+                sides = patches[zone.name], patches[one.name]
+                pairs.append(pair_of(mesh.points, sides, PeriodicPatches(zone.name, one.name)))
+                shadows.remove(one)
+                break
+            except InputError as error:
+                errors.append(str(error))
+        else:
+            notes.append(f"zone {zone.name} is periodic, and its pair is left out: {errors[-1]}")
+    return replace(mesh, periodic=tuple(pairs), notes=(*mesh.notes, *notes)) if pairs or notes else mesh

@@ -1,18 +1,19 @@
 """Gmsh meshes (.msh), versions 2.2 and 4.1, text and binary."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Periodic
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
-from sdm_deflect.meshing.formats.gmsh_file import GmshFile, nodes, opened
+from sdm_deflect.meshing.formats.gmsh_file import GmshFile, nodes, opened, periodic
+from sdm_deflect.meshing.formats.periodic import Listed, unwritten, with_pairs, written_pairs
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, places, simple_faces
 from sdm_deflect.meshing.mesh import VOLUME, FloatArray, IntArray
@@ -83,14 +84,28 @@ def _mesh(file: GmshFile) -> Mesh:
     patches = group_patches(own, group_names(file, dimension - 1), faces)
     mesh = Mesh(points, tuple(oriented(points, Cells(solids[kind], r)) for kind, r in inner.items()), patches)
     check_faces(mesh)
-    return mesh
+    listed, notes = pairs_listed(file, dimension - 1, lambda rows, what: _indices(rows, tags, what))
+    return with_pairs(mesh, listed, notes)
 
 
-def _indices(tags: IntArray, known: IntArray) -> IntArray:
+def pairs_listed(
+    file: GmshFile, dimension: int, index: Callable[[IntArray, str], IntArray]
+) -> tuple[list[Listed], tuple[str, ...]]:
+    """Return the periodic pairs of a file, of boundaries of a dimension, or a sentence on why they cannot be read.
+
+    `index` returns the index of each node, from its number, and takes what names the nodes.
+    """
+    try:
+        return [(name, index(rows, f"pairs of {name}")) for name, rows in periodic(file, dimension)], ()
+    except MeshFileError as error:
+        return [], (f"{error}; the periodic pairs are left out",)
+
+
+def _indices(tags: IntArray, known: IntArray, what: str = "elements") -> IntArray:
     """Index of each node, from its number; `known` (N,) are the numbers in the file's order."""
     place, there = places(tags, known)
     if missing := np.count_nonzero(~there.all(axis=1)):
-        raise MeshFileError(f"{missing} elements name nodes that are not among the {len(known)}")
+        raise MeshFileError(f"{missing} {what} name nodes that are not among the {len(known)}")
     return place
 
 
@@ -122,6 +137,8 @@ def group_patches(
 def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     """Write boundary faces, then cells; patch i is physical group i + 1, the cells are the group ``volume`` after them.
 
+    Periodic pairs link these groups.
+
     MeshFileError for polyhedra of other than the usual shapes, and faces of more than four corners.
     """
     import meshio
@@ -134,13 +151,24 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     dimension = 2 if mesh.plane else 3
     fields = {name: np.array([tag, dimension - 1]) for tag, name in enumerate(names, 1)}
     fields[fitting_names([VOLUME], '"', names)[VOLUME]] = np.array([len(names) + 1, dimension])
+    links = written_pairs(mesh)
     whole = meshio.Mesh(
         mesh.points,
         [(block.shape, nodes) for (block, _), nodes in zip(faces + solids, turned, strict=True)],
         cell_data={"gmsh:physical": groups, "gmsh:geometrical": groups},
         field_data=fields,
+        gmsh_periodic=[_link(mesh, pair) for pair in links] or None,
     )
     meshio.write(out, whole, file_format="gmsh22", binary=False)
     pairs = zip(mesh.patches, names, strict=True)
     renamed = [f"patch {patch.name} is called {name}" for patch, name in pairs if patch.name != name]
-    return (*renamed, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []))
+    left = [pair for pair in mesh.periodic if pair not in links]
+    return (*renamed, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(left))
+
+
+def _link(mesh: Mesh, pair: Periodic) -> tuple[int, tuple[int, int], FloatArray, IntArray]:
+    """Return a pair as meshio has it: dimension, second and first entity, the motion to the second, and the nodes."""
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = pair.rotation, pair.shift
+    first, second = (1 + mesh.names.index(name) for name in pair.patches)
+    return 1 if mesh.plane else 2, (second, first), motion.ravel(), pair.nodes[:, ::-1]

@@ -1,6 +1,7 @@
 """Gmsh's own files: their version, their sections, and the numbers and nodes in them."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from mmap import mmap
 
@@ -12,6 +13,8 @@ from sdm_deflect.meshing.formats.numbers import Lines, Placed, numbers
 from sdm_deflect.meshing.mesh import IntArray
 
 REAL = np.dtype("f8")
+AFFINE = re.compile(rb"^[ \t]*Affine[^\n]*\n(?:[^\n]*\.[^\n]*\n)*", re.MULTILINE)
+"""A transformation in version 2.2; Gmsh breaks its line after 255 letters where it copies it, within a number."""
 NAME = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 VERSIONS = {"2": 22, "2.0": 22, "2.1": 22, "2.2": 22, "4.1": 41}
 
@@ -218,3 +221,43 @@ def _columns(table: Placed, width: int, chosen: slice) -> Placed:
     """Columns of a table of `width`: coordinates have a node's number before them, or parameters after them."""
     begin, end = (places.reshape(-1, width)[:, chosen] for places in (table.begin, table.end))
     return Placed(table.values.reshape(-1, width)[:, chosen], begin, end)
+
+
+def periodic(file: GmshFile, dimension: int) -> Iterator[tuple[str, IntArray]]:
+    """Yield name and node numbers (K, 2), a node and its image, of each link of entities of a dimension.
+
+    MeshFileError if the section is truncated.
+    """
+    if "Periodic" not in file.sections:
+        return
+    as_text = file.version == 22 or b"Affine" in file.content("Periodic")  # copied as it was read
+    links = _links22(file) if as_text else _links41(file.cursor("Periodic"))
+    for (own, entity, source), nodes in links:
+        if own == dimension:
+            yield f"{'curve' if own == 1 else 'surface'}s {source} and {entity}", nodes[:, ::-1]
+
+
+Link = tuple[list[int], IntArray]
+"""Dimension of two entities, tag of the one and of its source; numbers (K, 2) of its nodes and those of the source."""
+
+
+def _links22(file: GmshFile) -> Iterator[Link]:
+    """Version 2.2 has text in binary files, too; a line with the transformation may begin with a word."""
+    content, (begin, _) = file.content("Periodic"), file.sections["Periodic"]
+    cursor = TextCursor(AFFINE.sub(b"", content), begin, "Periodic")
+    for _ in range(_links(int(cursor.ints(1)[0]))):
+        entities = cursor.ints(3).tolist()
+        yield entities, cursor.ints(2 * int(cursor.ints(1)[0])).reshape(-1, 2)
+
+
+def _links41(cursor: Cursor) -> Iterator[Link]:
+    for _ in range(_links(int(cursor.sizes(1)[0]))):
+        entities = cursor.ints(3).tolist()
+        cursor.reals(int(cursor.sizes(1)[0]))
+        yield entities, cursor.sizes(2 * int(cursor.sizes(1)[0])).reshape(-1, 2)
+
+
+def _links(count: int) -> int:
+    if count < 0:
+        raise MeshFileError(f"$Periodic announces {count} links; the file is damaged")
+    return count

@@ -10,9 +10,10 @@ import numpy as np
 from sdm_deflect.deform.mesh import Zone
 from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.meshing.formats.format import MeshFileError, about
-from sdm_deflect.meshing.formats.gmsh import FACES, SOLIDS, group_names, group_patches
+from sdm_deflect.meshing.formats.gmsh import FACES, SOLIDS, group_names, group_patches, pairs_listed
 from sdm_deflect.meshing.formats.gmsh_elements import NONE, Elements, corner_count, groups, of_entity
 from sdm_deflect.meshing.formats.gmsh_file import NAME, ByteCursor, GmshFile, node_width, opened
+from sdm_deflect.meshing.formats.periodic import pairs_of
 from sdm_deflect.meshing.formats.shapes import MIRRORED
 from sdm_deflect.meshing.formats.tables import CellTable, Joined, PointRange, Table, TablePieces
 from sdm_deflect.meshing.mesh import IntArray
@@ -136,7 +137,11 @@ def _mesh(path: Path, layout: Layout) -> MeshInPieces | None:
     own = {kind: _faces(layout, kind, ends[-1]) for kind in kinds if kind in FACES}
     border = group_patches(own, group_names(layout.file, 2), FACES)
     pieces = TablePieces(str(path), ends[-1], points, cells).oriented()
-    return MeshInPieces(path.name, pieces, border, (Zone("", 0, ends[-1]),))
+    listed, notes = pairs_listed(layout.file, 2, lambda rows, what: _numbers(rows, ends[-1], what))
+    found = pairs_of(border, listed, pieces.places)
+    return MeshInPieces(
+        path.name, pieces, found.patches, (Zone("", 0, ends[-1]),), (*notes, *found.notes), periodic=found.periodic
+    )
 
 
 def _in_order(tags: tuple[Table, ...]) -> bool:
@@ -158,7 +163,11 @@ def _faces(layout: Layout, kind: int, points: int) -> tuple[IntArray, list[Eleme
         own = Elements(kind, part.table.integers(), NONE, np.full(part.table.rows, part.entity))
         several = known.get((part.dimension, part.entity), [])
         found += list(of_entity(layout.file, own, several if part.dimension == 2 else several[:1]))
-    rows = np.concatenate([one.nodes for one in found]) - 1
-    if missing := np.count_nonzero(((rows < 0) | (rows >= points)).any(axis=1)):
-        raise MeshFileError(f"{missing} elements name nodes that are not among the {points}")
-    return rows, found
+    return _numbers(np.concatenate([one.nodes for one in found]), points, "elements"), found
+
+
+def _numbers(tags: IntArray, points: int, what: str) -> IntArray:
+    """Return nodes (M, k), numbered from 1, counted from 0; MeshFileError if one is not among the points."""
+    if missing := np.count_nonzero(((tags < 1) | (tags > points)).any(axis=1)):
+        raise MeshFileError(f"{missing} {what} name nodes that are not among the {points}")
+    return tags - 1

@@ -10,6 +10,7 @@ from sdm_deflect.deform.images import THIN, is_thin
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
+from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
@@ -93,12 +94,7 @@ def write_mesh(mesh: Mesh, folder: Path, types: Mapping[str, str] | None = None)
     patches, renamed = _patches(mesh, whole, types or {})
     content = header("polyBoundaryMesh", "boundary") + written(patches)
     (folder / "boundary").write_text(content, encoding="utf-8")
-    pairs = [pair.patches for pair in mesh.periodic if not is_thin(mesh, pair)]
-    return (
-        *whole.lost,
-        *renamed,
-        *(f"{' and '.join(names)} are periodic, which the file does not say" for names in pairs),
-    )
+    return (*whole.lost, *renamed, *unwritten(pair for pair in mesh.periodic if not is_thin(mesh, pair)))
 
 
 def _patches(mesh: Mesh, whole: Bounded, types: Mapping[str, str]) -> tuple[list[FoamPatch], list[str]]:

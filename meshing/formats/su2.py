@@ -12,6 +12,7 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.numbers import Placed, with_numbers
+from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import simple_faces
 from sdm_deflect.meshing.formats.su2_read import CHUNK, FACES, PARALLEL, SOLIDS, Su2File, read_zones
@@ -54,7 +55,7 @@ class Su2:
         lost = [f"patch {old} is marker {new}" for old, new in renamed.items()]
         if len(mesh.zones) > 1:
             lost.append("SU2 numbers its zones; the names " + ", ".join(z.name for z in mesh.zones) + " are lost")
-        return tuple(lost)
+        return (*lost, *unwritten(mesh.periodic))
 
 
 def copy_moved(source: Su2File, points: FloatArray, out: BinaryIO) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import mirrored, simple_faces
 from sdm_deflect.meshing.mesh import IntArray
@@ -50,7 +51,7 @@ def write_grid(mesh: Mesh, file: BinaryIO) -> tuple[str, ...]:
         _store(grid, axis, ("no_of_points",), values)
     grid.flush()
     lost = [f"patch {patch.name} has no faces and is left out" for patch in mesh.patches if not len(patch)]
-    return (*lost, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []))
+    return (*lost, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(mesh.periodic))
 
 
 def _create(grid: Any, what: str, shape: str, blocks: Sequence[Cells]) -> None:

@@ -15,6 +15,7 @@ from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
+from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import MIRRORED, check_faces, oriented, refuse_plane, simple_faces
 from sdm_deflect.meshing.formats.ugrid_file import (
@@ -104,7 +105,7 @@ class Ugrid:
         lost = [f"patch {patch.name} has no faces and is left out" for patch in mesh.patches if not len(patch)]
         lost += [f"patch {name} is called {new}" for name, new in names.items() if name != new]
         lost += [f"{table.name} tells boundary conditions by the names of patches alone; check them"] * named
-        return (*lost, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []))
+        return (*lost, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(mesh.periodic))
 
 
 def mapbc(path: Path) -> Path:

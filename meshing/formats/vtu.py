@@ -13,6 +13,7 @@ from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import polyhedra
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented, polygons
 from sdm_deflect.meshing.formats.vtu_file import Array, DataArray, Piece, VtuFile
@@ -77,7 +78,7 @@ class Vtu:
         """See `Format.write` and, for further arrays, `write_vtu`; zones become one grid."""
         progress(f"writing {out.name}", 0.0)
         write_vtu(out, mesh, point_data, cell_data)
-        return ("its zones are one grid",) if len(mesh.zones) > 1 else ()
+        return (*(["its zones are one grid"] if len(mesh.zones) > 1 else []), *unwritten(mesh.periodic))
 
 
 def read_vtu(path: Path) -> TetMesh:

@@ -1,13 +1,13 @@
 """Zones apart, each with points counted from 0, and together in one mesh."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone
+from sdm_deflect.deform.mesh import Cells, Constraint, Mesh, Patch, Polygons, Polyhedra, Zone
 from sdm_deflect.deform.parts import taken
 from sdm_deflect.meshing.formats.shapes import Faces, chosen
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
@@ -29,6 +29,7 @@ def joined(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:
         Patch(
             patch.name if count[patch.name] == 1 else f"{zone.name}/{patch.name}",
             tuple(_shifted(faces, zone.start) for faces in patch.faces),
+            constraint=patch.constraint,
         )
         for zone, part in zip(zones, parts, strict=True)
         for patch in part.patches
@@ -49,12 +50,27 @@ def part(mesh: Mesh, zone: Zone) -> Mesh:
     for patch in mesh.patches:
         faces = [_inside(f, zone, f"faces of patch {patch.name}") for f in patch.faces]
         if any(len(f) for f in faces):
-            patches.append(_unprefixed(Patch(patch.name, tuple(f for f in faces if len(f))), zone))
-    return Mesh(mesh.points[zone.start : zone.stop], tuple(cells), tuple(patches))
+            kept = tuple(f for f in faces if len(f))
+            patches.append(_unprefixed(Patch(patch.name, kept, constraint=patch.constraint), zone))
+    pairs = [pair for pair in mesh.periodic if ((pair.nodes >= zone.start) & (pair.nodes < zone.stop)).all()]
+    own = [replace(pair, nodes=pair.nodes - zone.start, patches=_own(pair.patches, zone)) for pair in pairs]
+    return Mesh(mesh.points[zone.start : zone.stop], tuple(cells), tuple(patches), periodic=tuple(own))
+
+
+def agreed(named: Iterable[tuple[str, Constraint]]) -> dict[str, Constraint]:
+    """Return the constraint of each patch that has several parts: that of all of them, or none."""
+    found: dict[str, Constraint] = {}
+    for name, own in named:
+        found[name] = own if found.get(name, own) == own else ""
+    return found
 
 
 def _unprefixed(patch: Patch, zone: Zone) -> Patch:
     return replace(patch, name=patch.name.removeprefix(f"{zone.name}/"))
+
+
+def _own(names: tuple[str, str], zone: Zone) -> tuple[str, str]:
+    return names[0].removeprefix(f"{zone.name}/"), names[1].removeprefix(f"{zone.name}/")
 
 
 def _shifted(block: Faces, by: int) -> Faces:

@@ -277,3 +277,31 @@ def test_sequences_that_are_no_angles(angles, message):
 def test_ranges_that_are_none(text):
     with pytest.raises(InputError, match="angles = "):
         angles_of(text)
+
+
+def test_periodic_patches_are_pairs_of_names_or_tables():
+    for given in (("a", "b"), [("a", "b")], [{"patches": "a,b"}], {"patches": ["a", "b"]}):
+        (pair,) = settings_of("flap", HINGE, 5.0, {"periodic": given}).job().periodic
+        assert (pair.first, pair.second, pair.axis, pair.translation) == ("a", "b", None, None)
+    table = {"patches": ["a", "b"], "axis": [[0, 1, 0], [2, 1, 0]]}
+    one, other = settings_of("flap", HINGE, 5.0, {"periodic": [table, ("c", "d")]}).job().periodic
+    assert (one.axis.direction.tolist(), one.axis.point.tolist(), other.first) == ([1, 0, 0], [0, 1, 0], "c")
+    table = {"patches": ["a", "b"], "translation": [0, 2]}
+    assert settings_of("flap", HINGE, 5.0, {"periodic": table}).job().periodic[0].translation.tolist() == [0, 2, 0]
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ("ab", "periodic = 'ab' is not a list"),
+        (("a", "b", "c"), "periodic ('a', 'b', 'c'): two patches are images of one another"),
+        ({"patches": ["a", "b"], "axis": [[0, 0, 0]]}, "periodic a b: axis = "),
+        ({"patches": ["a", "b"], "axis": [[0, 0, 0], [0, 0, 0]]}, "periodic a b: the axis has no length"),
+        ({"patches": ["a", "b"], "translation": [1]}, "must be three numbers, or two in a plane mesh"),
+        ({"patches": ["a", "b"], "translation": [1, 0, 0], "axis": [[0, 0]]}, "leave out one of them"),
+    ],
+)
+def test_wrong_periodic_patches_are_refused(given, sentence):
+    with pytest.raises(InputError) as error:
+        settings_of("flap", HINGE, 5.0, {"periodic": given}).job()
+    assert sentence in str(error.value)

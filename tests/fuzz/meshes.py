@@ -1,6 +1,7 @@
 """Small meshes in every format and encoding that is read."""
 
 import gzip
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats import openfoam_files as foam
 from sdm_deflect.meshing.formats.cgns_nodes import create
+from sdm_deflect.meshing.formats.periodic import with_pairs
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
 from tests.deform.blocks import block_with_body
@@ -22,6 +24,9 @@ from tests.meshing.formats.fluent_files import LAYOUTS, plane_mesh
 from tests.meshing.formats.fluent_files import written as fluent_written
 from tests.meshing.formats.foam_parts import parts_of, write_parts
 from tests.meshing.formats.netcdf_files import KINDS, written
+from tests.meshing.formats.periodic_files import box as periodic_box
+from tests.meshing.formats.periodic_files import ring_of_blocks, write_periodic
+from tests.meshing.formats.periodic_files import square as periodic_square
 from tests.meshing.formats.plot3d_files import VARIANTS, box, cut, head, ring, whole_face
 from tests.meshing.formats.plot3d_files import written as plot3d_written
 
@@ -60,10 +65,28 @@ def plane() -> Mesh:
     return Mesh(points[:8], (Cells("quad", quads), Cells("triangle", triangles)), patches)
 
 
+def paired(turn: float = 0.0) -> Mesh:
+    """Eight hexahedra between two sides that are images of one another, by a translation or a rotation about x."""
+    x, y, z = np.meshgrid(np.arange(3.0), 1.0 + np.arange(3.0), np.arange(3.0), indexing="ij")
+    if turn:
+        y, z = y * np.cos(turn * z), y * np.sin(turn * z)
+    number = np.arange(27).reshape(3, 3, 3)
+    corners = [number[i : i + 2, j : j + 2, k : k + 2].ravel() for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    cells = np.array(corners)[:, [0, 4, 6, 2, 1, 5, 7, 3]]
+    left, right = (
+        np.array([number[i : i + 2, j : j + 2, k].ravel()[[0, 2, 3, 1]] for i in (0, 1) for j in (0, 1)])
+        for k in (0, 2)
+    )
+    patches = (Patch("left", (Cells("quad", left[:, ::-1]),)), Patch("right", (Cells("quad", right),)))
+    mesh = Mesh(np.stack([x, y, z], axis=-1).reshape(-1, 3), (Cells("hexahedron", cells),), patches)
+    return with_pairs(mesh, [("sides", np.stack([number[:, :, 0].ravel(), number[:, :, 2].ravel()], axis=1))])
+
+
 def of_format(name: str, folder: Path) -> Iterator[Input]:
     """Yield meshes as we write them."""
     flat = [("flat", plane())] if name in ("su2", "cgns", "gmsh", "vtu") else []
-    for title, mesh in (*flat, ("body", block()), ("mixture", mixture()), ("tet", tetrahedra())):
+    pairs = [("pair", paired()), ("turn", paired(0.3))] if name in ("cgns", "gmsh") else []
+    for title, mesh in (*flat, *pairs, ("body", block()), ("mixture", mixture()), ("tet", tetrahedra())):
         path = folder / (title + (FORMATS[name].suffixes[0] if name != "openfoam" else ""))
         FORMATS[name].write(mesh, path)
         yield of_path(path)
@@ -88,6 +111,7 @@ def cgns(folder: Path) -> Iterator[Input]:
     ):
         FORMATS["cgns"].write(mesh, folder / f"{title}.cgns")
         yield of_path(folder / f"{title}.cgns")
+    yield from listless(folder)
     yield from mixed(folder)
     yield from stored_otherwise(folder)
     yield from in_blocks(folder)
@@ -113,6 +137,19 @@ def in_blocks(folder: Path) -> Iterator[Input]:
         path = folder / f"{name}-adf{binary}.cgns"
         path.write_bytes(in_adf(folder / f"{name}.cgns", order, pieces=2, binary=bool(binary)))
         yield of_path(path)
+
+
+def listless(folder: Path) -> Iterator[Input]:
+    """Periodic sides whose images are found by the motion alone; blocks in a ring that does not close."""
+    shutil.copyfile(folder / "turn.cgns", folder / "motion.cgns")
+    with h5py.File(folder / "motion.cgns", "r+") as file:
+        for node in file["Base/Zone/ZoneGridConnectivity"].values():
+            if isinstance(node, h5py.Group):
+                del node["PointListDonor"]
+    write_blocks(folder / "ring.cgns", ring_of_blocks())
+    (folder / "turn-adf.cgns").write_bytes(in_adf(folder / "turn.cgns", "<", pieces=2, binary=False))
+    for name in ("motion", "ring", "turn-adf"):
+        yield of_path(folder / f"{name}.cgns")
 
 
 def mixed(folder: Path) -> Iterator[Input]:
@@ -159,17 +196,23 @@ def gmsh(folder: Path) -> Iterator[Input]:
     import gmsh as library
 
     yield from of_format("gmsh", folder)
+    for shape in (periodic_box, periodic_square):
+        yield from map(of_path, write_periodic(folder, shape).values())
     with_gmsh(folder / "box.msh")
     library.initialize(interruptible=False)
     try:
         library.option.setNumber("General.Terminal", 0)
         library.merge(str(folder / "box.msh"))
-        for version, binary in ((2.2, 0), (2.2, 1), (4.1, 0), (4.1, 1)):
-            library.option.setNumber("Mesh.MshFileVersion", version)
-            library.option.setNumber("Mesh.Binary", binary)
-            path = folder / f"gmsh{10 * version:.0f}{binary}.msh"
-            library.write(str(path))
-            yield of_path(path)
+        for title, source in (("gmsh", ""), ("turn", "turn.msh")):
+            if source:
+                library.clear()
+                library.merge(str(folder / source))
+            for version, binary in ((2.2, 0), (2.2, 1), (4.1, 0), (4.1, 1)):
+                library.option.setNumber("Mesh.MshFileVersion", version)
+                library.option.setNumber("Mesh.Binary", binary)
+                path = folder / f"{title}{10 * version:.0f}{binary}.msh"
+                library.write(str(path))
+                yield of_path(path)
     finally:
         library.finalize()
 
@@ -197,7 +240,8 @@ def tau(folder: Path) -> Iterator[Input]:
 def fluent(folder: Path) -> Iterator[Input]:
     """Fluent's files, as its solver and as its mesher store them, plain and packed."""
     for layout in LAYOUTS:
-        for title, mesh in (("body", block()), ("tet", tetrahedra()), ("cells", polyhedral(mixture()))):
+        solids = ("body", block()), ("tet", tetrahedra()), ("cells", polyhedral(mixture()))
+        for title, mesh in (*solids, ("pair", paired()), ("turn", paired(0.3))):
             yield of_path(fluent_written(mesh, folder / f"{title}_{layout}.cas.h5", layout))
         yield of_path(fluent_written(plane_mesh(), folder / f"plane_{layout}.cas.h5", layout))
         packed = folder / f"packed_{layout}.msh.h5"
@@ -341,7 +385,7 @@ WORDS: dict[str, tuple[bytes, ...]] = {
     "gmsh": (b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", b"4.1 1 8\n", b"$Nodes\n", b"$EndNodes\n", b"$Elements\n",
              b"$EndElements\n", b"$PhysicalNames\n", b"$Entities\n", b"$Periodic\n", b"$NodeData\n", b"$Comments\n",
              b"$PartitionedEntities\n", b"$ParametricNodes\n", b"0 0 0 0\n", b"1 0 0 0\n", b'2 7 "wing"\n',
-             b"4 2 1 1 "),
+             b"4 2 1 1 ", b"2 2 1\n9\n", b"Affine 1 0 0 1 0 1 0 0 0 0 1 0 0 0 0 1\n"),
     "ugrid": (b"5 6 0 2 0 0 0\n", b"0 0 0 0 0 0 0\n", b"1 4000 wall\n", b"-1", b"99999999999", b"nan", b"0.5",
               b"\0\0\0\x1c", b"\x1c\0\0\0", b"\xff\xff\xff\xff", b"\x7f\xff\xff\xff", b"\0\0\0\x05"),
     "tau": (b"CDF\1", b"CDF\2", b"CDF\5", b"\0\0\0\x0a", b"\0\0\0\x0b", b"\0\0\0\x0c", b"\x7f\xff\xff\xff",
@@ -364,7 +408,7 @@ WORDS: dict[str, tuple[bytes, ...]] = {
             b"<Piece" * 200),
     "cgns": (b"\x89HDF\r\n\x1a\n", b"LK", b"MT", b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"FRHP", b"BTHD",
              b"NoDe", b"TaiL", b"SNTb", b"DaTa", b"DCtb", b"dEnD", b"FFFFFFFFFFFF", b"000000000000", b"Structured",
-             b"GridConnectivity1to1_t", b"R4", b"C1"),
+             b"GridConnectivity1to1_t", b"R4", b"C1", b"Periodic_t", b"BCSymmetryPlane", b"Abutting"),
     "fluent": (b"\x89HDF\r\n\x1a\n", b"TREE", b"SNOD", b"HEAP", b"OHDR", b"minId", b"nnodes", b"c0", b"zoneType"),
     "plot3d": (b"2\n3 3 2\n", b"1 ", b"-1 ", b"99999999999", b"nan", b"3*0.5", b"1.0D+00", b"\0\0\0\1", b"\1\0\0\0",
                b"\xff\xff\xff\x7f", b"one_to_one 1 4 1 3 1 3 2 3 1 3 1 3 TRUE\n", b"patched", b"collapsed", b"# wing"),

@@ -16,7 +16,7 @@ LAYOUTS = ("solver", "meshing")
 PACKED = {"compression": "gzip", "chunks": True}
 COORDS = "meshes/1/nodes/coords/1"
 ZONES = "meshes/1/faces/zoneTopology"
-KINDS = {"symmetry": 7, "inlet": 10, "far_field": 9}
+KINDS = {"symmetry": 7, "inlet": 10, "far_field": 9, "left": 12, "right": 8}
 """Types of zones by the name of the patch; all others are walls."""
 
 
