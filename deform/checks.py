@@ -133,6 +133,8 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
         yield from _boundary_checks(deflection)
     if mesh.cells and min_quality:
         yield from _quality_checks(deflection, min_quality)
+    if plan.faces and deflection.faces:
+        yield from (Check(*row) for row in plan.faces.verdicts(deflection.faces))
     for patch, nodes in zip(plan.boundary.sliding, sites.sliding, strict=True):
         drift = np.abs(patch.surface.distance(points[nodes]) - patch.surface.distance(mesh.points[nodes]))
         allowed, where = ON_SHAPE * plan.boundary.size, f"{len(nodes)} sliding nodes"

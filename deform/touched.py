@@ -12,6 +12,7 @@ from sdm_deflect.deform import polyhedra
 from sdm_deflect.deform.edges import rows_of
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Polyhedra, Volume
+from sdm_deflect.deform.prisms import alone, prisms_on
 from sdm_deflect.deform.quality import Quality, by_shape, check_most, inverted_of, oriented
 from sdm_deflect.deform.rbf.compiled import compiled
 from sdm_deflect.deform.rbf.threads import in_chunks
@@ -125,11 +126,15 @@ def layers(touched: TouchedCells, walls: IntArray) -> Iterator[tuple[IntArray, I
     seen = np.zeros(len(touched.mesh.points), dtype=np.bool_)
     seen[walls] = True
     below = seen.copy()
+    parts = [
+        (alone(block, rows) if isinstance(block, Polyhedra) else block, rows)
+        for block, rows in zip(touched.mesh.cells, touched.rows, strict=True)
+        if isinstance(block, Polyhedra) or block.shape in BASES
+    ]
     while True:
         found = [
             (base[flat].ravel(), top[flat].ravel())
-            for block, rows in zip(touched.mesh.cells, touched.rows, strict=True)
-            if not isinstance(block, Polyhedra) and block.shape in BASES
+            for block, rows in parts
             for base, top in _first_cells(block, rows, below)
             if (flat := _flat(touched.mesh.points, base, top)).any()
         ]
@@ -169,8 +174,13 @@ def _have_one(
         found[i] = one
 
 
-def _first_cells(block: Cells, rows: IntArray, wall: NDArray[np.bool_]) -> list[tuple[IntArray, IntArray]]:
-    """Return nodes (C, k) on the wall and nodes (C, k) opposite, of cells with one face on the wall."""
+def _first_cells(block: Volume, rows: IntArray, wall: NDArray[np.bool_]) -> list[tuple[IntArray, IntArray]]:
+    """Return nodes (C, k) on the wall and nodes (C, k) opposite, of cells with one face on the wall.
+
+    Of polyhedra the block has the rows alone.
+    """
+    if isinstance(block, Polyhedra):
+        return prisms_on(block, len(rows), wall)
     found = []
     for part in rows_of(len(rows), BLOCK):
         nodes = block.nodes[rows[part]]

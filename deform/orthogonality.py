@@ -1,0 +1,330 @@
+"""Faces and cells of polyhedra as OpenFOAM's checkMesh judges them: non-orthogonality, skewness and aspect ratio.
+
+Only cells with a node that may move, and their faces, are measured again after a deflection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
+from typing import NamedTuple
+
+import numpy as np
+
+from sdm_deflect.deform.compiled_faces import TINY, judge_faces, measure_cells, measure_faces
+from sdm_deflect.deform.edges import area_vectors, polygons_of, rows_of
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Polyhedra
+from sdm_deflect.deform.quality import oriented
+from sdm_deflect.deform.rbf.threads import in_chunks
+from sdm_deflect.deform.touched import TouchedCells
+
+SEVERE, SKEW, STRETCHED, OPEN = 70.0, 4.0, 1000.0, 1e-6
+"""checkMesh counts faces of a larger non-orthogonality (degrees), and finds fault with faces of a larger skewness and
+cells of a larger aspect ratio or openness."""
+ERROR = 1e-15
+"""It finds fault with a face if the cosine of its non-orthogonality is not larger."""
+NO_AREA = 1e-300
+"""It finds fault with a face of a smaller area."""
+LARGEST_ANGLE = 85.0
+"""Non-orthogonality (degrees) up to which a deflected mesh passes, unless it had a larger one before."""
+WEIGHT = 40
+"""Work on one face in kernel pairs, by which `in_chunks` shares it out."""
+ROWS, PARTS = 1 << 18, 8
+"""Cells measured at a time, so that temporaries stay small; but in so many parts at most: each looks at all faces."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaceQuality:
+    """What checkMesh says of faces.
+
+    Attributes
+    ----------
+    faces : number of faces between two cells.
+    least, total : smallest cosine of the non-orthogonality of these, and the sum of all.
+    skewness_max : largest skewness of any face, those of the boundary among them.
+    severe, skew : number of faces with a non-orthogonality above 70 degrees, and with a skewness above 4.
+    """
+
+    faces: int = 0
+    least: float = 1.0
+    total: float = 0.0
+    skewness_max: float = 0.0
+    severe: int = 0
+    skew: int = 0
+
+    def __add__(self, other: FaceQuality) -> FaceQuality:
+        return FaceQuality(
+            self.faces + other.faces,
+            min(self.least, other.least),
+            self.total + other.total,
+            max(self.skewness_max, other.skewness_max),
+            self.severe + other.severe,
+            self.skew + other.skew,
+        )
+
+    @property
+    def non_orthogonality_max(self) -> float:
+        """Largest non-orthogonality, degrees."""
+        return float(_degrees(np.array(self.least)))
+
+    @property
+    def non_orthogonality_mean(self) -> float:
+        """Angle of the mean cosine, as checkMesh has it, degrees."""
+        return float(_degrees(np.array(self.total / max(self.faces, 1))))
+
+    def as_dict(self) -> dict[str, float | int]:
+        """Return the figures as JSON has them."""
+        return {
+            "faces": self.faces,
+            "non_orthogonality_max": self.non_orthogonality_max,
+            "non_orthogonality_mean": self.non_orthogonality_mean,
+            "severely_non_orthogonal": self.severe,
+            "skewness_max": self.skewness_max,
+            "highly_skew": self.skew,
+        }
+
+
+class State(NamedTuple):
+    """What was measured of some faces and cells.
+
+    Attributes
+    ----------
+    inner : (F,) which faces are between two cells.
+    cosines, skewness, areas : (F,) of faces.
+    places : (F, 3) centres of faces.
+    aspects, openness : (C,) of cells.
+    """
+
+    inner: BoolArray
+    cosines: FloatArray
+    skewness: FloatArray
+    areas: FloatArray
+    places: FloatArray
+    aspects: FloatArray
+    openness: FloatArray
+
+    def quality(self, faces: BoolArray | slice = slice(None)) -> FaceQuality:
+        """Condense what was measured of all faces, or of those in a mask (F,)."""
+        cosines, skewness = self.cosines[faces], self.skewness[faces]
+        between = cosines[self.inner[faces]]
+        return FaceQuality(
+            len(between),
+            float(between.min(initial=1.0)),
+            float(between.sum()),
+            float(skewness.max(initial=0.0)),
+            int(np.count_nonzero(between < np.cos(np.radians(SEVERE)))),
+            int(np.count_nonzero(skewness > SKEW)),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ring:
+    """The faces of some cells, with the cells around them, whose centres they depend on.
+
+    Attributes
+    ----------
+    starts, ends, nodes : where the nodes of each of the K faces of all these cells begin and end.
+    owner, neighbour : (K,), (I,) the cells of these, counted from 0; -1 for cells farther out.
+    faces : (F,) rows of the faces of the cells that are meant; the first `inner` have a neighbour.
+    rows : (C,) the cells that are meant.
+    numbers : (F,) the faces in the mesh.
+    sign : -1 if normals point into the owners, else 1.
+    axes : (3,) which directions the mesh extends in; a case one cell thick has two.
+    """
+
+    nodes: IntArray = field(repr=False)
+    starts: IntArray = field(repr=False)
+    ends: IntArray = field(repr=False)
+    owner: IntArray = field(repr=False)
+    neighbour: IntArray = field(repr=False)
+    faces: IntArray = field(repr=False)
+    inner: int
+    rows: IntArray = field(repr=False)
+    numbers: IntArray = field(repr=False)
+    sign: float
+    axes: BoolArray
+
+    @classmethod
+    def of(cls, cells: Polyhedra, rows: IntArray, sign: float, axes: BoolArray) -> Ring:
+        """Collect the faces of rows (C,) of cells."""
+        meant = _mask(len(cells), rows)
+        wanted = _faces_of(cells, meant)
+        near = meant.copy()
+        near[cells.owner[wanted]] = near[cells.neighbour[wanted[: len(cells.neighbour)]]] = True
+        needed = _faces_of(cells, near)
+        place = np.where(near, np.cumsum(near) - 1, -1)
+        owner, neighbour = place[cells.owner[needed]], place[cells.neighbour[needed[: len(cells.neighbour)]]]
+        starts, ends = cells.faces.offsets[:-1][needed], cells.faces.offsets[1:][needed]
+        faces = np.flatnonzero(wanted[needed])
+        inner, numbers = int(np.count_nonzero(faces < len(neighbour))), np.flatnonzero(wanted)
+        return cls(cells.faces.nodes, starts, ends, owner, neighbour, faces, inner, place[rows], numbers, sign, axes)
+
+    def measured(self, points: FloatArray) -> State:
+        """Measure the faces and cells that are meant, with the nodes at points (N, 3)."""
+        centres, areas = np.empty((2, len(self.starts), 3))
+        count = int(max(self.owner.max(initial=-1), self.neighbour.max(initial=-1))) + 1
+        middles, sums, sizes = np.empty((3, count, 3))
+        volumes, cosines, skewness = np.empty(count), np.empty(len(self.faces)), np.empty(len(self.faces))
+
+        def measure(low: int, high: int) -> None:
+            part = slice(low, high)
+            measure_faces(points, self.nodes, self.starts[part], self.ends[part], centres[part], areas[part])
+
+        in_chunks(measure, len(self.starts), WEIGHT)
+        areas *= self.sign
+        measure_cells(self.owner, self.neighbour, centres, areas, middles, volumes, sums, sizes)
+        behind = middles[self.owner[self.faces]]
+        ahead = middles[self.neighbour[self.faces[: self.inner]]]
+        places, own = centres[self.faces], areas[self.faces]
+        starts, ends = self.starts[self.faces], self.ends[self.faces]
+
+        def judge(low: int, high: int) -> None:
+            part, inner = slice(low, high), max(0, min(self.inner, high) - low)
+            of_face = starts[part], ends[part], places[part], own[part], behind[part], ahead[part]
+            judge_faces(points, self.nodes, *of_face, inner, cosines[part], skewness[part])
+
+        in_chunks(judge, len(self.faces), WEIGHT)
+        inner = np.arange(len(self.faces)) < self.inner
+        sums, sizes, volumes = sums[self.rows], sizes[self.rows], volumes[self.rows]
+        openness = (np.abs(sums) / (sizes + TINY)).max(axis=1, initial=0.0)
+        return State(
+            inner, cosines, skewness, np.linalg.norm(own, axis=1), places, self._aspects(sizes, volumes), openness
+        )
+
+    def _aspects(self, sizes: FloatArray, volumes: FloatArray) -> FloatArray:
+        """Return the aspect ratio (C,) of cells, by their volumes (C,) and sums of sizes of area components (C, 3)."""
+        extents = sizes[:, self.axes]
+        aspects = extents.max(axis=1, initial=0.0) / (extents.min(axis=1, initial=np.inf) + TINY)
+        if not self.axes.all():
+            return np.asarray(aspects)
+        cube = np.maximum(volumes, TINY) ** (2.0 / 3.0)
+        return np.maximum(aspects, sizes.sum(axis=1) / (6.0 * cube))
+
+
+@dataclass(frozen=True, eq=False)
+class TouchedFaces:
+    """The faces of the cells that a deformation may change.
+
+    Attributes
+    ----------
+    rings : of each block of polyhedra.
+    before : what was measured of the mesh before.
+    rest : of all other faces of the mesh; None for an excerpt, of which these are not known.
+    """
+
+    rings: tuple[Ring, ...] = field(repr=False)
+    before: State = field(repr=False)
+    rest: FaceQuality | None
+
+    @classmethod
+    def of(cls, touched: TouchedCells) -> TouchedFaces | None:
+        """Measure a mesh as it is; None if it has no polyhedra, or none is touched."""
+        mesh, axes = touched.mesh, axes_of(touched.mesh)
+        parts = [
+            (block, rows, sign)
+            for block, rows, sign in zip(mesh.cells, touched.rows, touched.orientation, strict=True)
+            if isinstance(block, Polyhedra)
+        ]
+        rings = tuple(Ring.of(*part, axes) for part in parts if len(part[1]))
+        if not rings:
+            return None
+        rest = None if mesh.whole else reduce(add, (_others(mesh.points, *part) for part in parts))
+        return cls(rings, _joined(rings, mesh.points), rest)
+
+    def at(self, points: FloatArray) -> State:
+        """Measure the faces with the nodes at points (N, 3)."""
+        return _joined(self.rings, points)
+
+    def quality(self, state: State) -> FaceQuality:
+        """Return what checkMesh says of the whole mesh; of an excerpt, of the faces of touched cells."""
+        return state.quality() if self.rest is None else self.rest + state.quality()
+
+    def verdicts(self, after: State) -> Iterator[tuple[str, float, float, str, str]]:
+        """Yield name, value, limit, unit and place of what must hold of faces and cells afterwards.
+
+        Faces and cells that checkMesh found fault with before are left out of the largest values; of others none may
+        be what it finds fault with.
+        """
+        old, new = _degrees(self.before.cosines), _degrees(after.cosines)
+        angles = old[after.inner], new[after.inner], self.before.cosines[after.inner] > ERROR
+        counted = f"{_newly(old, new, SEVERE)} of them newly above {SEVERE:g}"
+        yield _largest("non_orthogonality_max", *angles, LARGEST_ANGLE, "deg", "faces between two cells", counted)
+        skewness = self.before.skewness, after.skewness
+        counted = f"{_newly(*skewness, SKEW)} of them newly above {SKEW:g}"
+        yield _largest("skewness_max", *skewness, self.before.skewness <= SKEW, SKEW, "", "faces", counted)
+        aspects = self.before.aspects, after.aspects
+        good = aspects[0] <= STRETCHED
+        yield _largest("aspect_ratio_max", *aspects, good, STRETCHED, "", "cells", "as checkMesh has it")
+        if count := int(np.count_nonzero((after.areas < NO_AREA) & (self.before.areas >= NO_AREA))):
+            yield "faces_without_area", count, 0.0, "faces", "that had one before"
+        if count := _newly(self.before.openness, after.openness, OPEN):
+            yield "open_cells", count, 0.0, "cells", "whose area vectors do not add up to 0: coordinates are too coarse"
+
+
+def face_quality(mesh: Mesh) -> FaceQuality | None:
+    """Return what checkMesh says of the faces of a mesh; None without polyhedra."""
+    none, parts = np.empty(0, dtype=np.intp), [block for block in mesh.cells if isinstance(block, Polyhedra)]
+    found = (_others(mesh.points, block, none, oriented(mesh.points, block)[0]) for block in parts)
+    return reduce(add, found) if parts else None
+
+
+def axes_of(mesh: Mesh) -> BoolArray:
+    """Return in which directions (3,) a mesh extends: those that no ``empty`` or ``wedge`` patch is normal to."""
+    axes = np.ones(3, dtype=np.bool_)
+    for patch in mesh.patches:
+        if patch.constraint in ("empty", "wedge") and len(patch):
+            areas = np.abs(area_vectors(mesh.points, polygons_of(patch.faces))).sum(axis=0)
+            axes[np.argmax(areas)] = False
+    return axes
+
+
+def _others(points: FloatArray, cells: Polyhedra, rows: IntArray, sign: float) -> FaceQuality:
+    """Return what checkMesh says of the faces that none of some rows (R,) of cells has."""
+    still, found, everywhere = ~_mask(len(cells), rows), FaceQuality(), np.ones(3, dtype=np.bool_)
+    others = np.flatnonzero(still)
+    for part in rows_of(len(others), max(ROWS, -(-len(others) // PARTS))):
+        ring = Ring.of(cells, others[part], sign, everywhere)
+        owner = cells.owner[ring.numbers]
+        own = still[owner] & (owner >= others[part][0]) & (owner <= others[part][-1])
+        own[: ring.inner] &= still[cells.neighbour[ring.numbers[: ring.inner]]]
+        found += ring.measured(points).quality(own)
+    return found
+
+
+def _joined(rings: tuple[Ring, ...], points: FloatArray) -> State:
+    """Return what was measured of the faces and cells of all rings."""
+    return State(*map(np.concatenate, zip(*(ring.measured(points) for ring in rings), strict=True)))
+
+
+def _largest(
+    name: str, before: FloatArray, after: FloatArray, good: BoolArray, limit: float, unit: str, what: str, counted: str
+) -> tuple[str, float, float, str, str]:
+    """Return a row of `verdicts`: the largest value of what was good, and the limit, or its largest value before."""
+    left_out = len(good) - int(np.count_nonzero(good))
+    where = f"{len(good)} {what}, {counted}; {before.max(initial=0.0):.4g} before"
+    where += f"; {left_out} left out that checkMesh found fault with before" if left_out else ""
+    return name, float(after[good].max(initial=0.0)), max(limit, float(before[good].max(initial=0.0))), unit, where
+
+
+def _newly(before: FloatArray, after: FloatArray, limit: float) -> int:
+    """Return how many values (K,) are above a limit that were not before."""
+    return int(np.count_nonzero((after > limit) & (before <= limit)))
+
+
+def _degrees(cosines: FloatArray) -> FloatArray:
+    return np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+
+
+def _mask(count: int, rows: IntArray) -> BoolArray:
+    mask = np.zeros(count, dtype=np.bool_)
+    mask[rows] = True
+    return mask
+
+
+def _faces_of(cells: Polyhedra, some: BoolArray) -> BoolArray:
+    """Return which faces (F,) some of the cells, a mask (C,), have."""
+    own = some[cells.owner]
+    own[: len(cells.neighbour)] |= some[cells.neighbour]
+    return own
