@@ -112,7 +112,7 @@ def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
 def face_table(figures: Json) -> list[Table]:
     """Return what checkMesh says of the faces of polyhedra before and after; no table without any."""
     of, rows = face_rows(figures)
-    table = _table(f"faces of the {of}, as OpenFOAM's checkMesh measures them", ("",), ("before", "after"))
+    table = _table("", (f"{of} (checkMesh)",), ("before", "after"))
     for row in rows:
         table.add_row(*row)
     return [table] if rows else []

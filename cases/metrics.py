@@ -97,21 +97,26 @@ def fit_text(figures: Json, unit: str = "") -> str:
 
 
 def face_figures(one: Deflection) -> Json:
-    """Return what checkMesh says of the faces of polyhedra before and after, and of which; nothing without any."""
-    if not one.face_quality:
+    """Return what checkMesh says of the faces of touched polyhedra before and after, and of the whole mesh.
+
+    Nothing without polyhedra; nothing of the whole mesh where it is not held in memory.
+    """
+    faces, after = one.plan.faces, one.faces
+    if not faces or not after:
         return {}
-    before, after = one.face_quality
-    of = "touched cells" if one.plan.mesh.whole else "whole mesh"
-    return {"face_quality": {"of": of, "before": before.as_dict(), "after": after.as_dict()}}
+    own = faces.before.quality(), after.quality()
+    scopes = {"touched": own} | ({"whole": (faces.rest + own[0], faces.rest + own[1])} if faces.rest else {})
+    return {"face_quality": {of: {"before": a.as_dict(), "after": b.as_dict()} for of, (a, b) in scopes.items()}}
 
 
 def face_rows(figures: Json) -> tuple[str, list[tuple[str, str, str]]]:
     """Return whose faces the figures of a deflection tell of, and what each is before and after; none without any."""
-    found = figures.get("face_quality")
-    if not found:
-        return "", []
-    before, after = found["before"], found["after"]
-    return found["of"], [(text, f"{before[key]:{kind}}", f"{after[key]:{kind}}") for key, (text, kind) in FACES.items()]
+    found = figures.get("face_quality", {})
+    for of, text in (("whole", "all faces"), ("touched", "faces of the touched cells")):
+        if of in found:
+            pairs = ((*FACES[key], *(found[of][when][key] for when in ("before", "after"))) for key in FACES)
+            return text, [(name, f"{old:{form}}", f"{new:{form}}") for name, form, old, new in pairs]
+    return "", []
 
 
 def repair_figures(one: Deflection) -> Json | None:

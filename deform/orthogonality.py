@@ -237,10 +237,6 @@ class TouchedFaces:
         """Measure the faces with the nodes at points (N, 3)."""
         return _joined(self.rings, points)
 
-    def quality(self, state: State) -> FaceQuality:
-        """Return what checkMesh says of the whole mesh; of an excerpt, of the faces of touched cells."""
-        return state.quality() if self.rest is None else self.rest + state.quality()
-
     def verdicts(self, after: State) -> Iterator[tuple[str, float, float, str, str]]:
         """Yield name, value, limit, unit and place of what must hold of faces and cells afterwards.
 

@@ -11,7 +11,7 @@ import numpy as np
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.faces import Unheld
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
-from sdm_deflect.deform.orthogonality import FaceQuality, State, TouchedFaces
+from sdm_deflect.deform.orthogonality import State, TouchedFaces
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
@@ -194,12 +194,6 @@ class Deflection:
     def faces(self) -> State | None:
         """What was measured of the faces of touched cells as OpenFOAM's checkMesh does; None without polyhedra."""
         return self.plan.faces.at(self.points) if self.plan.faces else None
-
-    @property
-    def face_quality(self) -> tuple[FaceQuality, FaceQuality] | None:
-        """What OpenFOAM's checkMesh says of faces before and after; None without polyhedra."""
-        known, after = self.plan.faces, self.faces
-        return (known.quality(known.before), known.quality(after)) if known and after else None
 
     @cached_property
     def error_between(self) -> ErrorBetween | None:
