@@ -125,7 +125,7 @@ class Ring:
 
     Attributes
     ----------
-    starts, ends, nodes : where the nodes of each of the K faces of all these cells begin and end.
+    nodes, spans : nodes of the mesh's faces, and (K, 2) where those of each face of all these cells begin and end.
     owner, neighbour : (K,), (I,) the cells of these, counted from 0; -1 for cells farther out.
     faces : (F,) rows of the faces of the cells that are meant; the first `inner` have a neighbour.
     rows : (C,) the cells that are meant.
@@ -135,8 +135,7 @@ class Ring:
     """
 
     nodes: IntArray = field(repr=False)
-    starts: IntArray = field(repr=False)
-    ends: IntArray = field(repr=False)
+    spans: IntArray = field(repr=False)
     owner: IntArray = field(repr=False)
     neighbour: IntArray = field(repr=False)
     faces: IntArray = field(repr=False)
@@ -156,42 +155,36 @@ class Ring:
         needed = _faces_of(cells, near)
         place = np.where(near, np.cumsum(near) - 1, -1)
         owner, neighbour = place[cells.owner[needed]], place[cells.neighbour[needed[: len(cells.neighbour)]]]
-        starts, ends = cells.faces.offsets[:-1][needed], cells.faces.offsets[1:][needed]
+        spans = np.column_stack([cells.faces.offsets[:-1][needed], cells.faces.offsets[1:][needed]])
         faces = np.flatnonzero(wanted[needed])
         inner, numbers = int(np.count_nonzero(faces < len(neighbour))), np.flatnonzero(wanted)
-        return cls(cells.faces.nodes, starts, ends, owner, neighbour, faces, inner, place[rows], numbers, sign, axes)
+        return cls(cells.faces.nodes, spans, owner, neighbour, faces, inner, place[rows], numbers, sign, axes)
 
     def measured(self, points: FloatArray) -> State:
         """Measure the faces and cells that are meant, with the nodes at points (N, 3)."""
-        centres, areas = np.empty((2, len(self.starts), 3))
-        count = int(max(self.owner.max(initial=-1), self.neighbour.max(initial=-1))) + 1
-        middles, sums, sizes = np.empty((3, count, 3))
-        volumes, cosines, skewness = np.empty(count), np.empty(len(self.faces)), np.empty(len(self.faces))
+        faces = np.empty((len(self.spans), 6))
+        cells = np.empty((int(max(self.owner.max(initial=-1), self.neighbour.max(initial=-1))) + 1, 10))
 
         def measure(low: int, high: int) -> None:
-            part = slice(low, high)
-            measure_faces(points, self.nodes, self.starts[part], self.ends[part], centres[part], areas[part])
+            measure_faces(points, self.nodes, self.spans[low:high], faces[low:high])
 
-        in_chunks(measure, len(self.starts), WEIGHT)
-        areas *= self.sign
-        measure_cells(self.owner, self.neighbour, centres, areas, middles, volumes, sums, sizes)
-        behind = middles[self.owner[self.faces]]
-        ahead = middles[self.neighbour[self.faces[: self.inner]]]
-        places, own = centres[self.faces], areas[self.faces]
-        starts, ends = self.starts[self.faces], self.ends[self.faces]
+        in_chunks(measure, len(self.spans), WEIGHT)
+        faces[:, 3:] *= self.sign
+        measure_cells(self.owner, self.neighbour, faces, cells)
+        own, spans = faces[self.faces], self.spans[self.faces]
+        centres, judged = np.full((len(own), 6), np.nan), np.empty((len(own), 2))
+        centres[:, :3] = cells[self.owner[self.faces], :3]
+        centres[: self.inner, 3:] = cells[self.neighbour[self.faces[: self.inner]], :3]
 
         def judge(low: int, high: int) -> None:
-            part, inner = slice(low, high), max(0, min(self.inner, high) - low)
-            of_face = starts[part], ends[part], places[part], own[part], behind[part], ahead[part]
-            judge_faces(points, self.nodes, *of_face, inner, cosines[part], skewness[part])
+            judge_faces(points, self.nodes, spans[low:high], own[low:high], centres[low:high], judged[low:high])
 
-        in_chunks(judge, len(self.faces), WEIGHT)
-        inner = np.arange(len(self.faces)) < self.inner
-        sums, sizes, volumes = sums[self.rows], sizes[self.rows], volumes[self.rows]
-        openness = (np.abs(sums) / (sizes + TINY)).max(axis=1, initial=0.0)
-        return State(
-            inner, cosines, skewness, np.linalg.norm(own, axis=1), places, self._aspects(sizes, volumes), openness
-        )
+        in_chunks(judge, len(own), WEIGHT)
+        cells = cells[self.rows]
+        openness = (np.abs(cells[:, 4:7]) / (cells[:, 7:] + TINY)).max(axis=1, initial=0.0)
+        inner, areas = np.arange(len(own)) < self.inner, np.linalg.norm(own[:, 3:], axis=1)
+        aspects = self._aspects(cells[:, 7:], cells[:, 3])
+        return State(inner, judged[:, 0], judged[:, 1], areas, own[:, :3], aspects, openness)
 
     def _aspects(self, sizes: FloatArray, volumes: FloatArray) -> FloatArray:
         """Return the aspect ratio (C,) of cells, by their volumes (C,) and sums of sizes of area components (C, 3)."""
@@ -200,7 +193,7 @@ class Ring:
         if not self.axes.all():
             return np.asarray(aspects)
         cube = np.maximum(volumes, TINY) ** (2.0 / 3.0)
-        return np.maximum(aspects, sizes.sum(axis=1) / (6.0 * cube))
+        return np.asarray(np.maximum(aspects, sizes.sum(axis=1) / (6.0 * cube)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,19 +233,20 @@ class TouchedFaces:
     def verdicts(self, after: State) -> Iterator[tuple[str, float, float, str, str]]:
         """Yield name, value, limit, unit and place of what must hold of faces and cells afterwards.
 
-        Faces and cells that checkMesh found fault with before are left out of the largest values; of others none may
-        be what it finds fault with.
+        Of a face that was beyond a limit before, no more is asked than that checkMesh does not newly find fault with
+        it. If a cell's aspect ratio was beyond the limit before, the largest one is the limit.
         """
-        old, new = _degrees(self.before.cosines), _degrees(after.cosines)
-        angles = old[after.inner], new[after.inner], self.before.cosines[after.inner] > ERROR
-        counted = f"{_newly(old, new, SEVERE)} of them newly above {SEVERE:g}"
-        yield _largest("non_orthogonality_max", *angles, LARGEST_ANGLE, "deg", "faces between two cells", counted)
-        skewness = self.before.skewness, after.skewness
-        counted = f"{_newly(*skewness, SKEW)} of them newly above {SKEW:g}"
-        yield _largest("skewness_max", *skewness, self.before.skewness <= SKEW, SKEW, "", "faces", counted)
-        aspects = self.before.aspects, after.aspects
-        good = aspects[0] <= STRETCHED
-        yield _largest("aspect_ratio_max", *aspects, good, STRETCHED, "", "cells", "as checkMesh has it")
+        inner = after.inner
+        old, new = self.before.cosines[inner], after.cosines[inner]
+        errs = (new <= ERROR) & (old > ERROR)
+        old, new = _degrees(old), _degrees(new)
+        where = _where(old, new, SEVERE, LARGEST_ANGLE, "faces between two cells", after.places[inner])
+        yield "non_orthogonality_max", _largest(new, (old <= LARGEST_ANGLE) | errs), LARGEST_ANGLE, "deg", where
+        old, new = self.before.skewness, after.skewness
+        yield "skewness_max", _largest(new, old <= SKEW), SKEW, "", _where(old, new, SKEW, SKEW, "faces", after.places)
+        old, new = self.before.aspects, after.aspects
+        limit = max(STRETCHED, _largest(old))
+        yield "aspect_ratio_max", _largest(new), limit, "", f"{len(new)} cells; {_largest(old):.4g} before"
         if count := int(np.count_nonzero((after.areas < NO_AREA) & (self.before.areas >= NO_AREA))):
             yield "faces_without_area", count, 0.0, "faces", "that had one before"
         if count := _newly(self.before.openness, after.openness, OPEN):
@@ -294,14 +288,21 @@ def _joined(rings: tuple[Ring, ...], points: FloatArray) -> State:
     return State(*map(np.concatenate, zip(*(ring.measured(points) for ring in rings), strict=True)))
 
 
-def _largest(
-    name: str, before: FloatArray, after: FloatArray, good: BoolArray, limit: float, unit: str, what: str, counted: str
-) -> tuple[str, float, float, str, str]:
-    """Return a row of `verdicts`: the largest value of what was good, and the limit, or its largest value before."""
-    left_out = len(good) - int(np.count_nonzero(good))
-    where = f"{len(good)} {what}, {counted}; {before.max(initial=0.0):.4g} before"
-    where += f"; {left_out} left out that checkMesh found fault with before" if left_out else ""
-    return name, float(after[good].max(initial=0.0)), max(limit, float(before[good].max(initial=0.0))), unit, where
+def _where(old: FloatArray, new: FloatArray, counted: float, limit: float, what: str, places: FloatArray) -> str:
+    """Say of how many faces (F,) a value was measured, how many are newly above one, and where the worst of them is.
+
+    `places` (F, 3) are centres.
+    """
+    text = f"{len(new)} {what}, {_newly(old, new, counted)} newly above {counted:g}; {_largest(old):.4g} before"
+    if not _newly(old, new, limit):
+        return text
+    worst = places[np.argmax(np.where(old <= limit, new, 0.0))]
+    return f"{text}; the worst at ({', '.join(f'{x:.4g}' for x in worst)})"
+
+
+def _largest(values: FloatArray, some: BoolArray | slice = slice(None)) -> float:
+    """Return the largest of values (K,), or of those in a mask (K,); 0 if there are none."""
+    return float(values[some].max(initial=0.0))
 
 
 def _newly(before: FloatArray, after: FloatArray, limit: float) -> int:
@@ -310,7 +311,7 @@ def _newly(before: FloatArray, after: FloatArray, limit: float) -> int:
 
 
 def _degrees(cosines: FloatArray) -> FloatArray:
-    return np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+    return np.asarray(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0))))
 
 
 def _mask(count: int, rows: IntArray) -> BoolArray:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sdm_deflect.deform import polyhedra
 from sdm_deflect.deform.edges import rows_of
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Polyhedra, Volume
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra, Volume
 from sdm_deflect.deform.prisms import alone, prisms_on
 from sdm_deflect.deform.quality import Quality, by_shape, check_most, inverted_of, oriented
 from sdm_deflect.deform.rbf.compiled import compiled

@@ -47,8 +47,8 @@ def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runne
         frame = frame.holding()
     inside, places = _nodes_inside(frame, runner, progress)
     found, frame = _cells(mesh, frame, runner, progress)
-    for block, own in enumerate(found):
-        own += _around(frame, block, own, runner)
+    for block, some in enumerate(found):
+        some += _around(frame, block, some, runner)
     known = union(frame.boundary, inside)
     beyond = np.setdiff1d(union(*(one.cells.nodes for block in found for one in block)), known, assume_unique=True)
     nodes = union(known, beyond)
@@ -181,7 +181,7 @@ def _gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
 def _block(shape: str, found: Sequence[CellsFound], nodes: IntArray) -> tuple[Volume, IntArray]:
     """Return the touched cells of a block in the numbers of the excerpt, and their rows in the whole mesh.
 
-    Of polyhedra those beyond their faces are there, too, and those beyond these, but not all of the faces of the latter.
+    Of polyhedra those beyond their faces are there, too, and those beyond these, the latter without all their faces.
     """
     some = [one.cells for one in found if isinstance(one.cells, SomePolyhedra)]
     if some:
