@@ -6,7 +6,7 @@ Only cells with a node that may move, and their faces, are measured again after 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
 from typing import NamedTuple
@@ -15,7 +15,8 @@ import numpy as np
 
 from sdm_deflect.deform.compiled_faces import TINY, judge_faces, measure_cells, measure_faces
 from sdm_deflect.deform.edges import area_vectors, polygons_of, rows_of
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Polyhedra
+from sdm_deflect.deform.faces import face_keys, node_keys
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Periodic, Polygons, Polyhedra
 from sdm_deflect.deform.quality import oriented
 from sdm_deflect.deform.rbf.threads import in_chunks
 from sdm_deflect.deform.touched import TouchedCells
@@ -91,13 +92,15 @@ class State(NamedTuple):
 
     Attributes
     ----------
-    inner : (F,) which faces are between two cells.
+    inner : (F,) which faces are between two cells, of those of a periodic pair the first one.
+    second : (F,) which are the second one of a periodic pair.
     cosines, skewness, areas : (F,) of faces.
     places : (F, 3) centres of faces.
     aspects, openness : (C,) of cells.
     """
 
     inner: BoolArray
+    second: BoolArray
     cosines: FloatArray
     skewness: FloatArray
     areas: FloatArray
@@ -114,9 +117,66 @@ class State(NamedTuple):
             float(between.min(initial=1.0)),
             float(between.sum()),
             float(skewness.max(initial=0.0)),
-            int(np.count_nonzero(between < np.cos(np.radians(SEVERE)))),
-            int(np.count_nonzero(skewness > SKEW)),
+            int(np.count_nonzero(cosines < np.cos(np.radians(SEVERE)))),
+            int(np.count_nonzero((skewness > SKEW) & ~self.second[faces])),
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Couples:
+    """Faces of periodic pairs, each of which has the cell of another ahead, where a rigid motion puts it.
+
+    Attributes
+    ----------
+    faces, partners : (K,) faces, and those that they fit to.
+    rotations, shifts : (K, 3, 3), (K, 3) of the motion from the partner to the face.
+    second : (K,) which are images.
+    """
+
+    faces: IntArray = field(repr=False)
+    partners: IntArray = field(repr=False)
+    rotations: FloatArray = field(repr=False)
+    shifts: FloatArray = field(repr=False)
+    second: BoolArray = field(repr=False)
+
+    @classmethod
+    def of(cls, mesh: Mesh, cells: Polyhedra) -> Couples:
+        """Find the faces of a block of cells in the periodic pairs of a mesh; those of an excerpt may be incomplete."""
+        parts = [(np.empty((0, 2), dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3)))]
+        inner = len(cells.neighbour)
+        if mesh.periodic and mesh.whole is None:
+            parts += [_coupled(pair, cells.faces.rows(inner, len(cells.faces)), mesh) for pair in mesh.periodic]
+        pairs, rotations, shifts = (np.concatenate(part) for part in zip(*parts, strict=True))
+        pairs += inner
+        back = rotations.transpose(0, 2, 1)
+        return cls(
+            np.concatenate([pairs[:, 0], pairs[:, 1]]),
+            np.concatenate([pairs[:, 1], pairs[:, 0]]),
+            np.concatenate([back, rotations]),
+            np.concatenate([-np.einsum("kij,kj->ki", back, shifts), shifts]),
+            np.repeat([False, True], len(pairs)),
+        )
+
+    def among(self, wanted: BoolArray) -> Couples:
+        """Return those of some faces, a mask of all."""
+        own = wanted[self.faces]
+        return Couples(
+            self.faces[own], self.partners[own], self.rotations[own], self.shifts[own], self.second[own]
+        )  # fmt: skip
+
+
+def _coupled(pair: Periodic, faces: Polygons, mesh: Mesh) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return which faces (F,) of the boundary a pair couples (K, 2), and the motion of each to its image."""
+    keys, image = node_keys(len(mesh.points)), np.full(len(mesh.points), -1, dtype=np.intp)
+    image[pair.nodes[:, 0]] = pair.nodes[:, 1]
+    moved = np.logical_and.reduceat(image[faces.nodes] >= 0, faces.offsets[:-1])
+    own, key = np.flatnonzero(moved), face_keys(faces, keys)
+    order = np.argsort(key)
+    wanted = face_keys(faces, keys[image])[own]
+    place = order[np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)]
+    there = (key[place] == wanted) & (place != own)
+    pairs = np.column_stack([own[there], place[there]])
+    return pairs, np.tile(pair.rotation, (len(pairs), 1, 1)), np.tile(pair.shift, (len(pairs), 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,6 +192,7 @@ class Ring:
     numbers : (F,) the faces in the mesh.
     sign : -1 if normals point into the owners, else 1.
     axes : (3,) which directions the mesh extends in; a case one cell thick has two.
+    couples : of periodic pairs; their faces are rows of those that are meant, their partners cells.
     """
 
     nodes: IntArray = field(repr=False)
@@ -144,12 +205,15 @@ class Ring:
     numbers: IntArray = field(repr=False)
     sign: float
     axes: BoolArray
+    couples: Couples
 
     @classmethod
-    def of(cls, cells: Polyhedra, rows: IntArray, sign: float, axes: BoolArray) -> Ring:
-        """Collect the faces of rows (C,) of cells."""
+    def of(cls, cells: Polyhedra, rows: IntArray, sign: float, axes: BoolArray, couples: Couples) -> Ring:
+        """Collect the faces of rows (C,) of cells, and those that are coupled with them."""
         meant = _mask(len(cells), rows)
         wanted = _faces_of(cells, meant)
+        wanted[couples.partners[wanted[couples.faces]]] = True
+        couples = couples.among(wanted)
         near = meant.copy()
         near[cells.owner[wanted]] = near[cells.neighbour[wanted[: len(cells.neighbour)]]] = True
         needed = _faces_of(cells, near)
@@ -158,7 +222,9 @@ class Ring:
         spans = np.column_stack([cells.faces.offsets[:-1][needed], cells.faces.offsets[1:][needed]])
         faces = np.flatnonzero(wanted[needed])
         inner, numbers = int(np.count_nonzero(faces < len(neighbour))), np.flatnonzero(wanted)
-        return cls(cells.faces.nodes, spans, owner, neighbour, faces, inner, place[rows], numbers, sign, axes)
+        at, ahead = np.searchsorted(numbers, couples.faces), place[cells.owner[couples.partners]]
+        own = replace(couples, faces=at, partners=ahead)
+        return cls(cells.faces.nodes, spans, owner, neighbour, faces, inner, place[rows], numbers, sign, axes, own)
 
     def measured(self, points: FloatArray) -> State:
         """Measure the faces and cells that are meant, with the nodes at points (N, 3)."""
@@ -175,6 +241,8 @@ class Ring:
         centres, judged = np.full((len(own), 6), np.nan), np.empty((len(own), 2))
         centres[:, :3] = cells[self.owner[self.faces], :3]
         centres[: self.inner, 3:] = cells[self.neighbour[self.faces[: self.inner]], :3]
+        pairs = self.couples
+        centres[pairs.faces, 3:] = np.einsum("kij,kj->ki", pairs.rotations, cells[pairs.partners, :3]) + pairs.shifts
 
         def judge(low: int, high: int) -> None:
             judge_faces(points, self.nodes, spans[low:high], own[low:high], centres[low:high], judged[low:high])
@@ -182,9 +250,10 @@ class Ring:
         in_chunks(judge, len(own), WEIGHT)
         cells = cells[self.rows]
         openness = (np.abs(cells[:, 4:7]) / (cells[:, 7:] + TINY)).max(axis=1, initial=0.0)
-        inner, areas = np.arange(len(own)) < self.inner, np.linalg.norm(own[:, 3:], axis=1)
-        aspects = self._aspects(cells[:, 7:], cells[:, 3])
-        return State(inner, judged[:, 0], judged[:, 1], areas, own[:, :3], aspects, openness)
+        inner, second = np.arange(len(own)) < self.inner, np.zeros(len(own), dtype=np.bool_)
+        inner[pairs.faces], second[pairs.faces] = ~pairs.second, pairs.second
+        areas, aspects = np.linalg.norm(own[:, 3:], axis=1), self._aspects(cells[:, 7:], cells[:, 3])
+        return State(inner, second, judged[:, 0], judged[:, 1], areas, own[:, :3], aspects, openness)
 
     def _aspects(self, sizes: FloatArray, volumes: FloatArray) -> FloatArray:
         """Return the aspect ratio (C,) of cells, by their volumes (C,) and sums of sizes of area components (C, 3)."""
@@ -216,11 +285,11 @@ class TouchedFaces:
         """Measure a mesh as it is; None if it has no polyhedra, or none is touched."""
         mesh, axes = touched.mesh, axes_of(touched.mesh)
         parts = [
-            (block, rows, sign)
+            (block, rows, sign, axes, Couples.of(mesh, block))
             for block, rows, sign in zip(mesh.cells, touched.rows, touched.orientation, strict=True)
             if isinstance(block, Polyhedra)
         ]
-        rings = tuple(Ring.of(*part, axes) for part in parts if len(part[1]))
+        rings = tuple(Ring.of(*part) for part in parts if len(part[1]))
         if not rings:
             return None
         rest = None if mesh.whole else reduce(add, (_others(mesh.points, *part) for part in parts))
@@ -255,9 +324,13 @@ class TouchedFaces:
 
 def face_quality(mesh: Mesh) -> FaceQuality | None:
     """Return what checkMesh says of the faces of a mesh; None without polyhedra."""
-    none, parts = np.empty(0, dtype=np.intp), [block for block in mesh.cells if isinstance(block, Polyhedra)]
-    found = (_others(mesh.points, block, none, oriented(mesh.points, block)[0]) for block in parts)
-    return reduce(add, found) if parts else None
+    none, axes = np.empty(0, dtype=np.intp), axes_of(mesh)
+    found = [
+        _others(mesh.points, block, none, oriented(mesh.points, block)[0], axes, Couples.of(mesh, block))
+        for block in mesh.cells
+        if isinstance(block, Polyhedra)
+    ]
+    return reduce(add, found) if found else None
 
 
 def axes_of(mesh: Mesh) -> BoolArray:
@@ -270,15 +343,17 @@ def axes_of(mesh: Mesh) -> BoolArray:
     return axes
 
 
-def _others(points: FloatArray, cells: Polyhedra, rows: IntArray, sign: float) -> FaceQuality:
-    """Return what checkMesh says of the faces that none of some rows (R,) of cells has."""
-    still, found, everywhere = ~_mask(len(cells), rows), FaceQuality(), np.ones(3, dtype=np.bool_)
-    others = np.flatnonzero(still)
+def _others(
+    points: FloatArray, cells: Polyhedra, rows: IntArray, sign: float, axes: BoolArray, couples: Couples
+) -> FaceQuality:
+    """Return what checkMesh says of the faces that are not those of a ring around rows (R,) of cells."""
+    moved, found = _mask(len(cells), rows), FaceQuality()
+    known, others = _faces_of(cells, moved), np.flatnonzero(~moved)
+    known[couples.partners[known[couples.faces]]] = True
     for part in rows_of(len(others), max(ROWS, -(-len(others) // PARTS))):
-        ring = Ring.of(cells, others[part], sign, everywhere)
+        ring = Ring.of(cells, others[part], sign, axes, couples)
         owner = cells.owner[ring.numbers]
-        own = still[owner] & (owner >= others[part][0]) & (owner <= others[part][-1])
-        own[: ring.inner] &= still[cells.neighbour[ring.numbers[: ring.inner]]]
+        own = ~known[ring.numbers] & (owner >= others[part][0]) & (owner <= others[part][-1])
         found += ring.measured(points).quality(own)
     return found
 

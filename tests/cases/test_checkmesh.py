@@ -1,15 +1,18 @@
 """What is said of faces and cells, beside what OpenFOAM's checkMesh says of the same files."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sdm_deflect.cases.inspection import inspect, inspected
 from sdm_deflect.cases.metrics import deflection_figures, face_rows
 from sdm_deflect.deform import orthogonality
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.mesh import Cells, Mesh
+from sdm_deflect.deform.faces import FACES as OF_SHAPES
+from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Periodic
 from sdm_deflect.deform.orthogonality import TouchedFaces, face_quality
 from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
@@ -118,6 +121,55 @@ def test_cells_that_are_not_inverted_fail_by_their_faces(name, change, fault, tm
     assert touched.inverted_at(moved) == 0
     said = asked(mesh.with_points(moved), tmp_path / "case")
     assert ("Mesh OK." not in said) == fault
+
+
+@pytest.fixture(scope="module", params=["shift", "rotation"])
+def periodic(request, tmp_path_factory):
+    """A case with a periodic pair, all of whose nodes are moved at random, and what checkMesh says of it."""
+    (points, cells), rng = grid([0, 0, 0], [3, 3, 3], [3, 3, 3]), np.random.default_rng(4)
+    base = points[:16] + [0.0, 2.0, 0.0] + rng.normal(0.0, 0.1, (16, 3)) * (points[:16, 1:].prod(axis=1) != 0)[:, None]
+    turns = Rotation.from_rotvec(np.outer([0, -10, -20, -30] if request.param == "rotation" else [0] * 4, [0, 0, 1]), True)
+    shift = np.array([0.0, 0.0, 0.0] if request.param == "rotation" else [2.0, 0.3, 0.1])
+    planes = [turns[i].apply(base) + i / 3 * shift for i in range(4)]
+    places = np.concatenate([planes[0], *(plane + rng.normal(0.0, 0.1, (16, 3)) for plane in planes[1:3]), planes[3]])
+    sides = np.concatenate([cells[:, list(face)] for face in OF_SHAPES["hexahedron"]])
+    on = [np.isin(sides, nodes).all(axis=1) for nodes in (np.arange(16), np.arange(48, 64))]
+    patches = [Patch(name, (Cells("quad", sides[own]),)) for name, own in zip(("low", "high"), on, strict=True)]
+    flat = Mesh(places, (Cells("hexahedron", cells),), tuple(patches))
+    folder = tmp_path_factory.mktemp(request.param) / "case"
+    OpenFoam().write(flat, folder)
+    (folder / "system/controlDict").write_text(HEAD + CONTROL)
+    boundary = folder / "constant/polyMesh/boundary"
+    text = boundary.read_text()
+    way = "rotational; rotationAxis (0 0 1); rotationCentre (0 0 0)" if request.param == "rotation" else "translational"
+    for name, other, sign in (("low", "high", 1.0), ("high", "low", -1.0)):
+        vector = " ".join(map(repr, (sign * shift).tolist()))
+        kind = f"type cyclic; neighbourPatch {other}; transform {way}; separationVector ({vector});"
+        text = re.sub(rf"({name}\s*{{\s*)type\s+\w+;", rf"\g<1>{kind}", text)
+    boundary.write_text(text)
+    nodes = np.column_stack([np.arange(16), np.arange(48, 64)])
+    pair = Periodic("low", ("low", "high"), nodes, turns[3].as_matrix(), shift)
+    return replace(flat, cells=(bounded(flat).cells,), periodic=(pair,)), foam.run("checkMesh", folder)
+
+
+def test_faces_of_a_periodic_pair_are_between_two_cells(periodic):
+    mesh, said = periodic
+    assert "Coupled point location match" in said
+    found, own = foam.metrics(said), face_quality(mesh)
+    theirs = [found[name] for name in ("non-orthogonality", "mean non-orthogonality", "skewness")]
+    assert [own.as_dict()[key] for key in KEYS] == pytest.approx(theirs, rel=1e-9)
+    assert own.faces == 54 + 9
+    assert face_quality(replace(mesh, periodic=())).non_orthogonality_mean != own.non_orthogonality_mean
+
+
+def test_where_one_cell_of_a_periodic_pair_is_touched_both_faces_are_measured(periodic):
+    mesh, _ = periodic
+    inner = np.setdiff1d(np.arange(64), np.concatenate([np.arange(16), np.arange(48, 64)]))
+    moved = mesh.points.copy()
+    moved[inner[:3]] += 0.05
+    faces = TouchedFaces.of(TouchedCells.of(mesh, inner[:3]))
+    found = (faces.rest + faces.at(moved).quality()).as_dict()
+    assert found == pytest.approx(face_quality(mesh.with_points(moved)).as_dict(), rel=1e-12)
 
 
 def test_a_sheared_block_has_the_angle_by_which_it_is_sheared():
