@@ -128,8 +128,9 @@ def periodic(request, tmp_path_factory):
     """A case with a periodic pair, all of whose nodes are moved at random, and what checkMesh says of it."""
     (points, cells), rng = grid([0, 0, 0], [3, 3, 3], [3, 3, 3]), np.random.default_rng(4)
     base = points[:16] + [0.0, 2.0, 0.0] + rng.normal(0.0, 0.1, (16, 3)) * (points[:16, 1:].prod(axis=1) != 0)[:, None]
-    turns = Rotation.from_rotvec(np.outer([0, -10, -20, -30] if request.param == "rotation" else [0] * 4, [0, 0, 1]), True)
-    shift = np.array([0.0, 0.0, 0.0] if request.param == "rotation" else [2.0, 0.3, 0.1])
+    turned = request.param == "rotation"
+    turns = Rotation.from_rotvec(np.outer([0, -10, -20, -30] if turned else [0] * 4, [0, 0, 1]), degrees=True)
+    shift = np.array([0.0, 0.0, 0.0] if turned else [2.0, 0.3, 0.1])
     planes = [turns[i].apply(base) + i / 3 * shift for i in range(4)]
     places = np.concatenate([planes[0], *(plane + rng.normal(0.0, 0.1, (16, 3)) for plane in planes[1:3]), planes[3]])
     sides = np.concatenate([cells[:, list(face)] for face in OF_SHAPES["hexahedron"]])
@@ -141,7 +142,7 @@ def periodic(request, tmp_path_factory):
     (folder / "system/controlDict").write_text(HEAD + CONTROL)
     boundary = folder / "constant/polyMesh/boundary"
     text = boundary.read_text()
-    way = "rotational; rotationAxis (0 0 1); rotationCentre (0 0 0)" if request.param == "rotation" else "translational"
+    way = "rotational; rotationAxis (0 0 1); rotationCentre (0 0 0)" if turned else "translational"
     for name, other, sign in (("low", "high", 1.0), ("high", "low", -1.0)):
         vector = " ".join(map(repr, (sign * shift).tolist()))
         kind = f"type cyclic; neighbourPatch {other}; transform {way}; separationVector ({vector});"
