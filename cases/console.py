@@ -10,7 +10,16 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from sdm_deflect.cases.metrics import fit_text, kernel_figures, kernel_text, notes_of, repair_text, travels
+from sdm_deflect.cases.metrics import (
+    Json,
+    face_rows,
+    fit_text,
+    kernel_figures,
+    kernel_text,
+    notes_of,
+    repair_text,
+    travels,
+)
 from sdm_deflect.deform.checks import Check, Verdict
 from sdm_deflect.deform.errors import printable
 from sdm_deflect.deform.quality import Quality
@@ -71,6 +80,7 @@ def result_table(done: "Outcome") -> Group:
     if len(ordered) == 1:
         only = ordered[0]
         body = [verdict(only.checks, f"{title}, {only.angle:+g} {unit}"), quality_table(plan.before, only.quality)]
+        body += face_table(only.figures)
         told = [text for text in [repair_text(only.figures), fit_text(only.figures)] if text]
     else:
         failed = [one for one in ordered if not one.passed]
@@ -97,6 +107,15 @@ def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
         pairs = [f"{a:.3f}, {b:.3f}" for a, b in ((old.min, new.min), (old.p01, new.p01), (old.mean, new.mean))]
         table.add_row(old.shape, old.measure, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
     return table
+
+
+def face_table(figures: Json) -> list[Table]:
+    """Return what checkMesh says of the faces of polyhedra before and after; no table without any."""
+    of, rows = face_rows(figures)
+    table = _table("", (f"{of} (checkMesh)",), ("before", "after"))
+    for row in rows:
+        table.add_row(*row)
+    return [table] if rows else []
 
 
 def sweep_table(angles: Sequence["Judged"], title: str) -> Table:

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdm_deflect.cases.selections import selection
 from sdm_deflect.deform.errors import InputError, printable
-from sdm_deflect.deform.mesh import VOLUMES, Cells, FloatArray, Mesh
+from sdm_deflect.deform.mesh import VOLUMES, Cells, FloatArray, Mesh, Polyhedra
 from sdm_deflect.deform.parts import MARK, Part
 from sdm_deflect.deform.quality import POLYHEDRON, by_shape, check_most, oriented
 from sdm_deflect.deform.reading import RATIO_VARIABLE, unpack_limit
@@ -52,6 +52,7 @@ def inspect(path: Path, select: Mapping[str, str] = NOTHING) -> str:
         shown = ", ".join(blocks[:SHOWN]) + (f" and {len(blocks) - SHOWN} more" if len(blocks) > SHOWN else "")
         lines.append(f"{len(blocks)} zones of the file fit together{_as(name, found['zones'])}: {shown}")
     lines += [_quality_line(quality) for quality in found["quality"]]
+    lines += [_face_line(found["face_quality"])] if found["face_quality"] else []
     if found["left_handed"]:
         lines.append("the file counts the nodes of cells left-handed; judged accordingly")
     lines += found["notes"]
@@ -83,6 +84,7 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         the number of connected components of the patches that have several; ``parts``, of each of these components
         (`MOST` of a patch) and of each selection the name, the number of ``faces`` and the least and largest
         coordinates, ``low`` and ``high``; ``quality``, the fields of `Quality` for each type of cell;
+        ``face_quality``, the figures of checkMesh for the faces of polyhedra, None without any;
         ``left_handed``, whether the file counts the nodes of cells the other way round; ``notes``, sentences on what
         may not be expected.
 
@@ -110,6 +112,7 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         "components": components,
         "parts": [_part(part) for part in parts],
         "quality": [asdict(quality) for quality in by_shape(mesh.points, blocks)],
+        "face_quality": _face_quality(mesh),
         "left_handed": min(orientation for _, _, orientation in blocks) < 0.0,
         "notes": list(mesh.notes),
     }
@@ -178,6 +181,24 @@ def _quality_line(found: Json) -> str:
     if found["shape"] == POLYHEDRON:  # an ideal cell of many faces is far below 1
         return line
     return f"{line}, {found['below_0_2']:.3%} below 0.2, {found['below_0_4']:.3%} below 0.4"
+
+
+def _face_quality(mesh: Mesh) -> Json | None:
+    """Return what checkMesh says of the faces of polyhedra; None without any."""
+    if not any(isinstance(block, Polyhedra) for block in mesh.cells):
+        return None
+    from sdm_deflect.deform.orthogonality import face_quality  # loads the compiler
+
+    found = face_quality(mesh)
+    return found.as_dict() if found else None
+
+
+def _face_line(found: Json) -> str:
+    return (
+        f"faces as OpenFOAM's checkMesh measures them: non-orthogonality max {found['non_orthogonality_max']:.2f}, "
+        f"mean {found['non_orthogonality_mean']:.2f} degrees, {found['severely_non_orthogonal']} above 70; "
+        f"skewness max {found['skewness_max']:.3f}, {found['highly_skew']} above 4"
+    )
 
 
 def _as(name: str, zones: Json) -> str:

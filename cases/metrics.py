@@ -10,6 +10,7 @@ import numpy as np
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.fitting import KERNELS, ORDERS
 from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.orthogonality import SEVERE, SKEW
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS
@@ -17,6 +18,14 @@ from sdm_deflect.deform.volume.step import DIRECTIONS
 Json = dict[str, Any]
 SHOWN_WHOLE = 2_000_000
 """Cells of meshes of which a report shows all, those beyond the box as well."""
+FACES = {
+    "non_orthogonality_max": ("largest non-orthogonality, deg", ".2f"),
+    "non_orthogonality_mean": ("mean non-orthogonality, deg", ".2f"),
+    "severely_non_orthogonal": (f"faces above {SEVERE:g} deg", ",d"),
+    "skewness_max": ("largest skewness", ".3f"),
+    "highly_skew": (f"faces of a skewness above {SKEW:g}", ",d"),
+}
+"""What the figures of faces are called, and their format."""
 
 
 def mesh_figures(plan: Plan) -> Json:
@@ -55,6 +64,7 @@ def deflection_figures(one: Deflection) -> Json:
         "error_between_sites": asdict(one.error_between) if one.error_between else None,
         "cells_touched": plan.touched.count,
         "quality_inside": {"before": by_shape(plan.before), "after": by_shape(one.quality)},
+        **face_figures(one),
         "repair": repair_figures(one),
         "steps": len(one.steps),
         "seconds": one.seconds,
@@ -84,6 +94,29 @@ def fit_text(figures: Json, unit: str = "") -> str:
     error = max(fit["max_error"] for fit in fits.values())
     off = f", between them {between['max']:.1e}{end} (99 %: {between['p99']:.1e}{end})" if between else ""
     return f"interpolation: condition {condition:.1e}, error at the sites {error:.1e}{end}{off}"
+
+
+def face_figures(one: Deflection) -> Json:
+    """Return what checkMesh says of the faces of touched polyhedra before and after, and of the whole mesh.
+
+    Nothing without polyhedra; nothing of the whole mesh where it is not held in memory.
+    """
+    faces, after = one.plan.faces, one.faces
+    if not faces or not after:
+        return {}
+    own = faces.before.quality(), after.quality()
+    scopes = {"touched": own} | ({"whole": (faces.rest + own[0], faces.rest + own[1])} if faces.rest else {})
+    return {"face_quality": {of: {"before": a.as_dict(), "after": b.as_dict()} for of, (a, b) in scopes.items()}}
+
+
+def face_rows(figures: Json) -> tuple[str, list[tuple[str, str, str]]]:
+    """Return whose faces the figures of a deflection tell of, and what each is before and after; none without any."""
+    found = figures.get("face_quality", {})
+    for of, text in (("whole", "all faces"), ("touched", "faces of the touched cells")):
+        if of in found:
+            pairs = ((*FACES[key], *(found[of][when][key] for when in ("before", "after"))) for key in FACES)
+            return text, [(name, f"{old:{form}}", f"{new:{form}}") for name, form, old, new in pairs]
+    return "", []
 
 
 def repair_figures(one: Deflection) -> Json | None:

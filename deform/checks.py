@@ -13,7 +13,7 @@ from sdm_deflect.deform.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.touched import Layers, first_layer
 from sdm_deflect.deform.volume.deflection import Deflection
 
-LAYER_CHANGE = 0.01  # of the first layer's height
+LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1  # of the first layer's height; of thick layers of polyhedra
 ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid
 ON_IMAGE = 1e-14  # of a pair's size: how far nodes may be from the images of others
 WORSE = 4.0  # times as far as they were, in files with fewer digits
@@ -133,6 +133,8 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
         yield from _boundary_checks(deflection)
     if mesh.cells and min_quality:
         yield from _quality_checks(deflection, min_quality)
+    if plan.faces and deflection.faces:
+        yield from (Check(*row) for row in plan.faces.verdicts(deflection.faces))
     for patch, nodes in zip(plan.boundary.sliding, sites.sliding, strict=True):
         drift = np.abs(patch.surface.distance(points[nodes]) - patch.surface.distance(mesh.points[nodes]))
         allowed, where = ON_SHAPE * plan.boundary.size, f"{len(nodes)} sliding nodes"
@@ -141,7 +143,7 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
     layers = layers_of(deflection)
     if layers:
         where = f"{layers.edges} edges off the walls, from {layers.lowest:.3g}; 99 % within {layers.p99:.2e}"
-        yield Check("first_layer", layers.largest, LAYER_CHANGE, "", where)
+        yield Check("first_layer", layers.largest, THICK_CHANGE if layers.thick else LAYER_CHANGE, "", where)
 
 
 def _pairs(deflection: Deflection) -> Iterator[Check]:

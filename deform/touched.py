@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from sdm_deflect.deform import polyhedra
 from sdm_deflect.deform.edges import rows_of
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Polyhedra, Volume
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra, Volume
+from sdm_deflect.deform.prisms import alone, prisms_on
 from sdm_deflect.deform.quality import Quality, by_shape, check_most, inverted_of, oriented
 from sdm_deflect.deform.rbf.compiled import compiled
 from sdm_deflect.deform.rbf.threads import in_chunks
@@ -28,8 +30,11 @@ BASES = {
 BLOCK = 1 << 16
 WEIGHT = 10
 """Work on the nodes of one cell in kernel pairs, by which `in_chunks` shares it out."""
-FLAT = 0.2
-"""Height over the longest edge on the wall, below which a cell counts as one of a layer."""
+FLAT, FLAT_POLYHEDRON = 0.2, 0.5
+"""Height over the longest edge on the wall, below which a cell counts as one of a layer. The layers of snappyHexMesh
+are 0.1 to 0.4 of that edge high, its other cells on a wall 0.6 and more."""
+THICK = 0.1
+"""The same, above which the heights of polyhedra follow the wall less closely."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,12 +104,28 @@ class Layers:
     edges : number of these edges, as often as cells have them.
     lowest : smallest height before.
     largest, p99 : largest relative change, and the one that 99 % of the edges keep.
+    thick : whether half the edges or more are of polyhedra, and higher than a tenth of the cell's width.
     """
 
     edges: int
     lowest: float
     largest: float
     p99: float
+    thick: bool = False
+
+
+class LayerEdges(NamedTuple):
+    """Edges that leave a wall, or a layer over it.
+
+    Attributes
+    ----------
+    starts, ends : (E,) nodes where they begin and end.
+    thick : (E,) which are of polyhedra that are higher than `THICK` of their longest edge on the wall.
+    """
+
+    starts: IntArray
+    ends: IntArray
+    thick: NDArray[np.bool_]
 
 
 def first_layer(touched: TouchedCells, walls: IntArray, points: FloatArray) -> Layers | None:
@@ -112,34 +133,37 @@ def first_layer(touched: TouchedCells, walls: IntArray, points: FloatArray) -> L
     edges = next(layers(touched, walls), None)
     if edges is None:
         return None
-    low, after = (np.linalg.norm(at[edges[1]] - at[edges[0]], axis=1) for at in (touched.mesh.points, points))
-    change = np.abs(after / low - 1.0)
-    return Layers(len(low), float(low.min()), float(change.max()), float(np.percentile(change, 99.0)))
+    low, after = (np.linalg.norm(at[edges.ends] - at[edges.starts], axis=1) for at in (touched.mesh.points, points))
+    change, thick = np.abs(after / low - 1.0), bool(2 * np.count_nonzero(edges.thick) >= len(low))
+    return Layers(len(low), float(low.min()), float(change.max()), float(np.percentile(change, 99.0)), thick)
 
 
-def layers(touched: TouchedCells, walls: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield, layer by layer from the nodes of walls (W,), where the edges that leave them begin and end, each (E,).
+def layers(touched: TouchedCells, walls: IntArray) -> Iterator[LayerEdges]:
+    """Yield, layer by layer from the nodes of walls (W,), the edges that leave them.
 
     Edges are those of flat cells, as often as cells have them; the last layer is that without flat cells on it.
     """
     seen = np.zeros(len(touched.mesh.points), dtype=np.bool_)
     seen[walls] = True
     below = seen.copy()
+    parts = [
+        (alone(block, rows) if isinstance(block, Polyhedra) else block, rows)
+        for block, rows in zip(touched.mesh.cells, touched.rows, strict=True)
+        if isinstance(block, Polyhedra) or block.shape in BASES
+    ]
     while True:
         found = [
-            (base[flat].ravel(), top[flat].ravel())
-            for block, rows in zip(touched.mesh.cells, touched.rows, strict=True)
-            if not isinstance(block, Polyhedra) and block.shape in BASES
+            _edges(touched.mesh.points, base, top, isinstance(block, Polyhedra))
+            for block, rows in parts
             for base, top in _first_cells(block, rows, below)
-            if (flat := _flat(touched.mesh.points, base, top)).any()
         ]
         if not found:
             return
-        starts, ends = (np.concatenate(part) for part in zip(*found, strict=True))
+        starts, ends, thick = (np.concatenate(part) for part in zip(*found, strict=True))
         new = ~seen[ends]
         if not new.any():
             return
-        yield starts[new], ends[new]
+        yield LayerEdges(starts[new], ends[new], thick[new])
         below[:] = False
         below[ends[new]] = seen[ends[new]] = True
 
@@ -169,8 +193,13 @@ def _have_one(
         found[i] = one
 
 
-def _first_cells(block: Cells, rows: IntArray, wall: NDArray[np.bool_]) -> list[tuple[IntArray, IntArray]]:
-    """Return nodes (C, k) on the wall and nodes (C, k) opposite, of cells with one face on the wall."""
+def _first_cells(block: Volume, rows: IntArray, wall: NDArray[np.bool_]) -> list[tuple[IntArray, IntArray]]:
+    """Return nodes (C, k) on the wall and nodes (C, k) opposite, of cells with one face on the wall.
+
+    Of polyhedra the block has the rows alone.
+    """
+    if isinstance(block, Polyhedra):
+        return prisms_on(block, len(rows), wall)
     found = []
     for part in rows_of(len(rows), BLOCK):
         nodes = block.nodes[rows[part]]
@@ -182,8 +211,10 @@ def _first_cells(block: Cells, rows: IntArray, wall: NDArray[np.bool_]) -> list[
     return found
 
 
-def _flat(points: FloatArray, base: IntArray, top: IntArray) -> NDArray[np.bool_]:
-    """Return which cells (C,) are flat: others over a wall are no layer."""
-    around = np.linalg.norm(points[base] - points[np.roll(base, 1, axis=1)], axis=2)
-    height = np.linalg.norm(points[top] - points[base], axis=2)
-    return np.asarray(height.max(axis=1) < FLAT * around.max(axis=1))
+def _edges(points: FloatArray, base: IntArray, top: IntArray, polyhedra: bool) -> LayerEdges:
+    """Return the edges of flat cells, of nodes (C, k) on a wall and opposite: others over a wall are no layer."""
+    around = np.linalg.norm(points[base] - points[np.roll(base, 1, axis=1)], axis=2).max(axis=1)
+    height = np.linalg.norm(points[top] - points[base], axis=2).max(axis=1)
+    flat = height < (FLAT_POLYHEDRON if polyhedra else FLAT) * around
+    thick = np.repeat((height > THICK * around)[flat] & polyhedra, base.shape[1])
+    return LayerEdges(base[flat].ravel(), top[flat].ravel(), thick)

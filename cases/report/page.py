@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, TemplateError
 from markupsafe import Markup
 from PIL import Image
 
-from sdm_deflect.cases.metrics import Json, kernel_text
+from sdm_deflect.cases.metrics import Json, face_rows, kernel_text
 from sdm_deflect.cases.report.data import ReportData, drawn_measure
 from sdm_deflect.cases.report.pictures import Exhibit, Gallery
 from sdm_deflect.cases.report.turnable import MOST_CELLS, encoded, packed, turnable
@@ -60,6 +60,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
     }
     with damaged(Path("metrics.json"), "table of a run's figures"):
         shown["qualities"] = list(qualities(data))
+        shown["faces"] = [(name, *face_rows(one)) for name, one in data.figures.get("deflections", {}).items()]
         for share in SHARES:
             jinja.filters["inline"] = partial(inline, share=share)
             try:
@@ -125,6 +126,11 @@ CHECKS = {
     "inverted_cells": "cells turned inside out",
     "fixed_surfaces_moved": "largest displacement of a surface that must not move",
     "quality_min": "worst cell of the deflected mesh, by mean ratio (1 is regular)",
+    "non_orthogonality_max": "largest angle between a face's normal and the line between the centres of its two cells",
+    "skewness_max": "largest distance of a face's centre from that line, over the size of the face",
+    "aspect_ratio_max": "largest aspect ratio of a cell, as OpenFOAM's checkMesh has it",
+    "faces_without_area": "faces whose area has become zero",
+    "open_cells": "cells whose faces do not close, by rounding",
     "repair_elsewhere": "largest displacement by the repair of nodes that it must not move",
     "surface_kept": "nodes that the repair moved on the control surface, from its triangles",
     "planarity": "nodes of planar CAD faces from their best plane",

@@ -29,7 +29,7 @@ class Columns:
         """Follow flat cells from the nodes of walls (W,) outwards, until there are none."""
         levels: list[IntArray] = []
         forked = np.empty(0, dtype=np.intp)
-        for base, top in layers(touched, walls):
+        for base, top, _ in layers(touched, walls):
             pairs = np.unique(np.column_stack([top, base]), axis=0)
             nodes, first, count = np.unique(pairs[:, 0], return_index=True, return_counts=True)
             forked = forked if levels else nodes[count > 1]

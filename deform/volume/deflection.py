@@ -11,6 +11,7 @@ import numpy as np
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.faces import Unheld
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
+from sdm_deflect.deform.orthogonality import State, TouchedFaces
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
@@ -102,6 +103,11 @@ class Plan:
         """What patches miss of the boundary where nodes may move, and what they hold beside it."""
         return Unheld.of(self.touched, self.changed, self.patches)
 
+    @cached_property
+    def faces(self) -> TouchedFaces | None:
+        """The faces of touched cells as OpenFOAM's checkMesh measures them; None without polyhedra."""
+        return TouchedFaces.of(self.touched)
+
     @property
     def walls(self) -> IntArray:
         """Sorted indices of the moving and fixed nodes inside."""
@@ -182,6 +188,11 @@ class Deflection:
     def quality(self) -> tuple[Quality, ...]:
         """Quality of the touched cells by type."""
         return self.plan.touched.quality(self.points)
+
+    @cached_property
+    def faces(self) -> State | None:
+        """What was measured of the faces of touched cells as OpenFOAM's checkMesh does; None without polyhedra."""
+        return self.plan.faces.at(self.points) if self.plan.faces else None
 
     @cached_property
     def error_between(self) -> ErrorBetween | None:

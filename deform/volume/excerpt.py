@@ -21,7 +21,7 @@ from sdm_deflect.deform.sets import distinct, union
 from sdm_deflect.deform.volume.boundary import Boundary
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.region import confined
-from sdm_deflect.deform.volume.scan import CELLS, POINTS, CellsFound, Frame, check_points, judged, nodes_inside
+from sdm_deflect.deform.volume.scan import CELLS, POINTS, CellsFound, Frame, beside, check_points, judged, nodes_inside
 
 HELD = 1 << 23
 """Points up to so many are held in memory, by a runner that shares it."""
@@ -46,6 +46,8 @@ def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runne
         frame = frame.holding()
     inside, places = _nodes_inside(frame, runner, progress)
     found, frame = _cells(mesh, frame, runner, progress)
+    for block, some in enumerate(found):
+        some += _around(frame, block, some, runner)
     known = union(frame.boundary, inside)
     beyond = np.setdiff1d(union(*(one.cells.nodes for block in found for one in block)), known, assume_unique=True)
     nodes = union(known, beyond)
@@ -135,6 +137,15 @@ def _cells(
     return found, frame
 
 
+def _around(frame: Frame, block: int, found: list[CellsFound], runner: Runner) -> list[CellsFound]:
+    """Return the polyhedra beyond the faces of the touched ones, with all their faces: their centres are needed."""
+    sides = [one.cells.sides for one in found if isinstance(one.cells, SomePolyhedra)]
+    known = union(*(one.rows for one in found))
+    cells = np.setdiff1d(union(*(one for own in sides for one in (own.owner, own.neighbour))), known, True)
+    pieces = np.split(cells, np.flatnonzero(np.diff(cells // (CELLS // LARGER))) + 1)
+    return list(runner.map(beside, frame, [(block, own) for own in pieces if len(own)]))
+
+
 def _judged_cells(frame: Frame, block: int, runner: Runner, progress: Progress) -> list[CellsFound]:
     shape, count = frame.pieces.blocks[block]
     size = CELLS // LARGER if shape == POLYHEDRON else CELLS
@@ -169,7 +180,7 @@ def _gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
 def _block(shape: str, found: Sequence[CellsFound], nodes: IntArray) -> tuple[Volume, IntArray]:
     """Return the touched cells of a block in the numbers of the excerpt, and their rows in the whole mesh.
 
-    Of polyhedra those beyond their faces are there, too, but not all of their own faces: none of their nodes moves.
+    Of polyhedra those beyond their faces are there, too, and those beyond these, the latter without all their faces.
     """
     some = [one.cells for one in found if isinstance(one.cells, SomePolyhedra)]
     if some:

@@ -166,6 +166,17 @@ def judged(frame: Frame, item: tuple[int, int, int]) -> CellsFound:
     return CellsFound(start + found, _some(stored, cells, found), inverted, _faces_seen(frame, view, cells))
 
 
+def beside(frame: Frame, item: tuple[int, IntArray]) -> CellsFound:
+    """Return some polyhedra (R,) of a block, none of which is touched, with all their faces."""
+    block, rows = item
+    stored = frame.pieces.cells_of(block, int(rows[0]), int(rows[-1]) + 1)
+    assert isinstance(stored, SomePolyhedra)
+    sides, none = stored.sides, np.empty(0, dtype=np.intp)
+    wanted = np.isin(sides.owner, rows)
+    wanted[: len(sides.neighbour)] |= np.isin(sides.neighbour, rows)
+    return CellsFound(none, stored.some(wanted), 0, none)
+
+
 def _some(stored: Cells | SomePolyhedra, cells: Volume, rows: IntArray) -> Cells | SomePolyhedra:
     """Return rows (R,) of cells as they are stored."""
     if isinstance(stored, Cells):

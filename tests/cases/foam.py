@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-NUMBER = r"(-?[\d.]+(?:e[+-]?\d+)?)"
+NUMBER = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
 METRICS = {
     "aspect ratio": rf"Max aspect ratio = {NUMBER}",
     "openness": rf"Max cell openness = {NUMBER}",

@@ -1,5 +1,7 @@
 """The cells that a deformation may change, and the heights of their first layer."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,8 @@ from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.deform.quality import mean_ratio
 from sdm_deflect.deform.rbf.threads import SERIAL_PAIRS
-from sdm_deflect.deform.touched import WEIGHT, TouchedCells, first_layer
+from sdm_deflect.deform.touched import WEIGHT, TouchedCells, first_layer, layers
+from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.blocks import FACES, block_with_body, grid
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
@@ -105,6 +108,42 @@ def test_heights_of_the_first_layer_are_compared_edge_by_edge():
     assert changed.largest == pytest.approx(0.25, abs=1e-9)
     assert changed.p99 == pytest.approx(0.25, abs=1e-9)
     assert first_layer(touched, walls[:0], points) is None
+
+
+@pytest.mark.parametrize("part", [slice(None), slice(0, None, 3)])
+def test_layers_of_polyhedra_have_the_heights_of_the_shapes_that_they_are(part):
+    w = wing(cells=3)
+    walls = w.mesh.on("wing_upper", "wing_lower", "flap_upper", "flap_lower")
+    other = replace(w.mesh, cells=(bounded(w.mesh).cells,))
+    points = w.mesh.points + np.random.default_rng(1).normal(0.0, 1e-5, w.mesh.points.shape)
+    shapes, polyhedra = (TouchedCells.of(mesh, np.arange(len(points))[part]) for mesh in (w.mesh, other))
+    found = first_layer(shapes, walls, points)
+    assert found == first_layer(polyhedra, walls, points)
+    assert (found.edges > 300, found.thick) == (True, False)
+    for one, same in zip(layers(shapes, walls), layers(polyhedra, walls), strict=False):
+        assert {*zip(one.starts.tolist(), one.ends.tolist(), strict=True)} <= {
+            *zip(same.starts.tolist(), same.ends.tolist(), strict=True)
+        }
+
+
+def test_layers_over_polygons_are_found_and_what_is_no_prism_is_not():
+    """A prism over a pentagon, a quarter as high as wide; then one with a node more at the top."""
+    turn = 2.0 * np.pi * np.arange(5) / 5
+    ring = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(5)])
+    points = np.vstack([ring, np.add(ring, [0.0, 0.0, 0.25]), [[0.0, 0.0, 0.3]]])
+    sides = [[i, (i + 1) % 5, 5 + (i + 1) % 5, 5 + i] for i in range(5)]
+    tops = ([[5, 6, 7, 8, 9]], [[5 + i, 5 + (i + 1) % 5, 10] for i in range(5)])
+    for top, found in ((tops[0], True), (tops[1], False)):
+        faces = [[4, 3, 2, 1, 0], *sides, *top]
+        offsets = np.cumsum([0, *map(len, faces)])
+        polygons = Polygons(np.concatenate(faces), offsets)
+        cells = Polyhedra(polygons, np.zeros(len(faces), dtype=int), np.empty(0, dtype=int))
+        touched = TouchedCells.of(Mesh(points, (cells,), ()), np.arange(11))
+        layer = first_layer(touched, np.arange(5), points * [1.0, 1.0, 1.1])
+        assert (layer is not None) == found
+        if layer:
+            assert (layer.edges, layer.thick) == (5, True)
+            assert layer.largest == pytest.approx(0.1)
 
 
 def test_cells_as_high_as_wide_are_no_layer():
