@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from os import PathLike
 from pathlib import Path
@@ -29,7 +29,7 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sdm_deflect.cases.flow.flow_case import FlowCase
+    from sdm_deflect.cases.mesh_files import Targets
 
 
 def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
@@ -148,32 +148,57 @@ class Result:
         -------
         Sentences on what that format cannot hold; none if it holds everything.
 
-        Raises InputError if the format is unknown, the file is the one that was read, or it cannot be written; of a
-        case also if it has no far field, or a value is out of its range.
+        Raises InputError if the format is unknown, the file is the one that was read, or it cannot be written; if the
+        file that was read has changed since, and its copy is to be written; if a check fails once coordinates are
+        rounded to those that the file keeps (`stored_in(path).save(path)` writes it all the same); of a case also if it
+        has no far field, or a value is out of its range.
         """
         from sdm_deflect.cases.flow.flow_case import FlowCase
-        from sdm_deflect.cases.mesh_files import Targets, write_mesh
+        from sdm_deflect.cases.mesh_files import Targets
         from sdm_deflect.meshing.files import permitted_as
 
         mesh, out = self.plan.mesh, _path(path)
         flow = FlowCase.of(to_solver, mach, alpha, far_field)
         with _about_files():
-            if not mesh.source and not flow:
-                return write_mesh(None, mesh, self.points, out)
-            source = Path(mesh.source or out.parent / "mesh.vtu")  # a mesh of arrays has no file
+            source = Path(mesh.source) if mesh.source else out.with_name(f"no file but {out.name}.vtu")
             wanted = Targets.of(source, out, (self.angle,), flow=flow)
             wanted.check()
+            wanted.check_names(mesh)
+            found = self if flow else self.stored_in(path)
+            failed = {check.name for check in self.checks if not check.passed}
+            for one in found.checks:
+                if not one.passed and one.name not in failed:
+                    raise InputError(f"{out}: {one.name} is {one.value:.3g} there, limit {one.limit:.3g}; {one.where}")
             with permitted_as(mesh.source):
-                return self._save_case(flow, wanted.out) if flow else write_mesh(source, mesh, self.points, wanted.out)
+                return found._save(wanted)
 
-    def _save_case(self, flow: "FlowCase", out: Path) -> tuple[str, ...]:
+    def stored_in(self, path: str | PathLike[str]) -> "Result":
+        """Return the same as a file at `path` would keep it, judged again: some keep coordinates of 32 bits alone.
+
+        Raises InputError if the format is unknown, or the coordinates are beyond its numbers.
+        """
+        from sdm_deflect.cases.mesh_files import precision_of
+
+        mesh = self.plan.mesh
+        with _about_files():
+            precision = precision_of(Path(mesh.source) if mesh.source else None, _path(path), mesh)
+        if precision == self.plan.precision:
+            return self
+        one = self.deflection.stored(precision)
+        return replace(self, deflection=one, checks=checks_of(one, self.min_quality))
+
+    def _save(self, wanted: "Targets") -> tuple[str, ...]:
+        """Write the mesh, or a case, and put it in place once it reads back as it was judged."""
+        from sdm_deflect.cases.deflect_file import write_angle
         from sdm_deflect.cases.output import OutputError, output_files
 
         try:
-            with output_files(out.parent) as scratch:
-                return flow.write(self.plan, self.points, scratch / out.name)[1]
+            with output_files(wanted.out.parent) as scratch:
+                _, lost = write_angle(wanted, self.deflection, scratch / wanted.out.name, silent)
+                wanted.keep_tables(scratch)
         except OutputError as error:
             raise InputError(str(error)) from None
+        return lost
 
     def report(self, folder: str | PathLike[str]) -> Path:
         """Write a report of one self-contained page, with its pictures, figures and settings.

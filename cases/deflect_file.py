@@ -16,6 +16,7 @@ from sdm_deflect.cases.metrics import (
 )
 from sdm_deflect.cases.output import output_files
 from sdm_deflect.cases.progress import Stopwatch
+from sdm_deflect.cases.read_back import check_written
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
 from sdm_deflect.deform.errors import InputError, printable
 from sdm_deflect.deform.mesh import Mesh
@@ -23,11 +24,12 @@ from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.progress import Progress
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.touched import Layers
+from sdm_deflect.deform.unchanged import check_unchanged, held
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.files import permitted_as
-from sdm_deflect.meshing.formats.registry import STORED, format_of, in_pieces, read, size_of
+from sdm_deflect.meshing.formats.registry import STORED, files_of, format_of, in_pieces, read, size_of
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.flow.flow_case import FlowCase
@@ -113,7 +115,8 @@ def planned(wanted: Targets, job: Job, watch: Stopwatch, runner: Runner = HERE, 
     with watch.stage("read") as progress:
         mesh = needed(wanted, job, progress, runner)
     with watch.stage("plan") as progress:
-        plan = replace(Plan.of(mesh, job, angles or wanted.angles, progress), runner=runner)
+        plan = Plan.of(mesh, job, angles or wanted.angles, progress)
+        plan = replace(plan, runner=runner, precision=wanted.precision(plan.mesh))
     if wanted.flow:
         wanted.flow.setup(plan)
     return plan
@@ -128,7 +131,16 @@ def judged(one: Deflection, min_quality: float) -> Judged:
 def deflect_file(
     wanted: Targets, job: Job, watch: Stopwatch, min_quality: float = MIN_QUALITY, runner: Runner = HERE
 ) -> Outcome:
-    """Deflect a mesh file to each angle; the files appear together at the end, or none of them."""
+    """Deflect a mesh file to each angle; the files appear together at the end, or none of them.
+
+    Raises InputError if a file that is read changes meanwhile, MeshFileError if one that is written is not what was
+    judged.
+    """
+    with held(files_of(wanted.source)):
+        return _deflected(wanted, job, watch, min_quality, runner)
+
+
+def _deflected(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float, runner: Runner) -> Outcome:
     plan = planned(wanted, job, watch, runner)
     wanted.check_names(plan.mesh)
     found: list[Judged] = []
@@ -146,7 +158,7 @@ def deflect_file(
                 found.append(judged(one, min_quality))
             mesh = wanted.mesh(one.angle)
             with watch.stage("write") as progress:
-                written, lost = _written(wanted, one, scratch / mesh.name, progress)
+                written, lost = write_angle(wanted, one, scratch / mesh.name, progress)
                 names += [wanted.out.with_name(name) for name in written]
             if wanted.reported:
                 with watch.stage("report") as progress:
@@ -157,20 +169,28 @@ def deflect_file(
                     arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))
                     unit = f"mesh length per {job.surfaces[0].motion.unit}"
                     write_sensitivity(plan.mesh, one.points, one.sensitivity(), (arrays, picture), unit)
-        for table in wanted.tables:
-            if table.exists():  # with the same names, and perhaps boundary conditions of its owner's
-                (scratch / table.name).unlink(missing_ok=True)
+        check_unchanged(plan.mesh.files)
+        wanted.keep_tables(scratch)
     return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost, flow=wanted.flow)
 
 
-def _written(
+def write_angle(
     wanted: Targets, one: Deflection, out: Path, progress: Progress
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Write the mesh at one angle, or the case that it is to be in; return the names of what is written, and losses."""
+    """Write the mesh at one angle, or the case that it is to be in; return the names of what is written, and losses.
+
+    Raises MeshFileError if it does not read back as what was judged.
+    """
+    mesh = one.plan.mesh
+    names: tuple[str, ...] = (out.name,)
     if wanted.flow:
         files, lost = wanted.flow.write(one.plan, one.points, out, progress)
-        return tuple(path.name for path in files), tuple(map(printable, lost))
-    return (out.name,), write_mesh(wanted.source, one.plan.mesh, one.points, out, progress, one.plan.runner)
+        names, lost = tuple(path.name for path in files), tuple(map(printable, lost))
+    else:
+        source = wanted.source if mesh.source else None
+        lost = write_mesh(source, mesh, one.points, out, progress, one.plan.runner)
+    check_written(mesh, one.points, one.plan.changed, out, wanted.mesh(one.angle))
+    return names, lost
 
 
 def plan_figures(plan: Plan, flow: "FlowCase | None" = None) -> Json:

@@ -15,12 +15,14 @@ from sdm_deflect.cases.mesh_files import Targets, write_mesh
 from sdm_deflect.cases.metrics import Json
 from sdm_deflect.cases.output import OutputError, output_files
 from sdm_deflect.cases.progress import Stopwatch, Told
+from sdm_deflect.cases.read_back import DIFFERS, check_points, check_written
 from sdm_deflect.deform.checks import MIN_QUALITY, Check
 from sdm_deflect.deform.errors import InputError, shortened
 from sdm_deflect.deform.mesh import bounded
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.reading import damaged
 from sdm_deflect.deform.swept import CONSERVED
+from sdm_deflect.deform.unchanged import check_unchanged, held
 from sdm_deflect.deform.volume.deflection import Plan, sweep
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.files import permitted_as
@@ -29,7 +31,7 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import case_folder
 from sdm_deflect.meshing.formats.openfoam_decomposed import move_points
 from sdm_deflect.meshing.formats.openfoam_files import MESH
-from sdm_deflect.meshing.formats.registry import FORMATS, ending, format_of
+from sdm_deflect.meshing.formats.registry import FORMATS, ending, files_of, format_of
 
 MOST_TIMES = 10_000
 LONGEST = 100 * MOST_TIMES
@@ -192,6 +194,11 @@ def deflect_in_time(
 
     Every different angle is computed once; points of one angle at a time are in memory, then of two times.
     """
+    with held(files_of(wanted.source)):
+        return _deflected(wanted, job, history, watch, min_quality)
+
+
+def _deflected(wanted: Targets, job: Job, history: History, watch: Stopwatch, min_quality: float) -> InTime:
     plan = planned(wanted, job, watch, angles=history.distinct)
     times = foam.Times(history.times)
     found: list[Judged] = []
@@ -210,9 +217,14 @@ def deflect_in_time(
                 for name, angle in zip(times.names, history.angles, strict=True):
                     if angle == one.angle:
                         foam.write_points(case, name, one.points)
+                        if why := check_points(one.points, foam.read_points(case, name)):
+                            raise MeshFileError(DIFFERS.format(wanted.out / name, why))
         with watch.stage("face sweeps") as progress:
             move_points(case / MESH, case / MESH, [foam.read_points(case, times.names[0])])
             balances = foam.write_face_sweeps(case, times, progress)
+        first = foam.read_points(case, times.names[0])
+        check_written(plan.mesh, first, plan.changed, case, wanted.out)
+        check_unchanged(plan.mesh.files)
     outcome = Outcome(plan, tuple(found), (wanted.out,), (), lost, (conservation(balances),), _advice(wanted, times))
     return InTime(outcome, history, times.names, balances)
 

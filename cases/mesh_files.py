@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sdm_deflect.deform.errors import InputError, printable
-from sdm_deflect.deform.mesh import FloatArray, Mesh
+from sdm_deflect.deform.mesh import FloatArray, Mesh, Polyhedra
 from sdm_deflect.deform.pieces import HERE, Runner
+from sdm_deflect.deform.precision import DOUBLE, EVERY_BIT, Precision
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import quality_of
+from sdm_deflect.deform.unchanged import check_unchanged
 from sdm_deflect.meshing.formats.format import Format, only_rewritten
 from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, ending, format_of
 
@@ -92,13 +94,14 @@ class Targets:
         """All folders of reports."""
         return tuple(self.report(angle) for angle in self.angles) if self.reported else ()
 
+    def precision(self, mesh: Mesh) -> Precision:
+        """Return how the files keep the coordinates of a mesh."""
+        return precision_of(self.source, self.out, mesh)
+
     @property
     def is_copy(self) -> bool:
         """Whether no more is written than copies of one file with other coordinates, and reports."""
-        if self.sensitive or self.flow or not self.source.exists() or format_of(self.out) is not format_of(self.source):
-            return False
-        # an encoding of UGRID may become another
-        return self._is_folder or ending(self.out).lower() == ending(self.source).lower()
+        return not (self.sensitive or self.flow) and self.source.exists() and _keeps_bytes(self.source, self.out)
 
     @property
     def extra(self) -> tuple[Path, ...]:
@@ -130,6 +133,12 @@ class Targets:
 
             for angle in self.angles:
                 check_names(mesh, self.mesh(angle))
+
+    def keep_tables(self, scratch: Path) -> None:
+        """Drop names of patches among new files where there are the same already, perhaps with conditions of a user."""
+        for table in self.tables:
+            if table.exists():
+                (scratch / table.name).unlink(missing_ok=True)
 
     def check(self, inputs: Sequence[Path] = ()) -> None:
         """Refuse targets that would overwrite an input, one another, or a file that is not of an earlier job.
@@ -195,21 +204,48 @@ def inputs_of(given: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
     return tuple(found)
 
 
+def precision_of(source: Path | None, out: Path, mesh: Mesh) -> Precision:
+    """Return how a file keeps the coordinates of a mesh that was read from `source`, or came from elsewhere."""
+    form = format_of(out)
+    same = source is not None and source.exists() and format_of(source) is form
+    real = form.real(out, source if same else None)
+    if real == DOUBLE:
+        return EVERY_BIT
+    other = ".cgns"
+    if form.name == "ugrid":
+        other = ending(out).replace("4", "8")
+    elif form.name == "cgns":  # a folder is an OpenFOAM case
+        other = "" if any(isinstance(block, Polyhedra) for block in mesh.cells) else ".su2"
+    better = out.name.removesuffix(ending(out)) + other
+    copied = source is not None and _keeps_bytes(source, out)
+    return Precision(real, not copied, f"write the mesh in double precision, such as {better}")
+
+
+def _keeps_bytes(source: Path, out: Path) -> bool:
+    """Whether `out` is a copy of the source but for coordinates: an encoding of UGRID may become another."""
+    if format_of(out) is not format_of(source):
+        return False
+    return format_of(out).name == "openfoam" or ending(out).lower() == ending(source).lower()
+
+
 def write_mesh(
     source: Path | None, mesh: Mesh, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
 ) -> tuple[str, ...]:
     """Write the mesh with new points; return what the format of `out` cannot hold.
 
     In the format of the source only coordinates change; all else in the file stays, byte by byte. A .vtu made from
-    another format shows the point array ``displacement`` and the cell array ``quality``.
+    another format shows the point array ``displacement`` and the cell array ``quality``. Raises InputError if the
+    source is no longer the file that was read, and MeshFileError as the format does.
     """
     form = format_of(out)
     if mesh.whole:
         moved_rows = np.flatnonzero((points != mesh.points).any(axis=1))
         mesh.whole.pieces.rewrite(mesh.whole.nodes[moved_rows], points[moved_rows], out, progress, runner)
+        check_unchanged(mesh.files)
         return ()
     if source and format_of(source) is form:
         form.rewrite(source, points, out, progress)
+        check_unchanged(mesh.files)
         return ()
     moved = mesh.with_points(points)
     if form.name == "vtu":

@@ -1,14 +1,17 @@
 """Checks that can fail: what must hold of a deflected mesh."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from sdm_deflect.deform import polyhedra
+from sdm_deflect.deform.edges import edges_of, polygons_of
+from sdm_deflect.deform.faces import faces_of
 from sdm_deflect.deform.images import is_thin, plane_of
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Polyhedra
+from sdm_deflect.deform.precision import EVERY_BIT
 from sdm_deflect.deform.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.touched import Layers, first_layer
 from sdm_deflect.deform.volume.deflection import Deflection
@@ -93,13 +96,19 @@ def layers_of(deflection: Deflection) -> Layers | None:
 
 
 def checks_of(deflection: Deflection, min_quality: float = MIN_QUALITY) -> tuple[Check, ...]:
-    """Return what must hold of the mesh at one angle.
+    """Return what must hold of the mesh at one angle, as the file holds it; of what rounding alone breaks, it says so.
 
     Parameters
     ----------
     min_quality : Share of the undeflected mesh's least quality that the cells of each type must keep; 0: no such check.
     """
-    return tuple(_checks(deflection, min_quality))
+    found = tuple(_checks(deflection, min_quality))
+    precision = deflection.plan.precision
+    if precision.is_double or all(check.passed for check in found):
+        return found
+    failing = {check.name for check in _checks(deflection.stored(EVERY_BIT), min_quality) if not check.passed}
+    why = f"; fails by rounding to {precision}"
+    return tuple(one if one.passed or one.name in failing else replace(one, where=one.where + why) for one in found)
 
 
 def site_error(deflection: Deflection, unit: str = "") -> Check:
@@ -112,7 +121,7 @@ def site_error(deflection: Deflection, unit: str = "") -> Check:
 def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
     plan, points = deflection.plan, deflection.points
     mesh, sites = plan.mesh, plan.sites
-    moved = np.abs(points - mesh.points).max(axis=1)
+    moved = np.abs(points - plan.undeflected).max(axis=1)
     outside = np.ones(len(points), dtype=bool)
     outside[plan.region.inside] = outside[plan.sites.moving] = False
     rest = mesh.point_count - len(points)
@@ -131,13 +140,15 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
             where += f"; {first_inverted(deflection)}"
         yield Check("inverted_cells", deflection.inverted, limit, "cells", where, over=plan.touched.count)
         yield from _boundary_checks(deflection)
+    if plan.precision.every and not plan.precision.is_double:
+        yield _rounding(deflection)
     if mesh.cells and min_quality:
         yield from _quality_checks(deflection, min_quality)
     if plan.faces and deflection.faces:
         yield from (Check(*row) for row in plan.faces.verdicts(deflection.faces))
     for patch, nodes in zip(plan.boundary.sliding, sites.sliding, strict=True):
         drift = np.abs(patch.surface.distance(points[nodes]) - patch.surface.distance(mesh.points[nodes]))
-        allowed, where = ON_SHAPE * plan.boundary.size, f"{len(nodes)} sliding nodes"
+        allowed, where = _on_shape(deflection), f"{len(nodes)} sliding nodes"
         yield Check(f"on_{patch.patch}", float(drift.max(initial=0.0)), allowed, "", where, over=len(nodes))
     yield from _pairs(deflection)
     layers = layers_of(deflection)
@@ -162,7 +173,8 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
             moved = (points - mesh.points)[nodes[:, 0]]
             off[1] = np.maximum(off[1], np.abs(moved @ plane.normal) if plane else 0.0)
         before, now = (float(one.max(initial=0.0)) / (size or 1.0) for one in off)
-        limit = max(ON_IMAGE, WORSE * before)
+        finest = 2.0 * deflection.plan.precision.resolution(mesh.points[nodes]) / (size or 1.0)
+        limit = max(ON_IMAGE, WORSE * before, finest)
         if len(pair.nodes):
             where += f", {before:.1e} of their largest coordinate before"
             yield Check(f"{name}_{pair.name}", now, limit, "", where, over=len(nodes))
@@ -183,8 +195,14 @@ def _slid_on_surfaces(deflection: Deflection, slid: IntArray) -> Check:
         rows = np.flatnonzero(np.isin(slid, one.nodes, assume_unique=True))
         before, now = (one.shape.distance(where[slid[rows]]) for where in (deflection.interpolated, points))
         off[rows] = np.abs(now - before)
-    allowed = ON_SHAPE * deflection.plan.boundary.size
-    return Check("slid_on_surfaces", float(off.max()), allowed, "", f"{worst(off, points[slid])}, of fixed patches")
+    where = f"{worst(off, points[slid])}, of fixed patches"
+    return Check("slid_on_surfaces", float(off.max()), _on_shape(deflection), "", where)
+
+
+def _on_shape(deflection: Deflection) -> float:
+    """Return how far from their shape sliding nodes may be; the numbers of the file may be no finer."""
+    plan = deflection.plan
+    return max(ON_SHAPE * plan.boundary.size, plan.precision.resolution(plan.mesh.points))
 
 
 def first_inverted(deflection: Deflection) -> str:
@@ -212,6 +230,21 @@ def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> 
         return text
     held = not np.isin(nodes, found.freedom.nodes).any()
     return f"{text}; all its nodes are held: no repair can mend it" if held else f"{text}; the repair could not mend it"
+
+
+def _rounding(deflection: Deflection) -> Check:
+    """Check that the undeflected mesh, all of it, survives the rounding to a file of fewer bits than its own."""
+    plan, largest, count = deflection.plan, 0.0, 0
+    for block in plan.mesh.cells:
+        faces = [block.faces] if isinstance(block, Polyhedra) else faces_of(block, np.arange(len(block)))
+        for start, end in (edges_of(polygons_of([own]))[0].T for own in faces):
+            edges = plan.mesh.points[end] - plan.mesh.points[start]
+            change = np.linalg.norm(plan.undeflected[end] - plan.undeflected[start] - edges, axis=1)
+            lengths = np.linalg.norm(edges, axis=1)
+            largest = max(largest, float((change[lengths > 0.0] / lengths[lengths > 0.0]).max(initial=0.0)))
+            count += len(start)
+    where = f"change of an edge, of its length, of {count} edges of all cells of the undeflected mesh"
+    return Check("rounding", largest, LAYER_CHANGE, "", where, over=count)
 
 
 def _boundary_checks(deflection: Deflection) -> Iterator[Check]:

@@ -130,10 +130,11 @@ def _keys_of(block: Volume, rows: IntArray, marked: Marks, keys: Keys) -> Keys:
     if isinstance(block, Polyhedra):
         found, own = face_keys(block.faces, keys), _with_any(block.faces, marked)
         return np.concatenate([found[own], found[: len(block.neighbour)][own[: len(block.neighbour)]]])
-    return _joined([face_keys(faces, keys)[_with_any(faces, marked)] for faces in _faces_of(block, rows)])
+    return _joined([face_keys(faces, keys)[_with_any(faces, marked)] for faces in faces_of(block, rows)])
 
 
-def _faces_of(block: Cells, rows: IntArray) -> Iterator[Cells]:
+def faces_of(block: Cells, rows: IntArray) -> Iterator[Cells]:
+    """Yield the faces of rows (R,) of cells, some at a time; their normals point out of the cells."""
     for part in rows_of(len(rows), ROWS):
         nodes = block.nodes[rows[part]]
         for face in FACES[block.shape]:
@@ -148,5 +149,5 @@ def _nodes_of(touched: TouchedCells, keys: Keys, wanted: Keys) -> IntArray:
             own = np.isin(face_keys(block.faces, keys), wanted)
             found.append(block.faces.nodes[np.repeat(own, np.diff(block.faces.offsets))])
         else:
-            found += [faces.nodes[np.isin(face_keys(faces, keys), wanted)].ravel() for faces in _faces_of(block, rows)]
+            found += [faces.nodes[np.isin(face_keys(faces, keys), wanted)].ravel() for faces in faces_of(block, rows)]
     return union(*found)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sdm_deflect.deform.errors import InputError, nearest, shortened
 from sdm_deflect.deform.sets import union
+from sdm_deflect.deform.unchanged import States
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.pieces import Pieces
@@ -291,6 +292,7 @@ class Mesh:
     notes : Sentences on what a user may not expect of it.
     whole : The mesh that this one is an excerpt of; None if it is whole itself.
     periodic : Pairs of patches whose nodes are images of one another.
+    files : The files it was read from, as they were then (`check_unchanged`).
 
     Raises InputError for coordinates that are not finite or beyond `LARGEST`, indices out of range, names given twice.
     """
@@ -304,6 +306,7 @@ class Mesh:
     notes: tuple[str, ...] = ()
     whole: Whole | None = None
     periodic: tuple[Periodic, ...] = ()
+    files: States = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", real(self.points, "points"))

@@ -13,6 +13,7 @@ from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Patch, Periodic
 from sdm_deflect.deform.polyhedra import SomePolyhedra
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.rbf.threads import available_threads
+from sdm_deflect.deform.unchanged import States
 
 
 class Runner(Protocol):
@@ -84,6 +85,10 @@ class Pieces(Protocol):
     @property
     def source(self) -> str:
         """Path of the file."""
+
+    @property
+    def files(self) -> States:
+        """The files that are read, as they were at first (`check_unchanged`)."""
 
     @property
     def points(self) -> int:

@@ -13,6 +13,7 @@ from sdm_deflect.deform.errors import InputError, shortened
 from sdm_deflect.deform.mesh import FloatArray, Mesh
 from sdm_deflect.deform.parts import MARK
 from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.unchanged import check_unchanged
 from sdm_deflect.deform.volume.deflection import Plan
 from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam_write import UNFIT
@@ -147,6 +148,7 @@ def write_flow(
     lost: tuple[str, ...] = ()
     if copied:
         FORMATS["su2"].rewrite(Path(mesh.source), mesh.points, out, progress)
+        check_unchanged(mesh.files)
     else:
         lost = FORMATS["su2"].write(mesh, out, progress)
     config = configuration_of(out)

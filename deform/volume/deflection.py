@@ -13,6 +13,7 @@ from sdm_deflect.deform.faces import Unheld
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
 from sdm_deflect.deform.orthogonality import State, TouchedFaces
 from sdm_deflect.deform.pieces import HERE, Runner
+from sdm_deflect.deform.precision import EVERY_BIT, Precision
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.rbf.threads import single_threaded_blas
@@ -42,6 +43,7 @@ class Plan:
     before : their quality, by type, as the mesh is.
     angles : amounts of the job's first surface that the box holds.
     runner : who evaluates the interpolant.
+    precision : how the file that is to be written keeps coordinates.
     """
 
     boundary: Boundary
@@ -51,6 +53,7 @@ class Plan:
     before: tuple[Quality, ...]
     angles: tuple[float, ...]
     runner: Runner = HERE
+    precision: Precision = EVERY_BIT
 
     @classmethod
     def of(cls, mesh: Mesh, job: Job, angles: Sequence[float] = (), progress: Progress = silent) -> "Plan":
@@ -77,6 +80,11 @@ class Plan:
     def mesh(self) -> Mesh:
         """The mesh."""
         return self.boundary.mesh
+
+    @cached_property
+    def undeflected(self) -> FloatArray:
+        """Coordinates (N, 3) of the mesh before, as the file that is to be written holds them."""
+        return self.precision.rounded(self.mesh.points, self.mesh.points)
 
     @property
     def job(self) -> Job:
@@ -160,7 +168,8 @@ class Deflection:
     plan : what was decided before.
     angle : the first surface's amount.
     steps : the solves, one unless a single step inverted further cells.
-    points : (N, 3) deflected coordinates; outside the box they have the same bits as before.
+    points : (N, 3) deflected coordinates, as the file that is to be written holds them (`Plan.precision`); outside the
+        box they are those of `Plan.undeflected`.
     inverted : number of touched cells that are inverted at the end.
     seconds : time it took.
     repaired : the repair, where one was needed.
@@ -178,6 +187,22 @@ class Deflection:
     def amounts(self) -> Amounts:
         """Amount of each moving surface."""
         return self.plan.job.amounts_at(self.angle)
+
+    @property
+    def exact(self) -> FloatArray:
+        """Coordinates (N, 3) before they were rounded to those of the file."""
+        return self.steps[-1].points if self.repaired is None else self.repaired.points
+
+    def with_points(self, points: FloatArray) -> "Deflection":
+        """Return it with other points (N, 3), rounded to those of the file; unchanged if they are its own."""
+        rounded = self.plan.precision.rounded(points, self.plan.mesh.points)
+        if rounded is self.points:
+            return self
+        return replace(self, points=rounded, inverted=self.plan.touched.inverted_at(rounded))
+
+    def stored(self, precision: Precision) -> "Deflection":
+        """Return the same deflection as another file holds it."""
+        return replace(self, plan=replace(self.plan, precision=precision)).with_points(self.exact)
 
     @property
     def interpolated(self) -> FloatArray:
@@ -250,7 +275,8 @@ def mended(deflection: Deflection, progress: Progress = silent) -> Deflection:
         return deflection
     found = repaired(deflection.points, plan.touched, plan.freedom(deflection.points), wanted.wanted, progress)
     seconds = deflection.seconds + found.seconds
-    return replace(deflection, points=found.points, inverted=len(found.inverted), seconds=seconds, repaired=found)
+    after = replace(deflection, points=found.points, inverted=len(found.inverted), seconds=seconds, repaired=found)
+    return after.with_points(found.points)
 
 
 def is_spoiled(deflection: Deflection) -> bool:
@@ -317,4 +343,5 @@ def _stepped(plan: Plan, angle: float, count: int, progress: Progress, earlier: 
         steps.append(solve(state, target - reached, progress, earlier, plan.runner))
         points, reached = steps[-1].points, target
     points[nodes] = plan.mesh.points[nodes] + reached  # the places asked for, without the rounding of the steps
+    points = plan.precision.rounded(points, plan.mesh.points)
     return Deflection(plan, angle, tuple(steps), points, plan.touched.inverted_at(points), perf_counter() - begin)

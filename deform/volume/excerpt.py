@@ -52,7 +52,7 @@ def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runne
     beyond = np.setdiff1d(union(*(one.cells.nodes for block in found for one in block)), known, assume_unique=True)
     nodes = union(known, beyond)
     points = np.empty((len(nodes), 3))
-    for own, at in ((frame.boundary, border.points), (inside, places), (beyond, _gathered(pieces, beyond))):
+    for own, at in ((frame.boundary, border.points), (inside, places), (beyond, gathered(pieces, beyond))):
         points[np.searchsorted(nodes, own)] = at
     blocks = [_block(shape, own, nodes) for (shape, _), own in zip(pieces.blocks, found, strict=True)]
     bad = tuple(sum(one.inverted for one in block) for block in found)
@@ -65,7 +65,7 @@ def _border(mesh: MeshInPieces) -> Mesh:
     nodes = union(*(patch.nodes for patch in mesh.patches), *(pair.nodes for pair in mesh.periodic))
     if len(nodes) and (nodes[0] < 0 or nodes[-1] >= mesh.pieces.points):
         raise InputError(f"{mesh.name}: patches name points that are not among the {mesh.pieces.points}")
-    points = _gathered(mesh.pieces, nodes)
+    points = gathered(mesh.pieces, nodes)
     check_points(mesh.pieces, points, nodes)
     return _numbered(mesh, points, (), Whole(mesh.pieces, nodes))
 
@@ -86,7 +86,8 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
     periodic = tuple(replace(pair, nodes=placed(pair.nodes)) for pair in mesh.periodic)
     ends = [np.searchsorted(whole.nodes, (zone.start, zone.stop)).tolist() for zone in mesh.zones]
     zones = tuple(replace(zone, start=low, stop=high) for zone, (low, high) in zip(mesh.zones, ends, strict=True))
-    return Mesh(points, cells, patches, zones, mesh.name, mesh.pieces.source, mesh.notes, whole, periodic)
+    files, source = mesh.pieces.files, mesh.pieces.source
+    return Mesh(points, cells, patches, zones, mesh.name, source, mesh.notes, whole, periodic, files)
 
 
 def _framed(mesh: MeshInPieces, border: Mesh, box: Hexahedron, zones: Sequence[Zone], moving: IntArray) -> Frame:
@@ -166,7 +167,7 @@ def _refuse_loose(mesh: MeshInPieces, frame: Frame, missing: Keys) -> None:
     raise InputError(f"{mesh.name}: {', '.join(loose)} are of no cell")
 
 
-def _gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
+def gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
     """Return the coordinates (K, 3) of sorted nodes, range by range."""
     found = np.empty((len(nodes), 3))
     for start in range(0, pieces.points, POINTS) if len(nodes) else ():

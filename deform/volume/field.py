@@ -100,6 +100,8 @@ class Field:
     def of(cls, one: Deflection) -> "Field":
         """Take what a deflection has found; of a mesh with several zones it is that of the zones that deform."""
         plan, sites = one.plan, one.plan.sites
+        if not plan.precision.is_double:
+            raise InputError(f"{plan.mesh.name}: a field is of double precision; take that of the result itself")
         told = np.zeros(len(plan.mesh.points), dtype=np.bool_)
         told[np.intersect1d(plan.boundary.images.nodes, plan.region.inside, assume_unique=True)] = True
         told[sites.known] = True

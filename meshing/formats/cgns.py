@@ -18,6 +18,7 @@ import numpy as np
 
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.pieces import MeshInPieces
+from sdm_deflect.deform.precision import DOUBLE
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats import adf
@@ -26,7 +27,7 @@ from sdm_deflect.meshing.formats.cgns_packed import overwrite
 from sdm_deflect.meshing.formats.cgns_pieces import in_pieces
 from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_fit, read_base
 from sdm_deflect.meshing.formats.cgns_write import write_base
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.hdf5 import damage
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
@@ -55,6 +56,14 @@ class Cgns:
         """See `registry.in_pieces`."""
         with about(path), _opened(path) as file:
             return in_pieces(path.resolve(), file)
+
+    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
+        """See `Format.real`."""
+        if source is None:
+            return DOUBLE
+        with about(source), _opened(source) as file:
+            base = base_of(file)
+            return fewest_bits(axis.dtype for name in base.zones for axis in coordinate_data(base, name))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; only numbers in CoordinateX, CoordinateY and CoordinateZ change."""

@@ -19,7 +19,7 @@ from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.polyhedra import face_centres_and_areas
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, only_rewritten
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits, only_rewritten
 from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened
 from sdm_deflect.meshing.formats.polyhedra import check_cells, faces_by_cell
 from sdm_deflect.meshing.formats.shapes import oriented, polygons, turned
@@ -60,6 +60,11 @@ class Fluent:
         """See `Format.read`."""
         with about(path), opened(path, KIND) as file:
             return read_mesh(_group(file), partial(progress, f"reading {path.name}"))
+
+    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
+        """See `Format.real`."""
+        with about(source or out), opened(source or out, KIND) as file:
+            return fewest_bits(own.node.dtype for own in coordinates(_group(file)))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; only numbers in ``nodes/coords`` change.

@@ -2,15 +2,16 @@
 
 import errno
 import re
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from sdm_deflect.deform.errors import sentence
 from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.precision import DOUBLE
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.mesh import FloatArray
 
@@ -45,6 +46,12 @@ class Format(Protocol):
         """Return the mesh in a file.
 
         Raises MeshFileError if the file is missing, truncated, damaged, or not of this format.
+        """
+
+    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
+        """Return the type of the coordinates in a file `out`: of a copy of `source`, or of a mesh from elsewhere.
+
+        Of several types it is the one with the fewest bits. Numbers in text have all digits that they need.
         """
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
@@ -85,6 +92,11 @@ def fitting_names(names: Sequence[str], unfit: str, reserved: Container[str] = (
             fitting += "_"
         found[name] = fitting
     return found
+
+
+def fewest_bits(kinds: Iterable[np.dtype[Any]]) -> np.dtype[Any]:
+    """Return the type of real numbers that has the fewest bits, in the machine's order of bytes; of none: double."""
+    return min((*(kind.newbyteorder("=") for kind in kinds), DOUBLE), key=lambda kind: kind.itemsize)
 
 
 def check_points(points: FloatArray, count: int) -> None:

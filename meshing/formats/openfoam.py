@@ -4,13 +4,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
+
+import numpy as np
 
 from sdm_deflect.deform.mesh import Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.precision import DOUBLE
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import copied, fresh_folder
-from sdm_deflect.meshing.formats.format import MeshFileError, about
-from sdm_deflect.meshing.formats.openfoam_decomposed import homes, is_part, move_points, read_parts, rewrite_parts
+from sdm_deflect.meshing.formats.format import MeshFileError, about, fewest_bits
+from sdm_deflect.meshing.formats.openfoam_decomposed import Home, homes, is_part, move_points, read_parts, rewrite_parts
 from sdm_deflect.meshing.formats.openfoam_files import (
     MESH,
     FoamFile,
@@ -68,6 +71,13 @@ class OpenFoam:
             named = patches_of(patches, len(polygons), len(cells.neighbour), polygons.rows)
             mesh = Mesh(points, (cells,), named, notes=parts_beside(case_folder(path)))
             return replace(mesh, periodic=pairs_of(patches, named, lambda nodes: points[nodes]))
+
+    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
+        """See `Format.real`."""
+        if source is None:
+            return DOUBLE
+        where = homes(case_folder(source)) if has_parts(source) else (Home(mesh_folder(source), 0, None),)
+        return fewest_bits(file.kind("scalar") for home in where for file in home.heads("points") if file.binary)
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; `out` is a copy of the case (of the folder ``polyMesh`` if `source` is one)."""
@@ -151,6 +161,13 @@ def size_of(path: Path) -> int:
     return sum(
         file.stat().st_size for name in ("points", "faces", "owner", "neighbour") for file in folder.glob(f"{name}*")
     )
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return the files in the folder of a case's mesh, and of those of its parts where these are read."""
+    case = case_folder(path)
+    folders = [*(home.folder for home in homes(case)), case / MESH] if has_parts(path) else [mesh_folder(path)]
+    return [file for folder in folders if folder.is_dir() for file in sorted(folder.iterdir()) if file.is_file()]
 
 
 def parts_beside(case: Path) -> tuple[str, ...]:

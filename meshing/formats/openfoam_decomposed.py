@@ -19,10 +19,12 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import copied, fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.openfoam_files import (
+    HEAD,
     MESH,
     FoamFile,
     blocks,
     faces,
+    headed,
     labels,
     open_foam,
     parse,
@@ -80,6 +82,14 @@ class Home:
             if self.count and len(found) != self.count:
                 raise MeshFileError(f"holds {len(found)} parts where there should be {self.count}; it is truncated")
             return found
+
+    def heads(self, name: str) -> list[FoamFile]:
+        """Return no more than the beginning of the file `name` of each part, where it can be had without the rest."""
+        plain = self.folder / name
+        if self.collated or not plain.is_file():
+            return self.files(name)
+        with about(plain), plain.open("rb") as file:
+            return [headed(file.read(HEAD), name, HEAD)]
 
     def has(self, name: str) -> bool:
         """Whether there is a file `name`."""

@@ -32,7 +32,7 @@ COMPACT = "faceCompactList"
 COLLATED = "decomposedBlockData"
 """Class of a file that holds a file of each part of a decomposed case."""
 HEAD = 10_000
-"""Bytes of a collated block in which its header is looked for."""
+"""Bytes of a file, or of a collated block, in which its header is looked for."""
 READING, CORNERS, WIDEST = 4, 16, 64
 """Bytes of memory for one of packed text, numbers of a face and bytes of a number in text: seldom more."""
 

@@ -17,6 +17,7 @@ from sdm_deflect.deform.pieces import HERE, MeshInPieces, Runner
 from sdm_deflect.deform.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.quality import POLYHEDRON
+from sdm_deflect.deform.unchanged import check_unchanged
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.openfoam import (
     case_copied,
@@ -100,6 +101,7 @@ class FoamPieces(TablePieces):
 
     def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
         """See `Pieces.cells_of`."""
+        check_unchanged(self.files, elsewhere=True)
         with about(self.given):
             return joined([self._some(low, high, start, stop) for low, high in self._ranges(start, stop)])
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import prod
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,8 +16,8 @@ from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.cgns_blocks import AXES, Plane, Size, cells, collapsed, faces
 from sdm_deflect.meshing.formats.cgns_interfaces import NEAR, meeting
 from sdm_deflect.meshing.formats.fitted import Fitted, Part, fitted
-from sdm_deflect.meshing.formats.format import about, check_points, only_rewritten
-from sdm_deflect.meshing.formats.plot3d_file import Plot3dFile
+from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits, only_rewritten
+from sdm_deflect.meshing.formats.plot3d_file import Plot3dFile, kind_of
 from sdm_deflect.meshing.formats.plot3d_map import ONE_TO_ONE, PATCHED, UNPROCESSED, WITHOUT, Entry, Range, map_of
 from sdm_deflect.meshing.formats.shapes import oriented
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
@@ -36,11 +37,16 @@ class Plot3d:
     name: str = "plot3d"
     suffixes: tuple[str, ...] = (".p3d", ".p3dfmt", ".p2d", ".p2dfmt", ".xyz", ".x", ".g", ".ufmt")
 
-    def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """See `Format.read`; a damaged map is a MeshFileError, too."""
+    def read(self, path: Path, progress: Progress = silent, source: Path | None = None) -> Mesh:
+        """See `Format.read`; a damaged map is a MeshFileError, too. It may be that of the `source` of a copy."""
         with about(path), path.open("rb") as file:
             found = Plot3dFile.opened(file, partial(progress, f"reading {path.name}"))
-            return put_together(found.points(), found.sizes, map_of(path, found.sizes)).mesh
+            return put_together(found.points(), found.sizes, map_of(source or path, found.sizes)).mesh
+
+    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
+        """See `Format.real`."""
+        with about(source or out), (source or out).open("rb") as file:
+            return fewest_bits(kind_of(file))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; points of several blocks that are one get the same numbers.

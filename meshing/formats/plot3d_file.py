@@ -190,6 +190,14 @@ class Plot3dFile:
             self.report(own.stop / len(wanted))
 
 
+def kind_of(file: BinaryIO) -> list[np.dtype[Any]]:
+    """Return the type of the coordinates of a binary file; nothing for text."""
+    file.seek(0)
+    binary = b"\0" in file.read(HEAD)
+    layout = Plot3dFile.opened(file, lambda _: None).layout if binary else None
+    return [layout.real] if layout and layout.real else []
+
+
 def styled(word: bytes, value: float) -> bytes:
     """Return a number with all digits that it needs, with an exponent where a word has one, and as wide if it fits."""
     found = EXPONENT.search(word)

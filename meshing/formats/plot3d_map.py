@@ -71,15 +71,20 @@ def map_of(path: Path, sizes: Sequence[Size]) -> tuple[Entry, ...]:
     The map of ``wing.p3d`` and ``wing-deflected.p3d`` is ``wing.nmf``: the file whose name is the longest beginning of
     the grid's. MeshFileError if it is damaged, or its blocks are not of these sizes.
     """
-    parts = re.split(r"(?=[^0-9A-Za-z])", path.name)
-    stems = ("".join(parts[:i]) for i in range(len(parts), 0, -1))
-    beside = next((one for one in (path.with_name(stem + SUFFIX) for stem in stems if stem) if one.is_file()), None)
+    beside = next(maps(path), None)
     if beside is None:
         return ()
     with about(beside):
         if beside.stat().st_size > LONGEST:
             raise MeshFileError(f"has more than {LONGEST} bytes; it is no neutral map file")
         return tuple(entries(beside.read_text("utf-8", "replace"), sizes))
+
+
+def maps(path: Path) -> Iterator[Path]:
+    """Yield the files beside a grid that may be its map, those of the longest names first."""
+    parts = re.split(r"(?=[^0-9A-Za-z])", path.name)
+    stems = ("".join(parts[:i]) for i in range(len(parts), 0, -1))
+    yield from (one for one in (path.with_name(stem + SUFFIX) for stem in stems if stem) if one.is_file())
 
 
 def entries(text: str, sizes: Sequence[Size]) -> Iterator[Entry]:

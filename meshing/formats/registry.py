@@ -1,6 +1,6 @@
 """The formats we know, by name and by suffix, and what to do with files of others."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from sdm_deflect.deform.mesh import Mesh
 from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.unchanged import states_of
 from sdm_deflect.meshing.formats.format import FLUENT, Format, MeshFileError
 from sdm_deflect.meshing.temporary import scratch_folder
 
@@ -86,6 +87,13 @@ IN_PIECES: dict[str, Callable[[Path, Path, Progress], MeshInPieces | None]] = {
 }
 """By format, what returns a file's mesh in pieces, or None where it must be read as a whole; text goes to tables in an
 empty folder."""
+BESIDE: dict[str, Callable[[Path], Iterable[Path]]] = {
+    "ugrid": lambda path: (path, _module("ugrid").mapbc(path)),
+    "tau": lambda path: (path, *_module("tau").mappings(path)),
+    "plot3d": lambda path: (path, *_module("plot3d_map").maps(path)),
+    "openfoam": lambda path: _module("openfoam").files_of(path),
+}
+"""By format, what returns all files that are read for a mesh, where it is more than one."""
 STORED = ("cgns", "gmsh", "ugrid", "openfoam")
 """Formats of these whose numbers stand in the file itself, where other processes can read them."""
 
@@ -96,8 +104,9 @@ def read(path: str | Path, progress: Progress = silent) -> Mesh:
     Raises MeshFileError if the format is unknown, or the file is missing, truncated or damaged.
     """
     given = Path(path)
+    files = states_of(files_of(given))
     mesh = format_of(given).read(given, progress)
-    return replace(mesh, name=given.resolve().name, source=str(given.resolve()))
+    return replace(mesh, name=given.resolve().name, source=str(given.resolve()), files=files)
 
 
 @contextmanager
@@ -113,7 +122,15 @@ def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshInPieces 
         yield None
         return
     with scratch_folder() as scratch:
-        yield IN_PIECES[form](path, scratch, progress)
+        files = states_of(files_of(path))
+        found = IN_PIECES[form](path, scratch, progress)
+        yield found and replace(found, pieces=replace(found.pieces, files=files))  # type: ignore[type-var]
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return every file that is read for a mesh; of a case those in the folders of its mesh and of its parts'."""
+    form = format_of(path).name
+    return list(BESIDE[form](path)) if form in BESIDE else [path]
 
 
 def size_of(path: Path) -> int:

@@ -5,9 +5,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+import numpy as np
 
 from sdm_deflect.deform.mesh import Mesh, Polyhedra
+from sdm_deflect.deform.precision import DOUBLE
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
@@ -41,6 +44,10 @@ class Su2:
         """See `Format.read`."""
         with about(path), path.open("rb") as file:
             return read_zones(Su2File.opened(file, partial(progress, f"reading {path.name}")))
+
+    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
+        """See `Format.real`."""
+        return DOUBLE
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; each coordinate that changed is written with as many digits as it needs."""

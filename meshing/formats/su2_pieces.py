@@ -3,6 +3,7 @@
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -10,9 +11,9 @@ from sdm_deflect.deform.mesh import CORNERS, Zone
 from sdm_deflect.deform.pieces import HERE, MeshInPieces, Runner
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import written
-from sdm_deflect.meshing.formats.format import about
+from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.su2 import Su2
-from sdm_deflect.meshing.formats.su2_read import SOLIDS, Section, Su2File, only, patches_of, points_of, zones_of
+from sdm_deflect.meshing.formats.su2_read import CHUNK, SOLIDS, Section, Su2File, only, patches_of, points_of, zones_of
 from sdm_deflect.meshing.formats.tables import CellTable, PointRange, Table, TablePieces
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
@@ -52,6 +53,32 @@ def in_pieces(path: Path, scratch: Path, progress: Progress = silent) -> MeshInP
         pieces = Su2Pieces(str(path.resolve()), len(points), (PointRange(0, len(points), (place,)),), cells)
         patches = patches_of(source, own, len(points))
         return MeshInPieces(path.resolve().name, pieces.oriented(), patches, (Zone(name, 0, len(points)),))
+
+
+def points_of_copy(source: Path, copy: Path) -> FloatArray:
+    """Return the points (N, 3) of a copy of a file; MeshFileError if another byte of it is not that of the source.
+
+    Its cells are those of the source, then, and need not be made numbers of again.
+    """
+    with about(copy), copy.open("rb") as new, source.open("rb") as old:
+        own, other = (Su2File.opened(file, lambda _: None) for file in (new, old))
+        ends = [_around(one) for one in (own, other)]
+        for (begin, end), (first, last) in zip(*ends, strict=True):
+            if not _same(new, old, begin, first, max(end - begin, last - first)):
+                raise MeshFileError("its text is other than that of the source, not in its points alone")
+        return points_of(*_points(own))
+
+
+def _around(source: Su2File) -> list[tuple[int, int]]:
+    """Return the bytes before and after the points."""
+    _, section = _points(source)
+    return [(0, section.begin), (section.end, source.sections[-1].end)]
+
+
+def _same(one: BinaryIO, other: BinaryIO, begin: int, first: int, size: int) -> bool:
+    one.seek(begin)
+    other.seek(first)
+    return all(one.read(min(CHUNK, size - at)) == other.read(min(CHUNK, size - at)) for at in range(0, size, CHUNK))
 
 
 def _points(source: Su2File) -> tuple[Su2File, Section]:

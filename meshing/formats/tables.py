@@ -14,6 +14,7 @@ from sdm_deflect.deform.mesh import CORNERS, Cells
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.polyhedra import SomePolyhedra
 from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.unchanged import States, check_unchanged
 from sdm_deflect.meshing.files import fresh, written
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.shapes import AXES, MIRRORED, SAMPLE, left_handed
@@ -166,6 +167,7 @@ class TablePieces:
     points: int
     ranges: tuple[PointRange, ...]
     cells: tuple[CellTable, ...]
+    files: States = field(default_factory=dict, kw_only=True, repr=False)
 
     @property
     def blocks(self) -> tuple[tuple[str, int], ...]:
@@ -174,6 +176,7 @@ class TablePieces:
 
     def coordinates(self, start: int, stop: int) -> FloatArray:
         """See `Pieces.coordinates`."""
+        check_unchanged(self.files, elsewhere=True)
         found = np.empty((stop - start, 3))
         for own in self.ranges:
             low, high = max(start, own.start), min(stop, own.stop)
@@ -183,6 +186,7 @@ class TablePieces:
 
     def places(self, nodes: IntArray) -> FloatArray:
         """See `Pieces.places`."""
+        check_unchanged(self.files, elsewhere=True)
         found = np.empty((len(nodes), 3))
         for own in self.ranges:
             rows = np.flatnonzero((nodes >= own.start) & (nodes < own.stop))
@@ -192,6 +196,7 @@ class TablePieces:
 
     def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
         """See `Pieces.cells_of`."""
+        check_unchanged(self.files, elsewhere=True)
         return Cells(self.cells[block].shape, self.cells[block].nodes(start, stop))
 
     def oriented(self) -> Self:

@@ -6,14 +6,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
+from sdm_deflect.deform.precision import DOUBLE
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.cgns_packed import overwrite
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.hdf5 import DAMAGE
 from sdm_deflect.meshing.formats.netcdf import Array, NetCdf, opened
 from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, refuse_plane
@@ -47,6 +49,13 @@ class Tau:
         progress(f"reading {path.name}", 0.0)
         with about(path), opened(path) as file:
             return read_grid(file, path)
+
+    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
+        """See `Format.real`."""
+        if source is None:
+            return DOUBLE
+        with about(source), opened(source) as file:
+            return fewest_bits(values.dtype for values in coordinates(file))
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; only the bytes of points_xc, points_yc and points_zc change.
@@ -182,14 +191,20 @@ def marker_names(file: NetCdf, path: Path, markers: Sequence[int]) -> dict[int, 
 
 def _mapping(path: Path, markers: Sequence[int]) -> dict[int, str]:
     """Names by the file beside the grid whose name is the longest beginning of the grid's and that has its markers."""
+    for beside in mappings(path):
+        found = mapped_names(beside.read_bytes().decode("utf-8", "replace"))
+        if any(marker in found for marker in markers):
+            return found
+    return {}
+
+
+def mappings(path: Path) -> Iterator[Path]:
+    """Yield the files beside a grid that may have its boundary mapping, those of the longest names first."""
     parts = re.split(r"(?=[^0-9A-Za-z])", path.name)
     stems = ["".join(parts[:i]) for i in range(len(parts), 0, -1)]
     for beside in (path.with_name(stem + suffix) for stem in stems if stem for suffix in MAPPINGS):
         if beside.is_file() and beside.stat().st_size <= LONGEST:
-            found = mapped_names(beside.read_bytes().decode("utf-8", "replace"))
-            if any(marker in found for marker in markers):
-                return found
-    return {}
+            yield beside
 
 
 def mapped_names(text: str) -> dict[int, str]:

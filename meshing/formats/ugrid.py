@@ -14,11 +14,12 @@ import numpy as np
 from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits, fitting_names
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import MIRRORED, check_faces, oriented, refuse_plane, simple_faces
 from sdm_deflect.meshing.formats.ugrid_file import (
+    ENCODINGS,
     ORDER,
     POINTS,
     SUFFIX,
@@ -63,6 +64,11 @@ class Ugrid:
         with about(path), path.open("rb") as file:
             arrays = UgridFile.opened(file, encoding_of(path), partial(progress, f"reading {path.name}")).arrays()
             return _mesh(arrays, surface_names(path))
+
+    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
+        """See `Format.real`."""
+        own = encoding_of(out)
+        return fewest_bits([ENCODINGS[own].real] if own else [])
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; a file of another encoding has the same content but for what follows the cells.

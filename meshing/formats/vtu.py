@@ -4,15 +4,17 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.mesh import CORNERS, Cells, FloatArray, IntArray, Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.parts import taken
+from sdm_deflect.deform.precision import DOUBLE
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import polyhedra
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented, polygons
@@ -55,6 +57,14 @@ class Vtu:
         progress(f"reading {path.name}", 0.0)
         with about(path):
             return _mesh(VtuFile(path.read_bytes()))
+
+    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
+        """See `Format.real`."""
+        if source is None:
+            return DOUBLE
+        with about(source):
+            arrays = map(_points, VtuFile(source.read_bytes()).pieces)
+            return fewest_bits(np.dtype(own.attributes["type"].lower()) for own in arrays)
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; of encoded coordinates, the bytes of all change if one does."""
