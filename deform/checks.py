@@ -146,11 +146,22 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
         yield from _quality_checks(deflection, min_quality)
     if plan.faces and deflection.faces:
         yield from (Check(*row) for row in plan.faces.verdicts(deflection.faces))
-    for patch, nodes in zip(plan.boundary.sliding, sites.sliding, strict=True):
-        drift = np.abs(patch.surface.distance(points[nodes]) - patch.surface.distance(mesh.points[nodes]))
+    yield from _sliding(deflection)
+    yield from _pairs(deflection)
+    yield from _first_layer(deflection)
+
+
+def _sliding(deflection: Deflection) -> Iterator[Check]:
+    """Check that the nodes of each sliding patch are on its shape."""
+    plan, points = deflection.plan, deflection.points
+    for patch, nodes in zip(plan.boundary.sliding, plan.sites.sliding, strict=True):
+        drift = np.abs(patch.surface.distance(points[nodes]) - patch.surface.distance(plan.mesh.points[nodes]))
         allowed, where = _on_shape(deflection), f"{len(nodes)} sliding nodes"
         yield Check(f"on_{patch.patch}", float(drift.max(initial=0.0)), allowed, "", where, over=len(nodes))
-    yield from _pairs(deflection)
+
+
+def _first_layer(deflection: Deflection) -> Iterator[Check]:
+    """Check that the first layers off the walls kept their heights."""
     layers = layers_of(deflection)
     if layers:
         where = f"{layers.edges} edges off the walls, from {layers.lowest:.3g}; 99 % within {layers.p99:.2e}"
