@@ -106,22 +106,26 @@ def test_hybrid_wing_and_its_sensitivity(name):
     compare(name)
 
 
-def test_a_table_with_the_sums_of_one_kind_of_processor():
-    """Which of two sites is worse is settled here by the last bit of sums, which OpenBLAS rounds for each processor.
+def test_a_table_is_as_on_a_processor_with_wide_vectors_or_as_on_one_without():
+    """The last bit of sums settles here which of two sites is worse, and each kind of processor rounds its own way.
 
-    All can round as this one; with the kernels of others the points differ by up to 1.6 times the tolerance.
+    `wing_table` was kept on one with AVX-512, `wing_table_avx2` on one without (by f510583, which gave the former on the
+    other): the points differ by half the tolerance of the fit.
     """
-    code = "from tests.frozen.test_frozen import compare; compare('wing_table')"
+    code = "from tests.frozen.test_frozen import compare; compare('wing_table', 'wing_table_avx2')"
     environment = {**os.environ, "OPENBLAS_CORETYPE": "Haswell"}
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
-def compare(name):
+def compare(name, *others):
+    """Compare a case with what was kept of it, or with one of several outcomes that were."""
     one, surfaces, hinge, angle, options = hybrid(name)
-    kept = frozen(name)
     result = deflect(one.mesh, surfaces, hinge, angle, repair="off", **options)
     before = one.mesh.points
-    assert np.abs(result.points - expected(before, kept)).max() < SAME
+    outcomes = [frozen(kept) for kept in (name, *others)]
+    off = [np.abs(result.points - expected(before, kept)).max() for kept in outcomes]
+    kept = outcomes[int(np.argmin(off))]
+    assert min(off) < SAME
     assert np.abs(result.sensitivity - expected(np.zeros_like(before), kept, "srows", "rates")).max() < SAME
     assert len(result.deflection.steps) == kept["steps"]
