@@ -109,8 +109,8 @@ def test_hybrid_wing_and_its_sensitivity(name):
 def test_a_table_is_as_on_a_processor_with_wide_vectors_or_as_on_one_without():
     """The last bit of sums settles here which of two sites is worse, and each kind of processor rounds its own way.
 
-    `wing_table` was kept on one with AVX-512, `wing_table_avx2` on one without (by f510583, which gave the former on the
-    other): the points differ by half the tolerance of the fit.
+    `wing_table` was kept on one with AVX-512, `wing_table_avx2` on one without (by f510583, which gives the
+    other one there): the points differ by half the tolerance of the fit.
     """
     code = "from tests.frozen.test_frozen import compare; compare('wing_table', 'wing_table_avx2')"
     environment = {**os.environ, "OPENBLAS_CORETYPE": "Haswell"}
