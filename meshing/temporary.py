@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from errno import ENOENT, EPERM
 from pathlib import Path
-from typing import Any
 
 import platformdirs
 
@@ -44,7 +43,7 @@ def _made(path: Path) -> Iterator[Path]:
         path.mkdir(mode=0o700)
         _own.add(path)
         try:
-            note(inode=path.stat().st_ino)
+            note(path.stat().st_ino)
             yield path
         finally:
             shutil.rmtree(path, ignore_errors=True)
@@ -62,20 +61,20 @@ def is_temporary(path: Path) -> bool:
 
 
 @contextmanager
-def registered(path: Path) -> Iterator[Callable[..., None]]:
+def registered(path: Path, inode: int | None = None, **moved: str | int) -> Iterator[Callable[[int], None]]:
     """Keep a temporary path in the register while it is there; without a register nobody will clear it.
 
-    Gives what notes its inode and, for a folder that was put aside, the `target` that it was, and the inode of the
-    `new` folder there.
+    Gives what notes its inode once it is made. A folder that is put aside comes with the `target` that it was, and the
+    inode of the `new` folder that will be there.
     """
     entry = opened = None
 
-    def note(**known: Any) -> None:
+    def note(inode: int | None) -> None:
+        row = {"machine": os.uname().nodename, "path": str(path), "inode": inode, **moved}
         if entry:
             with suppress(OSError):
-                row = {"machine": os.uname().nodename, "path": str(path), **known}
                 entry.write(json.dumps(row).encode() + b"\n")
-                if "target" in known:
+                if moved:
                     os.fsync(entry)
 
     with ExitStack() as stack:
@@ -83,7 +82,7 @@ def registered(path: Path) -> Iterator[Callable[..., None]]:
             opened = stack.enter_context(tempfile.NamedTemporaryFile(dir=folder, buffering=0, delete=False))
             fcntl.flock(opened, fcntl.LOCK_EX)  # which some file systems cannot
             entry = opened
-            note()
+            note(inode)
         try:
             yield note
         finally:
@@ -108,7 +107,7 @@ def clear(folder: Path) -> None:
                 path = Path(row["path"])
                 if row["machine"] == os.uname().nodename and str(path.parent) in places:
                     if os.path.lexists(path):
-                        _clear(path, row.get("inode"), row.get("target"), row.get("new"))
+                        _clear(path, row["inode"], row.get("target"), row.get("new"))
                     if not os.path.lexists(path):
                         entry.unlink()
 
