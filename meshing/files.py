@@ -11,7 +11,7 @@ import signal
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from errno import ENOTDIR
 from fnmatch import fnmatchcase
@@ -110,7 +110,7 @@ def fresh_folder(out: Path, source: Path | None = None) -> Iterator[Path]:
 def replacing_folder(out: Path, stale: Sequence[str]) -> Iterator[Path]:
     """Give an empty folder that replaces the folder `out` as one once the block has ended well; a link is followed.
 
-    Where the old folder has to stay (see `_swapped`), its files are replaced one by one.
+    Where the old folder has to stay (see `_aside`), its files are replaced one by one.
 
     Parameters
     ----------
@@ -167,14 +167,19 @@ def _put(moves: Mapping[Path, Path], watched: Sequence[Path], stale: Sequence[st
             _permit(new / path, old / path, mode)
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(_flush, [new / path for new, own in inside.items() for path in (Path(), *own)]))
-    with _committing(watched):
-        for new, old in moves.items():
-            if not (new.is_dir() and old.is_dir()):
-                new.replace(old)
-            elif not _swapped(new, old, inside[new], stale):
-                _one_by_one(new, old, inside[new], stale)
-        for parent in {old.parent for old in moves.values()}:
-            _flush(parent)
+    with ExitStack() as noted:
+        folders = {new: old for new, old in moves.items() if new.is_dir() and old.is_dir()}
+        asides = {new: _aside(new, old, inside[new], stale, noted) for new, old in folders.items()}
+        with _committing(watched), ExitStack() as tidying:
+            for new, old in moves.items():
+                if new not in folders:
+                    new.replace(old)
+                elif (aside := asides[new]) and _swapped(new, old, aside):
+                    tidying.callback(_tidied, aside, old, inside[new], stale)
+                else:
+                    _one_by_one(new, old, inside[new], stale)
+            for parent in {old.parent for old in moves.values()}:
+                _flush(parent)
 
 
 def _tree(folder: Path) -> list[Path]:
@@ -190,48 +195,50 @@ def _permit(new: Path, old: Path, mode: int) -> None:
         mode &= new.stat().st_mode
     else:
         mode = kept.st_mode
-        for owner in (kept.st_uid, -1):
-            with suppress(OSError):  # for root alone
-                os.chown(new, owner, kept.st_gid)
-                break
-        else:
+        try:
+            os.chown(new, -1 if os.geteuid() else kept.st_uid, kept.st_gid)
+        except OSError:  # a group that this user is not in
             mode &= 0o7707
     with suppress(OSError):  # file systems without permissions
         new.chmod(S_IMODE(mode))
 
 
-def _swapped(new: Path, old: Path, own: Sequence[Path], stale: Sequence[str]) -> bool:
-    """Put a new folder in the place of an old one, with the user's other files in it; False if the old one must stay.
+def _aside(new: Path, old: Path, own: Sequence[Path], stale: Sequence[str], noted: ExitStack) -> Path | None:
+    """Put the user's files of an old folder into the new one, too; return a registered name for the old one.
 
-    That is where it is another user's, where a process works in it, where it holds folders of the user's, where
-    something is mounted, and where the file system has no hard links.
+    None where it has to stay: another user's, one with folders of the user's, where a process works, or no hard links.
     """
     ours = {*own, *(Path(pattern).parent for pattern in stale)}
-    folders = [path for path in _tree(old) if path.is_dir()]
-    if any(path.is_symlink() or path.relative_to(old) not in ours for path in folders):
-        return False
-    if old.stat().st_uid != os.geteuid() or _is_worked_in(old):
-        return False
-    aside = unused(old.parent)
-    with registered(aside) as note:
-        try:
-            for path in _others(old, own, stale):
-                _made_like(old / path.parent, new / path.parent)
-                os.link(old / path, new / path, follow_symlinks=False)
-            note(inode=old.stat().st_ino, target=str(old), new=new.stat().st_ino)
-            old.rename(aside)
-        except OSError:
-            return False
-        try:
+    theirs = [one for one in _tree(old) if one.is_dir() and (one.is_symlink() or one.relative_to(old) not in ours)]
+    if theirs or old.stat().st_uid != os.geteuid() or _is_worked_in(old):
+        return None
+    with suppress(OSError):
+        for path in _others(old, own, stale):
+            _made_like(old / path.parent, new / path.parent)
+            os.link(old / path, new / path, follow_symlinks=False)
+        aside = unused(old.parent)
+        noted.enter_context(registered(aside, old.stat().st_ino, target=str(old), new=new.stat().st_ino))
+        return aside
+    return None
+
+
+def _swapped(new: Path, old: Path, aside: Path) -> bool:
+    """Put a new folder in the place of an old one, which goes aside; False if that is refused."""
+    with suppress(OSError):
+        old.rename(aside)
+        with suppress(OSError):
             new.rename(old)
-        except OSError:
-            aside.rename(old)
-            raise
-        for path in _others(aside, own, stale):  # the same files, or others where the user was just writing
-            (old / path.parent).mkdir(parents=True, exist_ok=True)
-            (aside / path).replace(old / path)
-        shutil.rmtree(aside, ignore_errors=True)
-    return True
+            return True
+        aside.rename(old)
+    return False
+
+
+def _tidied(aside: Path, new: Path, own: Sequence[Path], stale: Sequence[str]) -> None:
+    """Remove an old folder; what the user wrote there meanwhile goes to the new one."""
+    for path in _others(aside, own, stale):
+        (new / path.parent).mkdir(parents=True, exist_ok=True)
+        (aside / path).replace(new / path)
+    shutil.rmtree(aside, ignore_errors=True)
 
 
 def _others(old: Path, own: Sequence[Path], stale: Sequence[str]) -> list[Path]:
@@ -242,16 +249,17 @@ def _others(old: Path, own: Sequence[Path], stale: Sequence[str]) -> list[Path]:
 
 def _one_by_one(new: Path, old: Path, own: Sequence[Path], stale: Sequence[str]) -> None:
     """Replace the files of a folder that stays; what is stale in it goes."""
-    gone = {path.relative_to(old) for path in _tree(old) if not path.is_dir()} - {*own, *_others(old, own, stale)}
+    kept = {*own, *_others(old, own, stale)}
     for path in own:
         if (new / path).is_dir():
             _made_like(new / path, old / path)
         else:
             (new / path).replace(old / path)
-    for path in gone:
-        (old / path).unlink(missing_ok=True)
-        with suppress(OSError):
-            (old / path.parent).rmdir()
+    for path in _tree(old):
+        if path.relative_to(old) not in kept and not path.is_dir():
+            path.unlink()
+            with suppress(OSError):
+                path.parent.rmdir()
 
 
 def _made_like(folder: Path, other: Path) -> None:

@@ -9,13 +9,11 @@ import json
 import os
 import secrets
 import shutil
-import stat
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from errno import EPERM
+from errno import ENOENT, EPERM
 from pathlib import Path
-from typing import Any
 
 import platformdirs
 
@@ -45,7 +43,7 @@ def _made(path: Path) -> Iterator[Path]:
         path.mkdir(mode=0o700)
         _own.add(path)
         try:
-            note(inode=path.stat().st_ino)
+            note(path.stat().st_ino)
             yield path
         finally:
             shutil.rmtree(path, ignore_errors=True)
@@ -63,28 +61,28 @@ def is_temporary(path: Path) -> bool:
 
 
 @contextmanager
-def registered(path: Path) -> Iterator[Callable[..., None]]:
+def registered(path: Path, inode: int | None = None, **moved: str | int) -> Iterator[Callable[[int], None]]:
     """Keep a temporary path in the register while it is there; without a register nobody will clear it.
 
-    Gives what notes its inode and, for a folder that was put aside, the `target` that it was, and the inode of the
-    `new` folder there.
+    Gives what notes its inode once it is made. A folder that is put aside comes with the `target` that it was, and the
+    inode of the `new` folder that will be there.
     """
+    entry = opened = None
+
+    def note(inode: int | None) -> None:
+        row = {"machine": os.uname().nodename, "path": str(path), "inode": inode, **moved}
+        if entry:
+            with suppress(OSError):
+                entry.write(json.dumps(row).encode() + b"\n")
+                if moved:
+                    os.fsync(entry)
+
     with ExitStack() as stack:
-        entry = opened = None
-        with suppress(OSError):
-            opened = stack.enter_context(tempfile.NamedTemporaryFile(dir=_register(), buffering=0, delete=False))
+        with suppress(OSError), _register() as folder:
+            opened = stack.enter_context(tempfile.NamedTemporaryFile(dir=folder, buffering=0, delete=False))
             fcntl.flock(opened, fcntl.LOCK_EX)  # which some file systems cannot
             entry = opened
-
-        def note(**known: Any) -> None:
-            if entry:
-                with suppress(OSError):
-                    row = {"machine": os.uname().nodename, "path": str(path), **known}
-                    entry.write(json.dumps(row).encode() + b"\n")
-                    if "target" in known:
-                        os.fsync(entry)
-
-        note()
+            note(inode)
         try:
             yield note
         finally:
@@ -96,14 +94,20 @@ def clear(folder: Path) -> None:
     """Remove what killed commands left in a folder and in the system's for temporary files; put a folder aside back."""
     places = {os.path.realpath(folder), os.path.realpath(tempfile.gettempdir())}
     with suppress(OSError):
-        for entry in list(_register().iterdir()):
+        with _register() as register:
+            entries = list(register.iterdir())
+            for entry in entries:
+                with suppress(FileNotFoundError):
+                    if not entry.stat().st_size:  # nobody is making one while this process holds the lock
+                        entry.unlink()
+        for entry in entries:
             with suppress(OSError, ValueError, LookupError), entry.open("rb") as file:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # refused while its process lives
                 row = json.loads(file.read().splitlines()[-1])
                 path = Path(row["path"])
                 if row["machine"] == os.uname().nodename and str(path.parent) in places:
                     if os.path.lexists(path):
-                        _clear(path, row.get("inode"), row.get("target"), row.get("new"))
+                        _clear(path, row["inode"], row.get("target"), row.get("new"))
                     if not os.path.lexists(path):
                         entry.unlink()
 
@@ -119,12 +123,19 @@ def _clear(path: Path, inode: int | None, target: str | None, new: int | None) -
             shutil.rmtree(path)
 
 
-def _register() -> Path:
-    """Return the private folder of the register; OSError if there is none."""
+@contextmanager
+def _register() -> Iterator[Path]:
+    """Give the private folder of the register, to this process alone; OSError if there is none."""
     folder = Path(platformdirs.user_state_dir("sdm-deflect", appauthor=False)) / "temporary"
-    if folder.is_absolute():  # else this user has no home
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = folder.lstat()
-        if stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o077:
-            return folder
-    raise PermissionError(EPERM, os.strerror(EPERM), str(folder))
+    if not folder.is_absolute():
+        raise FileNotFoundError(ENOENT, "this user has no home", str(folder))
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        found = os.fstat(handle)
+        if found.st_uid != os.geteuid() or found.st_mode & 0o077:
+            raise PermissionError(EPERM, os.strerror(EPERM), str(folder))
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield folder
+    finally:
+        os.close(handle)

@@ -156,20 +156,18 @@ def test_what_the_user_writes_while_a_folder_is_replaced_is_kept(tmp_path, monke
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_the_old_folder_comes_back_if_the_new_one_cannot_take_its_place(tmp_path, monkeypatch) -> None:
+def test_the_old_folder_stays_if_the_new_one_cannot_take_its_place(tmp_path, monkeypatch) -> None:
     target, rename = put(tmp_path / "run", OLD), Path.rename
+    before = target.stat().st_ino
 
     def refused(old, new):
         return refuse() if new == target and old.parent != target.parent else rename(old, new)
 
-    def replace() -> None:
-        with replacing_folder(target, STALE) as beside:
-            put(beside, NEW)
-
     monkeypatch.setattr(Path, "rename", refused)
-    with pytest.raises(MeshFileError, match="run: cannot be written"):
-        replace()
-    assert found(tmp_path) == {f"run/{name}": text for name, text in OLD.items()}
+    with replacing_folder(target, STALE) as beside:
+        put(beside, NEW)
+    assert target.stat().st_ino == before
+    assert found(tmp_path) == {f"run/{name}": text for name, text in (NEW | KEPT).items()}
 
 
 def test_a_folder_whose_writing_fails_stays(tmp_path: Path) -> None:
@@ -283,8 +281,7 @@ def test_a_folder_put_aside_comes_back_only_where_nothing_is(there: str, tmp_pat
     target, aside, new = (put(tmp_path / name, {"who": name}) for name in ("run", ".sdm-aside", "new"))
 
     def leave() -> None:
-        with registered(aside) as note:
-            note(inode=aside.stat().st_ino, target=str(target), new=new.stat().st_ino)
+        with registered(aside, aside.stat().st_ino, target=str(target), new=new.stat().st_ino):
             os._exit(9)
 
     in_child(leave)
