@@ -144,7 +144,8 @@ def fitted(
     rotation = np.eye(3)
     if np.abs(there - here - (target - centre)).max() > allowed:
         rotation = _rotation(here - centre, there - target)
-    found = Periodic(name, patches, nodes, rotation, target - rotation @ centre)
+    shift = np.median(there - here @ rotation.T, axis=0)  # a mean of equal numbers is off in its last digits
+    found = Periodic(name, patches, nodes, rotation, shift)
     apart = float(np.linalg.norm(found.image(here) - there, axis=1).max())
     if not apart <= allowed:
         raise InputError(f"periodic pair {name}: no rigid motion leads to all images, the best one is {apart:.3g} off")

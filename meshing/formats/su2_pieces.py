@@ -13,7 +13,17 @@ from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import written
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.su2 import Su2
-from sdm_deflect.meshing.formats.su2_read import CHUNK, SOLIDS, Section, Su2File, only, patches_of, points_of, zones_of
+from sdm_deflect.meshing.formats.su2_read import (
+    CHUNK,
+    SOLIDS,
+    Section,
+    Su2File,
+    notes_of,
+    only,
+    patches_of,
+    points_of,
+    zones_of,
+)
 from sdm_deflect.meshing.formats.tables import CellTable, PointRange, Table, TablePieces
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
@@ -52,7 +62,8 @@ def in_pieces(path: Path, scratch: Path, progress: Progress = silent) -> MeshInP
         cells = _tables(source, only(own, "NELEM"), len(points), scratch)
         pieces = Su2Pieces(str(path.resolve()), len(points), (PointRange(0, len(points), (place,)),), cells)
         patches = patches_of(source, own, len(points))
-        return MeshInPieces(path.resolve().name, pieces.oriented(), patches, (Zone(name, 0, len(points)),))
+        zone = Zone(name, 0, len(points))
+        return MeshInPieces(path.resolve().name, pieces.oriented(), patches, (zone,), notes_of(source.sections))
 
 
 def points_of_copy(source: Path, copy: Path) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from io import BufferedReader
 from typing import BinaryIO, TypeVar
@@ -28,6 +28,10 @@ KINDS = {3: (SOLIDS, FACES), 2: (FACES, {3: "line"})}
 """Cells and boundary faces, by dimension."""
 PARALLEL = "SEND_RECEIVE"
 """Marker of points that other processes hold; it is no boundary."""
+HALO = (
+    "the file has points beyond its periodic markers (SEND_RECEIVE), whose images are not read; take the mesh from "
+    "before SU2_MSH, and name the markers by --periodic"
+)
 Blocks = list[tuple[str, IntArray]]
 Read = Callable[[bytes, type[np.float64 | np.int64]], Lines]
 Table = TypeVar("Table", Placed, Blocks)
@@ -187,7 +191,14 @@ def read_zones(source: Su2File) -> Mesh:
     MeshFileError or ValueError if a section is missing, damaged or contradicts another.
     """
     zones = zones_of(source.sections)
-    return joined(list(zones), [_zone(source, own) for own in zones.values()])
+    mesh = joined(list(zones), [_zone(source, own) for own in zones.values()])
+    return replace(mesh, notes=notes_of(source.sections))
+
+
+def notes_of(found: Sequence[Section]) -> tuple[str, ...]:
+    """Return a sentence if periodic markers have points beyond them, as SU2 made them before version 7."""
+    moved = [own for own in found if own.keyword == "NPERIODIC" and own.value.split()[:1] not in ([], ["0"], ["1"])]
+    return (HALO,) if moved else ()
 
 
 def zones_of(found: Sequence[Section]) -> dict[str, list[Section]]:

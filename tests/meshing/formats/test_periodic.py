@@ -273,3 +273,14 @@ def test_periodic_interfaces_that_lie_are_notes(files, change, note, tmp_path):
     mesh = Cgns().read(tmp_path / "bad.cgns")
     assert not mesh.periodic
     assert any(note in text for text in mesh.notes), mesh.notes
+
+
+@pytest.mark.parametrize(("count", "said"), [(b"1", False), (b"3", True), (b"x", True)])
+def test_points_beyond_periodic_markers_of_su2_are_a_note(files, count, said, tmp_path):
+    path = tmp_path / "old.su2"
+    FORMATS["su2"].write(Gmsh().read(files[box][4.1, 0]), path)
+    path.write_bytes(path.read_bytes() + b"NPERIODIC= " + count + b"\nPERIODIC_INDEX= 0\n0 0 0\n0 0 0\n0 0 0\n")
+    with in_pieces(path) as pieces:
+        for mesh in (read(path), pieces):
+            assert [note for note in mesh.notes if "SEND_RECEIVE" in note] == list(mesh.notes)
+            assert bool(mesh.notes) == said
