@@ -16,6 +16,7 @@ import numpy as np
 from sdm_deflect.deform.compiled_faces import TINY, judge_faces, measure_cells, measure_faces
 from sdm_deflect.deform.edges import area_vectors, polygons_of, rows_of
 from sdm_deflect.deform.faces import face_keys, node_keys
+from sdm_deflect.deform.images import THIN, is_thin
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Periodic, Polygons, Polyhedra
 from sdm_deflect.deform.quality import oriented
 from sdm_deflect.deform.rbf.threads import in_chunks
@@ -145,7 +146,8 @@ class Couples:
         parts = [(np.empty((0, 2), dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3)))]
         inner = len(cells.neighbour)
         if mesh.periodic and mesh.whole is None:
-            parts += [_coupled(pair, cells.faces.rows(inner, len(cells.faces)), mesh) for pair in mesh.periodic]
+            coupled = [pair for pair in mesh.periodic if len(pair.nodes) and not is_thin(mesh, pair)]
+            parts += [_coupled(pair, cells.faces.rows(inner, len(cells.faces)), mesh) for pair in coupled]
         pairs, rotations, shifts = (np.concatenate(part) for part in zip(*parts, strict=True))
         pairs += inner
         back = rotations.transpose(0, 2, 1)
@@ -337,7 +339,7 @@ def axes_of(mesh: Mesh) -> BoolArray:
     """Return in which directions (3,) a mesh extends: those that no ``empty`` or ``wedge`` patch is normal to."""
     axes = np.ones(3, dtype=np.bool_)
     for patch in mesh.patches:
-        if patch.constraint in ("empty", "wedge") and len(patch):
+        if patch.constraint in THIN and len(patch):
             areas = np.abs(area_vectors(mesh.points, polygons_of(patch.faces))).sum(axis=0)
             axes[np.argmax(areas)] = False
     return axes
