@@ -125,11 +125,7 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
         yield _slid_on_surfaces(deflection, slid)
     yield site_error(deflection)
     if mesh.cells:
-        limit = plan.touched.inverted_at(mesh.points)
-        where = f"of {plan.touched.count} cells with a node in the box" + (f", {limit} of them before" if limit else "")
-        if deflection.inverted > limit:
-            where += f"; {first_inverted(deflection)}"
-        yield Check("inverted_cells", deflection.inverted, limit, "cells", where, over=plan.touched.count)
+        yield _inverted_cells(deflection)
         yield from _boundary_checks(deflection)
     if mesh.cells and min_quality:
         yield from _quality_checks(deflection, min_quality)
@@ -163,6 +159,17 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
         if len(pair.nodes):
             where += f", {before:.1e} of their largest coordinate before"
             yield Check(f"{name}_{pair.name}", now, limit, "", where, over=len(nodes))
+
+
+def _inverted_cells(deflection: Deflection) -> Check:
+    """Check that no cell is inverted that was not before."""
+    touched = deflection.plan.touched
+    before = sum(one.inverted for one in deflection.plan.before)
+    where = f"of {touched.count} cells with a node in the box"
+    where += f", without {before} that were inverted before" if before else ""
+    if deflection.inverted:
+        where += f"; {first_inverted(deflection)}"
+    return Check("inverted_cells", deflection.inverted, 0, "cells", where, over=touched.count)
 
 
 def slid_nodes(deflection: Deflection) -> IntArray:
@@ -223,11 +230,16 @@ def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
 
 
 def _quality_checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
-    """Check that the touched cells of each type keep a share of the least quality that they had."""
-    for old, new in zip(deflection.plan.before, deflection.quality, strict=True):
-        where = f"{new.measure} of {new.cells} cells ({new.shape}), {old.min:.3f} before"
-        limit = min_quality * max(old.min, 0.0)
-        yield Check(f"quality_min:{new.shape}", new.min, limit, "", where, "at least")
+    """Check that the touched cells of each type keep a share of the least quality that they had.
+
+    Cells that were inverted, or of quality 0, are left out.
+    """
+    for of, (old, new) in zip(deflection.quality, deflection.least, strict=True):
+        where = f"{of.measure} of {new.cells} cells ({of.shape}), {old.quality:.3f} before"
+        if new.cells < of.cells:
+            where += f", without {of.cells - new.cells} that were inverted or flat before"
+        limit = min_quality * old.quality if old.cells else 0.0
+        yield Check(f"quality_min:{of.shape}", new.quality, limit, "", where, "at least", over=new.cells)
 
 
 def _unmoved(name: str, moved: FloatArray, what: str) -> Check:

@@ -13,7 +13,6 @@ from sdm_deflect.cases.report.folder import read_folder
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra
-from sdm_deflect.deform.quality import judged
 from sdm_deflect.deform.reading import read_arrays
 from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.surface.surface import TrailingEdge
@@ -42,7 +41,7 @@ class Frame:
     inverted : rows of `quality` of the inverted cells.
     residual : largest error of the interpolants at any data site, in any direction, a length.
     tolerance : what the run allowed for it.
-    before : number of these cells that are inverted in the undeflected mesh.
+    further : number of the inverted cells that are not so in the undeflected mesh.
     repaired : number of nodes that the repair moved; None for the interpolant's mesh.
     """
 
@@ -52,13 +51,13 @@ class Frame:
     inverted: IntArray = field(repr=False)
     residual: float
     tolerance: float
-    before: int = 0
+    further: int = 0
     repaired: int | None = None
 
     @property
     def verified(self) -> bool:
         """True if the residual is below the tolerance and no further cell is inverted."""
-        return self.residual < self.tolerance and len(self.inverted) <= self.before
+        return self.residual < self.tolerance and not self.further
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,8 +238,8 @@ class InteractiveRun:
             points[changed] = moved.points[changed]
             residual = max(residual, moved.error)
         tolerance = min(box.plan.sites.tolerance for box in self.boxes)
-        before = self.touched.inverted_at(self.mesh.points) if any(self.touched.inverted) else 0
-        return Frame(angle, points, *self._judged(points), residual, tolerance, before)
+        quality, bad, further = self._judged(points)
+        return Frame(angle, points, quality, bad, residual, tolerance, further)
 
     def repaired(self, frame: Frame) -> Frame:
         """Return a frame of the interpolant repaired where that is needed; at the run's angle it is the run's mesh."""
@@ -251,13 +250,13 @@ class InteractiveRun:
             points = self.points
         else:
             for box, factor, changed in zip(self.boxes, self.factors, self.changed, strict=True):
-                inverted = box.plan.touched.inverted_at(frame.points)
+                inverted = int(np.count_nonzero(box.plan.touched.newly_inverted(frame.points)))
                 found = mended(Deflection(box.plan, factor * frame.angle, (), frame.points, inverted, 0.0))
                 points[changed] = found.points[changed]
         moved = self.moved if points is self.points else points - frame.points
-        quality, bad = self._judged(points)
+        quality, bad, further = self._judged(points)
         count = int(moved.any(axis=1).sum())
-        return replace(frame, points=points, quality=quality, inverted=bad, repaired=count)
+        return replace(frame, points=points, quality=quality, inverted=bad, further=further, repaired=count)
 
     def check(self, angle: float) -> None:
         """Raise InputError if a surface cannot move to its share of the angle within its box."""
@@ -274,12 +273,11 @@ class InteractiveRun:
         """What the colours of cells mean."""
         return drawn_measure(self.mesh)
 
-    def _judged(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return the quality (L,) of the cells touched, and the rows of the inverted ones."""
-        parts = zip(self.mesh.cells, self.touched.rows, self.touched.orientation, strict=True)
-        found = [judged(points, *part) for part in parts if len(part[1])]
-        quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
-        return quality, np.flatnonzero(np.concatenate([np.empty(0, dtype=bool), *(bad for _, bad in found)]))
+    def _judged(self, points: FloatArray) -> tuple[FloatArray, IntArray, int]:
+        """Return the quality (L,) of the cells touched, the rows of the inverted ones, and how many were not before."""
+        quality, inverted = self.touched.judged(points)
+        further = inverted & ~self.touched.before.inverted if any(self.touched.inverted) else inverted
+        return quality, np.flatnonzero(inverted), int(np.count_nonzero(further))
 
 
 def centers_of(stored: dict[str, Any], tag: str) -> list[Centers]:

@@ -122,6 +122,11 @@ class Tetrahedra:
             count += len(rows)
         return cls(np.concatenate(nodes), np.concatenate(cells), np.concatenate(regular))
 
+    def of_cells(self, mask: BoolArray) -> Tetrahedra:
+        """Return those of some of the cells, a mask (C,)."""
+        own = mask[self.cells]
+        return self if own.all() else Tetrahedra(self.nodes[own], self.cells[own], self.regular[own])
+
     def inverse(self, points: FloatArray, rows: IntArray) -> FloatArray:
         """Return the inverses (R, 9) of the matrices of the edges (columns) that some rows should have.
 
