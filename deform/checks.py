@@ -7,8 +7,9 @@ from typing import Any, Literal
 import numpy as np
 
 from sdm_deflect.deform import polyhedra
+from sdm_deflect.deform.crossing import Crossings
 from sdm_deflect.deform.images import is_thin, plane_of
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Polyhedra
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra
 from sdm_deflect.deform.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.touched import Layers, first_layer
 from sdm_deflect.deform.volume.deflection import Deflection
@@ -127,6 +128,7 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
     if mesh.cells:
         yield _inverted_cells(deflection)
         yield from _boundary_checks(deflection)
+    yield surfaces_crossed(mesh, points)
     if mesh.cells and min_quality:
         yield from _quality_checks(deflection, min_quality)
     for patch, nodes in zip(plan.boundary.sliding, sites.sliding, strict=True):
@@ -170,6 +172,14 @@ def _inverted_cells(deflection: Deflection) -> Check:
     if deflection.inverted:
         where += f"; {first_inverted(deflection)}"
     return Check("inverted_cells", deflection.inverted, 0, "cells", where, over=touched.count)
+
+
+def surfaces_crossed(mesh: Mesh, points: FloatArray) -> Check:
+    """Check that no face of a mesh whose nodes moved to points (N, 3) goes through another one that it did not."""
+    found = Crossings.of(mesh, points)
+    where = f"of {found.moved} faces that moved, beside {found.near - found.moved} near them"
+    where += f"; {found.where}" if found.faces else ""
+    return Check("surfaces_crossed", found.faces, 0, "faces", where, over=found.moved)
 
 
 def slid_nodes(deflection: Deflection) -> IntArray:

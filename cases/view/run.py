@@ -41,7 +41,7 @@ class Frame:
     inverted : rows of `quality` of the inverted cells.
     residual : largest error of the interpolants at any data site, in any direction, a length.
     tolerance : what the run allowed for it.
-    further : number of the inverted cells that are not so in the undeflected mesh.
+    before : rows of `quality` of the cells that are inverted in the undeflected mesh.
     repaired : number of nodes that the repair moved; None for the interpolant's mesh.
     """
 
@@ -51,8 +51,13 @@ class Frame:
     inverted: IntArray = field(repr=False)
     residual: float
     tolerance: float
-    further: int = 0
+    before: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
     repaired: int | None = None
+
+    @property
+    def further(self) -> int:
+        """Number of cells that are inverted and were not before."""
+        return len(np.setdiff1d(self.inverted, self.before, assume_unique=True))
 
     @property
     def verified(self) -> bool:
@@ -238,8 +243,8 @@ class InteractiveRun:
             points[changed] = moved.points[changed]
             residual = max(residual, moved.error)
         tolerance = min(box.plan.sites.tolerance for box in self.boxes)
-        quality, bad, further = self._judged(points)
-        return Frame(angle, points, quality, bad, residual, tolerance, further)
+        before = self.touched.before.inverted if any(self.touched.inverted) else ()
+        return Frame(angle, points, *self._judged(points), residual, tolerance, np.flatnonzero(before))
 
     def repaired(self, frame: Frame) -> Frame:
         """Return a frame of the interpolant repaired where that is needed; at the run's angle it is the run's mesh."""
@@ -254,9 +259,9 @@ class InteractiveRun:
                 found = mended(Deflection(box.plan, factor * frame.angle, (), frame.points, inverted, 0.0))
                 points[changed] = found.points[changed]
         moved = self.moved if points is self.points else points - frame.points
-        quality, bad, further = self._judged(points)
+        quality, bad = self._judged(points)
         count = int(moved.any(axis=1).sum())
-        return replace(frame, points=points, quality=quality, inverted=bad, further=further, repaired=count)
+        return replace(frame, points=points, quality=quality, inverted=bad, repaired=count)
 
     def check(self, angle: float) -> None:
         """Raise InputError if a surface cannot move to its share of the angle within its box."""
@@ -273,11 +278,10 @@ class InteractiveRun:
         """What the colours of cells mean."""
         return drawn_measure(self.mesh)
 
-    def _judged(self, points: FloatArray) -> tuple[FloatArray, IntArray, int]:
-        """Return the quality (L,) of the cells touched, the rows of the inverted ones, and how many were not before."""
+    def _judged(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return the quality (L,) of the cells touched, and the rows of the inverted ones."""
         quality, inverted = self.touched.judged(points)
-        further = inverted & ~self.touched.before.inverted if any(self.touched.inverted) else inverted
-        return quality, np.flatnonzero(inverted), int(np.count_nonzero(further))
+        return quality, np.flatnonzero(inverted)
 
 
 def centers_of(stored: dict[str, Any], tag: str) -> list[Centers]:
