@@ -9,6 +9,7 @@ are neighbours and are not compared, nor are faces in one plane.
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,7 +31,7 @@ COST = 500
 """Work on one triangle, in evaluations of a kernel, by which it is shared out."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Crossings:
     """Faces that intersect others and did not before.
 
@@ -68,6 +69,17 @@ class Crossings:
         place = ", ".join(f"{x:.4g}" for x in points[skin.nodes_of(int(new[0, 0]))].mean(axis=0))
         faces = distinct(new[skin.moved[new]])
         return cls(len(faces), moved, near, f"the first is of {names[0]}, through {names[1]} at ({place})")
+
+
+class _Tree(NamedTuple):
+    """Corners (T, 9) of triangles, their labels (T, 4), which moved (T,), and the boxes of `Triangles`."""
+
+    corners: FloatArray
+    labels: IntArray
+    moved: BoolArray
+    low: FloatArray
+    high: FloatArray
+    order: IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,17 +136,15 @@ class _Skin:
 
     def intersecting(self, points: FloatArray) -> IntArray:
         """Return the pairs of faces (P, 2) that intersect with the nodes at points (N, 3), sorted, each once."""
-        tree = Triangles.of(points[self.triangles])
-        rows = np.flatnonzero(self.moved[self.face])
-        moved = self.moved[self.face]
-        corners, tolerance = tree.corners.reshape(-1, 9), TOUCH * self.size
-        count, none = np.zeros(len(rows), dtype=np.intp), np.empty((0, 2), dtype=np.intp)
+        boxes, moved = Triangles.along_curve(points[self.triangles]), self.moved[self.face]
+        tree = _Tree(boxes.corners.reshape(-1, 9), self.labels, moved, boxes.low, boxes.high, boxes.order)
+        rows, none = np.flatnonzero(moved), np.empty((0, 2), dtype=np.intp)
+        count = np.zeros(len(rows), dtype=np.intp)
 
         def search(some: IntArray, begin: IntArray, pairs: IntArray) -> None:
             def chunk(first: int, last: int) -> None:
                 part = slice(first, last)
-                boxes = (tree.low, tree.high, tree.order)
-                _search(some[part], corners, self.labels, moved, boxes, self.plane, tolerance, begin[part], pairs)
+                _search(some[part], tree, self.plane, TOUCH * self.size, begin[part], pairs)
 
             in_chunks(chunk, len(some), COST)
 
@@ -156,8 +166,8 @@ class _Skin:
 
     def _joined(self, one: int, other: int) -> bool:
         """True if two patches share a node."""
-        nodes = (distinct(self.labels[self.patch[self.face] == patch, :3]) for patch in (one, other))
-        return len(np.intersect1d(*nodes, assume_unique=True)) > 0
+        ours, theirs = (distinct(self.labels[self.patch[self.face] == patch, :3]) for patch in (one, other))
+        return len(np.intersect1d(ours, theirs, assume_unique=True)) > 0
 
 
 def _keys(pairs: IntArray, faces: int) -> IntArray:
@@ -184,57 +194,54 @@ def _cut(faces: Polygons) -> tuple[IntArray, IntArray]:
 
 @compiled_exactly
 def _search(
-    rows: IntArray,
-    corners: FloatArray,
-    labels: IntArray,
-    moved: BoolArray,
-    boxes: tuple[FloatArray, FloatArray, IntArray],
-    plane: bool,
-    tolerance: float,
-    begin: IntArray,
-    pairs: IntArray,
+    rows: IntArray, tree: _Tree, plane: bool, tolerance: float, begin: IntArray, pairs: IntArray
 ) -> None:  # pragma: no cover - compiled
-    """Count in `begin` (R,) the triangles that rows (R,) of them intersect; or write the pairs from there on.
-
-    Of two triangles that moved, the pair belongs to the first.
-    """
-    low, high, order = boxes
-    leaves = len(low) // 2
-    waiting, least, most = np.empty(DEPTH, dtype=np.intp), np.empty(3), np.empty(3)
+    """Count in `begin` (R,) the triangles that rows (R,) of them intersect; or write the pairs (P, 2) from there on."""
+    leaves, waiting = len(tree.low) // 2, np.empty(DEPTH, dtype=np.intp)
     for i in range(len(rows)):
-        row, found, count = rows[i], 0, 1
-        for k in range(3):
-            least[k] = min(corners[row, k], corners[row, 3 + k], corners[row, 6 + k])
-            most[k] = max(corners[row, k], corners[row, 3 + k], corners[row, 6 + k])
+        found, count = 0, 1
         waiting[0] = 1
         while count:
             count -= 1
             box = waiting[count]
-            if _apart(least, most, low[box], high[box]):
+            if _apart(tree.corners[rows[i]], tree.low[box], tree.high[box]):
                 continue
             if box < leaves:
                 waiting[count], waiting[count + 1] = 2 * box, 2 * box + 1
                 count += 2
-                continue
-            for place in range((box - leaves) * LEAF, (box - leaves + 1) * LEAF):
-                other = order[place]
-                if (moved[other] and other <= row) or _neighbours(labels[row], labels[other]):
-                    continue
-                one, two = corners[row], corners[other]
-                if _cross(one, two, tolerance) if plane else _pierce(one, two, tolerance):
-                    if len(pairs):
-                        pairs[begin[i] + found, 0], pairs[begin[i] + found, 1] = row, other
-                    found += 1
+            else:
+                found += _in_leaf(rows[i], (box - leaves) * LEAF, tree, plane, tolerance, pairs[begin[i] + found :])
         if not len(pairs):
             begin[i] = found
 
 
 @compiled_exactly
-def _apart(least: FloatArray, most: FloatArray, low: FloatArray, high: FloatArray) -> bool:  # pragma: no cover
-    """Return whether two boxes have no point in common."""
+def _in_leaf(
+    row: int, start: int, tree: _Tree, plane: bool, tolerance: float, pairs: IntArray
+) -> int:  # pragma: no cover - compiled
+    """Count the triangles of one box that a triangle intersects, and write the pairs if there is room.
+
+    Of two triangles that moved, the pair belongs to the first.
+    """
+    found = 0
+    for place in range(start, start + LEAF):
+        other = tree.order[place]
+        if (tree.moved[other] and other <= row) or _neighbours(tree.labels[row], tree.labels[other]):
+            continue
+        one, two = tree.corners[row], tree.corners[other]
+        if _cross(one, two, tolerance) if plane else _pierce(one, two, tolerance):
+            if len(pairs):
+                pairs[found, 0], pairs[found, 1] = row, other
+            found += 1
+    return found
+
+
+@compiled_exactly
+def _apart(t: FloatArray, low: FloatArray, high: FloatArray) -> bool:  # pragma: no cover - compiled
+    """Return whether a triangle (9,) is beyond a side of a box."""
     apart = False
     for k in range(3):
-        apart |= (least[k] > high[k]) | (most[k] < low[k])
+        apart |= (min(t[k], t[3 + k], t[6 + k]) > high[k]) | (max(t[k], t[3 + k], t[6 + k]) < low[k])
     return apart
 
 
@@ -245,7 +252,7 @@ def _neighbours(one: IntArray, other: IntArray) -> bool:  # pragma: no cover - c
     for i in range(3):
         for j in range(3):
             shared |= one[i] == other[j]
-    return shared
+    return bool(shared)
 
 
 @compiled_exactly
@@ -300,4 +307,4 @@ def _parted(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # pragma: 
         return False
     one = (x * (s[1] - t[1]) - y * (s[0] - t[0])) / length
     other = (x * (s[4] - t[1]) - y * (s[3] - t[0])) / length
-    return one * other < 0.0 and min(abs(one), abs(other)) > tolerance
+    return bool(one * other < 0.0 and min(abs(one), abs(other)) > tolerance)
