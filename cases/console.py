@@ -10,7 +10,7 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from sdm_deflect.cases.metrics import fit_text, kernel_figures, kernel_text, notes_of, repair_text, travels
+from sdm_deflect.cases.metrics import fit_text, kernel_figures, kernel_text, motions, notes_of, repair_text, travels
 from sdm_deflect.deform.checks import Check, Verdict
 from sdm_deflect.deform.errors import printable
 from sdm_deflect.deform.quality import Quality
@@ -83,7 +83,9 @@ def result_table(done: "Outcome") -> Group:
     warned = "" if done.passed else ", of which the mesh should not be used as it is"
     wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}{warned}"] if done.files else []
     case = [done.flow.text(plan)] if done.flow else []
-    last = "all validations passed" if done.passed else "A VALIDATION FAILED"
+    judged = [*(check for one in done.angles for check in one.checks), *done.checks]
+    names = dict.fromkeys(check.name for check in judged if not check.passed)
+    last = f"A VALIDATION FAILED: {', '.join(names)}" if names else "all validations passed"
     losses = [f"not held by this format: {text}" for text in done.lost]
     notes = [f"note: {text}" for text in done.notes]
     return Group(*body, *together, *_texts([*told, *_lines(plan), *notes, *losses, *case, speed, *wrote, last]))
@@ -138,6 +140,7 @@ def _lines(plan: Plan) -> list[str]:
     low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
     return [
         *(f"{name} moves by up to {travel}" for name, travel in travels(plan)),
+        *(f"{name} reaches {text}" for name, text in motions(plan)),
         f"box {region.box.why}; from ({low}) to ({high})",
         f"{len(region.inside)} of {plan.mesh.point_count} nodes inside, {plan.touched.count} cells touched",
         f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
