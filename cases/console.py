@@ -43,6 +43,12 @@ def verdict(checks: Sequence[Check], title: str) -> Table:
     return table
 
 
+def outcome(checks: Sequence[Check]) -> str:
+    """Say whether all checks hold, or which do not."""
+    failed = dict.fromkeys(check.name for check in checks if not check.passed)
+    return f"A VALIDATION FAILED: {', '.join(failed)}" if failed else "all validations passed"
+
+
 def findings(found: Sequence["Finding"]) -> Group:
     """Return what was found on a machine, and what would help."""
     table = _table("", ("",), (), ("found", " "))
@@ -83,9 +89,7 @@ def result_table(done: "Outcome") -> Group:
     warned = "" if done.passed else ", of which the mesh should not be used as it is"
     wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}{warned}"] if done.files else []
     case = [done.flow.text(plan)] if done.flow else []
-    judged = [*(check for one in done.angles for check in one.checks), *done.checks]
-    names = dict.fromkeys(check.name for check in judged if not check.passed)
-    last = f"A VALIDATION FAILED: {', '.join(names)}" if names else "all validations passed"
+    last = outcome([*(check for one in done.angles for check in one.checks), *done.checks])
     losses = [f"not held by this format: {text}" for text in done.lost]
     notes = [f"note: {text}" for text in done.notes]
     return Group(*body, *together, *_texts([*told, *_lines(plan), *notes, *losses, *case, speed, *wrote, last]))

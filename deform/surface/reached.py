@@ -73,7 +73,7 @@ class Reached:
 def _edge(law: MotionLaw, station: FloatArray, reach: FloatArray) -> BoolArray:
     """Return which nodes (K,) are on the trailing edge: those that follow a blended motion, and its ends that stay."""
     if not isinstance(law, BlendedLaw):
-        return reach >= FAR * reach.max()
+        return np.asarray(reach >= FAR * reach.max())
     rows = np.flatnonzero(law.driven)
     rows = rows[np.argsort(station[rows], kind="stable")]
     return np.asarray(law.driven | (law.held & (reach >= OUTER * np.interp(station, station[rows], reach[rows]))))

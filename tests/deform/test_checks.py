@@ -72,7 +72,8 @@ def test_checks_of_a_surface_alone_in_its_box(block):
     """No fixed patch reaches into it: that none of its nodes moved is no achievement."""
     checks = named(turn(block, box=TIGHT))
     assert [check.name for check in checks.values()] == [
-        "outside_moved", "fixed_surfaces_moved", "site_error", "inverted_cells", "surfaces_crossed", "quality_min:hexahedron"
+        "outside_moved", "fixed_surfaces_moved", "site_error", "inverted_cells", "surfaces_crossed",
+        "quality_min:hexahedron"
     ]  # fmt: skip
     assert checks["fixed_surfaces_moved"].verdict == "not applicable"
     assert {check.verdict for name, check in checks.items() if name != "fixed_surfaces_moved"} == {"passed"}
