@@ -16,6 +16,7 @@ from sdm_deflect.cases.metrics import (
     fit_text,
     kernel_figures,
     kernel_text,
+    motions,
     notes_of,
     repair_text,
     travels,
@@ -50,6 +51,12 @@ def verdict(checks: Sequence[Check], title: str) -> Table:
         value, limit = f"{check.value:.4g}", f"{sign} {check.limit:.4g} {unit}".rstrip()
         table.add_row(plain(check.name), value, limit, _word(check.verdict), plain(check.where))
     return table
+
+
+def outcome(checks: Sequence[Check]) -> str:
+    """Say whether all checks hold, or which do not."""
+    failed = dict.fromkeys(check.name for check in checks if not check.passed)
+    return f"A VALIDATION FAILED: {', '.join(failed)}" if failed else "all validations passed"
 
 
 def findings(found: Sequence["Finding"]) -> Group:
@@ -93,7 +100,7 @@ def result_table(done: "Outcome") -> Group:
     warned = "" if done.passed else ", of which the mesh should not be used as it is"
     wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}{warned}"] if done.files else []
     case = [done.flow.text(plan)] if done.flow else []
-    last = "all validations passed" if done.passed else "A VALIDATION FAILED"
+    last = outcome([*(check for one in done.angles for check in one.checks), *done.checks])
     losses = [f"not held by this format: {text}" for text in done.lost]
     notes = [f"note: {text}" for text in done.notes]
     return Group(*body, *together, *_texts([*told, *_lines(plan), *notes, *losses, *case, speed, *wrote, last]))
@@ -157,6 +164,7 @@ def _lines(plan: Plan) -> list[str]:
     low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
     return [
         *(f"{name} moves by up to {travel}" for name, travel in travels(plan)),
+        *(f"{name} reaches {text}" for name, text in motions(plan)),
         f"box {region.box.why}; from ({low}) to ({high})",
         f"{len(region.inside)} of {plan.mesh.point_count} nodes inside, {plan.touched.count} cells touched",
         f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "

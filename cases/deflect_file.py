@@ -11,6 +11,7 @@ from sdm_deflect.cases.metrics import (
     deflection_figures,
     farthest,
     mesh_figures,
+    motion_figures,
     notes_of,
     verdict_figures,
 )
@@ -202,6 +203,7 @@ def plan_figures(plan: Plan, flow: "FlowCase | None" = None) -> Json:
         "sites": {"surface": len(sites.distinct), "fixed": len(sites.sampled), "tolerance": sites.tolerance},
         "cells_touched": plan.touched.count,
         "farthest": {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan)},
+        "motion": motion_figures(plan, max(plan.angles, key=abs)),
         "notes": list(notes_of(plan)),
         **({"case": flow.figures(plan)} if flow else {}),
     }

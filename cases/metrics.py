@@ -62,6 +62,7 @@ def deflection_figures(one: Deflection) -> Json:
         "kernel": kernel_figures(plan),
         "adaptation": _adaptation(one),
         "error_between_sites": asdict(one.error_between) if one.error_between else None,
+        "motion": motion_figures(plan, one.angle),
         "cells_touched": plan.touched.count,
         "quality_inside": {"before": by_shape(plan.before), "after": by_shape(one.quality)},
         **face_figures(one),
@@ -178,6 +179,19 @@ def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest angle."""
     for surface, place, move in plan.boundary.farthest(plan.job.amounts_at(max(plan.angles, key=abs))):
         yield surface.named, place, move
+
+
+def motion_figures(plan: Plan, angle: float) -> Json:
+    """Return, of each surface, what it reaches of its angle (see `Reached`); null for a motion without one."""
+    found = plan.boundary.reached(plan.job.amounts_at(angle))
+    return {surface.named: asdict(one) if one else None for surface, one in found}
+
+
+def motions(plan: Plan) -> Iterator[tuple[str, str]]:
+    """Yield the name of each surface that turns, and what it reaches of the largest angle, as text."""
+    for surface, one in plan.boundary.reached(plan.job.amounts_at(max(plan.angles, key=abs))):
+        if one:
+            yield surface.named, one.text
 
 
 def travels(plan: Plan) -> Iterator[tuple[str, str]]:

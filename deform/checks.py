@@ -7,10 +7,11 @@ from typing import Any, Literal
 import numpy as np
 
 from sdm_deflect.deform import polyhedra
+from sdm_deflect.deform.crossing import Crossings
 from sdm_deflect.deform.edges import edges_of, polygons_of
 from sdm_deflect.deform.faces import faces_of
 from sdm_deflect.deform.images import is_thin, plane_of
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Polyhedra
+from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra
 from sdm_deflect.deform.precision import EVERY_BIT
 from sdm_deflect.deform.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.touched import Layers, first_layer
@@ -134,12 +135,9 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
         yield _slid_on_surfaces(deflection, slid)
     yield site_error(deflection)
     if mesh.cells:
-        limit = plan.touched.inverted_at(mesh.points)
-        where = f"of {plan.touched.count} cells with a node in the box" + (f", {limit} of them before" if limit else "")
-        if deflection.inverted > limit:
-            where += f"; {first_inverted(deflection)}"
-        yield Check("inverted_cells", deflection.inverted, limit, "cells", where, over=plan.touched.count)
+        yield _inverted_cells(deflection)
         yield from _boundary_checks(deflection)
+    yield surfaces_crossed(mesh, points)
     if plan.precision.every and not plan.precision.is_double:
         yield _rounding(deflection)
     if mesh.cells and min_quality:
@@ -189,6 +187,25 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
         if len(pair.nodes):
             where += f", {before:.1e} of their largest coordinate before"
             yield Check(f"{name}_{pair.name}", now, limit, "", where, over=len(nodes))
+
+
+def _inverted_cells(deflection: Deflection) -> Check:
+    """Check that no cell is inverted that was not before."""
+    touched = deflection.plan.touched
+    before = sum(one.inverted for one in deflection.plan.before)
+    where = f"of {touched.count} cells with a node in the box"
+    where += f", without {before} that were inverted before" if before else ""
+    if deflection.inverted:
+        where += f"; {first_inverted(deflection)}"
+    return Check("inverted_cells", deflection.inverted, 0, "cells", where, over=touched.count)
+
+
+def surfaces_crossed(mesh: Mesh, points: FloatArray) -> Check:
+    """Check that no face of a mesh whose nodes moved to points (N, 3) goes through another one that it did not."""
+    found = Crossings.of(mesh, points)
+    where = f"of {found.moved} faces that moved, beside {found.near - found.moved} near them"
+    where += f"; {found.where}" if found.faces else ""
+    return Check("surfaces_crossed", found.faces, 0, "faces", where, over=found.moved)
 
 
 def slid_nodes(deflection: Deflection) -> IntArray:
@@ -270,11 +287,16 @@ def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
 
 
 def _quality_checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
-    """Check that the touched cells of each type keep a share of the least quality that they had."""
-    for old, new in zip(deflection.plan.before, deflection.quality, strict=True):
-        where = f"{new.measure} of {new.cells} cells ({new.shape}), {old.min:.3f} before"
-        limit = min_quality * max(old.min, 0.0)
-        yield Check(f"quality_min:{new.shape}", new.min, limit, "", where, "at least")
+    """Check that the touched cells of each type keep a share of the least quality that they had.
+
+    Cells that were inverted, or of quality 0, are left out.
+    """
+    for of, (old, new) in zip(deflection.quality, deflection.least, strict=True):
+        where = f"{of.measure} of {new.cells} cells ({of.shape}), {old.quality:.3f} before"
+        if new.cells < of.cells:
+            where += f", without {of.cells - new.cells} that were inverted or flat before"
+        limit = min_quality * old.quality if old.cells else 0.0
+        yield Check(f"quality_min:{of.shape}", new.quality, limit, "", where, "at least", over=new.cells)
 
 
 def _unmoved(name: str, moved: FloatArray, what: str) -> Check:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +13,9 @@ from numpy.typing import NDArray
 from sdm_deflect.deform import polyhedra
 from sdm_deflect.deform.edges import rows_of
 from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra, Volume
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Polyhedra, Volume
 from sdm_deflect.deform.prisms import alone, prisms_on
-from sdm_deflect.deform.quality import Quality, by_shape, check_most, inverted_of, oriented
+from sdm_deflect.deform.quality import POLYHEDRON, Quality, by_shape, check_most, inverted_of, judged, oriented
 from sdm_deflect.deform.rbf.compiled import compiled
 from sdm_deflect.deform.rbf.threads import in_chunks
 
@@ -37,7 +38,20 @@ THICK = 0.1
 """The same, above which the heights of polyhedra follow the wall less closely."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+class Judged(NamedTuple):
+    """Quality (C,) of cells, each by the measure of its type, and which (C,) are inverted."""
+
+    quality: FloatArray
+    inverted: BoolArray
+
+    def replaced(self, cells: BoolArray, found: Judged) -> Judged:
+        """Return the same with what was found of some cells, a mask (C,), in their place."""
+        quality, inverted = self.quality.copy(), self.inverted.copy()
+        quality[cells], inverted[cells] = found
+        return Judged(quality, inverted)
+
+
+@dataclass(frozen=True, eq=False)
 class TouchedCells:
     """The cells that a deformation may change.
 
@@ -70,10 +84,35 @@ class TouchedCells:
         """Number of cells touched."""
         return sum(len(rows) for rows in self.rows)
 
-    def inverted_at(self, points: FloatArray) -> int:
-        """Return the number of touched cells that are inverted with the nodes at `points` (N, 3)."""
+    @cached_property
+    def before(self) -> Judged:
+        """The touched cells as they are in the undeflected mesh."""
+        return self.judged(self.mesh.points)
+
+    def judged(self, points: FloatArray) -> Judged:
+        """Judge the touched cells, block by block, with the nodes at `points` (N, 3)."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
-        return sum(int(np.count_nonzero(inverted_of(points, *part))) for part in parts)
+        found = [judged(points, *part) for part in parts if len(part[1])]
+        quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
+        return Judged(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)]))
+
+    def newly_inverted(self, points: FloatArray) -> BoolArray:
+        """Return which touched cells (C,) are inverted with the nodes at `points` (N, 3), and were not before."""
+        parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
+        found = np.concatenate([np.empty(0, np.bool_), *(inverted_of(points, *part) for part in parts)])
+        return found & ~self.before.inverted if any(self.inverted) else found
+
+    def by_shape(self) -> Iterator[tuple[str, BoolArray]]:
+        """Yield each type of the touched cells, and which (C,) are of it."""
+        names = [getattr(block, "shape", POLYHEDRON) for block in self.mesh.cells]
+        for name in dict.fromkeys(name for name, rows in zip(names, self.rows, strict=True) if len(rows)):
+            yield name, np.repeat([one == name for one in names], [len(rows) for rows in self.rows])
+
+    def least(self, points: FloatArray) -> tuple[Least, ...]:
+        """Return, by type, the least quality at points (N, 3) of cells that were good before: not inverted, above 0."""
+        good, now = ~self.before.inverted & (self.before.quality > 0.0), self.judged(points).quality
+        own = [now[good & cells] for _, cells in self.by_shape()]
+        return tuple(Least(float(values.min(initial=np.inf)), len(values)) for values in own)
 
     def quality(self, points: FloatArray) -> tuple[Quality, ...]:
         """Return the quality of the touched cells of each type, with the nodes at `points` (N, 3)."""
@@ -93,6 +132,13 @@ class TouchedCells:
                     f"{self.mesh.name}: {count} of {size} {shape} are inverted in the file already; mend the "
                     "mesh, or take it as it is (allow_inverted)"
                 )
+
+
+class Least(NamedTuple):
+    """Least quality of some cells, and their number; infinite of none."""
+
+    quality: float
+    cells: int
 
 
 @dataclass(frozen=True, slots=True)

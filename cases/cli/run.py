@@ -52,7 +52,7 @@ def run(
 
     resolved = resolve(case, **given)
 
-    from sdm_deflect.cases.console import verdict
+    from sdm_deflect.cases.console import outcome, verdict
     from sdm_deflect.cases.output import output_folder
     from sdm_deflect.cases.sdm.metrics import summary
     from sdm_deflect.cases.sdm.pipeline import run_case
@@ -64,7 +64,7 @@ def run(
         click.echo((folder / "metrics.json").read_text(encoding="utf-8"), nl=False)
     else:
         title = f"{resolved.name} {resolved.angle:+g} deg, {resolved.scale}, {resolved.strategy}"
-        last = "all validations passed" if result.passed else "A VALIDATION FAILED"
+        last = outcome(result.checks)
         options.print_tables(verdict(result.checks, title), *summary(result), f"results in {folder}", last)
     return options.code_of(result.passed)
 

@@ -19,6 +19,7 @@ from sdm_deflect.cases.metrics import (
     Json,
     deflection_figures,
     mesh_figures,
+    motions,
     notes_of,
     peak_rss_bytes,
     travels,
@@ -149,7 +150,11 @@ def _data(plan: Plan, angle: float, points: FloatArray, settings: str, fits: Fit
     tables = {f"surface[{i}]": rows_of(one) for i, one in enumerate(nested.pop("surface", []))}
     return ReportData(
         title=f"{mesh.name}: {moves}",
-        facts=(("mesh", mesh.name), *((f"{name} moves by up to", travel) for name, travel in travels(plan))),
+        facts=(
+            ("mesh", mesh.name),
+            *((f"{name} moves by up to", travel) for name, travel in travels(plan)),
+            *((f"{name} reaches", text) for name, text in motions(plan)),
+        ),
         mesh=mesh,
         points=points,
         boxes=(box,),

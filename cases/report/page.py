@@ -124,6 +124,7 @@ CHECKS = {
     "slid_on_surfaces": "nodes of fixed surfaces that the repair moved, from the undeflected surface",
     "outside_moved": "largest displacement outside the boxes",
     "inverted_cells": "cells turned inside out",
+    "surfaces_crossed": "faces that moved and now go through another surface, or through their own",
     "fixed_surfaces_moved": "largest displacement of a surface that must not move",
     "quality_min": "worst cell of the deflected mesh, by mean ratio (1 is regular)",
     "non_orthogonality_max": "largest angle between a face's normal and the line between the centres of its two cells",

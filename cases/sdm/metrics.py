@@ -18,6 +18,7 @@ from sdm_deflect.cases.metrics import (
 from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.quality import Quality, mean_ratio, summarise
+from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.meshing.mesh import TetMesh
 
@@ -120,6 +121,9 @@ def summary(run: Run) -> Iterator[str]:
             f"{one['steps']} step{'s' if one['steps'] > 1 else ''}"
         )
         yield f"{name} {fit_text(one, 'm')}; kernel: {kernel_text(one['kernel'])}"
+        for surface, motion in one["motion"].items():
+            if motion:
+                yield f"{surface} reaches {Reached(**motion).text}"
         if one["repair"]:
             yield f"{name} {repair_text(one)}"
     if run.pinned:

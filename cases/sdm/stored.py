@@ -123,7 +123,8 @@ def _deflection(plan: Plan, courses: Sequence[Convergence], arrays: dict[str, An
         steps.append(carried_out(state, target - reached, fits))
         points, reached = steps[-1].points.copy(), target
     points[plan.sites.moving] = plan.mesh.points[plan.sites.moving] + reached
-    return Deflection(plan, plan.angle, tuple(steps), points, plan.touched.inverted_at(points), 0.0)
+    inverted = int(np.count_nonzero(plan.touched.newly_inverted(points)))
+    return Deflection(plan, plan.angle, tuple(steps), points, inverted, 0.0)
 
 
 def _check_kernel(plan: Plan, arrays: dict[str, Any], tag: str) -> None:

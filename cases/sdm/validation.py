@@ -10,7 +10,7 @@ from sdm_deflect.cases.sdm.case import Case
 from sdm_deflect.cases.sdm.job import BLOCK, Wedge, axis_of, fuselage_cylinder, panel_of
 from sdm_deflect.cases.sdm.overset import overset_checks
 from sdm_deflect.cases.sdm.reference import Faces, Reference
-from sdm_deflect.deform.checks import Check, site_error, worst
+from sdm_deflect.deform.checks import Check, site_error, surfaces_crossed, worst
 from sdm_deflect.deform.mesh import FloatArray, IntArray
 from sdm_deflect.deform.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.surface.axis import Axis
@@ -110,6 +110,7 @@ def mesh_checks(
         on = [name for name in mesh.names[1:] if np.isin(mesh.tets[inverted[0]], mesh.on(name)).any()]
         where += f"; the first is cell {inverted[0]} (tetra)" + (f" with nodes on {', '.join(on)}" if on else "")
     yield Check("inverted_cells", float(len(inverted)), 0.0, "cells", where)
+    yield surfaces_crossed(plans[0].mesh, deflected.points)
     moving = [patch for plan in plans for patch in plan.patches]
     fixed = np.setdiff1d(fixed_nodes(mesh, plans), slid, assume_unique=True)
     check = unmoved("fixed_surfaces_moved", moved, fixed, mesh.points)

@@ -26,8 +26,9 @@ COUNTS = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
 def verdict(frame: Frame, run: InteractiveRun) -> tuple[str, str]:
     """Return whether the mesh at this angle is verified, as a kind of message and a sentence."""
     residual, tolerance, count = _small(frame.residual, run), _small(frame.tolerance, run, "g"), len(frame.inverted)
-    if count > frame.before:
+    if frame.further:
         cells = "1 inverted cell" if count == 1 else f"{count} inverted cells"
+        cells += f" ({frame.further} of them not before)" if frame.further < count else ""
         remedy = "" if run.repairs else " Run it at this angle with repair, or turn it less."
         return "error", f"\N{MULTIPLICATION X} Not verified: {cells}, drawn red; residual {residual}.{remedy}"
     if frame.residual >= frame.tolerance:

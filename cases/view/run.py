@@ -13,7 +13,6 @@ from sdm_deflect.cases.report.folder import read_folder
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra
-from sdm_deflect.deform.quality import judged
 from sdm_deflect.deform.reading import read_arrays
 from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.surface.surface import TrailingEdge
@@ -42,7 +41,7 @@ class Frame:
     inverted : rows of `quality` of the inverted cells.
     residual : largest error of the interpolants at any data site, in any direction, a length.
     tolerance : what the run allowed for it.
-    before : number of these cells that are inverted in the undeflected mesh.
+    before : rows of `quality` of the cells that are inverted in the undeflected mesh.
     repaired : number of nodes that the repair moved; None for the interpolant's mesh.
     """
 
@@ -52,13 +51,18 @@ class Frame:
     inverted: IntArray = field(repr=False)
     residual: float
     tolerance: float
-    before: int = 0
+    before: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
     repaired: int | None = None
+
+    @property
+    def further(self) -> int:
+        """Number of cells that are inverted and were not before."""
+        return len(np.setdiff1d(self.inverted, self.before, assume_unique=True))
 
     @property
     def verified(self) -> bool:
         """True if the residual is below the tolerance and no further cell is inverted."""
-        return self.residual < self.tolerance and len(self.inverted) <= self.before
+        return self.residual < self.tolerance and not self.further
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,8 +243,8 @@ class InteractiveRun:
             points[changed] = moved.points[changed]
             residual = max(residual, moved.error)
         tolerance = min(box.plan.sites.tolerance for box in self.boxes)
-        before = self.touched.inverted_at(self.mesh.points) if any(self.touched.inverted) else 0
-        return Frame(angle, points, *self._judged(points), residual, tolerance, before)
+        before = self.touched.before.inverted if any(self.touched.inverted) else ()
+        return Frame(angle, points, *self._judged(points), residual, tolerance, np.flatnonzero(before))
 
     def repaired(self, frame: Frame) -> Frame:
         """Return a frame of the interpolant repaired where that is needed; at the run's angle it is the run's mesh."""
@@ -251,7 +255,7 @@ class InteractiveRun:
             points = self.points
         else:
             for box, factor, changed in zip(self.boxes, self.factors, self.changed, strict=True):
-                inverted = box.plan.touched.inverted_at(frame.points)
+                inverted = int(np.count_nonzero(box.plan.touched.newly_inverted(frame.points)))
                 found = mended(Deflection(box.plan, factor * frame.angle, (), frame.points, inverted, 0.0))
                 points[changed] = found.points[changed]
         moved = self.moved if points is self.points else points - frame.points
@@ -276,10 +280,8 @@ class InteractiveRun:
 
     def _judged(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return the quality (L,) of the cells touched, and the rows of the inverted ones."""
-        parts = zip(self.mesh.cells, self.touched.rows, self.touched.orientation, strict=True)
-        found = [judged(points, *part) for part in parts if len(part[1])]
-        quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
-        return quality, np.flatnonzero(np.concatenate([np.empty(0, dtype=bool), *(bad for _, bad in found)]))
+        quality, inverted = self.touched.judged(points)
+        return quality, np.flatnonzero(inverted)
 
 
 def centers_of(stored: dict[str, Any], tag: str) -> list[Centers]:

@@ -11,6 +11,19 @@ IndexArray = NDArray[np.intp]
 # Along no lattice of points: distinct points of a regular grid get distinct keys.
 DIRECTION = np.array([0.5698402909980532, 0.7548776662466927, 0.3247179572447460])
 BLOCK, FEW = 512, 65_536  # points looked at together; up to so many, all are
+BITS = 10  # of each coordinate along the curve: a thousand places
+
+
+def along_curve(points: FloatArray) -> IndexArray:
+    """Return the rows (N,) of points (N, 3) in the order of their Morton codes: neighbours stay together in memory."""
+    low = points.min(axis=0, initial=np.inf)
+    size = float((points - low).max(initial=0.0)) or 1.0
+    cells = ((points - low) / size * ((1 << BITS) - 1)).astype(np.int64)
+    code = np.zeros(len(points), dtype=np.int64)
+    for bit in range(BITS):
+        for axis in range(3):
+            code |= (cells[:, axis] >> bit & 1) << (3 * bit + axis)
+    return np.asarray(np.argsort(code, kind="stable"))
 
 
 def first_coincident(points: FloatArray, tol: float = 0.0) -> IndexArray:

@@ -15,13 +15,12 @@ import numpy as np
 from sdm_deflect.deform.mesh import BoolArray, Cells, FloatArray, IntArray, Polyhedra, Volume
 from sdm_deflect.deform.polyhedra import corner_edges
 from sdm_deflect.deform.quality import CORNERS
+from sdm_deflect.deform.rbf.points import along_curve
 
 REGULAR = np.array([[1.0, 0.5, 0.5], [0.0, np.sqrt(3.0) / 2.0, np.sqrt(3.0) / 6.0], [0.0, 0.0, np.sqrt(2.0 / 3.0)]])
 """Edges (columns) of the regular tetrahedron of edge 1."""
 REGULAR_TRIANGLE = np.array([[1.0, 0.5, 0.0], [0.0, np.sqrt(3.0) / 2.0, 0.0], [0.0, 0.0, 1.0]])
 """Edges (columns) of the regular triangle of edge 1, and of its plane's normal."""
-BITS = 10
-"""Of each coordinate along the curve: a thousand places."""
 SIMPLICES = ("tetra", "triangle")
 """Shapes that have one corner alone, and shall become regular."""
 FLAT = 1e-3
@@ -69,7 +68,7 @@ class Elements:
         nodes = tetrahedra.nodes[own]
         mark[nodes] = True
         mark[unknown] = False
-        used = np.concatenate([_along_curve(points, unknown), _along_curve(points, np.flatnonzero(mark))])
+        used = np.concatenate([some[along_curve(points[some])] for some in (unknown, np.flatnonzero(mark))])
         place = np.empty(len(points), dtype=np.intp)
         place[used] = np.arange(len(used))
         rows = place[nodes]
@@ -122,6 +121,11 @@ class Tetrahedra:
             count += len(rows)
         return cls(np.concatenate(nodes), np.concatenate(cells), np.concatenate(regular))
 
+    def of_cells(self, mask: BoolArray) -> Tetrahedra:
+        """Return those of some of the cells, a mask (C,)."""
+        own = mask[self.cells]
+        return self if own.all() else Tetrahedra(self.nodes[own], self.cells[own], self.regular[own])
+
     def inverse(self, points: FloatArray, rows: IntArray) -> FloatArray:
         """Return the inverses (R, 9) of the matrices of the edges (columns) that some rows should have.
 
@@ -168,19 +172,6 @@ def _solidity(points: FloatArray, nodes: IntArray) -> FloatArray:
     edges = _edges(points, nodes)
     lengths = np.prod(np.linalg.norm(edges, axis=1), axis=1)
     return np.asarray(np.linalg.det(edges) / np.maximum(lengths, np.finfo(np.float64).tiny))
-
-
-def _along_curve(points: FloatArray, nodes: IntArray) -> IntArray:
-    """Order nodes (K,) by the Morton code of their places."""
-    own = points[nodes]
-    low = own.min(axis=0, initial=np.inf)
-    size = float((own - low).max(initial=0.0)) or 1.0
-    cells = ((own - low) / size * ((1 << BITS) - 1)).astype(np.int64)
-    code = np.zeros(len(nodes), dtype=np.int64)
-    for bit in range(BITS):
-        for axis in range(3):
-            code |= (cells[:, axis] >> bit & 1) << (3 * bit + axis)
-    return np.asarray(nodes[np.argsort(code, kind="stable")])
 
 
 def _edges(points: FloatArray, nodes: IntArray) -> FloatArray:

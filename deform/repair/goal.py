@@ -2,33 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from sdm_deflect.deform import polyhedra
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Polyhedra
-from sdm_deflect.deform.quality import POLYHEDRON, Quality, judged
+from sdm_deflect.deform.quality import Quality
 from sdm_deflect.deform.repair.freedom import Freedom
-from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.touched import Judged, TouchedCells
 
 WORST = 1e-3
 """Least quality that cells are weighted by."""
-
-
-class Judged(NamedTuple):
-    """Quality (C,) of cells, each by the measure of its type, and which (C,) are inverted."""
-
-    quality: FloatArray
-    inverted: BoolArray
-
-    def replaced(self, cells: BoolArray, found: Judged) -> Judged:
-        """Return the same with what was found of some cells, a mask (C,), in their place."""
-        quality, inverted = self.quality.copy(), self.inverted.copy()
-        quality[cells], inverted[cells] = found
-        return Judged(quality, inverted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +23,8 @@ class Goal:
     Attributes
     ----------
     touched : the cells.
-    floor : (C,) least quality, before the deflection, of the cells of each one's type; -inf where no node can move.
+    floor : (C,) least quality, before the deflection, of the good cells of each one's type; 0 where the cell itself was
+        no better, and -inf where it was inverted already or no node can move: nothing is asked of such cells.
     weights : (C,) of the cells' energies, by which cells of all types come to their floors at once. The energy of a
         corner is at least the inverse square of its scaled Jacobian over that of its target, that of a tetrahedron the
         inverse cube of its mean ratio.
@@ -53,14 +39,15 @@ class Goal:
         """Ask of the cells with a node that may move the least quality that their type had."""
         movable = np.zeros(len(touched.mesh.points), dtype=np.bool_)
         movable[freedom.nodes] = True
-        quality = _judged(touched, touched.mesh.points).quality
+        quality, inverted = touched.before
         floor, weights = np.full(touched.count, -np.inf), np.empty(touched.count)
         free = np.concatenate([np.empty(0, np.bool_), *_with_any(touched, movable)])
-        for name, own in _by_shape(touched):
-            least = float(quality[own].min())
-            floor[own & free] = max(least, 0.0)
+        for name, own in touched.by_shape():
+            least = float(quality[own & ~inverted & (quality > 0.0)].min(initial=1.0))
+            floor[own & free & ~inverted] = least
             least = max(least, WORST)
             weights[own] = least**3 if name == "tetra" else (least / np.maximum(quality[own], least)) ** 2
+        floor[(quality <= 0.0) & (floor > 0.0)] = 0.0
         return cls(touched, floor, weights)
 
     def among(self, cells: BoolArray) -> Goal:
@@ -71,12 +58,12 @@ class Goal:
 
     def judged(self, points: FloatArray) -> Judged:
         """Judge the cells with the nodes at points (N, 3)."""
-        return _judged(self.touched, points)
+        return self.touched.judged(points)
 
     def missed(self, found: Judged, share: float) -> BoolArray:
         """Return which cells (C,) are inverted, or below a share of their floor."""
-        free = self.floor > -np.inf
-        return np.asarray(free & (found.inverted | (found.quality < share * np.where(free, self.floor, 0.0))))
+        poor = (self.floor > 0.0) & (found.quality < share * np.maximum(self.floor, 0.0))
+        return np.asarray((self.floor > -np.inf) & (found.inverted | poor))
 
     def least(self, found: Judged) -> float:
         """Return the least quality of any cell over its floor."""
@@ -100,7 +87,7 @@ class Repaired:
     moved : (K,) sorted indices of the nodes that were moved.
     spoiled : number of cells that were inverted, or below the share of their type's least quality.
     left : number of them that still are.
-    inverted : (I,) rows, among the touched cells, of those that are still inverted.
+    inverted : (I,) rows, among the touched cells, of those that are still inverted and were not before the deflection.
     steps : steps of all searches.
     seconds : time it took.
     """
@@ -125,23 +112,8 @@ class Repaired:
         before, after = goal.judged(start), goal.judged(points)
         moved = np.flatnonzero((points != start).any(axis=1))
         spoiled, left = (int(goal.missed(one, share).sum()) for one in (before, after))
-        inverted = np.flatnonzero(after.inverted)
+        inverted = np.flatnonzero(after.inverted & ~touched.before.inverted)
         return cls(start, points, freedom, touched.quality(start), moved, spoiled, left, inverted)
-
-
-def _judged(touched: TouchedCells, points: FloatArray) -> Judged:
-    """Judge the touched cells, block by block."""
-    parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
-    found = [judged(points, *part) for part in parts if len(part[1])]
-    quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
-    return Judged(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)]))
-
-
-def _by_shape(touched: TouchedCells) -> Iterator[tuple[str, BoolArray]]:
-    """Yield each type of the touched cells, and which (C,) are of it."""
-    names = [getattr(block, "shape", POLYHEDRON) for block in touched.mesh.cells]
-    for name in dict.fromkeys(name for name, rows in zip(names, touched.rows, strict=True) if len(rows)):
-        yield name, np.repeat([one == name for one in names], [len(rows) for rows in touched.rows])
 
 
 def _with_any(touched: TouchedCells, mask: BoolArray) -> list[BoolArray]:

@@ -13,9 +13,9 @@ from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.deform.repair.elements import Tetrahedra
 from sdm_deflect.deform.repair.freedom import Freedom
-from sdm_deflect.deform.repair.goal import Goal, Judged, Repaired
+from sdm_deflect.deform.repair.goal import Goal, Repaired
 from sdm_deflect.deform.repair.patch import Patch, mended
-from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.touched import Judged, TouchedCells
 
 RINGS = (3, 6, 12, 24)
 """Rings of cells around spoiled ones whose nodes move; then all that may."""
@@ -60,7 +60,7 @@ def repaired(
     begin = perf_counter()
     goal = Goal.of(touched, freedom)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
-    tetrahedra = Tetrahedra.of(touched.mesh.points, parts)
+    tetrahedra = Tetrahedra.of(touched.mesh.points, parts).of_cells(~touched.before.inverted)
     found = start = goal.judged(points)
     here, steps = points, 0
     everything = (len(points),)

@@ -12,6 +12,7 @@ from sdm_deflect.deform.rbf.sites import XYZ
 from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.surface.motions import MotionLaw
 from sdm_deflect.deform.surface.placement import Placement
+from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.sliding import Plane, SlidingPatch, fitted
@@ -153,6 +154,14 @@ class Boundary:
             own = move[np.searchsorted(self.nodes, surface.nodes)]
             row = int(np.argmax(np.linalg.norm(own, axis=1)))
             yield surface, surface.points[row], own[row]
+
+    def reached(self, amounts: Amounts) -> Iterator[tuple[Surface, Reached | None]]:
+        """Yield each surface with what it reaches of its angle; None for motions without one, and for an angle of 0."""
+        move = self.displacement(amounts)
+        for surface, law, moving, amount in zip(self.surfaces, self.laws, self.job.surfaces, amounts, strict=True):
+            own, axis = move[np.searchsorted(self.nodes, surface.nodes)], moving.motion.axis
+            turns = axis is not None and moving.motion.unit == "deg" and amount != 0.0
+            yield surface, Reached.of(surface.points, own, axis, amount, law) if axis and turns else None
 
     @property
     def shared_with_fixed(self) -> BoolArray:

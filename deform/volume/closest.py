@@ -6,6 +6,7 @@ import numpy as np
 
 from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.rbf.compiled import compiled
+from sdm_deflect.deform.rbf.points import along_curve
 from sdm_deflect.deform.rbf.threads import in_chunks
 
 LEAF = 4  # triangles in a box that is not divided further
@@ -63,6 +64,18 @@ class Triangles:
             axis = np.argmax(np.ptp(places, axis=1), axis=1)
             along = np.take_along_axis(places, axis[:, None, None], axis=2)[..., 0]
             order = np.take_along_axis(groups, np.argsort(along, axis=1, kind="stable"), axis=1).ravel()
+        return cls._boxed(corners, order, levels)
+
+    @classmethod
+    def along_curve(cls, corners: FloatArray) -> "Triangles":
+        """Sort triangles (T, 3, 3) along a curve that fills space: five times as fast, and boxes overlap more."""
+        levels = max(0, int(np.ceil(np.log2(len(corners) / LEAF))))
+        rows = np.minimum(np.arange(LEAF << levels), len(corners) - 1)
+        return cls._boxed(corners, along_curve(corners[:, 0] + corners[:, 1] + corners[:, 2])[rows], levels)
+
+    @classmethod
+    def _boxed(cls, corners: FloatArray, order: IntArray, levels: int) -> "Triangles":
+        """Put boxes around triangles in their order."""
         leaves = corners[order].reshape(1 << levels, -1, 3)
         low, high = np.empty((2 << levels, 3)), np.empty((2 << levels, 3))
         low[1 << levels :], high[1 << levels :] = leaves.min(axis=1), leaves.max(axis=1)

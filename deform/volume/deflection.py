@@ -22,7 +22,7 @@ from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Repaired
 from sdm_deflect.deform.repair.repair import repaired
 from sdm_deflect.deform.sets import union
-from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.touched import Least, TouchedCells
 from sdm_deflect.deform.volume.between import ErrorBetween
 from sdm_deflect.deform.volume.boundary import Amounts, Boundary
 from sdm_deflect.deform.volume.job import Job
@@ -75,6 +75,18 @@ class Plan:
         touched = TouchedCells.of(boundary.mesh, union(region.inside, sites.moving))
         touched.check(job.allow_inverted)
         return cls(boundary, region, sites, touched, touched.quality(mesh.points), wanted)
+
+    def least(self, points: FloatArray, quality: Sequence[Quality]) -> tuple[Least, ...]:
+        """Return, by type, the least quality of the touched cells that are good in the undeflected mesh.
+
+        Parameters
+        ----------
+        points : (N, 3) where the nodes are.
+        quality : By type, of all touched cells there.
+        """
+        if all(one.min > 0.0 and not one.inverted for one in self.before):
+            return tuple(Least(one.min, one.cells) for one in quality)
+        return self.touched.least(points)
 
     @property
     def mesh(self) -> Mesh:
@@ -170,7 +182,7 @@ class Deflection:
     steps : the solves, one unless a single step inverted further cells.
     points : (N, 3) deflected coordinates, as the file that is to be written holds them (`Plan.precision`); outside the
         box they are those of `Plan.undeflected`.
-    inverted : number of touched cells that are inverted at the end.
+    inverted : number of touched cells that are inverted at the end and were not before.
     seconds : time it took.
     repaired : the repair, where one was needed.
     """
@@ -198,7 +210,7 @@ class Deflection:
         rounded = self.plan.precision.rounded(points, self.plan.mesh.points)
         if rounded is self.points:
             return self
-        return replace(self, points=rounded, inverted=self.plan.touched.inverted_at(rounded))
+        return replace(self, points=rounded, inverted=inverted_count(self.plan, rounded))
 
     def stored(self, precision: Precision) -> "Deflection":
         """Return the same deflection as another file holds it."""
@@ -213,6 +225,13 @@ class Deflection:
     def quality(self) -> tuple[Quality, ...]:
         """Quality of the touched cells by type."""
         return self.plan.touched.quality(self.points)
+
+    @cached_property
+    def least(self) -> tuple[tuple[Least, Least], ...]:
+        """Least quality before and now, by type, of the touched cells that were good before."""
+        plan = self.plan
+        states = ((plan.mesh.points, plan.before), (self.points, self.quality))
+        return tuple(zip(*(plan.least(*state) for state in states), strict=True))
 
     @cached_property
     def faces(self) -> State | None:
@@ -252,16 +271,15 @@ class Deflection:
 
 
 def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Deflection | None = None) -> Deflection:
-    """Bring the mesh to an angle; the angle is halved into steps while further cells are inverted.
+    """Bring the mesh to an angle; the angle is halved into steps while cells are inverted that were not before.
 
-    If no number of steps does, the one with the fewest inverted cells is the result. A single step uses the centres
+    If no number of steps does, the one with the fewest such cells is the result. A single step uses the centres
     and factors of an earlier deflection of a single step.
     """
-    before = plan.touched.inverted_at(plan.mesh.points)
     reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
     best = mended(_stepped(plan, angle, 1, progress, reused), progress)
     count = 2
-    while best.inverted > before and count <= plan.job.fitting.max_steps:
+    while best.inverted and count <= plan.job.fitting.max_steps:
         again = mended(_stepped(plan, angle, count, progress, None), progress)
         best = min(best, again, key=lambda one: one.inverted)
         count *= 2
@@ -284,9 +302,8 @@ def is_spoiled(deflection: Deflection) -> bool:
     plan, wanted = deflection.plan, deflection.plan.job.repair
     if wanted.mode == "off" or not plan.touched.count:
         return False
-    pairs = zip(plan.before, deflection.quality, strict=True)
-    fell = any(new.min < wanted.wanted * max(old.min, 0.0) for old, new in pairs)
-    return fell or deflection.inverted > plan.touched.inverted_at(plan.mesh.points)
+    fell = any(old.cells and new.quality < wanted.wanted * old.quality for old, new in deflection.least)
+    return fell or deflection.inverted > 0
 
 
 def as_repaired(deflection: Deflection, repair: FloatArray) -> Deflection:
@@ -344,4 +361,9 @@ def _stepped(plan: Plan, angle: float, count: int, progress: Progress, earlier: 
         points, reached = steps[-1].points, target
     points[nodes] = plan.mesh.points[nodes] + reached  # the places asked for, without the rounding of the steps
     points = plan.precision.rounded(points, plan.mesh.points)
-    return Deflection(plan, angle, tuple(steps), points, plan.touched.inverted_at(points), perf_counter() - begin)
+    return Deflection(plan, angle, tuple(steps), points, inverted_count(plan, points), perf_counter() - begin)
+
+
+def inverted_count(plan: Plan, points: FloatArray) -> int:
+    """Return how many touched cells are inverted with the mesh at `points` (N, 3) and were not before."""
+    return int(np.count_nonzero(plan.touched.newly_inverted(points)))

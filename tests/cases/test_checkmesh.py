@@ -15,6 +15,7 @@ from sdm_deflect.deform.faces import FACES as OF_SHAPES
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Periodic
 from sdm_deflect.deform.orthogonality import TouchedFaces, face_quality
 from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.volume.deflection import inverted_count
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.cases import foam
@@ -89,7 +90,7 @@ def test_a_check_fails_where_checkmesh_complains(seed, turned, tmp_path):
     free = turned.plan.region.inside
     some = rng.choice(free[(np.abs(turned.plan.mesh.points[free]) < 1.1).all(axis=1)], 6, replace=False)
     points[some] += rng.normal(0.0, 0.5 if seed < 30 else 0.05, (len(some), 3))
-    worse = replace(turned, points=points, inverted=turned.plan.touched.inverted_at(points))
+    worse = replace(turned, points=points, inverted=inverted_count(turned.plan, points))
     checks = {check.name: check for check in checks_of(worse)}
     said = asked(turned.plan.mesh.with_points(points), tmp_path / "case")
     for name, complaint in COMPLAINTS.items():
@@ -128,7 +129,7 @@ def test_cells_that_are_not_inverted_fail_by_their_faces(name, change, fault, tm
     faces = TouchedFaces.of(touched)
     failing = [row[0] for row in faces.verdicts(faces.at(moved)) if row[1] > row[2]]
     assert failing == [name] * bool(name)
-    assert touched.inverted_at(moved) == 0
+    assert not touched.newly_inverted(moved).any()
     said = asked(mesh.with_points(moved), tmp_path / "case")
     assert ("Mesh OK." not in said) == fault
 

@@ -272,7 +272,7 @@ def test_a_failed_check_is_exit_code_1_and_the_table_says_which(files, sdm, tmp_
         "--out", tmp_path / "w.su2", "--quiet",
     )  # fmt: skip
     assert code == 1
-    assert "A VALIDATION FAILED" in table
+    assert "A VALIDATION FAILED: " in table
     assert "FAILED" in table
 
 

@@ -261,7 +261,7 @@ def test_an_angle_that_spoils_the_mesh_fails_as_it_does_alone(sdm, tmp_path):
     code, table, _ = sdm("deflect", tmp_path / "body.su2", *BODY, *words)
     assert code == 1
     assert "inverted_cells" in table
-    assert "A VALIDATION FAILED" in table
+    assert "A VALIDATION FAILED: " in table
 
 
 def test_shares_of_a_table_move_in_time_as_angles_do(sdm, tmp_path):

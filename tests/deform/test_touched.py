@@ -32,8 +32,8 @@ def test_touched_cells_have_one_quality_for_each_type():
     tets = next(block for block in mesh.cells if block.shape == "tetra")
     assert found["tetra"].min == mean_ratio(mesh.points, tets.nodes).min()
     flat = mesh.points * [1.0, 1.0, 0.0]
-    assert touched.inverted_at(mesh.points) == 0
-    assert touched.inverted_at(flat) == 7
+    assert touched.newly_inverted(mesh.points).sum() == 0
+    assert touched.newly_inverted(flat).sum() == 7
 
 
 def test_left_handed_files_are_judged_accordingly():
@@ -41,7 +41,7 @@ def test_left_handed_files_are_judged_accordingly():
     mirror = mesh.with_points(mesh.points * [1.0, 1.0, -1.0])
     touched, plain = TouchedCells.of(mirror, np.arange(14)), TouchedCells.of(mesh, np.arange(14))
     assert set(touched.orientation) == {-1.0}
-    assert sum(touched.inverted) == touched.inverted_at(mirror.points) == 0
+    assert sum(touched.inverted) == touched.newly_inverted(mirror.points).sum() == 0
     for one, other in zip(touched.quality(mirror.points), plain.quality(mesh.points), strict=True):
         assert one.min == pytest.approx(other.min)
         assert one.inverted == 0

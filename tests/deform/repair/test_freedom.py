@@ -47,7 +47,7 @@ def test_shuffled_faces_and_edges_find_back(box, freedom, seed):
     way[(box.points == 0.0) | (box.points == 1.0)] = 0.0
     points = box.points + way
     touched = TouchedCells.of(box, np.arange(len(points)))
-    assert touched.inverted_at(points) > 100
+    assert touched.newly_inverted(points).sum() > 100
     found = repaired(points, touched, freedom, 0.9)
     assert not len(found.inverted)
     assert not found.left

@@ -61,8 +61,8 @@ def test_a_shuffled_mesh_of_polyhedra_comes_back(mirrored):
     touched = TouchedCells.of(mesh, inner)
     bent = points.copy()
     bent[inner] += 0.8 * np.random.default_rng(4).uniform(-1.0, 1.0, (len(inner), 3))
-    assert touched.inverted_at(bent) > 20
+    assert touched.newly_inverted(bent).sum() > 20
     found = repaired(bent, touched, Freedom(inner, ()), 0.9)
-    assert touched.inverted_at(found.points) == 0
+    assert touched.newly_inverted(found.points).sum() == 0
     assert touched.quality(found.points)[0].min > 0.9 / 6.0
     assert np.array_equal(np.delete(found.points, inner, axis=0), np.delete(points, inner, axis=0))

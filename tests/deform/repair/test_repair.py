@@ -18,7 +18,7 @@ def test_shuffled_nodes_find_back(seed):
     points = mesh.points.copy()
     points[some] = points[rng.permutation(some)]
     touched, freedom = all_of(mesh)
-    assert touched.inverted_at(points) > 1000
+    assert touched.newly_inverted(points).sum() > 1000
     found = repaired(points, touched, freedom, 0.9)
     assert not len(found.inverted)
     assert not found.left
@@ -40,7 +40,7 @@ def test_a_bar_whose_surface_is_bent_and_twisted_is_followed(degrees, least):
     radius = 4.0 / np.radians(90.0) + y
     points[wall] = np.column_stack([radius * np.sin(bend), radius * np.cos(bend), z])
     touched, freedom = all_of(mesh)
-    assert touched.inverted_at(points) > 1000
+    assert touched.newly_inverted(points).sum() > 1000
     found = repaired(points, touched, freedom, 0.9)
     assert not len(found.inverted)
     assert touched.quality(found.points)[0].min > least
@@ -90,7 +90,7 @@ def test_other_cells_get_their_own_shape_back(block):
     moved = points.copy()
     moved[free] += rng.uniform(-0.6, 0.6, (len(free), 3))
     touched = TouchedCells.of(mesh, np.arange(len(points)))
-    assert touched.inverted_at(moved) > 100
+    assert touched.newly_inverted(moved).sum() > 100
     found = repaired(moved, touched, Freedom(free, ()), 0.9)
     assert not len(found.inverted)
     assert np.abs(found.points - points).max() < 0.25
@@ -106,7 +106,7 @@ def test_left_handed_cells_are_repaired_as_well():
     points[nodes] += rng.uniform(-0.2, 0.2, (len(nodes), 3))
     touched, freedom = all_of(other)
     assert touched.orientation == (-1.0,)
-    assert touched.inverted_at(points) > 10
+    assert touched.newly_inverted(points).sum() > 10
     assert not len(repaired(points, touched, freedom, 0.9).inverted)
 
 

@@ -149,7 +149,7 @@ def test_shuffled_nodes_find_back(shape, seed):
     points = mesh.points.copy()
     points[some] = points[rng.permutation(some)]
     touched = TouchedCells.of(mesh, np.arange(len(points)))
-    assert touched.inverted_at(points) > 40
+    assert touched.newly_inverted(points).sum() > 40
     found = repaired(points, touched, Freedom(inner, ()), 0.9)
     assert not len(found.inverted)
     assert not found.left
