@@ -136,6 +136,7 @@ def options(folder: Path) -> Iterator[Input]:
         DRY, (*BASE, "--no-report", "--out", "out.su2"), (*DRY, "--angles", "-5:5:5"), (*DRY, "--config", "job.toml"),
         (*DRY, "--motion", "blended", "--held", "far", "--driven", "nodes.txt", "--strip", "0.2"),
         (*DRY, "--slide", "far:plane", "--box", "box.toml", "--zone", "*", "--steps", "2", "--min-quality", "0"),
+        (*DRY, "--periodic", "body", "far"),
         (*BASE[:9], "-q", "--history", "flap.csv", "--out", "case"),
         (*DRY, "--select", "half=body side:0,0,0,1,0,0", "--fixed", "half"),
         ("quality", MESH, "--select", "part=far#1 box:-9,-9,0,9,9,9 sharp:40"),

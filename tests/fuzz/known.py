@@ -58,6 +58,9 @@ def gmsh(sound: Sound) -> Iterator[Input]:
                 yield _with(
                     sound[name], name, rb"\$" + section + rb"\n[^\n]*\n", b"$" + section + b"\n" + number + b"\n"
                 )
+    for name in ("square-2.2-0.msh", "square-2.2-1.msh", "square-4.1-0.msh"):
+        for number in (b"-5", b"999999999999", b"nan", b"", b"1\n2 2 1\n99999999999"):
+            yield _with(sound[name], name, rb"\$Periodic\n[^\n]*\n", b"$Periodic\n" + number + b"\n")
     for numbers in (b"-5 0 0 0", b"0 -5 0 0", b"999999999999 0 0 0", b"1e300 0 0 0"):
         yield _with(sound["gmsh410.msh"], "gmsh410.msh", rb"\$Entities\n[^\n]*\n", b"$Entities\n" + numbers + b"\n")
 
@@ -101,6 +104,8 @@ def fluent(sound: Sound) -> Iterator[Input]:
         ):
             for number in (0, 99, 2**31 - 1):
                 yield one.with_file(name, _in_hdf5(one.files[name], f"meshes/1/{place}", number))
+        shadows = "meshes/1/faces/zoneTopology/shadowZoneId"
+        yield one.with_file(name, _in_hdf5(one.files[name], shadows, 2**31 - 1))
         for place in ("nodes/coords/1", "faces/c0/1", "faces/nodes/1"):
             for key, number in (("maxId", 2**62), ("maxId", 0), ("minId", 2**62), ("minId", 2)):
                 yield one.with_file(name, _in_hdf5(one.files[name], f"meshes/1/{place}", number, key))
@@ -224,13 +229,23 @@ def cgns(sound: Sound) -> Iterator[Input]:
     ):  # fmt: skip
         yield _changed(plain, partial(_replace, name=name, given=given))
     yield Input({"tet.cgns": b"ADF Database Version A02011>" + bytes(4096)})
+    side = "Base/Zone/ZoneGridConnectivity/Periodic 1 to"
+    motion = f"{side}/GridConnectivityProperty/Periodic"
+    for name, values in (
+        (f"{motion}/RotationAngle", np.array([np.nan, np.inf, 1e38], "f4")),
+        (f"{motion}/Translation", np.ones(9, "f4")), (f"{motion}/RotationAngle", np.full(3, 1e30, "f4")),
+        (f"{motion}/RotationCenter", np.full(3, 3e38, "f4")),
+        (f"{side}/PointList", np.full((9, 1), 2**31 - 1, "i4")), (f"{side}/PointList", np.array([[1], [1]], "i4")),
+    ):  # fmt: skip
+        for one in ("turn.cgns", "motion.cgns"):
+            yield _changed(sound[one], partial(_replace, name=name, given={"data": values}))
 
 
 def _changed(one: Input, change: Callable[[Any], None]) -> Input:
-    buffer = io.BytesIO(one.files["tet.cgns"])
+    buffer = io.BytesIO(one.files[one.main])
     with h5py.File(buffer, "r+") as file:
         change(file)
-    return one.with_file("tet.cgns", buffer.getvalue())
+    return one.with_file(one.main, buffer.getvalue())
 
 
 def _replace(file: Any, name: str, given: dict[str, Any]) -> None:
