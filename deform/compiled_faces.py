@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import FloatArray, IntArray
+from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.rbf.compiled import compiled_exactly
 
 TINY = 1e-150
@@ -91,32 +91,58 @@ def _add_volumes(
 
 @compiled_exactly
 def judge_faces(
-    points: FloatArray, nodes: IntArray, spans: IntArray, faces: FloatArray, centres: FloatArray, judged: FloatArray
+    points: FloatArray,
+    nodes: IntArray,
+    spans: IntArray,
+    faces: FloatArray,
+    cells: FloatArray,
+    sides: IntArray,
+    judged: FloatArray,
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the cosine of the non-orthogonality of faces, 1 on the boundary, and their skewness (F, 2).
+    """Fill in the cosine of the non-orthogonality of faces, 1 on the boundary, their skewness and area (F, 3).
 
-    `centres` (F, 3 + 3) are those of the cells behind and ahead; those ahead are nan on the boundary. The
-    non-orthogonality is the angle between the area vector and the line of the centres. The skewness is the distance of
-    the face's centre from where that line meets the face, over the face's extent that way; on the boundary the line is
-    along the normal.
+    `sides` (F, 3) has the row of a face in `spans` and `faces`, the cell behind it, and that ahead, -1 on the boundary.
+    The non-orthogonality is the angle between the area vector and the line of the cells' centres. The skewness is the
+    distance of the face's centre from where that line meets the face, over the face's extent that way; on the boundary
+    the line is along the normal.
     """
-    for i in range(len(spans)):
-        area, off = _row(faces, i, 3), _minus(_row(faces, i, 0), _row(centres, i, 0))
-        if centres[i, 3] == centres[i, 3]:
-            line, least = _minus(_row(centres, i, 3), _row(centres, i, 0)), 0.2
-            judged[i, 0] = _dot(line, area) / (_size(line) * _size(area) + TINY)
+    for i in range(len(sides)):
+        face, ahead = sides[i, 0], sides[i, 2]
+        behind, centre, area = _row(cells, sides[i, 1], 0), _row(faces, face, 0), _row(faces, face, 3)
+        off, size = _minus(centre, behind), _size(area)
+        if ahead >= 0:
+            line, least = _minus(_row(cells, ahead, 0), behind), 0.2
+            judged[i, 0] = _dot(line, area) / (_size(line) * size + TINY)
         else:
-            size = _size(area) + TINY
-            normal = area[0] / size, area[1] / size, area[2] / size
+            normal = _plus((0.0, 0.0, 0.0), 1.0 / (size + TINY), area)
             line, least = _plus((0.0, 0.0, 0.0), _dot(normal, off), normal), 0.4
             judged[i, 0] = 1.0
         skew = _plus(off, -_dot(area, off) / (_dot(area, line) + TINY), line)
-        distance = _size(skew)
-        extent = least * _size(line) + TINY
-        for k in range(spans[i, 0], spans[i, 1]):
-            arm = _minus(_row(points, nodes[k], 0), _row(faces, i, 0))
+        distance, extent = _size(skew), least * _size(line) + TINY
+        for k in range(spans[face, 0], spans[face, 1]):
+            arm = _minus(_row(points, nodes[k], 0), centre)
             extent = max(extent, abs(_dot(skew, arm)) / (distance + TINY))
-        judged[i, 1] = distance / extent
+        judged[i, 1], judged[i, 2] = distance / extent, size
+
+
+@compiled_exactly
+def judge_cells(
+    cells: FloatArray, rows: IntArray, axes: BoolArray, judged: FloatArray
+) -> None:  # pragma: no cover - machine code
+    """Fill in aspect ratio and openness (C, 2) of rows of cells, of a mesh that extends in some directions (3,)."""
+    solid = axes[0] and axes[1] and axes[2]
+    for i in range(len(rows)):
+        cell = rows[i]
+        least, most, total, openness = np.inf, 0.0, 0.0, 0.0
+        for c in range(3):
+            size = cells[cell, 7 + c]
+            total += size
+            openness = max(openness, abs(cells[cell, 4 + c]) / (size + TINY))
+            least, most = (min(least, size), max(most, size)) if axes[c] else (least, most)
+        aspect = most / (least + TINY)
+        if solid:
+            aspect = max(aspect, total / (6.0 * max(cells[cell, 3], TINY) ** (2.0 / 3.0)))
+        judged[i, 0], judged[i, 1] = aspect, openness
 
 
 @compiled_exactly

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.compiled_faces import TINY, judge_faces, measure_cells, measure_faces
+from sdm_deflect.deform.compiled_faces import judge_cells, judge_faces, measure_cells, measure_faces
 from sdm_deflect.deform.edges import area_vectors, polygons_of, rows_of
 from sdm_deflect.deform.faces import face_keys, node_keys
 from sdm_deflect.deform.images import THIN, is_thin
@@ -189,7 +189,9 @@ class Ring:
     ----------
     nodes, spans : nodes of the mesh's faces, and (K, 2) where those of each face of all these cells begin and end.
     owner, neighbour : (K,), (I,) the cells of these, counted from 0; -1 for cells farther out.
-    faces : (F,) rows of the faces of the cells that are meant; the first `inner` have a neighbour.
+    count : number of cells.
+    sides : (F, 3) rows of the faces of the cells that are meant, the cell behind each, and that ahead or -1. After the
+        cells come the images of those that are coupled.
     rows : (C,) the cells that are meant.
     numbers : (F,) the faces in the mesh.
     sign : -1 if normals point into the owners, else 1.
@@ -201,8 +203,8 @@ class Ring:
     spans: IntArray = field(repr=False)
     owner: IntArray = field(repr=False)
     neighbour: IntArray = field(repr=False)
-    faces: IntArray = field(repr=False)
-    inner: int
+    count: int
+    sides: IntArray = field(repr=False)
     rows: IntArray = field(repr=False)
     numbers: IntArray = field(repr=False)
     sign: float
@@ -218,53 +220,43 @@ class Ring:
         couples = couples.among(wanted)
         near = meant.copy()
         near[cells.owner[wanted]] = near[cells.neighbour[wanted[: len(cells.neighbour)]]] = True
-        needed = _faces_of(cells, near)
+        needed, count = _faces_of(cells, near), int(np.count_nonzero(near))
         place = np.where(near, np.cumsum(near) - 1, -1)
         owner, neighbour = place[cells.owner[needed]], place[cells.neighbour[needed[: len(cells.neighbour)]]]
         spans = np.column_stack([cells.faces.offsets[:-1][needed], cells.faces.offsets[1:][needed]])
-        faces = np.flatnonzero(wanted[needed])
-        inner, numbers = int(np.count_nonzero(faces < len(neighbour))), np.flatnonzero(wanted)
-        at, ahead = np.searchsorted(numbers, couples.faces), place[cells.owner[couples.partners]]
-        own = replace(couples, faces=at, partners=ahead)
-        return cls(cells.faces.nodes, spans, owner, neighbour, faces, inner, place[rows], numbers, sign, axes, own)
+        faces, numbers = np.flatnonzero(wanted[needed]), np.flatnonzero(wanted)
+        ahead, inner = np.full(len(faces), -1), np.searchsorted(faces, len(neighbour))
+        ahead[:inner] = neighbour[faces[:inner]]
+        own = replace(
+            couples, faces=np.searchsorted(numbers, couples.faces), partners=place[cells.owner[couples.partners]]
+        )
+        ahead[own.faces] = count + np.arange(len(own.faces))
+        sides = np.column_stack([faces, owner[faces], ahead])
+        return cls(cells.faces.nodes, spans, owner, neighbour, count, sides, place[rows], numbers, sign, axes, own)
 
     def measured(self, points: FloatArray) -> State:
         """Measure the faces and cells that are meant, with the nodes at points (N, 3)."""
-        faces = np.empty((len(self.spans), 6))
-        cells = np.empty((int(max(self.owner.max(initial=-1), self.neighbour.max(initial=-1))) + 1, 10))
+        pairs, faces, judged = self.couples, np.empty((len(self.spans), 6)), np.empty((len(self.sides), 3))
+        cells, of_cells = np.empty((self.count + len(pairs.faces), 10)), np.empty((len(self.rows), 2))
 
         def measure(low: int, high: int) -> None:
             measure_faces(points, self.nodes, self.spans[low:high], faces[low:high])
 
-        in_chunks(measure, len(self.spans), WEIGHT)
-        faces[:, 3:] *= self.sign
-        measure_cells(self.owner, self.neighbour, faces, cells)
-        own, spans = faces[self.faces], self.spans[self.faces]
-        centres, judged = np.full((len(own), 6), np.nan), np.empty((len(own), 2))
-        centres[:, :3] = cells[self.owner[self.faces], :3]
-        centres[: self.inner, 3:] = cells[self.neighbour[self.faces[: self.inner]], :3]
-        pairs = self.couples
-        centres[pairs.faces, 3:] = np.einsum("kij,kj->ki", pairs.rotations, cells[pairs.partners, :3]) + pairs.shifts
-
         def judge(low: int, high: int) -> None:
-            judge_faces(points, self.nodes, spans[low:high], own[low:high], centres[low:high], judged[low:high])
+            judge_faces(points, self.nodes, self.spans, faces, cells, self.sides[low:high], judged[low:high])
 
-        in_chunks(judge, len(own), WEIGHT)
-        cells = cells[self.rows]
-        openness = (np.abs(cells[:, 4:7]) / (cells[:, 7:] + TINY)).max(axis=1, initial=0.0)
-        inner, second = np.arange(len(own)) < self.inner, np.zeros(len(own), dtype=np.bool_)
+        in_chunks(measure, len(self.spans), WEIGHT)
+        if self.sign < 0.0:
+            faces[:, 3:] *= -1.0
+        measure_cells(self.owner, self.neighbour, faces, cells[: self.count])
+        centres = cells[pairs.partners, :3]
+        cells[self.count :, :3] = np.einsum("kij,kj->ki", pairs.rotations, centres) + pairs.shifts
+        in_chunks(judge, len(self.sides), WEIGHT)
+        judge_cells(cells, self.rows, self.axes, of_cells)
+        inner, second = self.sides[:, 2] >= 0, np.zeros(len(judged), dtype=np.bool_)
         inner[pairs.faces], second[pairs.faces] = ~pairs.second, pairs.second
-        areas, aspects = np.linalg.norm(own[:, 3:], axis=1), self._aspects(cells[:, 7:], cells[:, 3])
-        return State(inner, second, judged[:, 0], judged[:, 1], areas, own[:, :3], aspects, openness)
-
-    def _aspects(self, sizes: FloatArray, volumes: FloatArray) -> FloatArray:
-        """Return the aspect ratio (C,) of cells, by their volumes (C,) and sums of sizes of area components (C, 3)."""
-        extents = sizes[:, self.axes]
-        aspects = extents.max(axis=1, initial=0.0) / (extents.min(axis=1, initial=np.inf) + TINY)
-        if not self.axes.all():
-            return np.asarray(aspects)
-        cube = np.maximum(volumes, TINY) ** (2.0 / 3.0)
-        return np.asarray(np.maximum(aspects, sizes.sum(axis=1) / (6.0 * cube)))
+        (cosines, skewness, areas), (aspects, openness) = judged.T, of_cells.T
+        return State(inner, second, cosines, skewness, areas, faces[self.sides[:, 0], :3], aspects, openness)
 
 
 @dataclass(frozen=True, eq=False)
