@@ -103,7 +103,7 @@ def test_far_beyond_the_run_it_is_not_verified(aileron):
 def test_an_inverted_cell_is_not_verified_unless_it_was_before(aileron):
     bad = replace(aileron.at(-12.0), inverted=np.array([7]))
     assert not bad.verified
-    assert replace(bad, before=1).verified
+    assert replace(bad, before=np.array([7])).verified
 
 
 def test_a_motion_that_does_not_exist_is_refused(tail):

@@ -22,6 +22,7 @@ class Held:
 
     mesh: Mesh
     source: str = "held"
+    files: tuple = ()
 
     @property
     def points(self):

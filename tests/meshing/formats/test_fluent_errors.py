@@ -129,7 +129,7 @@ def test_files_that_are_no_such_mesh(tmp_path):
     path.write_bytes(b"(0 comment)")
     assert "this is no file in HDF5" in complaint(Fluent(), path)
     (tmp_path / "b.msh").write_bytes(b' \n(0 "GAMBIT to Fluent File")\n(2 3)\n')
-    assert "is a mesh of Fluent, not of Gmsh; write it as .msh.h5 in Fluent" in complaint(
+    assert "is a mesh of Fluent, not of Gmsh; write it as .cas.h5 or .msh.h5 in Fluent" in complaint(
         format_of("b.msh"), tmp_path / "b.msh"
     )
     data = written(hybrid(), path, **PACKED).read_bytes()
