@@ -140,6 +140,9 @@ def workers(wanted: Wanted, watch: Stopwatch, source: Path, out: Path) -> Iterat
     with ExitStack() as stack:
         with watch.stage("workers") as progress:
             _load()
+            with suppress(ValueError):  # not the main thread
+                # Python's own setting, which Gmsh undoes: else a connection that is closed would end this process
+                signal.signal(signal.SIGPIPE, signal.SIG_IGN)
             client = stack.enter_context(_joined(wanted.scheduler) if wanted.scheduler else _started(wanted))
             cluster = Cluster(client)
             if wanted.scheduler:

@@ -193,6 +193,16 @@ def test_the_script_of_the_guide_comes_to_the_same_bytes(block, deflected, two, 
     assert out(block, "script").read_bytes() == deflected
 
 
+def test_a_connection_that_is_closed_does_not_end_a_process_that_used_gmsh(block):
+    """Gmsh lets SIGPIPE end the process, as Python does not; the sockets of OpenSSL raise that signal."""
+    kept = signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    try:
+        with workers(Wanted(1), Stopwatch(Silent()), block, block.parent):
+            assert signal.getsignal(signal.SIGPIPE) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGPIPE, kept)
+
+
 def test_who_has_not_our_certificate_is_refused(two):
     """Scheduler and workers give nothing to other users of the machine, and their pages are off."""
     ours = psutil.Process()
