@@ -62,6 +62,8 @@ class Su2:
         lost = [f"patch {old} is marker {new}" for old, new in renamed.items()]
         if len(mesh.zones) > 1:
             lost.append("SU2 numbers its zones; the names " + ", ".join(z.name for z in mesh.zones) + " are lost")
+        if mesh.plane and mesh.points[:, 2].any():
+            lost.append(f"SU2 has no z in a plane mesh; z = {mesh.points[0, 2]:g} is lost")
         return (*lost, *unwritten(mesh.periodic))
 
 

@@ -42,6 +42,12 @@ def test_every_picture_of_the_guide_is_drawn_as_stored_and_small(tmp_path):
         assert (tmp_path / f"{name}.png").stat().st_size < 300_000
 
 
+def coarse(image, size=16):
+    """The mean colour of squares of an image: lines that another processor's rounding moves by a pixel do not count."""
+    rows, columns = (length // size for length in image.shape[:2])
+    return image[: rows * size, : columns * size].reshape(rows, size, columns, size, -1).mean(axis=(1, 3))
+
+
 @pytest.mark.mesher
 def test_the_animated_picture_shows_deflected_meshes_and_is_stored_as_drawn(tmp_path, aileron_mesh):
     airfoils.build(tmp_path)
@@ -49,11 +55,13 @@ def test_the_animated_picture_shows_deflected_meshes_and_is_stored_as_drawn(tmp_
     half = still.shape[1] // 2
     for side in (slice(half), slice(half, None)):
         assert differing(still[:, side], down[:, side]) > 0.01
+    moved = np.abs(coarse(still[:, half:]) - coarse(down[:, half:])).mean()
     with Image.open(FIGURES / "deflecting.gif") as stored:
         assert stored.n_frames == animated.PERIOD
         for place, drawn in ((0, still), (animated.PERIOD // 4, down)):
             stored.seek(place)
-            assert differing(np.asarray(stored.convert("RGB"))[:, half:], drawn[:, half:]) < 0.2
+            off = np.abs(coarse(np.asarray(stored.convert("RGB"))[:, half:]) - coarse(drawn[:, half:])).mean()
+            assert off < moved / 3.0
     assert (FIGURES / "deflecting.gif").stat().st_size < 3_000_000
 
 

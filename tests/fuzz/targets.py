@@ -113,7 +113,8 @@ def _write_elsewhere(mesh, out: Path, random: Random) -> None:
         if any(out.glob(".*")) or path.exists():
             raise WrongError(f"an unwritten {name} left something") from None
         return
-    _compare(mesh.points, read(path).points)
+    axes = 2 if mesh.plane and name == "su2" else 3  # it has no z then, and says so
+    _compare(mesh.points[:, :axes], read(path).points[:, :axes])
 
 
 def _plan(mesh, random: Random) -> None:

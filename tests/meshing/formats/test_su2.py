@@ -184,3 +184,10 @@ def test_cells_are_one_block_of_each_shape(tmp_path):
     again = Su2().read(tmp_path / "m.su2")
     assert [block.shape for block in again.cells] == ["tetra", "hexahedron", "pyramid", "wedge"]
     np.testing.assert_array_equal(again.cells[0].nodes, mesh.cells[2].nodes)
+
+
+def test_a_plane_mesh_that_is_not_at_zero_says_that_its_z_is_lost(tmp_path):
+    points = np.array([[0, 0, 2.5], [1, 0, 2.5], [0, 1, 2.5]])
+    mesh = Mesh(points, (Cells("triangle", [[0, 1, 2]]),), ())
+    assert Su2().write(mesh, tmp_path / "a.su2") == ("SU2 has no z in a plane mesh; z = 2.5 is lost",)
+    assert Su2().write(mesh.with_points(points * (1, 1, 0)), tmp_path / "b.su2") == ()
