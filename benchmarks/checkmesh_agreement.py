@@ -282,9 +282,13 @@ def page(found: dict[str, Any]) -> Iterator[str]:
             for check in one["failed"]:
                 others[check] = others.get(check, 0) + 1
     yield f"Checks that fail where checkMesh is content: {others or 'none'}."
-    sizes = np.array([one["checkmesh"]["largest"] for _, one in rows if one["checkmesh"]["ok"]])
-    counts = ", ".join(f"{np.count_nonzero(sizes > limit)} above {limit}" for limit in (70, 75, 80, 85))
-    yield f"Largest non-orthogonality of the {len(sizes)} that checkMesh is content with: {counts} degrees."
+    for kind in ("tetrahedra", "snappyHexMesh"):
+        own = [row["values"] for name, one in found.items() if name.startswith(kind) for row in one["rows"].values()]
+        angles = np.array([row["non_orthogonality_max"] for row in own])
+        counts = ", ".join(f"{np.count_nonzero(angles > limit)} above {limit}" for limit in (70, 75, 80, 85))
+        yield f"Largest non-orthogonality of faces up to 85 degrees before, {len(own)} runs of {kind}: {counts}."
+    layers = [row["values"].get("first_layer", 0.0) for one in found.values() for row in one["rows"].values()]
+    yield f"Largest change of a first layer: {max(layers):.1%}."
 
 
 def main() -> None:
