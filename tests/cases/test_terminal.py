@@ -128,8 +128,9 @@ def test_texts_are_printed_as_they_are_one_below_the_other(capsys):
 
 @pytest.mark.mesher
 def test_summary_has_a_line_for_each_surface_and_the_times(aileron_run):
-    mesh, surface, fit, times = summary(aileron_run[0])
+    mesh, surface, fit, motion, times = summary(aileron_run[0])
     assert mesh.startswith("mesh: ")
     assert "centres x:" in surface
     assert "thin plate spline" in fit
+    assert motion.startswith("aileron_left reaches ")
     assert "deformation" in times
