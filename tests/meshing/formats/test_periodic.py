@@ -117,7 +117,7 @@ def test_links_of_nodes_that_are_not_there_are_left_out_with_a_note(files, tmp_p
 
 
 def test_links_of_version_2_are_read_as_gmsh_copies_them(files, tmp_path):
-    """It keeps the section as text, with long lines broken within a number; in version 2.2 it numbers nodes anew."""
+    """It keeps the section as text, with long lines broken within a number; in version 2.2 it renumbers nodes."""
     expected = Gmsh().read(files[sector][4.1, 0])
     Gmsh().write(expected, tmp_path / "ours.msh")
     gmsh.initialize(interruptible=False)
