@@ -4,11 +4,13 @@ The other checks are of cells, and all cells may be good where the flow lies ove
 body goes through the skin on its other side, and there is no cell between them.
 
 Faces are cut into triangles, and a tree of boxes says which of them are near one another. Two faces intersect if an
-edge of one goes through a triangle of the other, farther than rounding does. Faces that share a node, or copies of one,
-are neighbours and are not compared, nor are faces in one plane.
+edge of one goes through a triangle of the other, farther than rounding does. Triangles that share a node, or copies of
+one, are neighbours and are not compared, nor are those in one plane. A face whose nodes are not in one plane has two
+diagonals: a pair of faces that intersects with them is cut once more, at the mean of the nodes of each, and counts if
+it intersects then, too.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -63,6 +65,8 @@ class Crossings:
         if not len(now):
             return cls(0, moved, near)
         new = skin.new(now, skin.intersecting(mesh.points))
+        if len(new) and not skin.plane:
+            new = skin.confirmed(new, points)
         if not len(new):
             return cls(0, moved, near)
         names = [mesh.names[skin.patch[face]] for face in new[0]]
@@ -164,6 +168,20 @@ class _Skin:
                 known |= (ours == (one, other)).all(axis=1)
         return now[~known]
 
+    def confirmed(self, pairs: IntArray, points: FloatArray) -> IntArray:
+        """Return the pairs (Q, 2) among P that also intersect if cut at the means of their nodes, at points (N, 3)."""
+        rows = distinct(pairs)
+        faces = _some(self.faces, rows)
+        centres = np.add.reduceat(points[faces.nodes], faces.offsets[:-1]) / np.diff(faces.offsets)[:, None]
+        triangles, place = _cut_at(faces, len(points) + np.arange(len(rows)))
+        same, zone = np.arange(len(points) + len(rows)), np.empty(len(self.faces), dtype=np.intp)
+        same[self.triangles], zone[self.face] = self.labels[:, :3], self.labels[:, 3]
+        face = rows[place]
+        labels = np.column_stack([same[triangles], zone[face]])
+        skin = replace(self, triangles=triangles, face=face, labels=labels)
+        again = skin.intersecting(np.vstack([points, centres]))
+        return pairs[np.isin(_keys(pairs, len(self.moved)), _keys(again, len(self.moved)))]
+
     def _joined(self, one: int, other: int) -> bool:
         """True if two patches share a node."""
         ours, theirs = (distinct(self.labels[self.patch[self.face] == patch, :3]) for patch in (one, other))
@@ -190,6 +208,14 @@ def _cut(faces: Polygons) -> tuple[IntArray, IntArray]:
     step = 1 + np.arange(len(face)) - np.repeat(np.cumsum(count) - count, count)
     last = np.minimum(step + 1, sizes[face] - 1)
     return np.column_stack([faces.nodes[starts[face] + own] for own in (0, step, last)]), face
+
+
+def _cut_at(faces: Polygons, centres: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the triangles (T, 3) at a node (F,) inside each face, and the face (T,) of each."""
+    face = np.repeat(np.arange(len(faces)), np.diff(faces.offsets))
+    after = np.arange(1, len(face) + 1)
+    after[faces.offsets[1:] - 1] = faces.offsets[:-1]
+    return np.column_stack([faces.nodes, faces.nodes[after], centres[face]]), face
 
 
 @compiled_exactly

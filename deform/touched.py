@@ -31,7 +31,7 @@ BASES = {
 BLOCK = 1 << 16
 WEIGHT = 10
 """Work on the nodes of one cell in kernel pairs, by which `in_chunks` shares it out."""
-FLAT, FLAT_POLYHEDRON = 0.2, 0.5
+FLAT, FLAT_POLYHEDRON = 0.2, 0.4
 """Height over the longest edge on the wall, below which a cell counts as one of a layer. The layers of snappyHexMesh
 are 0.1 to 0.4 of that edge high, its other cells on a wall 0.6 and more."""
 THICK = 0.1

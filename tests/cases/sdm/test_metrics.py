@@ -143,7 +143,7 @@ def test_too_few_centres_fail_the_run(aileron_mesh, tmp_path, monkeypatch, capsy
         main()
     assert stop.value.code == 1
     line, last = (line for line in capsys.readouterr().out.splitlines() if "FAILED" in line and "site_error" in line)
-    assert last.startswith("FAILED: site_error")
+    assert last == "A VALIDATION FAILED: site_error"
     assert "<= 8e-05 m" in line
     validation = read(tmp_path)["validation"]
     assert not validation["passed"]
