@@ -230,13 +230,11 @@ class Result:
     def plot(self) -> "Figure":
         """Draw the moving surface and what is near it: before, and after, coloured by the displacement.
 
-        It needs no display: pictures are drawn in another process.
+        It needs no display.
 
         Returns
         -------
         A matplotlib Figure, which a notebook shows; `savefig` writes it to a file.
-
-        Raises RenderError if this machine lacks the libraries to draw; the message names them.
         """
         from sdm_deflect.cases.report.folder import data_of
         from sdm_deflect.cases.report.pictures import figure_of, moved

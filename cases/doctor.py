@@ -10,10 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
 
-import numpy as np
-
-from sdm_deflect.cases.report.offscreen import RenderError, rendered
-from sdm_deflect.cases.report.scene3d import View, plain
 from sdm_deflect.cases.surroundings import blas, usable_cores, versions
 from sdm_deflect.deform.cache_folder import CODE_VARIABLE, FOLDER_VARIABLE, code_complaint, code_folder, default_folder
 from sdm_deflect.deform.progress import Progress, silent
@@ -74,19 +70,6 @@ def import_complaint(module: str) -> str:
         return f"import took more than {SECONDS:g} s"
     lines = done.stderr.strip().splitlines() or [f"ended with code {done.returncode}"]
     return lines[-1] if done.returncode else ""
-
-
-def graphics() -> Finding:
-    """Draw a triangle off-screen, in a process of its own, which may crash."""
-    corners = np.array([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
-    triangle = plain(corners, np.array([[0, 1, 2]]), (255, 0, 0), ambient=1.0)
-    try:
-        (image,) = rendered((View((triangle,), np.zeros(3), (1.0, 0.0, 0.0), 4.0, (40, 30)),))
-    except RenderError as error:
-        return Finding("graphics", False, f"reports have no pictures of the surface meshes: {error}", INSTALL)
-    drawn = image[15, 20].tolist() == [255, 0, 0]
-    text, remedy = ("off-screen drawing works", "") if drawn else ("a triangle was drawn wrongly", INSTALL)
-    return Finding("graphics", drawn, text, remedy)
 
 
 def threads() -> Finding:
@@ -155,14 +138,5 @@ def memory() -> Finding:
     return Finding("memory", well, f"{free / 1e9:.1f} GB available", "" if well else remedy)
 
 
-EXAMINATIONS: tuple[Callable[[], Finding], ...] = (
-    libraries,
-    compiled,
-    graphics,
-    threads,
-    cache,
-    compiled_code,
-    disk,
-    memory,
-)
+EXAMINATIONS: tuple[Callable[[], Finding], ...] = (libraries, compiled, threads, cache, compiled_code, disk, memory)
 """Everything that is looked at, in order."""

@@ -38,12 +38,13 @@ from sdm_deflect.cases.report.data import (
     rows_of,
     unrepaired,
 )
+from sdm_deflect.cases.report.near import some_cells
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import drawn
 from sdm_deflect.deform.checks import MIN_QUALITY, Check
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting
-from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polyhedra, Volume
+from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polyhedra
 from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.quality import quality_of
 from sdm_deflect.deform.reading import damaged
@@ -54,7 +55,6 @@ from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.meshing.formats.registry import ending, format_of
-from sdm_deflect.meshing.formats.shapes import turned
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
@@ -278,7 +278,7 @@ def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh
     """Return some rows of each block of cells and the faces with one of the nodes (K,), and their nodes (P,)."""
     chosen = np.zeros(len(mesh.points), dtype=bool)
     chosen[nodes] = True
-    cells = [_rows(block, own) for block, own in zip(mesh.cells, rows, strict=True)]
+    cells = [some_cells(block, own) for block, own in zip(mesh.cells, rows, strict=True)]
     faces = [[_with_node(block, chosen) for block in patch.faces] for patch in mesh.patches]
     used = [block.faces.nodes if isinstance(block, Polyhedra) else block.nodes.ravel() for block in cells]
     used += [block.nodes.ravel() for patch in faces for block in patch]
@@ -287,19 +287,6 @@ def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh
     named = zip(mesh.patches, faces, strict=True)
     patches = [Patch(patch.name, tuple(_numbered(block, place) for block in own)) for patch, own in named]
     return Mesh(mesh.points[node], tuple(_numbered(block, place) for block in cells), tuple(patches)), node
-
-
-def _rows(block: Volume, rows: IntArray) -> Volume:
-    if isinstance(block, Cells):
-        return Cells(block.shape, block.nodes[rows])
-    place = np.full(len(block), -1, dtype=np.intp)
-    place[rows] = np.arange(len(rows))
-    own, other = place[block.owner], np.full(len(block.owner), -1)
-    other[: len(block.neighbour)] = place[block.neighbour]
-    inner, outer = np.flatnonzero((own >= 0) & (other >= 0)), np.flatnonzero((own >= 0) != (other >= 0))
-    order = np.concatenate([inner, outer])
-    faces = turned(taken(block.faces, order), own[order] < 0)
-    return Polyhedra(faces, np.where(own < 0, other, own)[order], other[inner])
 
 
 def _with_node(block: Faces, chosen: np.ndarray) -> Faces:

@@ -38,6 +38,7 @@ def page(data: ReportData, gallery: Gallery) -> str:
 
     Raises InputError if figures are missing that it shows.
     """
+    data = data.near
     library, viewer = read("plotly", "package_data", "plotly.min.js"), read(HERE, "viewer.js")
     loader = PackageLoader(HERE, ".")
     jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

@@ -11,7 +11,6 @@ from numba import get_num_threads
 
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.progress import Display, Stopwatch
-from sdm_deflect.cases.report.offscreen import RenderError
 from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
 from sdm_deflect.cases.sdm import pictures as aircraft
 from sdm_deflect.cases.sdm.metrics import Run
@@ -184,7 +183,7 @@ def _measured(title: str, measure: Measure, runs: Sources, stored: Stored, folde
     try:
         measure(runs, stored, folder)
     except (ValueError, RuntimeError) as error:
-        if not (isinstance(error, RenderError) or is_reported(error)):
+        if not is_reported(error):
             raise
         stored.missing[title] = str(error)
 
