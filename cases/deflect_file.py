@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from sdm_deflect.cases.mesh_files import Targets, write_mesh, write_sensitivity
 from sdm_deflect.cases.metrics import (
-    SHOWN_WHOLE,
     Json,
     deflection_figures,
     farthest,
@@ -86,14 +85,13 @@ class Outcome:
 def needed(wanted: Targets, job: Job, progress: Progress, runner: Runner = HERE) -> Mesh:
     """Read what a job needs of a mesh: of a large file an excerpt, if it can be read and written in pieces.
 
-    Meshes that a report shows whole are read whole, unless others than this process are to work on them. Raises
-    InputError if these cannot.
+    Raises InputError if others than this process are to work on it and it cannot.
     """
     if not runner.shares_memory:
         return _by_workers(wanted, job, progress, runner)
     if wanted.is_copy and size_of(wanted.source) >= LARGE:
         with in_pieces(wanted.source, progress) as large:
-            if large and not (wanted.reported and large.cell_count <= SHOWN_WHOLE):
+            if large:
                 return excerpt(large, job, wanted.angles, runner, progress)
     return read(wanted.source, progress)
 

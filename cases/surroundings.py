@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_info  # type: ignore[import-untyped, unused
 
 LIBRARIES = (
     "numpy", "scipy", "numba", "cadquery", "cadquery-ocp", "gmsh", "pytetwild", "trimesh", "rtree", "vtk",
-    "pyvista", "meshio", "h5py", "matplotlib", "pillow", "plotly", "jinja2", "trame", "cattrs", "click", "rich",
+    "pyvista", "meshio", "h5py", "matplotlib", "pillow", "jinja2", "trame", "cattrs", "click", "rich",
 )  # fmt: skip
 
 

@@ -15,7 +15,6 @@ import tomli_w
 from sdm_deflect.cases.job_settings import job_settings, read_job
 from sdm_deflect.cases.mesh_files import SETTINGS
 from sdm_deflect.cases.metrics import (
-    SHOWN_WHOLE,
     Json,
     deflection_figures,
     mesh_figures,
@@ -57,6 +56,8 @@ from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.meshing.formats.registry import ending, format_of
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
+SHOWN_WHOLE = 100_000
+"""Cells of meshes that deflected.vtu holds whole, those beyond the box as well."""
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
 

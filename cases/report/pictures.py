@@ -24,6 +24,8 @@ from sdm_deflect.deform.mesh import FloatArray
 
 INCHES = 5.2
 """Width of one image."""
+TITLE = 0.35
+"""Inches above it."""
 
 
 class Drawing(Figure):
@@ -69,8 +71,13 @@ def assembled(picture: Picture, images: Sequence[Image]) -> Drawing:
     """Put the images (H, W, 3) of a picture's views together."""
     rows = -(-len(images) // picture.columns)
     width, height = picture.views[0].pixels
-    across = INCHES * picture.columns + 1.0 * (picture.quality or picture.farthest > 0.0)
-    figure = Drawing(figsize=(across, rows * (INCHES * height / width + 0.35)), layout="constrained")
+    across, scaled = INCHES * picture.columns, picture.quality or picture.farthest > 0.0
+    size = across + 1.0 * scaled, rows * (INCHES * height / width + TITLE)
+    figure = Drawing(figsize=size, layout="constrained" if scaled or picture.legend else None)
+    if not figure.get_layout_engine():
+        figure.subplots_adjust(
+            0.004, 0.004, 0.996, 1.0 - TITLE / size[1], 0.02, TITLE * rows / (size[1] - TITLE * rows)
+        )
     axes = figure.subplots(rows, picture.columns, squeeze=False).ravel()
     for one, shown, view, title in zip(axes, images, picture.views, picture.titles, strict=True):
         one.imshow(shown)
