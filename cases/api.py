@@ -211,12 +211,14 @@ class Result:
         -------
         The page, ``report.html``.
 
-        Raises InputError if the folder cannot be written, or holds other files than those of a report.
+        Raises InputError if the folder cannot be written, or holds other files than those of a report; if libraries are
+        not installed that the extra ``sdm-deflect[report]`` brings.
         """
-        from sdm_deflect.cases.output import OutputError, output_folder
+        from sdm_deflect.cases.output import OutputError, check_report, output_folder
         from sdm_deflect.cases.report.folder import write_run_folder
         from sdm_deflect.meshing.files import permitted_as
 
+        check_report()
         place = _path(folder)
         try:
             if place.exists() and any(place.iterdir()) and not (place / "report.html").exists():
@@ -235,7 +237,12 @@ class Result:
         Returns
         -------
         A matplotlib Figure, which a notebook shows; `savefig` writes it to a file.
+
+        Raises InputError if libraries are not installed that the extra ``sdm-deflect[report]`` brings.
         """
+        from sdm_deflect.cases.output import check_report
+
+        check_report()
         from sdm_deflect.cases.report.folder import data_of
         from sdm_deflect.cases.report.pictures import figure_of, moved
         from sdm_deflect.cases.report.slices import slices

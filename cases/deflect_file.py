@@ -14,7 +14,7 @@ from sdm_deflect.cases.metrics import (
     notes_of,
     verdict_figures,
 )
-from sdm_deflect.cases.output import output_files
+from sdm_deflect.cases.output import output_files, report_lacks
 from sdm_deflect.cases.progress import Stopwatch
 from sdm_deflect.cases.read_back import check_written
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
@@ -145,8 +145,6 @@ def _deflected(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float, 
     found: list[Judged] = []
     names: list[Path] = []
     lost: tuple[str, ...] = ()
-    if wanted.reported:
-        from sdm_deflect.cases.report.folder import write_run_folder  # loads graphics libraries
     with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
         results = sweep(plan, wanted.angles)
         for _ in wanted.angles:
@@ -160,6 +158,8 @@ def _deflected(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float, 
                 written, lost = write_angle(wanted, one, scratch / mesh.name, progress)
                 names += [wanted.out.with_name(name) for name in written]
             if wanted.reported:
+                from sdm_deflect.cases.report.folder import write_run_folder
+
                 with watch.stage("report") as progress:
                     place, seconds = scratch / wanted.report(one.angle).name, {**watch.seconds}
                     write_run_folder(place, one, found[-1].checks, mesh, seconds, min_quality)
@@ -170,7 +170,15 @@ def _deflected(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float, 
                     write_sensitivity(plan.mesh, one.points, one.sensitivity(), (arrays, picture), unit)
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
-    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost, flow=wanted.flow)
+    return Outcome(
+        plan, tuple(found), tuple(names), wanted.reports, lost, notes=_without_page(wanted), flow=wanted.flow
+    )
+
+
+def _without_page(wanted: Targets) -> tuple[str, ...]:
+    """Return a note if a report was asked for, and has no page."""
+    text = report_lacks() if wanted.reported else ""
+    return (f"there is no report.html: {text}",) if text else ()
 
 
 def write_angle(

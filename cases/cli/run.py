@@ -53,13 +53,15 @@ def run(
     resolved = resolve(case, **given)
 
     from sdm_deflect.cases.console import outcome, verdict
-    from sdm_deflect.cases.output import output_folder
+    from sdm_deflect.cases.output import output_folder, report_lacks
     from sdm_deflect.cases.sdm.metrics import summary
     from sdm_deflect.cases.sdm.pipeline import run_case
 
-    folder = out or Path("runs") / resolved.name
+    folder, lacking = out or Path("runs") / resolved.name, report_lacks() if report else ""
     with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
-        result = run_case(resolved, watch, scratch, cache, report)
+        result = run_case(resolved, watch, scratch, cache, report and not lacking)
+    if lacking:
+        click.echo(f"note: there is no report.html: {lacking}", err=True)
     if as_json:
         click.echo((folder / "metrics.json").read_text(encoding="utf-8"), nl=False)
     else:
@@ -122,6 +124,9 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
 def report(folder: Path, quiet: bool, verbose: bool) -> int:
     """Make report.html and figures/ of a finished run, or of a deflected mesh, anew from the files beside it."""
     from sdm_deflect.cases.mesh_files import is_report
+    from sdm_deflect.cases.output import check_report
+
+    check_report()
     from sdm_deflect.cases.report import folder as deflected
     from sdm_deflect.cases.sdm import report as sdm
 

@@ -24,7 +24,14 @@ from sdm_deflect.cases.metrics import (
     travels,
     verdict_figures,
 )
-from sdm_deflect.cases.output import PAGE, moved_by_repair, output_folder, write_convergence, write_interpolants
+from sdm_deflect.cases.output import (
+    PAGE,
+    moved_by_repair,
+    output_folder,
+    report_lacks,
+    write_convergence,
+    write_interpolants,
+)
 from sdm_deflect.cases.report.data import (
     MESH_UNITS,
     RUN,
@@ -38,8 +45,6 @@ from sdm_deflect.cases.report.data import (
     unrepaired,
 )
 from sdm_deflect.cases.report.near import some_cells
-from sdm_deflect.cases.report.page import write_report
-from sdm_deflect.cases.report.pictures import drawn
 from sdm_deflect.deform.checks import MIN_QUALITY, Check
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.fitting import Fitting
@@ -77,6 +82,8 @@ def write_run_folder(
 ) -> ReportData:
     """Write settings.toml, metrics.json, deflected.vtu, convergence.csv, interpolant.npz, figures and report.html.
 
+    Figures and page are left out where their libraries are not installed (`report_lacks`).
+
     Parameters
     ----------
     folder : Where to; it may exist.
@@ -98,15 +105,24 @@ def write_run_folder(
     figures = metrics_of(one, checks, out, timings)
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     data = data_of(one, settings).judged(checks, figures)
-    write_report(data, drawn(data, folder / "figures"), folder)
+    if not report_lacks():
+        write_page(data, folder)
     return data
+
+
+def write_page(data: ReportData, folder: Path) -> None:
+    """Write figures and report.html; loads graphics libraries."""
+    from sdm_deflect.cases.report.page import write_report
+    from sdm_deflect.cases.report.pictures import drawn
+
+    write_report(data, drawn(data, folder / "figures"), folder)
 
 
 def report_of_folder(folder: Path) -> ReportData:
     """Make report.html and the figures anew; InputError if a file is missing or damaged, or the mesh is another."""
     data = report_data_of_folder(folder)
     with output_folder(folder, PAGE) as scratch:
-        write_report(data, drawn(data, scratch / "figures"), scratch)
+        write_page(data, scratch)
     return data
 
 

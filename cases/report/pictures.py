@@ -206,7 +206,7 @@ def write_sharp_png(figure: Figure, path: Path) -> None:
 def pixels_of(figure: Figure, dpi: int) -> ImageFile.Image:
     """Return a figure as coloured pixels."""
     figure.set_dpi(dpi)
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     return ImageFile.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
 

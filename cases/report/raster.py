@@ -119,7 +119,8 @@ def _triangle(
 def _lit(x: float, y: float, z: float, ambient: float, light: FloatArray) -> float:
     """Return the share of its colour in which a face of some normal appears: the side that is seen is lit."""
     towards = (x * light[0] - y * light[1] + z * light[2]) / np.sqrt(x * x + y * y + z * z)
-    return ambient + (1.0 - ambient) * max(0.0, towards if z > 0.0 else -towards)
+    share: float = ambient + (1.0 - ambient) * max(0.0, towards if z > 0.0 else -towards)
+    return share
 
 
 @compiled_exactly

@@ -147,7 +147,8 @@ def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane
     sizes = np.array([len(polygon) for polygon in polygons])
     for size in np.unique(sizes):  # an array of polygons is drawn much faster than a list
         own = np.flatnonzero(sizes == size)
-        axes.add_collection(PolyCollection(factor * np.array([polygons[i] for i in own]), array=shades[own], **looks))
+        corners: Any = factor * np.array([polygons[i] for i in own])
+        axes.add_collection(PolyCollection(corners, array=shades[own], **looks))
     walls = factor * cut_walls(data.mesh, points, plane)
     axes.add_collection(LineCollection(list(walls), colors="black", linewidths=1.6))
     normal = np.eye(3)[plane.axis]

@@ -8,7 +8,6 @@ import pytest
 
 from sdm_deflect.cases import doctor
 from sdm_deflect.cases.console import findings
-from sdm_deflect.cases.report.offscreen import RenderError
 
 
 def test_readme_and_doctor_ask_for_the_same_packages():
@@ -31,17 +30,6 @@ def test_library_that_cannot_be_loaded_says_why(monkeypatch):
     assert "no_such_library: ModuleNotFoundError" in found.text
     assert "json" not in found.text
     assert "apt-get install" in found.remedy
-
-
-def test_missing_graphics_is_found(monkeypatch):
-    def failing(views):
-        raise RenderError("the child crashed")
-
-    monkeypatch.setattr(doctor, "rendered", failing)
-    found = doctor.graphics()
-    assert not found.well
-    assert "the child crashed" in found.text
-    assert "libegl1" in found.remedy
 
 
 def test_damaged_mesh_in_the_cache_is_found(monkeypatch, tmp_path):

@@ -150,7 +150,7 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
         for figures in ({name: one for name, one in stored.items() if name != key}, stored | {key: "many"}):
             if key != "version" or key not in figures:
                 with pytest.raises(InputError, match=r"metrics\.json"):
-                    page(replace(data, figures=figures), Gallery((), ""))
+                    page(replace(data, figures=figures), Gallery(()))
     monkeypatch.setattr(folders, "SHOWN_WHOLE", 10)
     write_deflected(folder / "deflected.vtu", one)
     assert (folder / "deflected.vtu").stat().st_size < 0.8 * len(before["deflected.vtu"])
@@ -221,7 +221,7 @@ def test_names_of_a_mesh_cannot_inject_markup(coarse_wing, opened, tmp_path):
     patches = tuple(Patch(named.get(p.name, p.name), p.faces) for p in coarse_wing.mesh.patches)
     one = deflect(Plan.of(replace(coarse_wing.mesh, patches=patches, name=evil), blended(coarse_wing.hinge)), 3.0)
     data = write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
-    (tmp_path / "report.html").write_text(page(data, Gallery((), evil)), encoding="utf-8")
+    (tmp_path / "report.html").write_text(page(data, Gallery(())), encoding="utf-8")
     tab, _, complaints = opened(tmp_path / "report.html")
     assert tab.title().startswith(evil)
     assert tab.locator("script").count() == 5

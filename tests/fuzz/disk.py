@@ -49,7 +49,7 @@ SLOW = {
     "geometry": ("sdm.cad.undeflected_cad",),
 }  # fmt: skip
 """Functions by command whose results are kept, because they take long and write nothing."""
-DRAWING = ("report.pictures.drawn", "report.folder.drawn", "sdm.report.drawn", "sdm.report.compared")
+DRAWING = ("report.pictures.drawn", "sdm.report.drawn", "sdm.report.compared")
 """Functions that draw into a folder, whose pictures are kept."""
 
 
@@ -126,7 +126,7 @@ class Work:
             for one, drawing in pictures:
                 (folder / one.path.name).write_bytes(drawing)
                 exhibits.append(Exhibit(one.part, folder / one.path.name, one.alternative))
-            return Gallery(tuple(exhibits), "") if isinstance(found, Gallery) else exhibits
+            return Gallery(tuple(exhibits)) if isinstance(found, Gallery) else exhibits
 
         return known
 
