@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Polyhedra, Volume
-from sdm_deflect.deform.parts import taken
-from sdm_deflect.deform.sets import union
-from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polyhedra, Volume
+from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.meshing.formats.shapes import turned
 
 EVERY_SIDE = 0b111111

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.cases.report.scene3d import Layer, View, legible
-from sdm_deflect.deform.mesh import FloatArray, IntArray
-from sdm_deflect.deform.rbf.compiled import compiled_exactly
-from sdm_deflect.deform.sets import distinct
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.base.sets import distinct
 
 Image = NDArray[np.uint8]
 Canvas = NDArray[np.float32]

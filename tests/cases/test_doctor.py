@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.cases import doctor
-from sdm_deflect.cases.console import findings
+from sdm_deflect.cases.cli import doctor
+from sdm_deflect.cases.cli.console import findings
 
 
 def test_readme_and_doctor_ask_for_the_same_packages():
