@@ -15,7 +15,7 @@ from typing import BinaryIO
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.faces import FACES
+from sdm_deflect.deform.mesh.faces import FACES
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create, create_sized
 from sdm_deflect.meshing.formats.cgns_write import write_root
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch

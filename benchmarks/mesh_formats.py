@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.mesh import IntArray
 

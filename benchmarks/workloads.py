@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.measure import FloatArray
+from sdm_deflect.deform.base.points import IndexArray, farthest
 from sdm_deflect.deform.hexahedron import Hexahedron, box
-from sdm_deflect.deform.rbf.points import IndexArray, farthest
 from sdm_deflect.deform.rbf.sites import DataSites, joined, pinned
 from sdm_deflect.deform.surface.axis import Axis
 

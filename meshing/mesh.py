@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.sets import distinct
+from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.colors import Normalize, to_rgb
 
 from sdm_deflect.deform.hexahedron import EDGES
-from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh
+from sdm_deflect.deform.mesh.mesh import Cells, Faces, FloatArray, IntArray, Mesh
 
 Colour = tuple[int, int, int]
 Direction = tuple[float, float, float]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.mesh.mesh import FloatArray
 from sdm_deflect.deform.volume.sliding import CylinderWall, Plane, SlidingSurface
 
 STEEP = 0.1

@@ -7,10 +7,10 @@ from itertools import chain, repeat
 
 import numpy as np
 
-from sdm_deflect.deform.images import Images
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.quality import POLYHEDRON
-from sdm_deflect.deform.rbf.threads import single_threaded_blas
+from sdm_deflect.deform.base.threads import single_threaded_blas
+from sdm_deflect.deform.mesh.images import Images
+from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.quality import POLYHEDRON
 from sdm_deflect.deform.repair.columns import Heights
 from sdm_deflect.deform.repair.crossing import Crossing, Tracks
 from sdm_deflect.deform.repair.elements import Elements, Tetrahedra

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.surface import Surface

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import BoolArray, FloatArray
+from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import BlendedLaw
 from sdm_deflect.deform.surface.motions import MotionLaw

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError, nearest
-from sdm_deflect.deform.images import THIN, Images, is_thin, plane_of
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
+from sdm_deflect.deform.base.errors import InputError, nearest
+from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.images import THIN, Images, is_thin, plane_of
+from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray, Mesh
 from sdm_deflect.deform.rbf.sites import XYZ
-from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.surface.motions import MotionLaw
 from sdm_deflect.deform.surface.placement import Placement
 from sdm_deflect.deform.surface.reached import Reached

@@ -5,9 +5,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import FACES, Hexahedron, box
-from sdm_deflect.deform.mesh import FloatArray, bounded
+from sdm_deflect.deform.mesh.mesh import FloatArray, bounded
 from sdm_deflect.deform.surface.axis import Axis
 
 GROWTH = 3.0  # margins are at least this multiple of the largest displacement

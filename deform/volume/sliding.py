@@ -6,10 +6,10 @@ from typing import Protocol
 
 import numpy as np
 
-from sdm_deflect.deform.edges import polygons_of
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
-from sdm_deflect.deform.sets import distinct
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.mesh.edges import polygons_of
+from sdm_deflect.deform.mesh.mesh import FloatArray, IntArray, Mesh
 from sdm_deflect.deform.surface.axis import Axis, Cylinder
 from sdm_deflect.deform.volume.triangulated import Triangulated
 

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.meshing.mesh import FloatArray
 
 REGULAR = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])

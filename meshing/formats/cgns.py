@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.pieces import MeshInPieces
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_nodes import Array
 from sdm_deflect.meshing.formats.cgns_packed import overwrite

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Constraint, Patch
+from sdm_deflect.deform.mesh.mesh import Cells, Constraint, Patch
 from sdm_deflect.meshing.formats.cgns_boundary import (
     Border,
     Fault,

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.errors import sentence
-from sdm_deflect.deform.mesh import ABSENT, Cells, Constraint, Patch, Polygons
+from sdm_deflect.deform.base.errors import sentence
+from sdm_deflect.deform.mesh.mesh import ABSENT, Cells, Constraint, Patch, Polygons
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers, text
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import all_of, chosen

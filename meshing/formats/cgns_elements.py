@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra
-from sdm_deflect.deform.parts import taken
+from sdm_deflect.deform.mesh.mesh import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, turned

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.mesh import Cells
-from sdm_deflect.deform.pairing import RigidMotion
+from sdm_deflect.deform.mesh.mesh import Cells
+from sdm_deflect.deform.mesh.pairing import RigidMotion
 from sdm_deflect.meshing.formats.cgns_blocks import Size, bounds, check_face, donors_of, faces_at, points_in, strides
 from sdm_deflect.meshing.formats.cgns_boundary import Fault, NumberedFaces, location
 from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, children, has, integers, label_of, text

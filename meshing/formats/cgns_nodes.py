@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.reading import check_unpacked
+from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import check_stored, is_real

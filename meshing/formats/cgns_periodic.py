@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from sdm_deflect.deform.mesh import LARGEST, Mesh, Periodic
-from sdm_deflect.deform.pairing import TOLERANCE, RigidMotion
+from sdm_deflect.deform.mesh.mesh import LARGEST, Mesh, Periodic
+from sdm_deflect.deform.mesh.pairing import TOLERANCE, RigidMotion
 from sdm_deflect.meshing.formats.cgns_nodes import Integer, child, children, create, has, reals
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.periodic import written_pairs

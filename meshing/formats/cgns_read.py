@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polyhedra
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_blocks import Size, block_border, cells, collapsed, no_cells, size_of, wide
 from sdm_deflect.meshing.formats.cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border

@@ -9,10 +9,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from sdm_deflect.deform.errors import sentence
-from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.base.errors import sentence
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.mesh import FloatArray
 
 FLUENT = (

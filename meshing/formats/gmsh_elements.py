@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sdm_deflect.deform.reading import check_unpacked
+from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh_file import ByteCursor, Cursor, GmshFile, TextCursor
 from sdm_deflect.meshing.formats.numbers import Lines

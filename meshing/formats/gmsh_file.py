@@ -7,7 +7,7 @@ from mmap import mmap
 
 import numpy as np
 
-from sdm_deflect.deform.sets import distinct
+from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
 from sdm_deflect.meshing.formats.numbers import Lines, Placed, numbers
 from sdm_deflect.meshing.mesh import IntArray

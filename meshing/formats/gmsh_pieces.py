@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Zone
-from sdm_deflect.deform.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.mesh import Zone
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.gmsh import FACES, SOLIDS, group_names, group_patches, pairs_listed
 from sdm_deflect.meshing.formats.gmsh_elements import NONE, Elements, corner_count, groups, of_entity

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.reading import check_unpacked
+from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats.cgns_packed import overwrite
 from sdm_deflect.meshing.formats.format import FULL, MeshFileError
 from sdm_deflect.meshing.mesh import FloatArray, IntArray

@@ -8,10 +8,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh, Patch, Polygons, Polyhedra
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import copied, fresh_folder
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.files.staged import copied, fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, fewest_bits
 from sdm_deflect.meshing.formats.openfoam_decomposed import Home, homes, is_part, move_points, read_parts, rewrite_parts
 from sdm_deflect.meshing.formats.openfoam_files import (

@@ -14,9 +14,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh, Polyhedra
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import copied, fresh_folder
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
+from sdm_deflect.meshing.files.staged import copied, fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.openfoam_files import (
     HEAD,

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Polyhedra
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.swept import Swept, volumes_of
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Polyhedra
+from sdm_deflect.deform.mesh.swept import Swept, volumes_of
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.openfoam import OpenFoam, case_folder, has_parts, mesh_folder
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch, open_foam, parse, vectors

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.edges import polygons_of
-from sdm_deflect.deform.mesh import Constraint, FloatArray, IntArray, Patch, Periodic, Polygons
-from sdm_deflect.deform.sets import union
+from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.edges import polygons_of
+from sdm_deflect.deform.mesh.mesh import Constraint, FloatArray, IntArray, Patch, Periodic, Polygons
 from sdm_deflect.deform.volume.sliding import Plane
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
 

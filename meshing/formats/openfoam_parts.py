@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh, Patch, Polygons, Polyhedra
-from sdm_deflect.deform.parts import taken
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
 from sdm_deflect.meshing.formats.openfoam_pairs import constraint_of, pairs_of

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.cgns_blocks import AXES, Plane, Size, cells, collapsed, faces
 from sdm_deflect.meshing.formats.cgns_interfaces import NEAR, meeting
 from sdm_deflect.meshing.formats.fitted import Fitted, Part, fitted

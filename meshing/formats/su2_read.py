@@ -11,7 +11,7 @@ from typing import BinaryIO, TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import COMMENT, Lines, Placed, numbers
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented

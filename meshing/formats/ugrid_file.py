@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS
+from sdm_deflect.deform.mesh.mesh import CORNERS
 from sdm_deflect.meshing.formats.format import MeshFileError, check_points
 from sdm_deflect.meshing.formats.numbers import Lines, numbers, with_numbers
 from sdm_deflect.meshing.formats.su2 import table

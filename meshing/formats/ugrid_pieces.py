@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from sdm_deflect.deform.mesh import Zone
-from sdm_deflect.deform.pieces import HERE, MeshInPieces, Runner
-from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Zone
+from sdm_deflect.deform.mesh.pieces import HERE, MeshInPieces, Runner
 from sdm_deflect.meshing.formats.format import about
 from sdm_deflect.meshing.formats.tables import CellTable, PointRange, Table, TablePieces
 from sdm_deflect.meshing.formats.ugrid import (

@@ -7,8 +7,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Constraint, Mesh, Patch, Polygons, Polyhedra, Zone
-from sdm_deflect.deform.parts import taken
+from sdm_deflect.deform.mesh.mesh import Cells, Constraint, Mesh, Patch, Polygons, Polyhedra, Zone
+from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.meshing.formats.shapes import Faces, chosen
 from sdm_deflect.meshing.mesh import BoolArray, IntArray
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.generate.assembly import assemble

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-from sdm_deflect.deform.quality import signed_volumes
+from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 # Sources whose sizes differ by less than this factor share a search tree.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.quality import Quality, mean_ratio, summarise
+from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
 from sdm_deflect.geometry.model import CadEdge, CadModel
 from sdm_deflect.meshing.generate.attachment import Attachment, attach
 from sdm_deflect.meshing.generate.parameters import MeshParameters

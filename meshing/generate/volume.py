@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.quality import signed_volumes
-from sdm_deflect.meshing import child
+from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files import child
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.sizing import SizeField, background, seeds
 from sdm_deflect.meshing.generate.surface import Surface

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Patch, Periodic
-from sdm_deflect.deform.pairing import (
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import FloatArray, IntArray, Mesh, Patch, Periodic
+from sdm_deflect.deform.mesh.pairing import (
     PeriodicPatches,
     RigidMotion,
     about,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from sdm_deflect.cases.cli import cli, main
-from sdm_deflect.cases.doctor import PACKAGES
+from sdm_deflect.cases.cli.doctor import PACKAGES
 from tests.docs.commands import ROOT, lines_of, mentioned, pages, shown
 
 CI = ".ci/run"
@@ -30,8 +30,8 @@ ELSEWHERE = (
     (r"(blockMesh|surfaceFeatureExtract|snappyHexMesh) -case sdm-case", "tests/docs/test_meshers.py", "snappyHexMesh"),
     (r"sdm validate", "tests/cases/test_finished.py", "validate_folder(folder)"),
     (r"sdm limit aileron", "tests/cases/sdm/test_limit.py", "limit"),
-    (r"sdm study flow", "tests/cases/test_flow_study.py", '"study", "flow"'),
-    (r"sdm study", "tests/cases/test_studies.py", "study"),
+    (r"python -m studies flow", "tests/cases/test_flow_study.py", '"flow"'),
+    (r"python -m studies", "tests/cases/test_studies.py", "study"),
     (r"sdm report wing-deflected-report", "tests/cases/test_mesh_report.py", "again = report_of_folder(folder)"),
     (r"sdm deflect wing\.cas\.h5", "tests/cases/test_deflect_command.py", 'folder / "wing.cas.h5"'),
     (r"sdm deflect wing\.p3d", "tests/meshing/formats/test_plot3d_map.py", "sdm.deflect(path, "),

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.base.points import farthest
 from sdm_deflect.deform.hexahedron import box
 from sdm_deflect.deform.rbf.greedy import adapt, fused
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.selection import GreedyOptions
 from sdm_deflect.deform.rbf.sites import DataSites, joined, multivariate, pinned, univariate
 from sdm_deflect.deform.surface.axis import Axis

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Mesh, Patch
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.surface import Listed, OnPatches, Surface, TrailingEdge
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.volume.box import Automatic, Given, Scene, frame
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 TIP, END, RADIUS = 1.0, 1.8, 3.0

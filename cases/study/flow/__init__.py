@@ -1,1 +1,0 @@
-"""`sdm study flow`: the flow on a deflected mesh beside that on meshes made anew around the deflected CAD."""
