@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from sdm_deflect.cases.settings.job_settings import angles_of, settings_of, tables_of
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
-from sdm_deflect.deform.mesh.mesh import FloatArray, Mesh
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import Threads
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.compiled import compiled
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.points import first_coincident
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh.mesh import bounded
-from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.deform.rbf.sums import check_points
 
 CLEARANCE = 0.5  # of the spacing: inner points nearer than this to an edge are left out

@@ -7,10 +7,10 @@ import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case, Confinement
 from sdm_deflect.cases.aircraft.job import ON_LINE, distance_to_line, panel_of
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
 from sdm_deflect.deform.base.points import IndexArray
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray
 from sdm_deflect.deform.rbf.fitting import Polynomial
 from sdm_deflect.deform.rbf.greedy import adapt
 from sdm_deflect.deform.rbf.interpolant import direct

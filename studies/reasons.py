@@ -13,8 +13,8 @@ from sdm_deflect.cases.aircraft.job import deflected, panel_of, plans_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Display, Stopwatch
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.threads import SERIAL_PAIRS
-from sdm_deflect.deform.mesh.mesh import FloatArray
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.meshing.mesh import TetMesh

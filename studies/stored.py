@@ -13,8 +13,8 @@ import numpy as np
 from cattrs import structure
 
 from sdm_deflect.cases.aircraft.metrics import Run
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import FloatArray
 from studies.measure import ALL, Ground, Measured, Result
 from studies.paper import Evaluation, QualityStatement, Row, Setting, Size
 from studies.trends import Finding

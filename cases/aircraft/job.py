@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case, SurfaceTurn
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, nearest
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.mesh.edges import median_edge
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray, Mesh
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Repair
-from sdm_deflect.deform.surface.axis import Axis, Cylinder
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation
 from sdm_deflect.deform.surface.surface import Listed

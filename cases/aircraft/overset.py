@@ -8,9 +8,9 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import BLOCK, block_stations
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.checks import Check, worst
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.geometry.confinement import gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.mesh import TetMesh

@@ -13,7 +13,7 @@ from sdm_deflect.cases.report import scene3d
 from sdm_deflect.cases.report.figures import bars
 from sdm_deflect.cases.report.pictures import Picture
 from sdm_deflect.cases.report.scene3d import Layer, View
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.geometry.confinement import block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends, ribs

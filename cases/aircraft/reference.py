@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.geometry.datum import SURFACES, hinged
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.files.child import Arrays, serve, started
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.aircraft.case import Case

@@ -37,9 +37,9 @@ from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.cases.run.output import PAGE, output_folder
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.cases.view.run import InteractiveRun, Manner
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, repair_of
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.formats.vtu import read_vtu

@@ -13,9 +13,9 @@ from sdm_deflect.cases.aircraft.reference import reference
 from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.run.output import write_convergence, write_interpolants
 from sdm_deflect.cases.settings.conversion import to_toml
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.mesh.mesh import FloatArray
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection, repair_of
 from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays

@@ -10,11 +10,11 @@ from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import BLOCK, Wedge, axis_of, fuselage_cylinder, panel_of
 from sdm_deflect.cases.aircraft.overset import overset_checks
 from sdm_deflect.cases.aircraft.reference import Faces, Reference
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.checks import Check, site_error, surfaces_crossed, worst
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.closest import Triangles
-from sdm_deflect.deform.mesh.mesh import FloatArray, IntArray
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
-from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.mesh import FREE_FORM, TetMesh

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sdm_deflect.cases.report.data import Box, ReportData, shape_of
-from sdm_deflect.deform.mesh.mesh import FloatArray
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
 
 STYLES = (

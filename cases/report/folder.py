@@ -40,15 +40,16 @@ from sdm_deflect.cases.run.metrics import (
 )
 from sdm_deflect.cases.run.output import PAGE, moved_by_repair, output_folder, write_convergence, write_interpolants
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.checks import MIN_QUALITY, Check
-from sdm_deflect.deform.mesh.mesh import Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polyhedra, Volume
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh, Patch, Polyhedra, Volume
 from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.rbf.fitting import Fitting
-from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge

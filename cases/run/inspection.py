@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.cases.settings.selections import selection
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, printable
 from sdm_deflect.deform.base.reading import RATIO_VARIABLE, unpack_limit
-from sdm_deflect.deform.mesh.mesh import VOLUMES, Cells, FloatArray, Mesh, Polyhedra
+from sdm_deflect.deform.mesh.mesh import VOLUMES, Cells, Mesh, Polyhedra
 from sdm_deflect.deform.mesh.parts import MARK, Part
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, by_shape, check_most, oriented
 from sdm_deflect.deform.mesh.selection import selected

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.mesh.mesh import FloatArray
 from sdm_deflect.deform.mesh.orthogonality import SEVERE, SKEW
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS

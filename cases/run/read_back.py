@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.edges import edges_of
 from sdm_deflect.deform.mesh.faces import FACES, Keys
-from sdm_deflect.deform.mesh.mesh import PLANE, BoolArray, Cells, FloatArray, IntArray, Mesh, Polyhedra, Volume
+from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh, Polyhedra, Volume
 from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
 from sdm_deflect.deform.mesh.touched import touching

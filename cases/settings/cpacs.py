@@ -15,9 +15,10 @@ from xml.etree.ElementTree import Element, TreeBuilder, XMLParser
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, nearest, shortened
 from sdm_deflect.deform.base.reading import damaged
-from sdm_deflect.deform.mesh.mesh import FloatArray, bounded
+from sdm_deflect.deform.mesh.mesh import bounded
 
 DEVICE = "trailingEdgeDevice"
 BORDERS = ("inner", "outer")

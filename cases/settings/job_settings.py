@@ -13,9 +13,9 @@ from sdm_deflect.cases.settings.selections import selection, selections_of
 from sdm_deflect.deform.base.errors import InputError, nearest, shortened
 from sdm_deflect.deform.checks import MIN_QUALITY
 from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.pairing import PeriodicPatches
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, Fitting, Repair, RepairMode
-from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge

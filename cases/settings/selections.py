@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.cases.settings.conversion import read_toml
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.mesh.mesh import FloatArray
 from sdm_deflect.deform.mesh.selection import Before, Component, Condition, Selection, Within
 
 Point = tuple[float, float, float]

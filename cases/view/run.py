@@ -10,10 +10,11 @@ import numpy as np
 from sdm_deflect.cases.report.data import FLAT, MESH_UNITS, Length, drawn_measure, in_view, name_of
 from sdm_deflect.cases.report.folder import read_folder
 from sdm_deflect.cases.run.output import moved_by_repair
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import read_arrays
 from sdm_deflect.deform.base.sets import union
-from sdm_deflect.deform.mesh.mesh import FloatArray, IntArray, Mesh, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.surface.surface import TrailingEdge

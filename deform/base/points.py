@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.sets import union
-from sdm_deflect.deform.rbf.kernels import FloatArray
 
 IndexArray = NDArray[np.intp]
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled
 from sdm_deflect.deform.base.points import along_curve
 from sdm_deflect.deform.base.threads import in_chunks
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray
 
 LEAF = 4  # triangles in a box that is not divided further
 DEPTH = 64  # boxes that wait at a time: twice the levels of any tree

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray
 
 TINY = 1e-150
 """OpenFOAM adds this to divisors that may be 0, and takes a face of a smaller area for one of no area."""

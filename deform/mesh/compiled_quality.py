@@ -8,10 +8,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh.edges import rows_of
-from sdm_deflect.deform.mesh.mesh import BoolArray, Cells, FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Cells
 from sdm_deflect.deform.mesh.quality import AXES, BLOCK, CORNERS, TETRAHEDRA, TINY, WEDGE, Corners, folded, ratio
 
 LANES = 64

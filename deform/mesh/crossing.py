@@ -15,13 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
 from sdm_deflect.deform.base.points import first_coincident
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh.closest import DEPTH, LEAF, Triangles
 from sdm_deflect.deform.mesh.edges import polygons_of
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray, Mesh, Polygons
+from sdm_deflect.deform.mesh.mesh import Mesh, Polygons
 
 TOUCH = 1e-7
 """Of the extent of the faces that moved: faces that reach through others by less only touch them."""

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray, Mesh, Periodic
-from sdm_deflect.deform.volume.sliding import Plane
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Mesh, Periodic
+from sdm_deflect.deform.mesh.sliding import Plane
 
 THIN = ("empty", "wedge")
 """Constraints of the patches of plane and axisymmetric cases, which are one cell thick."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, nearest, shortened
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.unchanged import States
@@ -18,9 +19,6 @@ from sdm_deflect.deform.mesh.unchanged import States
 if TYPE_CHECKING:
     from sdm_deflect.deform.mesh.pieces import Pieces
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 
 CORNERS = {
     "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,

@@ -13,12 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh.compiled_faces import judge_cells, judge_faces, measure_cells, measure_faces
 from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of, rows_of
 from sdm_deflect.deform.mesh.faces import face_keys, node_keys
 from sdm_deflect.deform.mesh.images import THIN, is_thin
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray, Mesh, Periodic, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh, Periodic, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.quality import oriented
 from sdm_deflect.deform.mesh.touched import TouchedCells
 

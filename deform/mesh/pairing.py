@@ -11,10 +11,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.sets import distinct
-from sdm_deflect.deform.mesh.mesh import FloatArray, IntArray, Mesh, Patch, Periodic
-from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Periodic
 
 TOLERANCE = 1e-5
 """Default distance of a node from an image, as a share of the largest coordinate of both: files with six digits."""

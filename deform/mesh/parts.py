@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.edges import Joints, polygons_of
-from sdm_deflect.deform.mesh.mesh import FloatArray, IntArray, Mesh, Patch, Polygons
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons
 
 MARK, REGION = "#", "~"
 """Between the name of a patch and the number of its component, and between that of a selection and its region."""

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of, rows_of
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Polygons, Polyhedra
 from sdm_deflect.deform.mesh.parts import taken
 
 SMALLEST_PYRAMID = -1e-15

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import FloatArray
 
 DOUBLE = np.dtype(np.float64)
 

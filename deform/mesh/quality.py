@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.edges import rows_of
-from sdm_deflect.deform.mesh.mesh import VOLUMES, Cells, FloatArray, IntArray, Polyhedra, Volume
+from sdm_deflect.deform.mesh.mesh import VOLUMES, Cells, Polyhedra, Volume
 
 BLOCK = 1 << 13
 """Cells handled at a time: temporaries stay in the processor's cache, and millions of cells in little memory."""

@@ -10,8 +10,9 @@ from typing import Protocol
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.mesh.mesh import BoolArray, Cells, Faces, IntArray, Mesh, Patch, meant
+from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh, Patch, meant
 from sdm_deflect.deform.mesh.parts import MARK, MOST, REGION, Part, listed, placed, taken
 
 

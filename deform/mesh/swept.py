@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Polygons, Polyhedra
 from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.deform.mesh.polyhedra import TINY, touching
 

@@ -9,12 +9,13 @@ from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.points import IndexArray, first_coincident
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel
+from sdm_deflect.deform.rbf.kernels import Kernel
 from sdm_deflect.deform.rbf.problem import Coefficients, Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated
 from sdm_deflect.deform.rbf.sites import DataSites

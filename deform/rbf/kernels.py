@@ -18,6 +18,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 from scipy.special import xlogy
 
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.compiled import compiled
 from sdm_deflect.deform.rbf.fitting import KernelName
 
@@ -62,9 +63,6 @@ def scaled_log(x: float) -> float:  # pragma: no cover - machine code
     p = p * s + C1
     p = p * s + C0
     return exponent + t * p
-
-
-FloatArray = NDArray[np.float64]
 
 
 class Rescaling(NamedTuple):

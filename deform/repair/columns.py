@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.mesh.mesh import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.touched import TouchedCells, layers
 
 

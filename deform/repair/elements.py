@@ -12,8 +12,9 @@ from itertools import combinations
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.points import along_curve
-from sdm_deflect.deform.mesh.mesh import BoolArray, Cells, FloatArray, IntArray, Polyhedra, Volume
+from sdm_deflect.deform.mesh.mesh import Cells, Polyhedra, Volume
 from sdm_deflect.deform.mesh.polyhedra import corner_edges
 from sdm_deflect.deform.mesh.quality import CORNERS
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh import polyhedra
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Polyhedra
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Judged, TouchedCells
 from sdm_deflect.deform.repair.freedom import Freedom

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.touched import Judged, TouchedCells
 from sdm_deflect.deform.repair.elements import Tetrahedra
 from sdm_deflect.deform.repair.freedom import Freedom

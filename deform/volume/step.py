@@ -7,13 +7,14 @@ from time import perf_counter
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.points import farthest
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.mesh.images import Images
-from sdm_deflect.deform.mesh.mesh import FloatArray, IntArray
 from sdm_deflect.deform.mesh.pieces import HERE, Runner
+from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.rbf.bases import RecordingBasis, with_values
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import Fitting, RuleName, Strategy
@@ -27,7 +28,6 @@ from sdm_deflect.deform.volume.boundary import Boundary
 from sdm_deflect.deform.volume.near_wall import Nearby, NearWall, RigidFollow, layer_sites
 from sdm_deflect.deform.volume.region import Region
 from sdm_deflect.deform.volume.sites import REACH, Sites
-from sdm_deflect.deform.volume.sliding import SlidingSurface
 
 DIRECTIONS = ("x", "y", "z")
 NO_NODES = np.empty((0, 3))

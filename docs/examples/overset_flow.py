@@ -13,7 +13,8 @@ import numpy as np
 
 from sdm_deflect.cases.flow.openfoam import FAR, GAS_FILES, WALL, field_file, forces, initial_values
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
-from sdm_deflect.deform.mesh.mesh import FloatArray, Mesh
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.files.staged import fresh_folder

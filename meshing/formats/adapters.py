@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import CORNERS, PLANE, VOLUMES, Cells, Mesh, Patch, whole
 from sdm_deflect.deform.mesh.quality import quality_of
-from sdm_deflect.deform.rbf.kernels import FloatArray
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import simple_faces

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
@@ -23,7 +24,6 @@ from sdm_deflect.meshing.formats.format import MeshFileError, about, check_point
 from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened
 from sdm_deflect.meshing.formats.polyhedra import check_cells, faces_by_cell
 from sdm_deflect.meshing.formats.shapes import oriented, polygons, turned
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 MESH = "meshes/1"
 INTERIOR = 2

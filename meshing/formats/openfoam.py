@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.precision import DOUBLE
@@ -29,7 +30,6 @@ from sdm_deflect.meshing.formats.openfoam_parts import BETWEEN, CYCLIC
 from sdm_deflect.meshing.formats.openfoam_write import write_mesh, write_system
 from sdm_deflect.meshing.formats.polyhedra import check_cells
 from sdm_deflect.meshing.formats.shapes import refuse_plane
-from sdm_deflect.meshing.mesh import FloatArray
 
 Read = TypeVar("Read")
 STALE = ("processor*",)

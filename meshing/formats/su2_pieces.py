@@ -7,6 +7,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import CORNERS, Zone
 from sdm_deflect.deform.mesh.pieces import HERE, MeshInPieces, Runner
@@ -25,7 +26,6 @@ from sdm_deflect.meshing.formats.su2_read import (
     zones_of,
 )
 from sdm_deflect.meshing.formats.tables import CellTable, PointRange, Table, TablePieces
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 
 class Su2Pieces(TablePieces):

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch
 from sdm_deflect.deform.mesh.precision import DOUBLE
@@ -20,7 +21,6 @@ from sdm_deflect.meshing.formats.hdf5 import DAMAGE
 from sdm_deflect.meshing.formats.netcdf import Array, NetCdf, opened
 from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, refuse_plane
 from sdm_deflect.meshing.formats.tau_write import AXES, FACES, MARKERS, SOLIDS, write_grid
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 MAPPINGS = (".bmap", ".para")
 """Suffixes of files with a boundary mapping: the mapping alone, or all parameters of a computation."""

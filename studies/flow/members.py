@@ -14,9 +14,10 @@ from sdm_deflect.cases.aircraft.reference import turned
 from sdm_deflect.cases.flow.openfoam import write_case
 from sdm_deflect.cases.flow.setup import FreeStream, Setup
 from sdm_deflect.cases.run.progress import Stopwatch
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress
-from sdm_deflect.deform.mesh.mesh import FloatArray, Mesh
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import RepairMode
 from sdm_deflect.deform.volume.deflection import combined

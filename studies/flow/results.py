@@ -10,7 +10,7 @@ from scipy import stats
 
 from sdm_deflect.cases.flow.forces import LIFT, PITCH, ROLL, YAW, Forces, coefficients, hinge_moment
 from sdm_deflect.cases.flow.openfoam import WHOLE
-from sdm_deflect.deform.mesh.mesh import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.geometry.reference_values import surface_reference
 from studies.flow.members import DEFLECTED, FRESH, FRESH_DEFLECTED, REPAIRED, UNDEFLECTED, FlowStudy, Member
 

@@ -17,9 +17,9 @@ from sdm_deflect.cases.flow.openfoam import SOLVER, write_settings
 from sdm_deflect.cases.flow.setup import Setup
 from sdm_deflect.cases.flow.solver import lines, needed
 from sdm_deflect.cases.run.progress import Stopwatch
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.base.progress import Progress
-from sdm_deflect.deform.mesh.mesh import FloatArray
 from sdm_deflect.meshing.files.staged import replacing
 from sdm_deflect.meshing.mesh import TetMesh
 from studies.flow.members import (

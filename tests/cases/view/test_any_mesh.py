@@ -11,8 +11,8 @@ from sdm_deflect.cases.view.page import Control
 from sdm_deflect.cases.view.pieces import Pieces, Plane
 from sdm_deflect.cases.view.run import InteractiveRun, Spans
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.quality import quality_of
-from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.volume import prepared
 from sdm_deflect.deform.volume.deflection import Plan, deflect

@@ -6,12 +6,13 @@ from typing import Protocol
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.mesh.axis import Axis, Cylinder
 from sdm_deflect.deform.mesh.edges import polygons_of
-from sdm_deflect.deform.mesh.mesh import FloatArray, IntArray, Mesh
-from sdm_deflect.deform.surface.axis import Axis, Cylinder
-from sdm_deflect.deform.volume.triangulated import Triangulated
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.triangulated import Triangulated
 
 RESIDUAL = 1e-5  # of the patch's size: files with six digits keep this
 SNAP = 1e-6  # a normal nearer to a coordinate axis than this is the axis

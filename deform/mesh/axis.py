@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.rbf.kernels import FloatArray
+from sdm_deflect.deform.base.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
