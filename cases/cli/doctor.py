@@ -7,10 +7,12 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from sdm_deflect.cases.run.surroundings import blas, usable_cores, versions
+from sdm_deflect.cases.errors import EXTRAS
+from sdm_deflect.cases.run.surroundings import LIBRARIES, blas, usable_cores, versions
 from sdm_deflect.deform.base.cache_folder import (
     CODE_VARIABLE,
     FOLDER_VARIABLE,
@@ -50,19 +52,28 @@ def examined(progress: Progress = silent) -> Iterator[Finding]:
 
 
 def libraries() -> Finding:
-    """Look whether all libraries are installed."""
-    found = versions()
-    missing = [name for name, version in found.items() if not version]
-    text = ", ".join(f"{name} {version or 'missing'}" for name, version in found.items())
+    """Look whether all libraries are installed that every command needs."""
+    installed = versions(LIBRARIES)
+    missing = [name for name, version in installed.items() if not version]
+    text = ", ".join(f"{name} {version or 'missing'}" for name, version in installed.items())
     return Finding("libraries", not missing, text, f"pip install {' '.join(missing)}" if missing else "")
 
 
+def extras() -> Finding:
+    """Say which extras are installed; none must be."""
+    absent = {extra: [name for name in modules if find_spec(name) is None] for extra, modules in EXTRAS.items()}
+    ready = [extra for extra, modules in absent.items() if not modules]
+    lacking = [f"{extra} lacks {', '.join(modules)}" for extra, modules in absent.items() if modules]
+    return Finding("extras", True, "; ".join([", ".join(ready) or "none is installed", *lacking]))
+
+
 def compiled() -> Finding:
-    """Load each compiled library in a process of its own, which may crash."""
+    """Load each compiled library that is installed in a process of its own, which may crash."""
+    present = [name for name in COMPILED if find_spec(name)]
     with ThreadPoolExecutor(usable_cores()) as pool:
-        complaints = dict(zip(COMPILED, pool.map(import_complaint, COMPILED), strict=True))
+        complaints = dict(zip(present, pool.map(import_complaint, present), strict=True))
     failed = [f"{name}: {complaint}" for name, complaint in complaints.items() if complaint]
-    text = "; ".join(failed) or f"{', '.join(COMPILED)} can be loaded"
+    text = "; ".join(failed) or f"{', '.join(present)} can be loaded"
     return Finding("system libraries", not failed, text, INSTALL if failed else "")
 
 
@@ -144,5 +155,14 @@ def memory() -> Finding:
     return Finding("memory", well, f"{free / 1e9:.1f} GB available", "" if well else remedy)
 
 
-EXAMINATIONS: tuple[Callable[[], Finding], ...] = (libraries, compiled, threads, cache, compiled_code, disk, memory)
+EXAMINATIONS: tuple[Callable[[], Finding], ...] = (
+    libraries,
+    extras,
+    compiled,
+    threads,
+    cache,
+    compiled_code,
+    disk,
+    memory,
+)
 """Everything that is looked at, in order."""
