@@ -6,7 +6,6 @@ import io
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from math import prod
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.deform.precision import DOUBLE
 from sdm_deflect.deform.progress import Progress, silent
@@ -29,14 +28,16 @@ from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_
 from sdm_deflect.meshing.formats.cgns_write import write_base
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.hdf5 import damage
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
 
-@dataclass(frozen=True, slots=True)
-class Cgns:
+@registered("cgns", ".cgns")
+class Cgns(Format):
     """Zones with cells of every linear shape, polyhedra, or blocks of hexahedra; patches are the boundary conditions.
 
     Zones that fit together point by point, by the file's interfaces, are one zone of the mesh with one point at each
@@ -44,18 +45,22 @@ class Cgns:
     Coordinates in single precision stay in single precision, and a file in ADF stays one.
     """
 
-    name: str = "cgns"
-    suffixes: tuple[str, ...] = (".cgns",)
-
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
         with about(path), _opened(path) as file:
             return read_base(file, partial(progress, f"reading {path.name}")).mesh
 
-    def in_pieces(self, path: Path) -> MeshInPieces | None:
-        """See `registry.in_pieces`."""
+    for_workers = "CGNS files in HDF5 of one unstructured zone"
+    zoned = True
+
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+        """See `Format.layout`."""
         with about(path), _opened(path) as file:
             return in_pieces(path.resolve(), file)
+
+    def finer(self, out: Path, mesh: Mesh) -> str:
+        """See `Format.finer`."""
+        return "" if any(isinstance(block, Polyhedra) for block in mesh.cells) else ".su2"
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         """See `Format.real`."""

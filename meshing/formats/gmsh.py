@@ -2,19 +2,21 @@
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Periodic
+from sdm_deflect.deform.pieces import MeshInPieces
 from sdm_deflect.deform.precision import DOUBLE
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
 from sdm_deflect.meshing.formats.gmsh_file import GmshFile, nodes, opened, periodic
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.periodic import Listed, unwritten, with_pairs, written_pairs
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, places, simple_faces
@@ -27,8 +29,8 @@ KINDS = {3: (SOLIDS, FACES), 2: (FACES, {1: "line"})}
 PHYSICAL = re.compile(rb'^[ \t]*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
 
 
-@dataclass(frozen=True, slots=True)
-class Gmsh:
+@registered("gmsh", ".msh")
+class Gmsh(Format):
     """Patches are the physical groups of dimension 2, by name; groups without a name are called ``surface_<tag>``.
 
     Faces in no group are called ``entity_<tag>`` by their surface of the geometry. Points, lines, groups of volumes,
@@ -39,8 +41,13 @@ class Gmsh:
     refused. A new file is of version 2.2 in text.
     """
 
-    name: str = "gmsh"
-    suffixes: tuple[str, ...] = (".msh",)
+    for_workers = "binary Gmsh files of version 4.1"
+
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+        """See `Format.layout`."""
+        from sdm_deflect.meshing.formats.gmsh_pieces import in_pieces
+
+        return in_pieces(path)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""

@@ -122,7 +122,7 @@ def _mesh(path: Path, layout: Layout) -> MeshInPieces | None:
         return None
     ends = np.cumsum([0, *(table.rows for table in layout.points)]).tolist()
     points = tuple(
-        PointRange(start, stop, (table,)) for start, stop, table in zip(ends[:-1], ends[1:], layout.points, strict=True)
+        PointRange(start, stop, table) for start, stop, table in zip(ends[:-1], ends[1:], layout.points, strict=True)
     )
     kinds = dict.fromkeys(part.kind for part in layout.parts)
     cells = tuple(

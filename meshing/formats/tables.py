@@ -2,7 +2,8 @@
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Self
@@ -10,7 +11,7 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.mesh import CORNERS, Cells
+from sdm_deflect.deform.mesh import CORNERS, PLANE, Cells
 from sdm_deflect.deform.pieces import HERE, Runner
 from sdm_deflect.deform.polyhedra import SomePolyhedra
 from sdm_deflect.deform.progress import Progress, silent
@@ -98,6 +99,11 @@ class Joined:
         """Number of rows."""
         return sum(table.rows for table in self.tables)
 
+    @property
+    def width(self) -> int:
+        """Numbers in each row."""
+        return self.tables[0].width
+
     def read(self, start: int, stop: int) -> Array:
         """See `Table.read`."""
         none = self.tables[0].read(0, 0)
@@ -124,19 +130,88 @@ class Joined:
             end += table.rows
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Held:
+    """Rows of numbers (rows, width) in memory: what stood in the file as text, or had to be put in order."""
+
+    values: Array = field(repr=False)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.values)
+
+    @property
+    def width(self) -> int:
+        """Numbers in each row."""
+        return int(self.values.shape[1])
+
+    @property
+    def kind(self) -> str:
+        """Type of the numbers."""
+        return self.values.dtype.str
+
+    def read(self, start: int, stop: int) -> Array:
+        """See `Table.read`."""
+        return self.values[start:stop]
+
+    def some(self, rows: IntArray) -> Array:
+        """See `Table.some`."""
+        return self.values[rows]
+
+    def integers(self) -> IntArray:
+        """See `Table.integers`."""
+        return self.values.astype(np.intp)
+
+
+def gathered(
+    parts: Iterable[tuple[str, Array]], most: Callable[[str], int], scratch: Path | None
+) -> dict[str, Table | Held]:
+    """Put the rows of several tables, which come in parts, into memory, or into files of a folder.
+
+    Parameters
+    ----------
+    parts : Name of a table, and some rows (K, width) of it.
+    most : Returns for a name more rows than come; their memory is taken as it is filled.
+    scratch : An empty folder; None: memory.
+    """
+    rows: dict[str, int] = {}
+    arrays: dict[str, Array] = {}
+    with ExitStack() as stack:
+        files: dict[str, BinaryIO] = {}
+        for name, part in parts:
+            done = rows.setdefault(name, 0)
+            if scratch:
+                with written(scratch):
+                    if name not in files:
+                        files[name] = stack.enter_context((scratch / name).open("wb"))
+                        arrays[name] = part[:0]
+                    files[name].write(part.tobytes())
+            else:
+                if name not in arrays:
+                    arrays[name] = np.empty((most(name), part.shape[1]), part.dtype)
+                part = part[: len(arrays[name]) - done]
+                arrays[name][done : done + len(part)] = part
+            rows[name] += len(part)
+    if not scratch:
+        return {name: Held(values[: rows[name]]) for name, values in arrays.items()}
+    return {name: Table(scratch / name, 0, own.dtype.str, rows[name], own.shape[1]) for name, own in arrays.items()}
+
+
 @dataclass(frozen=True, slots=True)
 class PointRange:
-    """Points start to stop - 1: a table of each coordinate, or one of all three."""
+    """Points start to stop - 1: coordinates `first` to `end` - 1 of each are a row of a table."""
 
     start: int
     stop: int
-    tables: tuple[Table, ...]
+    table: Table | Held
+    first: int = 0
+    end: int = 3
 
-    def columns(self) -> tuple[tuple[Table, slice], ...]:
-        """Return each table with the coordinates that it holds."""
-        if len(self.tables) == 1:
-            return ((self.tables[0], slice(0, 3)),)
-        return tuple((table, slice(i, i + 1)) for i, table in enumerate(self.tables))
+    @property
+    def axes(self) -> slice:
+        """Which coordinates they are."""
+        return slice(self.first, self.end)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +219,7 @@ class CellTable:
     """Cells of one shape: the table of their nodes, the number of the first point, and the order of VTK's nodes."""
 
     shape: str
-    table: Table | Joined
+    table: Table | Joined | Held
     first: int = 1
     order: tuple[int, ...] = ()
 
@@ -157,6 +232,23 @@ class CellTable:
         nodes = np.take(stored, self.order, axis=1) if self.order else stored
         own = np.intp if nodes.dtype.kind == "u" else nodes.dtype.newbyteorder("=")
         return np.asarray(nodes.astype(own, copy=False) - self.first)
+
+    def held(self) -> IntArray | None:
+        """Return the nodes (M, k) of all cells if they are in memory as they are to be; else None."""
+        if not isinstance(self.table, Held) or self.first or self.order or self.table.values.dtype != np.intp:
+            return None
+        return self.table.values
+
+    def missing(self, points: int) -> MeshFileError:
+        """Return the error of cells that name points that are not there; all cells are read to count them."""
+        bad = 0
+        for start in range(0, self.table.rows, SAMPLE):
+            nodes = self.nodes(start, min(start + SAMPLE, self.table.rows))
+            bad += int(np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1)))
+        last = points - 1 + self.first
+        return MeshFileError(
+            f"{bad} {self.shape} elements name points that are not among the {points} ({self.first} to {last})"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,13 +268,19 @@ class TablePieces:
 
     def coordinates(self, start: int, stop: int) -> FloatArray:
         """See `Pieces.coordinates`."""
-        check_unchanged(self.files, elsewhere=True)
         found = np.empty((stop - start, 3))
+        self.coordinates_into(found, start)
+        return found
+
+    def coordinates_into(self, found: FloatArray, start: int) -> None:
+        """Fill in the coordinates (K, 3) of the points from `start` on."""
+        check_unchanged(self.files, elsewhere=True)
+        stop = start + len(found)
         for own in self.ranges:
             low, high = max(start, own.start), min(stop, own.stop)
-            for table, columns in own.columns() if low < high else ():
-                found[low - start : high - start, columns] = table.read(low - own.start, high - own.start)
-        return found
+            if low < high:
+                with np.errstate(invalid="ignore"):  # what is no number is refused by whoever asks
+                    found[low - start : high - start, own.axes] = own.table.read(low - own.start, high - own.start)
 
     def places(self, nodes: IntArray) -> FloatArray:
         """See `Pieces.places`."""
@@ -190,8 +288,8 @@ class TablePieces:
         found = np.empty((len(nodes), 3))
         for own in self.ranges:
             rows = np.flatnonzero((nodes >= own.start) & (nodes < own.stop))
-            for table, columns in own.columns() if len(rows) else ():
-                found[rows, columns] = table.some(nodes[rows] - own.start)
+            if len(rows):
+                found[rows, own.axes] = own.table.some(nodes[rows] - own.start)
         return found
 
     def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
@@ -200,16 +298,19 @@ class TablePieces:
         return Cells(self.cells[block].shape, self.cells[block].nodes(start, stop))
 
     def oriented(self) -> Self:
-        """Return it with each block in VTK's order, whichever of the two orders the file used (`shapes.oriented`)."""
+        """Return it with each block in VTK's order, whichever of the two orders the file used (`shapes.oriented`).
+
+        Plane cells stay as they are: they are turned one by one.
+        """
         return replace(self, cells=tuple(self._oriented(own) for own in self.cells))
 
     def _oriented(self, cells: CellTable) -> CellTable:
-        if not cells.table.rows:
+        if not cells.table.rows or cells.shape in PLANE:
             return cells
         rows = np.arange(0, cells.table.rows, max(1, cells.table.rows // SAMPLE))
         nodes = cells.counted(cells.table.some(rows))[:, [0, *AXES[cells.shape]]]
         if nodes.min() < 0 or nodes.max() >= self.points:
-            raise MeshFileError(f"{cells.shape} elements name points that are not among the {self.points}")
+            raise cells.missing(self.points)
         corners = self.places(nodes.ravel()).reshape(-1, 4, 3)
         if not left_handed(corners):
             return cells
@@ -221,25 +322,39 @@ class TablePieces:
     ) -> None:
         """See `Pieces.rewrite`; MeshFileError for points that the file's numbers cannot hold."""
         source = Path(self.source)
-        with fresh(out, source) as beside, about(source):
-            items = self.items(nodes, points, source)
-            with written(out):
-                os.truncate(beside, source.stat().st_size)
-            for i, _ in enumerate(runner.map(copy_range, (source, beside), items), 1):
-                progress(f"writing {out.name}", i / len(items))
+        with about(source):
+            changes = tuple(self.changes(nodes, points))
+        rewritten(source, changes, out, progress, runner)
 
-    def items(self, nodes: IntArray, points: FloatArray, file: Path) -> list["Item"]:
-        """Return all bytes of the file of the points, range by range, with what is to stand there (`copy_range`)."""
-        changes, size = tuple(self._changes(nodes, points)), file.stat().st_size
-        return [item_of(changes, start, min(start + RANGE, size)) for start in range(0, size, RANGE)]
-
-    def _changes(self, nodes: IntArray, points: FloatArray) -> Iterator["Change"]:
+    def changes(self, nodes: IntArray, points: FloatArray) -> Iterator["Change"]:
+        """Yield what is to stand in each table once sorted nodes (K,) are at `points` (K, 3)."""
         for own in self.ranges:
+            assert isinstance(own.table, Table)
             first, end = np.searchsorted(nodes, (own.start, own.stop))
-            for table, columns in own.columns():
-                change = Change(table, nodes[first:end] - own.start, points[first:end, columns])
-                change.check()
-                yield change
+            yield Change(own.table, nodes[first:end] - own.start, points[first:end, own.axes])
+
+
+def rewritten(
+    source: Path, changes: Sequence["Change"], out: Path, progress: Progress = silent, runner: Runner = HERE
+) -> None:
+    """Write a copy of a file with other numbers in its tables.
+
+    MeshFileError for numbers that they cannot hold.
+    """
+    with fresh(out, source) as beside, about(source):
+        items = items_of(changes, source)
+        with written(out):
+            os.truncate(beside, source.stat().st_size)
+        for i, _ in enumerate(runner.map(copy_range, (source, beside), items), 1):
+            progress(f"writing {out.name}", i / len(items))
+
+
+def items_of(changes: Sequence["Change"], file: Path) -> list["Item"]:
+    """Return all bytes of a file, range by range, with what is to stand there (`copy_range`)."""
+    for change in changes:
+        change.check()
+    size = file.stat().st_size
+    return [item_of(tuple(changes), start, min(start + RANGE, size)) for start in range(0, size, RANGE)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

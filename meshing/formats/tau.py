@@ -2,8 +2,8 @@
 
 import re
 import shutil
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,8 @@ from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.cgns_packed import overwrite
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.hdf5 import DAMAGE
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.netcdf import Array, NetCdf, opened
 from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, refuse_plane
 from sdm_deflect.meshing.formats.tau_write import AXES, FACES, MARKERS, SOLIDS, write_grid
@@ -31,8 +33,8 @@ MOST = 1 << 12
 NUMBER = re.compile(r"-?[0-9]{1,9}")
 
 
-@dataclass(frozen=True, slots=True)
-class Tau:
+@registered("tau", ".grid", ".taumesh", ".nc")
+class Tau(Format):
     """Cells of the four linear shapes, each one block; patches are the markers of triangles and quadrilaterals.
 
     Patches are named by a boundary mapping beside the grid (``wing.bmap``, or the parameters ``wing.para``, for
@@ -41,8 +43,9 @@ class Tau:
     offsets of 64 bits (CDF-2).
     """
 
-    name: str = "tau"
-    suffixes: tuple[str, ...] = (".grid", ".taumesh", ".nc")
+    def files(self, path: Path) -> Iterable[Path]:
+        """See `Format.files`."""
+        return path, *mappings(path)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
@@ -92,7 +95,7 @@ class Tau:
             return write_grid(mesh, file)
 
     def holds(self, path: Path) -> bool:
-        """Whether a file of any name is such a grid."""
+        """See `Format.holds`."""
         try:
             with opened(path) as file:
                 return AXES[0] in file
