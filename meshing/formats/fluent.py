@@ -18,9 +18,8 @@ from sdm_deflect.deform.pairing import PeriodicPatches, pair_of
 from sdm_deflect.deform.parts import taken
 from sdm_deflect.deform.polyhedra import face_centres_and_areas
 from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
-from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened
+from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened, spans
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.polyhedra import check_cells, faces_by_cell
@@ -70,14 +69,15 @@ class Fluent(Format):
 
         Where they are packed, HDF5 packs them anew, and may put them elsewhere in the file.
         """
-        progress(f"writing {out.name}", 0.0)
         with about(source), opened(source, KIND) as file:
             stored = coordinates(_group(file))
             check_points(points, sum(map(len, stored)))
-            new = Replaced.of([(own.node, points[own.first - 1 : own.last, : own.node.shape[1]]) for own in stored])
-        with fresh(out, source) as beside, about(source):
-            new.copy(source, beside)
-            progress(f"writing {out.name}", 1.0)
+            values = [points[own.first - 1 : own.last, : own.node.shape[1]] for own in stored]
+            arrays = [
+                (own.node, spans(own.node), new, own.node[()] != new) for own, new in zip(stored, values, strict=True)
+            ]
+            new = Replaced.of(source, arrays)
+        new.copy(source, out, progress)
 
     def ending(self, path: Path) -> str:
         """See `Format.ending`: ``.msh.h5``."""

@@ -13,10 +13,7 @@ from sdm_deflect.deform.precision import DOUBLE
 from sdm_deflect.deform.progress import Progress, silent
 from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits, only_rewritten
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
-from sdm_deflect.meshing.formats.tables import TablePieces
-
-ROWS = 1 << 17
-"""Points or cells that are put into arrays at a time."""
+from sdm_deflect.meshing.formats.tables import ROWS, TablePieces
 
 
 class Format:
@@ -156,26 +153,18 @@ def whole(mesh: MeshInPieces, report: Callable[[float], None]) -> Mesh:
     pieces = mesh.pieces
     assert isinstance(pieces, TablePieces)
     total, done = max(1, pieces.points + sum(count for _, count in pieces.blocks)), 0
-    points = np.empty((pieces.points, 3))
+
+    def passed(count: int) -> None:
+        nonlocal done
+        done += count
+        report(done / total)
+
+    points, blocks = np.empty((pieces.points, 3)), []
     for start in range(0, len(points), ROWS):
         pieces.coordinates_into(points[start : start + ROWS], start)
-        done = min(start + ROWS, len(points))
-        report(done / total)
-    blocks = []
+        passed(len(points[start : start + ROWS]))
     for table in pieces.cells:
-        nodes = table.held()
-        if nodes is None:
-            nodes = np.empty((table.table.rows, table.table.width), dtype=np.intp)
-            for start in range(0, len(nodes), ROWS):
-                part = table.nodes(start, min(start + ROWS, len(nodes)))
-                if len(part) and (part.min() < 0 or part.max() >= len(points)):
-                    raise table.missing(len(points))
-                nodes[start : start + len(part)] = part
-                done += len(part)
-                report(done / total)
-        elif len(nodes) and (nodes.min() < 0 or nodes.max() >= len(points)):
-            raise table.missing(len(points))
-        cells = Cells(table.shape, nodes)
+        cells = Cells(table.shape, table.everything(len(points), passed))
         blocks.append(oriented(points, cells) if table.shape in PLANE else cells)
     found = Mesh(points, tuple(blocks), mesh.patches, mesh.zones, notes=mesh.notes, periodic=mesh.periodic)
     check_faces(found)

@@ -163,7 +163,7 @@ class Plot3dFile:
         """Yield where a piece of text begins, the piece, and its numbers."""
         done = 0
         for at, text, lines in _words(self.file):
-            yield at, text, Placed(lines.values, lines.begin, lines.end)
+            yield at, text, Placed(np.asarray(lines.values, np.float64), lines.begin, lines.end)
             done += len(text)
             self.report(done / self.file.seek(0, 2))
 

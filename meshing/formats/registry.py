@@ -16,13 +16,12 @@ from sdm_deflect.meshing.formats.known import Entry, entries
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.temporary import scratch_folder
 
-SURFACE = "it holds a surface or a geometry; a mesh with volume cells is needed"
 ADVICE = {
     ".cas": FLUENT,
     ".med": "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh",
     ".vtk": 'convert it with PyVista: pyvista.read("FILE").cast_to_unstructured_grid().save("mesh.vtu")',
-    ".stl": SURFACE,
-    ".step": SURFACE,
+    ".h5": "export it from the mesher as CGNS or SU2",
+    ".stl": "it holds a surface or a geometry; a mesh with volume cells is needed",
 }
 """What to do with files that users are likely to have, by suffix in lower case."""
 

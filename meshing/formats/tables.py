@@ -27,6 +27,8 @@ WITHOUT_COPYING = (None, errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSU
 """What a system answers that cannot copy from file to file; None is no such function at all."""
 SMALL = 1 << 26
 """Bytes of a table that is read whole where some of its rows are wanted."""
+ROWS = 1 << 17
+"""Points or cells that are put into arrays at a time."""
 SHORTER = "the file has become shorter"
 Array = NDArray[Any]
 
@@ -92,7 +94,7 @@ class Table:
 class Joined:
     """Tables of as many numbers in each row, one after another."""
 
-    tables: tuple[Table, ...]
+    tables: tuple["Table | Held", ...]
 
     @property
     def rows(self) -> int:
@@ -121,7 +123,7 @@ class Joined:
         back[order] = np.arange(len(order))
         return np.asarray(np.concatenate(found)[back])
 
-    def _parts(self, start: int, stop: int) -> Iterator[tuple[Table, int, int]]:
+    def _parts(self, start: int, stop: int) -> Iterator[tuple["Table | Held", int, int]]:
         end = 0
         for table in self.tables:
             low, high = max(start, end) - end, min(stop, end + table.rows) - end
@@ -233,11 +235,21 @@ class CellTable:
         own = np.intp if nodes.dtype.kind == "u" else nodes.dtype.newbyteorder("=")
         return np.asarray(nodes.astype(own, copy=False) - self.first)
 
-    def held(self) -> IntArray | None:
-        """Return the nodes (M, k) of all cells if they are in memory as they are to be; else None."""
-        if not isinstance(self.table, Held) or self.first or self.order or self.table.values.dtype != np.intp:
-            return None
-        return self.table.values
+    def everything(self, points: int, report: Callable[[int], None] = lambda _: None) -> IntArray:
+        """Return nodes (M, k) of all cells; MeshFileError if one is not among so many points."""
+        nodes = self.table.values if self._is_held() else np.empty((self.table.rows, self.table.width), dtype=np.intp)
+        for start in range(0, len(nodes), ROWS):
+            part = nodes[start : start + ROWS]
+            if not self._is_held():
+                part[:] = self.nodes(start, start + len(part))
+            if part.min() < 0 or part.max() >= points:
+                raise self.missing(points)
+            report(len(part))
+        return nodes
+
+    def _is_held(self) -> bool:
+        """Whether the nodes of all cells are in memory as they are to be."""
+        return isinstance(self.table, Held) and not (self.first or self.order) and self.table.values.dtype == np.intp
 
     def missing(self, points: int) -> MeshFileError:
         """Return the error of cells that name points that are not there; all cells are read to count them."""
@@ -335,9 +347,14 @@ class TablePieces:
 
 
 def rewritten(
-    source: Path, changes: Sequence["Change"], out: Path, progress: Progress = silent, runner: Runner = HERE
+    source: Path,
+    changes: Sequence["Change"],
+    out: Path,
+    progress: Progress = silent,
+    runner: Runner = HERE,
+    after: Callable[[Path], None] = lambda _: None,
 ) -> None:
-    """Write a copy of a file with other numbers in its tables.
+    """Write a copy of a file with other numbers in its tables; `after` may change the copy before it is in its place.
 
     MeshFileError for numbers that they cannot hold.
     """
@@ -347,6 +364,7 @@ def rewritten(
             os.truncate(beside, source.stat().st_size)
         for i, _ in enumerate(runner.map(copy_range, (source, beside), items), 1):
             progress(f"writing {out.name}", i / len(items))
+        after(beside)
 
 
 def items_of(changes: Sequence["Change"], file: Path) -> list["Item"]:
@@ -368,8 +386,10 @@ class Change:
     def check(self) -> None:
         """Raise a ValueError if the table cannot hold the values."""
         kind = np.dtype(self.table.kind)
-        if np.abs(self.values).max(initial=0.0) > np.finfo(kind).max or not np.isfinite(self.values).all():
-            raise ValueError(f"coordinates are too large for numbers of {kind.itemsize} bytes")
+        if np.abs(self.values).max(initial=0.0) <= np.finfo(kind).max:  # false if one is no number
+            return
+        bad = np.count_nonzero(~(np.abs(self.values) <= np.finfo(kind).max))
+        raise ValueError(f"{bad} coordinates are too large for numbers of {kind.itemsize} bytes")
 
     def within(self, begin: int, end: int) -> "Change":
         """Return the part that changes bytes from `begin` to `end` - 1."""

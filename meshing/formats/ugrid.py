@@ -84,10 +84,8 @@ class Ugrid(Format):
         with about(path):
             tables = _tables(path, partial(progress, f"reading {path.name}"))
             count = tables[POINTS].rows
-            stored = {name: tables[name].integers() for name in (*FACES, SURFACE)}
-            for shape in FACES:
-                count_from_zero(stored[shape], shape, count)
-            border = patches(stored, surface_names(path))
+            faces = [Cells(shape, CellTable(shape, tables[shape]).everything(count)) for shape in FACES]
+            border = patches(faces, tables[SURFACE].integers().ravel(), surface_names(path))
             cells = tuple(
                 CellTable(name, tables[name], 1, TO_VTK.get(name, ())) for name in SOLIDS if tables[name].rows
             )
@@ -250,34 +248,26 @@ def _pieces(path: Path, tables: Mapping[str, Table | Held]) -> UgridPieces:
     return UgridPieces(str(path.resolve()), count, (PointRange(0, count, tables[POINTS]),), (), path.absolute())
 
 
-def count_from_zero(nodes: IntArray, shape: str, points: int) -> None:
-    """Take one off all nodes (M, k); MeshFileError if some are not from 1 to `points`."""
-    if len(nodes) and (nodes.min() < 1 or nodes.max() > points):
-        bad = np.count_nonzero(((nodes < 1) | (nodes > points)).any(axis=1))
-        raise MeshFileError(f"{bad} {shape} elements name points that are not among the {points} (1 to {points})")
-    nodes -= 1
-
-
 def in_order(nodes: IntArray, shape: str, orders: Mapping[str, tuple[int, ...]]) -> IntArray:
     """Return nodes (M, k) of cells in the order that their shape has in `orders`, if it has one."""
     return np.take(nodes, orders[shape], axis=1) if shape in orders else nodes
 
 
-def patches(arrays: Mapping[str, Any], names: Mapping[int, str]) -> tuple[Patch, ...]:
-    """Patches in the order of their least ids."""
-    ids, index = np.unique(arrays[SURFACE].ravel(), return_inverse=True)
+def patches(faces: Sequence[Cells], labels: IntArray, names: Mapping[int, str]) -> tuple[Patch, ...]:
+    """Return the patches of triangles and quads with surface ids `labels` (F,), in the order of their least ids."""
+    ids, index = np.unique(labels, return_inverse=True)
     if len(ids) > SURFACES:
         raise MeshFileError(f"has {len(ids)} surface ids; more than {SURFACES} are not supported")
     given = set(names.values())
     found: dict[str, list[Cells]] = {}
-    parts = np.split(index, [len(arrays["triangle"])])
-    blocks = [_by_label(Cells(shape, arrays[shape]), own, len(ids)) for shape, own in zip(FACES, parts, strict=True)]
-    for number, *faces in zip(ids.tolist(), *blocks, strict=True):
+    parts = np.split(index, [len(faces[0])])
+    blocks = [_by_label(block, own, len(ids)) for block, own in zip(faces, parts, strict=True)]
+    for number, *several in zip(ids.tolist(), *blocks, strict=True):
         name = names.get(number, str(number))
         while number not in names and name in given:
             name += "_"
-        found.setdefault(name, []).extend(own for own in faces if len(own))
-    return tuple(Patch(name, tuple(faces)) for name, faces in found.items())
+        found.setdefault(name, []).extend(own for own in several if len(own))
+    return tuple(Patch(name, tuple(own)) for name, own in found.items())
 
 
 def _by_label(faces: Cells, labels: IntArray, count: int) -> list[Cells]:

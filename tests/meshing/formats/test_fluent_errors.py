@@ -150,7 +150,7 @@ def test_a_dataset_that_claims_too_much(tmp_path):
 
 def test_coordinates_beyond_single_precision_and_of_another_number(tmp_path):
     path = written(hybrid(), tmp_path / "a.msh.h5", real="f4")
-    with pytest.raises(MeshFileError, match="42 coordinates are beyond single precision"):
+    with pytest.raises(MeshFileError, match="42 coordinates are too large for numbers of 4 bytes"):
         Fluent().rewrite(path, np.full((14, 3), 1e39), tmp_path / "b.msh.h5")
     with pytest.raises(MeshFileError, match="the file has 14 points, but"):
         Fluent().rewrite(path, np.zeros((13, 3)), tmp_path / "b.msh.h5")

@@ -128,7 +128,7 @@ def test_a_truncated_file_is_an_error_that_names_it(variants, key, fraction, tmp
         ("$MeshFormat", "(0 fluent", "Fluent"),
         ("\n1 -3.", "\n1 nan -3.", "not finite|numbers"),
         ("\n2 ", "\n1 ", "number of another"),
-        (" 14\n$EndElements", " 99\n$EndElements", "1 elements name nodes that are not among the 14"),
+        (" 14\n$EndElements", " 99\n$EndElements", "1 wedge elements name points that are not among the 14"),
         ("\n1 3 2", "\n1 10 2", "type 10 are not linear"),
         ("$Elements\n", "$Elements\n1", "announces"),
     ],

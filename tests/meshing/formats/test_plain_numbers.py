@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sdm_deflect.meshing.formats import numbers as words
 from sdm_deflect.meshing.formats import plain_numbers as module
 from sdm_deflect.meshing.formats import su2_read
 from sdm_deflect.meshing.formats.format import MeshFileError
