@@ -59,8 +59,8 @@ class TextCursor:
     def columns(self, count: int, width: int, kind: str, chosen: slice) -> Held:
         """Columns of the next `count` rows of `width` numbers: points if their kind is real, else integers."""
         found = self.reals(count * width)
-        values, begin, end = (own.reshape(count, width)[:, chosen] for own in (found.values, found.begin, found.end))
-        table = Placed(np.asarray(values, np.float64), begin, end)
+        begin, end = (own.reshape(count, width)[:, chosen] for own in (found.begin, found.end))
+        table = Placed(found.values.reshape(count, width)[:, chosen], begin, end)
         if kind == REAL:
             self.placed.append(table)
             return Held(table.values)

@@ -138,7 +138,7 @@ def copy_text(
     pieces: Iterator[tuple[int, bytes, Placed]],
     values: FloatArray,
     out: BinaryIO,
-    word: Callable[[bytes, float], bytes] = lambda _, value: repr(value).encode(),
+    word: Callable[[bytes, float], bytes] | None = None,
 ) -> None:
     """Copy a file of text with other numbers; only the characters of those that changed differ.
 
@@ -155,8 +155,11 @@ def copy_text(
         done += new.size
         changed = placed.values != new
         first, last = (each[changed] for each in (placed.begin, placed.end))
-        spans = zip(first.tolist(), last.tolist(), new[changed].tolist(), strict=True)
-        out.write(with_words(text, first, last, [word(text[i:j], value) for i, j, value in spans]))
+        if word is None:
+            out.write(with_numbers(text, first, last, new[changed]))
+        else:
+            spans = zip(first.tolist(), last.tolist(), new[changed].tolist(), strict=True)
+            out.write(with_words(text, first, last, [word(text[i:j], value) for i, j, value in spans]))
         at = begin + len(text)
     copy_bytes(file, at, file.seek(0, 2), out)
 

@@ -27,7 +27,7 @@ WITHOUT_COPYING = (None, errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSU
 """What a system answers that cannot copy from file to file; None is no such function at all."""
 SMALL = 1 << 26
 """Bytes of a table that is read whole where some of its rows are wanted."""
-ROWS = 1 << 17
+ROWS = 1 << 15
 """Points or cells that are put into arrays at a time."""
 SHORTER = "the file has become shorter"
 Array = NDArray[Any]
@@ -237,19 +237,22 @@ class CellTable:
 
     def everything(self, points: int, report: Callable[[int], None] = lambda _: None) -> IntArray:
         """Return nodes (M, k) of all cells; MeshFileError if one is not among so many points."""
-        nodes = self.table.values if self._is_held() else np.empty((self.table.rows, self.table.width), dtype=np.intp)
+        held = self._held()
+        nodes = np.empty((self.table.rows, self.table.width), dtype=np.intp) if held is None else held
         for start in range(0, len(nodes), ROWS):
             part = nodes[start : start + ROWS]
-            if not self._is_held():
+            if held is None:
                 part[:] = self.nodes(start, start + len(part))
             if part.min() < 0 or part.max() >= points:
                 raise self.missing(points)
             report(len(part))
         return nodes
 
-    def _is_held(self) -> bool:
-        """Whether the nodes of all cells are in memory as they are to be."""
-        return isinstance(self.table, Held) and not (self.first or self.order) and self.table.values.dtype == np.intp
+    def _held(self) -> IntArray | None:
+        """Return the nodes (M, k) of all cells if they are in memory as they are to be; else None."""
+        if not isinstance(self.table, Held) or self.first or self.order or self.table.values.dtype != np.intp:
+            return None
+        return self.table.values
 
     def missing(self, points: int) -> MeshFileError:
         """Return the error of cells that name points that are not there; all cells are read to count them."""
@@ -408,8 +411,9 @@ class Change:
         shape = int(self.rows[-1]) - first + 1, table.width
         strides = table.step, np.dtype(table.kind).itemsize
         stored = np.ndarray(shape, table.kind, data, table.begin + first * table.step - start, strides)
-        before = stored[self.rows - first]
-        stored[self.rows - first] = np.where(before == self.values, before, self.values)
+        rows = slice(None) if len(stored) == len(self.rows) else self.rows - first
+        before = stored[rows]
+        stored[rows] = np.where(before == self.values, before, self.values)
 
 
 Item = tuple[int, int, tuple[Change, ...]]

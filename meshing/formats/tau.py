@@ -49,9 +49,7 @@ class Tau(Format):
         """See `Format.layout`; None for netCDF-4 in several parts."""
         progress(f"reading {path.name}", 0.0)
         with about(path), opened(path) as file:
-            found = _layout(file, path)
-            held = any(isinstance(own.table, Held) for own in (*found.pieces.ranges, *found.pieces.cells))
-            return None if scratch and held else found
+            return _layout(file, path, scratch is not None)
 
     def stored(self, path: Path) -> TablePieces:
         """See `Format.stored`."""
@@ -96,13 +94,16 @@ def _points(file: NetCdf, path: Path) -> TablePieces:
     return TablePieces(str(path.resolve()), count, ranges, ())
 
 
-def _layout(file: NetCdf, path: Path) -> MeshInPieces:
+def _layout(file: NetCdf, path: Path, in_file: bool) -> MeshInPieces | None:
     """Return the mesh of an open file; names of patches may be in files beside `path`.
 
-    MeshFileError or ValueError if variables are missing, damaged or contradict one another.
+    None if some of it would be in memory, and all must be `in_file`. MeshFileError or ValueError if variables are missing,
+    damaged or contradict one another.
     """
     points = _points(file, path)
     cells = [_elements(file, what, shape) for what, shape in SOLIDS.items() if f"points_of_{what}" in file]
+    if in_file and any(isinstance(own.table, Held) for own in (*points.ranges, *cells)):
+        return None
     tables = [_elements(file, what, shape) for what, shape in FACES.items() if f"points_of_{what}" in file]
     _check_count(file, "no_of_elements", cells)
     _check_count(file, "no_of_surfaceelements", tables)
