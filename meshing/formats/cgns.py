@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh, Polyhedra
-from sdm_deflect.deform.pieces import MeshInPieces
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_pieces import in_pieces
 from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_fit, read_base
@@ -26,7 +27,6 @@ from sdm_deflect.meshing.formats.format import MeshFileError, about, check_point
 from sdm_deflect.meshing.formats.hdf5 import Replaced, Replacement, Span, damage, spans
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Periodic, Zone
-from sdm_deflect.deform.pieces import MeshInPieces
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Periodic, Zone
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
 from sdm_deflect.meshing.formats.gmsh_file import GmshFile, Nodes, gmsh_file, nodes, periodic
@@ -23,7 +24,7 @@ from sdm_deflect.meshing.formats.periodic import Listed, pairs_of, unwritten, wr
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import MIRRORED, mirrored, simple_faces
 from sdm_deflect.meshing.formats.tables import CellTable, Held, Joined, PointRange, TablePieces
-from sdm_deflect.meshing.mesh import VOLUME, FloatArray, IntArray
+from sdm_deflect.meshing.mesh import VOLUME
 
 MOST = 10_000
 """Parts of elements: files of more are read as a whole."""

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.sets import distinct
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
 from sdm_deflect.meshing.formats.numbers import Lines, Placed, numbers
 from sdm_deflect.meshing.formats.shapes import places
 from sdm_deflect.meshing.formats.tables import Held, Table
-from sdm_deflect.meshing.mesh import IntArray
 
 REAL = "f8"
 HEAD = 4096

@@ -7,10 +7,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import PLANE, Cells, FloatArray, Mesh
-from sdm_deflect.deform.pieces import MeshInPieces
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits, only_rewritten
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
 from sdm_deflect.meshing.formats.tables import ROWS, TablePieces

@@ -17,12 +17,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.meshing.formats.cgns_blocks import Size
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import Lines, Placed, chunks, numbers
 from sdm_deflect.meshing.formats.tables import Change, Table
 from sdm_deflect.meshing.formats.ugrid_file import EXACT
-from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 MARKER = 4
 """Bytes of a Fortran record's length, before and after it, and of a whole number."""

@@ -7,14 +7,14 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.pieces import MeshInPieces
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.unchanged import states_of
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.unchanged import states_of
+from sdm_deflect.meshing.files.temporary import scratch_folder
 from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
 from sdm_deflect.meshing.formats.known import Entry, entries
 from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.temporary import scratch_folder
 
 ADVICE = {
     ".cas": FLUENT,

@@ -8,11 +8,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh, Polyhedra, Zone
-from sdm_deflect.deform.pieces import HERE, MeshInPieces, Runner
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra, Zone
+from sdm_deflect.deform.mesh.pieces import HERE, MeshInPieces, Runner
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format, whole
@@ -34,7 +35,6 @@ from sdm_deflect.meshing.formats.su2_read import (
 )
 from sdm_deflect.meshing.formats.tables import TablePieces
 from sdm_deflect.meshing.formats.zones import joined, part
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
 UNFIT = r"[\s(),%=]"

@@ -11,11 +11,11 @@ from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, Cells, Patch
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import COMMENT, Lines, Placed, chunks, numbers
 from sdm_deflect.meshing.formats.tables import CellTable, Held, PointRange, Table, TablePieces, gathered
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 LARGE = 1 << 24
 """Bytes of a section from which on compiled code is worth its loading."""

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch, Zone
-from sdm_deflect.deform.pieces import MeshInPieces
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch, Zone
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.hdf5 import DAMAGE, Replaced
 from sdm_deflect.meshing.formats.known import registered
@@ -20,7 +21,6 @@ from sdm_deflect.meshing.formats.netcdf import NetCdf, opened
 from sdm_deflect.meshing.formats.shapes import MIRRORED, refuse_plane
 from sdm_deflect.meshing.formats.tables import CellTable, Held, PointRange, TablePieces
 from sdm_deflect.meshing.formats.tau_write import AXES, FACES, MARKERS, SOLIDS, write_grid
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 MAPPINGS = (".bmap", ".para")
 """Suffixes of files with a boundary mapping: the mapping alone, or all parameters of a computation."""
@@ -97,8 +97,9 @@ def _points(file: NetCdf, path: Path) -> TablePieces:
 def _layout(file: NetCdf, path: Path, in_file: bool) -> MeshInPieces | None:
     """Return the mesh of an open file; names of patches may be in files beside `path`.
 
-    None if some of it would be in memory, and all must be `in_file`. MeshFileError or ValueError if variables are missing,
-    damaged or contradict one another.
+    None if some of it would be in memory, and all must be `in_file`.
+
+    MeshFileError or ValueError if variables are missing, damaged or contradict one another.
     """
     points = _points(file, path)
     cells = [_elements(file, what, shape) for what, shape in SOLIDS.items() if f"points_of_{what}" in file]

@@ -15,11 +15,11 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.mesh import CORNERS
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.mesh.mesh import CORNERS
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import Lines, Placed, chunks, numbers, table
 from sdm_deflect.meshing.formats.tables import Held, Table
-from sdm_deflect.meshing.mesh import FloatArray
 
 SUFFIX = ".ugrid"
 POINTS, SURFACE = "points", "surface"
