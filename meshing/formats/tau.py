@@ -103,7 +103,8 @@ def _layout(file: NetCdf, path: Path, in_file: bool) -> MeshInPieces | None:
     """
     points = _points(file, path)
     cells = [_elements(file, what, shape) for what, shape in SOLIDS.items() if f"points_of_{what}" in file]
-    if in_file and any(isinstance(own.table, Held) for own in (*points.ranges, *cells)):
+    stored = (*(own.table for own in points.ranges), *(own.table for own in cells))
+    if in_file and any(isinstance(table, Held) for table in stored):
         return None
     tables = [_elements(file, what, shape) for what, shape in FACES.items() if f"points_of_{what}" in file]
     _check_count(file, "no_of_elements", cells)
