@@ -196,7 +196,7 @@ def test_one_bad_condition_is_a_note_and_its_patch_is_absent(mesh, damage, tmp_p
     Cgns().rewrite(tmp_path / "mesh.cgns", after.points * 2.0, tmp_path / "moved.cgns")
     np.testing.assert_array_equal(Cgns().read(tmp_path / "moved.cgns").points, after.points * 2.0)
     assert "\n" not in note
-    pieces = Cgns().in_pieces(tmp_path / "mesh.cgns")
+    pieces = Cgns().layout(tmp_path / "mesh.cgns")
     assert pieces is None or (pieces.notes, [patch.name for patch in pieces.patches]) == (after.notes, [*after.names])
 
 
