@@ -234,6 +234,7 @@ def test_run_prints_verdict_and_json(sdm, aileron_mesh, tmp_path):
     assert names == {check["name"] for check in figures["validation"]["checks"]} | of_files
 
 
+@pytest.mark.nightly
 @pytest.mark.mesher
 @pytest.mark.parametrize("request_to_end", [signal.SIGINT, signal.SIGHUP])
 def test_interrupt_leaves_previous_results(tmp_path, request_to_end):
