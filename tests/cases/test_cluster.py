@@ -242,7 +242,10 @@ def test_four_workers_of_the_command_come_to_the_same_bytes_and_are_counted(bloc
     assert [line.split()[0] for line in said.splitlines()] == ["workers", "read", "plan", "deflect", "quality", "write"]
 
 
-@pytest.mark.parametrize("suffix", [".lb8.ugrid", ".msh", pytest.param("", id="case")])
+@pytest.mark.parametrize(
+    "suffix",
+    [*(pytest.param(one, marks=pytest.mark.nightly) for one in (".lb8.ugrid", ".msh")), pytest.param("", id="case")],
+)
 def test_other_formats_and_a_repair_come_to_the_same_bytes(suffix, two, tmp_path):
     path = written(wing(cells=3).mesh, tmp_path / f"wing{suffix}")
     words = (*FLAP, "--angle", "8", "--angles", "4,8", "--repair", "always")
