@@ -114,7 +114,7 @@ def measured(one: Example, folder: Path) -> tuple[float, float, float]:
 
 def page(folder: Path) -> Iterator[str]:
     """Yield the lines of the page."""
-    yield from ("# What a report costs", "", f"`python -m benchmarks.report_time`: {machine()}. Processor seconds, ")
+    yield from ("# What a report costs", "", f"`python -m benchmarks.report_time`: {machine()}. Processor seconds,")
     yield f"medians of {ROUNDS} rounds in turn; the last column is the report over `import matplotlib.figure`."
     yield from ("", "| mesh | deflection | with report | report | limit | report over import |", "|" + " --- |" * 6)
     for one in EXAMPLES:
