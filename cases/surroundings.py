@@ -7,8 +7,8 @@ from platform import machine, platform, python_version
 from threadpoolctl import threadpool_info  # type: ignore[import-untyped, unused-ignore]
 
 LIBRARIES = (
-    "numpy", "scipy", "numba", "cadquery", "cadquery-ocp", "gmsh", "pytetwild", "trimesh", "rtree", "vtk",
-    "pyvista", "meshio", "h5py", "matplotlib", "pillow", "plotly", "jinja2", "trame", "cattrs", "click", "rich",
+    "numpy", "scipy", "numba", "cadquery", "cadquery-ocp", "gmsh", "pymeshlab", "pytetwild", "trimesh", "rtree",
+    "vtk", "pyvista", "meshio", "h5py", "matplotlib", "pillow", "plotly", "jinja2", "trame", "cattrs", "click", "rich",
 )  # fmt: skip
 
 
