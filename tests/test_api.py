@@ -16,9 +16,9 @@ import pytest
 from nbclient import NotebookClient
 
 import sdm_deflect as sd
-from sdm_deflect.cases.job_settings import IN_PYTHON, JobSettings, SurfaceSettings
-from sdm_deflect.cases.settings import names_of
-from sdm_deflect.meshing.adapters import to_meshio, to_pyvista
+from sdm_deflect.cases.settings.conversion import names_of
+from sdm_deflect.cases.settings.job_settings import IN_PYTHON, JobSettings, SurfaceSettings
+from sdm_deflect.meshing.formats.adapters import to_meshio, to_pyvista
 from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.blocks import block_with_body, two_bodies
 

@@ -70,11 +70,11 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
-    from sdm_deflect.cases.cluster import Wanted, workers
-    from sdm_deflect.cases.console import plan_table, result_table
-    from sdm_deflect.cases.deflect_file import deflect_file, figures, plan_figures, planned
-    from sdm_deflect.cases.job_settings import angles_of, job_settings
-    from sdm_deflect.cases.mesh_files import Targets, inputs_of
+    from sdm_deflect.cases.cli.console import plan_table, result_table
+    from sdm_deflect.cases.run.cluster import Wanted, workers
+    from sdm_deflect.cases.run.deflect_file import deflect_file, figures, plan_figures, planned
+    from sdm_deflect.cases.run.mesh_files import Targets, inputs_of
+    from sdm_deflect.cases.settings.job_settings import angles_of, job_settings
 
     if history := given.pop("history"):
         return _in_time(mesh, out, history, dry_run, {**given, "sensitivity": sensitivity})
@@ -115,8 +115,8 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
 @options.json_option
 def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
     """Print points, cells, patches with their connected components, quality and inverted cells of a mesh file."""
-    from sdm_deflect.cases.inspection import inspect, inspected
-    from sdm_deflect.cases.selections import selections_of
+    from sdm_deflect.cases.run.inspection import inspect, inspected
+    from sdm_deflect.cases.settings.selections import selections_of
 
     if as_json:
         options.print_json(inspected(mesh, selections_of(select)))
@@ -126,11 +126,11 @@ def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
 
 def _in_time(mesh: Path, out: Path | None, path: Path, dry_run: bool, given: dict[str, Any]) -> int:
     """Deflect to the angle of each time of a history."""
-    from sdm_deflect.cases.console import plan_table, result_table
-    from sdm_deflect.cases.deflect_file import plan_figures, planned
-    from sdm_deflect.cases.history import History, deflect_in_time, target_of
-    from sdm_deflect.cases.job_settings import job_settings
-    from sdm_deflect.cases.mesh_files import inputs_of
+    from sdm_deflect.cases.cli.console import plan_table, result_table
+    from sdm_deflect.cases.run.deflect_file import plan_figures, planned
+    from sdm_deflect.cases.run.history import History, deflect_in_time, target_of
+    from sdm_deflect.cases.run.mesh_files import inputs_of
+    from sdm_deflect.cases.settings.job_settings import job_settings
 
     _check_alone(given)
     history, as_json = History.read(path), given.pop("as_json")
@@ -163,7 +163,7 @@ def _flow(given: list[Any]) -> "FlowCase | None":
 
 def _check_alone(given: dict[str, Any]) -> None:
     """Refuse options that a history has no use for, and leave them out."""
-    from sdm_deflect.deform.errors import InputError
+    from sdm_deflect.deform.base.errors import InputError
 
     for name in IDLE_IN_TIME:
         value = given.pop(name)
@@ -176,8 +176,8 @@ def _check_alone(given: dict[str, Any]) -> None:
 
 def _tables(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the tables of a configuration file with the options of the command line in their place."""
-    from sdm_deflect.cases.job_settings import periodic_of, read_job, slides_of, with_options
-    from sdm_deflect.cases.selections import selections_of
+    from sdm_deflect.cases.settings.job_settings import periodic_of, read_job, slides_of, with_options
+    from sdm_deflect.cases.settings.selections import selections_of
 
     own = dict(given)
     config, assignments, steps = (own.pop(name) for name in ("config", "assignments", "steps"))
@@ -188,7 +188,7 @@ def _tables(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _steps(text: str) -> int:
-    from sdm_deflect.deform.errors import InputError
+    from sdm_deflect.deform.base.errors import InputError
 
     if not text.isascii() or not text.isdigit() or int(text) < 1:
         raise InputError(f"--steps {text}: must be auto or a whole number from 1")

@@ -11,7 +11,7 @@ import click
 from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.progress import Stopwatch
+    from sdm_deflect.cases.run.progress import Stopwatch
 
 FAILED, UNUSABLE, PIPE_CLOSED = 1, 2, 141
 FILE = click.Path(path_type=Path)
@@ -31,7 +31,7 @@ class CaseName(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         """Return the cases whose names begin so, with their titles."""
-        from sdm_deflect.cases.sdm.registry import CASES
+        from sdm_deflect.cases.aircraft.registry import CASES
 
         return [CompletionItem(name, help=case.title) for name, case in CASES.items() if name.startswith(incomplete)]
 
@@ -97,7 +97,7 @@ def progress_options(command: Command) -> Command:
 @contextmanager
 def watched(quiet: bool = False, verbose: bool = False) -> Iterator["Stopwatch"]:
     """Show stages on the standard error output."""
-    from sdm_deflect.cases.progress import Stopwatch, shown
+    from sdm_deflect.cases.run.progress import Stopwatch, shown
 
     with shown(quiet=quiet, verbose=verbose) as display:
         yield Stopwatch(display)
@@ -110,7 +110,7 @@ def print_json(value: Any) -> None:
 
 def print_tables(*tables: Any) -> None:
     """Print tables for a reader, and texts as they are, one below the other."""
-    from sdm_deflect.cases.console import console, plain
+    from sdm_deflect.cases.cli.console import console, plain
 
     out = console()
     for table in tables:

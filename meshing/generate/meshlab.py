@@ -4,11 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sdm_deflect.deform.quality import signed_volumes
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.mesh import FloatArray, IntArray, TetMesh
+from sdm_deflect.meshing.files import child
+from sdm_deflect.meshing.mesh import TetMesh
 
 SECONDS = 600.0
 DEFLECTION = 1e-4

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.quality import Quality, mean_ratio, summarise
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.attachment import Attachment, attach
 from sdm_deflect.meshing.generate.meshlab import meshlab_failures
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.topology import boundary_failures
-from sdm_deflect.meshing.mesh import FREE_FORM, FloatArray, TetMesh
+from sdm_deflect.meshing.mesh import FREE_FORM, TetMesh
 
 # Largest allowed distance in metres.
 EXACT = 1e-7

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.fitting import LEAST, Fitting
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.rbf.fitting import LEAST, Fitting
 
 
 @pytest.mark.parametrize("name", LEAST)
