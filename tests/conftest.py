@@ -19,9 +19,19 @@ from tests.meshing.formats.wing import FLAP, wing
 KEPT_MESHES = "SDM_DEFLECT_TEST_MESHES"
 """Environment variable: a folder in which meshes are kept from one test run to the next."""
 
+UNIT = {"deform", "frozen", "geometry", "meshing"}
+"""Folders whose tests need neither a run of a case nor a browser nor a solver."""
+
 # A shared machine may pause a test: no example of a property fails by the clock.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Put a test in its layer: nightly if it says so, unit by its folder, else contract."""
+    if item.get_closest_marker("nightly") is None:
+        folder = item.path.relative_to(Path(__file__).parent).parts[0]
+        item.add_marker("unit" if folder in UNIT else "contract")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,4 +1,4 @@
-"""Real meshes that tests use in place of the mesher: the small aircraft and its Chimera block.
+"""Real meshes that tests use in place of the mesher: the small aircraft, its Chimera block and what surrounds that.
 
 python -m tests.kept_meshes FOLDER
 
@@ -13,26 +13,35 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.aircraft.pipeline import mesh_parameters
+from sdm_deflect.cases.aircraft.pipeline import background_parameters, mesh_parameters
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.meshing.files.cache import RECIPE, MeshCache, cache_key
 from sdm_deflect.meshing.mesh import TetMesh
 
 FOLDER = Path(__file__).parent / "kept"
-CASES = ("aileron", "aileron-chimera")
+NAMES = ("aileron", "aileron-chimera", "background")
 ARRAYS = {"points": "f8", "tets": "i4", "triangles": "i4", "patch": "i1", "face": "i2"}
 
 
+def parameters(name: str) -> dict[str, object]:
+    """Return everything that a kept mesh depends on, but for the versions of the mesh generators."""
+    return (
+        background_parameters(case_named("aileron-chimera"))
+        if name == "background"
+        else mesh_parameters(case_named(name))
+    )
+
+
 def digest(name: str) -> str:
-    """Return what stands for the parameters of a case's mesh, whatever the versions of the mesh generators."""
-    parts = {"recipe": RECIPE, **mesh_parameters(case_named(name))}
+    """Return what stands for the parameters of a kept mesh."""
+    parts = {"recipe": RECIPE, **parameters(name)}
     return hashlib.sha256(json.dumps(parts, default=asdict, sort_keys=True).encode()).hexdigest()
 
 
 def keep(cache: Path) -> None:
     """Write the kept meshes from those of a cache folder."""
-    for name in CASES:
-        mesh, note = MeshCache(cache).load(cache_key(mesh_parameters(case_named(name))))
+    for name in NAMES:
+        mesh, note = MeshCache(cache).load(cache_key(parameters(name)))
         text = json.dumps({"names": mesh.names, "note": note, "digest": digest(name)})
         arrays = {key: getattr(mesh, key).astype(kind) for key, kind in ARRAYS.items()}
         np.savez_compressed(FOLDER / f"{name}.npz", text=np.array(text), **arrays)
@@ -40,13 +49,13 @@ def keep(cache: Path) -> None:
 
 def put(cache: Path) -> None:
     """Store the kept meshes in a cache folder; one whose parameters have changed is left to the mesher."""
-    for name in CASES:
+    for name in NAMES:
         with np.load(FOLDER / f"{name}.npz", allow_pickle=False) as kept:
             text = json.loads(str(kept["text"]))
             if text["digest"] == digest(name):
                 arrays = {key: kept[key].astype("f8" if key == "points" else np.intp) for key in ARRAYS}
                 mesh = TetMesh(names=tuple(text["names"]), **arrays)
-                MeshCache(cache).store(cache_key(mesh_parameters(case_named(name))), mesh, text["note"])
+                MeshCache(cache).store(cache_key(parameters(name)), mesh, text["note"])
 
 
 if __name__ == "__main__":

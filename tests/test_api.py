@@ -93,6 +93,7 @@ def test_every_setting_is_described():
     assert known - IN_PYTHON.keys() <= told
 
 
+@pytest.mark.nightly
 def test_a_notebook_of_one_cell(tmp_path):
     """It needs no display, and shows tables and a picture."""
     assert len(CELL.strip().splitlines()) <= 12

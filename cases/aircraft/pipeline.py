@@ -106,18 +106,21 @@ def mesh_parameters(case: Case) -> dict[str, object]:
 
 def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> TetMesh:
     """Return the mesh of the aircraft that surrounds the Chimera block of a case."""
-    finer = finer_background(case)
-    parts = {
-        "fighter": case.fighter, "mesh": case.background, "domain": "background",
-        "surface": case.deflections[0].surface, "finer": [array.tolist() for array in finer],
-    }  # fmt: skip
 
     def generate() -> "Generated":
         from sdm_deflect.cases.aircraft.cad import around_block
 
-        return around_block(case, finer, watch)
+        return around_block(case, finer_background(case), watch)
 
-    return cached(parts, generate, watch, cache)[0]
+    return cached(background_parameters(case), generate, watch, cache)[0]
+
+
+def background_parameters(case: Case) -> dict[str, object]:
+    """Return everything that the mesh around the Chimera block of a case depends on."""
+    return {
+        "fighter": case.fighter, "mesh": case.background, "domain": "background",
+        "surface": case.deflections[0].surface, "finer": [array.tolist() for array in finer_background(case)],
+    }  # fmt: skip
 
 
 def cached(

@@ -30,18 +30,13 @@ from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.files.staged import permitted_as
-from sdm_deflect.meshing.formats.registry import STORED, files_of, format_of, in_pieces, read, size_of
+from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.flow.flow_case import FlowCase
 
 LARGE = 1 << 25
 """Bytes of a file from which on it is read in pieces."""
-SENT = (
-    "CGNS files in HDF5 of one unstructured zone, binary UGRID files, binary Gmsh files of version 4.1, or OpenFOAM "
-    "cases in binary"
-)
-"""What workers can read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,8 +94,8 @@ def needed(wanted: Targets, job: Job, progress: Progress, runner: Runner = HERE)
 
 
 def _by_workers(wanted: Targets, job: Job, progress: Progress, runner: Runner) -> Mesh:
-    if format_of(wanted.source).name not in STORED:
-        raise InputError(f"{wanted.source}: workers need {SENT}; leave out --workers and --scheduler, or convert it")
+    if not format_of(wanted.source).for_workers:
+        raise InputError(f"{wanted.source}: workers need {_sent()}; leave out --workers and --scheduler, or convert it")
     if not wanted.is_copy:
         raise InputError(
             f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity or case"
@@ -108,7 +103,13 @@ def _by_workers(wanted: Targets, job: Job, progress: Progress, runner: Runner) -
     with in_pieces(wanted.source, progress) as mesh:
         if mesh:
             return excerpt(mesh, job, wanted.angles, runner, progress)
-    raise InputError(f"{wanted.source}: workers need {SENT}, and this file is none of them")
+    raise InputError(f"{wanted.source}: workers need {_sent()}, and this file is none of them")
+
+
+def _sent() -> str:
+    """Return what workers can read."""
+    *first, last = (form.for_workers for form in FORMATS.values() if form.for_workers)
+    return f"{', '.join(first)}, or {last}"
 
 
 def planned(wanted: Targets, job: Job, watch: Stopwatch, runner: Runner = HERE, angles: tuple[float, ...] = ()) -> Plan:

@@ -86,7 +86,7 @@ def offer(app: Sphinx, doctree: nodes.document) -> None:
 
 
 def write(app: Sphinx, exception: Exception | None) -> None:
-    """Write notebooks and pictures beside the pages."""
+    """Write notebooks beside the pages, and their pictures unless nothing was executed."""
     if exception or app.builder.format != "html":
         return
     for docname in sorted(app.env.found_docs):
@@ -94,6 +94,8 @@ def write(app: Sphinx, exception: Exception | None) -> None:
         if is_notebook(page):
             out, executed = app.outdir / docname, app.outdir.parent / "jupyter_execute" / f"{docname}.ipynb"
             nbformat.write(notebook_of(page), out.with_suffix(".ipynb"))
+            if app.config.nb_execution_mode == "off":
+                continue
             try:
                 out.with_suffix(".png").write_bytes(picture_of(nbformat.read(executed, as_version=4)))
             except StopIteration:

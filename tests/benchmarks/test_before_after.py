@@ -22,6 +22,7 @@ def test_every_face_of_the_block_is_shared_or_on_one_patch() -> None:
     assert len(mesh.patches[-1]) == 2 * 2 * (2 * 4 + 2 * 1 + 4 * 1)
 
 
+@pytest.mark.nightly
 def test_the_command_deflects_the_block(tmp_path: Path) -> None:
     FORMATS["su2"].write(block_with_flap(12), tmp_path / "block.su2")
     (tmp_path / "out").mkdir()
@@ -39,6 +40,7 @@ def test_a_version_that_fails_is_named(tmp_path: Path) -> None:
         version.taken(tmp_path)
 
 
+@pytest.mark.nightly
 def test_a_slow_version_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = {"slow": 2.0, "fast": 0.5}
     monkeypatch.setattr(Version, "taken", lambda self, mesh: {"work": seconds[self.command[0]]})

@@ -29,6 +29,7 @@ print(much.peak_bytes - nothing.peak_bytes, much.processor_seconds)
 """
 
 
+@pytest.mark.nightly
 def test_memory_of_an_action_is_seen() -> None:
     done = subprocess.run([sys.executable, "-c", MEASURE], check=True, capture_output=True, text=True)
     peak, processor = map(float, done.stdout.split())
@@ -36,12 +37,14 @@ def test_memory_of_an_action_is_seen() -> None:
     assert processor > 0.0
 
 
+@pytest.mark.nightly
 def test_the_fastest_is_no_slower_than_one(corner: TetMesh) -> None:
     taken = [1_000_000, 1_000, 1_000_000]
     assert fastest(lambda: np.ones(taken.pop()).sum()) < measured(lambda: np.ones(50_000_000).sum())[1].seconds
     assert taken == []
 
 
+@pytest.mark.nightly
 def test_table_gives_the_growth_of_time_with_size() -> None:
     small = Size(1, 1000, 5000, 100, 1.0, 1.0, 10**9, 0.5, 0.5, 2.0, 2.0, 10**9, 300, 0.4, 0.3, 0)
     large = replace(small, refinements=2, points=10_000, filter_seconds=5.0, evaluation_seconds=5.0)

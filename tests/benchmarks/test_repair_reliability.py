@@ -11,6 +11,7 @@ def test_the_regular_tetrahedron_has_the_angle_of_the_best_one():
     assert dihedral_bound(np.arccos(1.0 / 3.0)) == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("degrees", [20.0, 110.0, 164.3, 177.3])
 def test_no_cell_with_this_angle_is_better(degrees):
     rng, angle = np.random.default_rng(4), np.radians(degrees)

@@ -1,5 +1,6 @@
 """Finished runs that the tests of this folder share."""
 
+import pickle
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +9,7 @@ import pytest
 from filelock import FileLock
 
 from sdm_deflect.cases.aircraft.job import deflected, plans_of
-from sdm_deflect.cases.aircraft.pipeline import background_mesh, run_case
+from sdm_deflect.cases.aircraft.pipeline import run_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.validation import site_checks, validate
 from sdm_deflect.cases.run.output import output_folder
@@ -56,44 +57,46 @@ def opened(browser):
 
 
 @pytest.fixture(scope="session")
-def finish(tmp_path_factory, shared_folder, make_mesh):
-    """Run a case into a folder of its own; return the run and the folder."""
+def finish(shared_folder, make_mesh):
+    """Run a case into a folder, once among all workers; return the run and the folder."""
 
-    def run(case, report=True):
-        make_mesh(case)
-        if case.domain == "block":
-            with FileLock(shared_folder / "meshing.lock"):
-                background_mesh(case, Stopwatch(Silent()))
-        folder = tmp_path_factory.mktemp(case.name)
-        with output_folder(folder) as scratch:
-            return run_case(case, Stopwatch(Silent()), Path(scratch), report=report), folder
+    def run(case, name, report=False):
+        folder = shared_folder / "runs" / name
+        with FileLock(shared_folder / f"{name}.lock"):
+            kept = folder.with_suffix(".pickle")
+            if not kept.exists():
+                make_mesh(case)
+                with output_folder(folder) as scratch:
+                    finished = run_case(case, Stopwatch(Silent()), Path(scratch), report=report)
+                kept.write_bytes(pickle.dumps(finished))
+            return pickle.loads(kept.read_bytes()), folder
 
     return run
 
 
 @pytest.fixture(scope="session")
 def aileron_run(finish):
-    """Case 5.1 at -12 degrees, SQUV."""
-    return finish(case_named("aileron"))
+    """Case 5.1 at -12 degrees, SQUV, with its report."""
+    return finish(case_named("aileron"), "aileron", report=True)
 
 
 @pytest.fixture(scope="session")
 def aileron_mv_run(finish):
     """The same with one set of centres for all directions."""
     case = case_named("aileron")
-    return finish(replace(case, adaptation=replace(case.adaptation, strategy="mv")))
+    return finish(replace(case, adaptation=replace(case.adaptation, strategy="mv")), "aileron-mv")
 
 
 @pytest.fixture(scope="session")
 def tail_run(finish):
     """Case 5.3 at +12 degrees."""
-    return finish(case_named("tail"))
+    return finish(case_named("tail"), "tail")
 
 
 @pytest.fixture(scope="session")
 def chimera_run(finish):
     """Case 5.2 at -30 degrees, with its background."""
-    return finish(replace(case_named("aileron-chimera"), angle=-30.0))
+    return finish(replace(case_named("aileron-chimera"), angle=-30.0), "aileron-chimera")
 
 
 @pytest.fixture(scope="session")

@@ -43,6 +43,7 @@ def tab(browser):
     shown.close()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("page", [*PAGES, "api/public", "tutorials/index", "tutorials/first-deflection"])
 def test_a_page_of_the_guide(guide, tab, page):
     tab.goto((guide / f"{page}.html").as_uri())
@@ -51,6 +52,7 @@ def test_a_page_of_the_guide(guide, tab, page):
     assert tab.asked == []
 
 
+@pytest.mark.nightly
 def test_numbers_stand_beside_formulas_on_a_phone(guide, tab):
     tab.set_viewport_size({"width": 390, "height": 844})
     tab.goto((guide / "theory.html").as_uri())

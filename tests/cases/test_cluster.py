@@ -234,6 +234,7 @@ def test_who_has_not_our_certificate_is_refused(two):
     assert two.client.submit(sum, (1, 2)).result() == 3
 
 
+@pytest.mark.nightly
 def test_four_workers_of_the_command_come_to_the_same_bytes_and_are_counted(block, deflected):
     code, said = sdm(block, out(block, "four"), "--workers", 4, "--worker-memory", "1.5GB")
     assert code == 0
@@ -242,7 +243,10 @@ def test_four_workers_of_the_command_come_to_the_same_bytes_and_are_counted(bloc
     assert [line.split()[0] for line in said.splitlines()] == ["workers", "read", "plan", "deflect", "quality", "write"]
 
 
-@pytest.mark.parametrize("suffix", [".lb8.ugrid", ".msh", pytest.param("", id="case")])
+@pytest.mark.parametrize(
+    "suffix",
+    [*(pytest.param(one, marks=pytest.mark.nightly) for one in (".lb8.ugrid", ".msh")), pytest.param("", id="case")],
+)
 def test_other_formats_and_a_repair_come_to_the_same_bytes(suffix, two, tmp_path):
     path = written(wing(cells=3).mesh, tmp_path / f"wing{suffix}")
     words = (*FLAP, "--angle", "8", "--angles", "4,8", "--repair", "always")
@@ -254,6 +258,7 @@ def test_other_formats_and_a_repair_come_to_the_same_bytes(suffix, two, tmp_path
         assert first == second != before
 
 
+@pytest.mark.nightly
 def test_killed_workers_lose_nothing(block, deflected, two):
     def kill(_):
         processes = list(two.client.run(os.getpid).values())
@@ -290,6 +295,7 @@ def test_an_error_of_a_piece_is_that_of_one_process(block, two, monkeypatch):
     assert deflect(place, out(block, "never"), HERE) == (code, said)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.99])
 def test_a_full_disk_of_a_worker_is_the_error_of_one_process_and_the_old_file_stays(share, block, two):
     target = out(block, "full")
@@ -388,6 +394,7 @@ pathlib.Path.stat = stat
 """
 
 
+@pytest.mark.nightly
 def test_workers_that_do_not_see_the_file(block, tmp_path):
     (tmp_path / "sitecustomize.py").write_text(HIDING.format(hidden=str(block)))
     cover = ("env", f"PYTHONPATH={os.pathsep.join([str(tmp_path), *sys.path])}")
@@ -402,6 +409,7 @@ def test_workers_that_do_not_see_the_file(block, tmp_path):
     ), said
 
 
+@pytest.mark.nightly
 def test_a_scheduler_that_goes_away(block, deflected, tmp_path, monkeypatch):
     with scheduler(tmp_path) as (address, process), worker(address):
         assert sdm(block, out(block, "far"), "--scheduler", address)[0] == 0
@@ -421,6 +429,7 @@ def test_a_scheduler_that_goes_away(block, deflected, tmp_path, monkeypatch):
     assert said == f"sdm: the scheduler at {address} is gone: start it again, and then this command"
 
 
+@pytest.mark.nightly
 def test_workers_are_gone_when_the_command_is_killed(block):
     table = str(block.with_suffix(".npz"))
     words = ["deflect", str(block), *OPTIONS, "--table", table, "--out", str(out(block, "never")), "--workers", "2"]

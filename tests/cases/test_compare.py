@@ -117,6 +117,7 @@ def test_changes_are_told_in_words(values, texts):
     assert row.same == (len(set(values)) == 1)
 
 
+@pytest.mark.nightly
 def test_pictures_over_each_other_have_the_same_axes(runs, tmp_path):
     """Labels and colours are the same to the pixel; what lies between them is not."""
     found = drawn(runs, tmp_path)
@@ -209,6 +210,7 @@ def shown(browser):
         context.close()
 
 
+@pytest.mark.nightly
 def test_the_line_moves_by_keys_and_each_side_is_one_run(page_path, shown):
     tab, asked, complaints = shown(page_path)
     figure = tab.locator("figure.compared").first

@@ -61,6 +61,7 @@ def flow(tmp_path_factory, make_mesh):
     return code, folder / "out"
 
 
+@pytest.mark.nightly
 def test_the_study_leaves_its_page_its_figures_and_its_cases(flow):
     code, out = flow
     assert code in (0, 1)  # so short a run may disagree
@@ -76,6 +77,7 @@ def test_the_study_leaves_its_page_its_figures_and_its_cases(flow):
         assert Forces.read(member, "all").iteration.tolist() == list(range(5, 55, 5))
 
 
+@pytest.mark.nightly
 def test_an_aileron_up_on_the_left_side_takes_lift_and_rolls_to_the_left(flow):
     found = {one["name"]: one for one in json.loads((flow[1] / "flow-aileron.json").read_text())["increments"]}
     for kind in ("deflected", "expected"):
@@ -84,12 +86,14 @@ def test_an_aileron_up_on_the_left_side_takes_lift_and_rolls_to_the_left(flow):
         assert found["Ch"][kind] > 0.0  # pressure turns it back
 
 
+@pytest.mark.nightly
 def test_progress_says_where_the_lift_stands(flow):
     study = study_of(case_named("aileron"), fresh=1, iterations=50)
     said = standing(study, flow[1] / FOLDER / "-12-deflected")
     assert re.fullmatch(r" \(CL [+-]\d\.\d{4}, changing by \de[+-]\d\d\)", said)
 
 
+@pytest.mark.nightly
 def test_the_study_goes_on_where_it_stopped_and_refuses_other_settings(flow):
     _, out = flow
     shutil.rmtree(out.parent / "more", ignore_errors=True)
@@ -121,6 +125,7 @@ def test_a_poor_mesh_on_which_the_solver_ends_is_left_out_beside_a_repaired_one(
         list(computed({ended_with(None): poor, ended_with(lost): repaired}))
 
 
+@pytest.mark.nightly
 def test_processor_time_is_known_of_a_study_that_was_killed(flow, tmp_path):
     cases = [flow[1] / FOLDER / name for name in ("undeflected", "-12-deflected")]
     assert all(seconds_of([case]) > 0.0 for case in cases)

@@ -24,8 +24,16 @@ from tests.deform.repair.meshes import lattice
 from tests.meshing.formats.gmsh_files import gmsh_data
 from tests.meshing.formats.wing import boundary_faces, wing
 
-SUFFIXES = (".cgns", ".su2", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid", ".msh", pytest.param("", id="case"))
-SOME = (".cgns", ".lb8.ugrid", ".msh", SUFFIXES[-1])
+CASE = pytest.param("", id="case")
+
+
+def nightly(*values):
+    """The same values as parameters of nightly tests."""
+    return (pytest.param(value, marks=pytest.mark.nightly) for value in values)
+
+
+SUFFIXES = (".cgns", ".su2", ".lb8.ugrid", *nightly(".r4.ugrid", ".b8l.ugrid"), ".msh", CASE)
+SOME = (".cgns", *nightly(".lb8.ugrid"), ".msh", CASE)
 FLAP = [
     "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended",
     "--hinge", "0.7,0.3,0", "0.7,0.7,0",
@@ -145,10 +153,17 @@ class Apart(Threads):
     shares_memory = False
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize(
-    ("change", "shared"), [(shuffled, True), (shuffled, False), (left_handed, False), (lambda mesh: mesh, False)]
-)
+def flaps():
+    """Ways to write a mesh and to read it: nightly all, else each format once and left-handed cells of two."""
+    quick = [(suffix, shuffled, True) for suffix in (".cgns", ".su2", ".lb8.ugrid", ".msh", "")]
+    quick += [(suffix, left_handed, False) for suffix in (".cgns", "")]
+    for suffix in (".cgns", ".su2", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid", ".msh", ""):
+        for change, shared in ((shuffled, True), (shuffled, False), (left_handed, False), (lambda mesh: mesh, False)):
+            marks = () if (suffix, change, shared) in quick else pytest.mark.nightly
+            yield pytest.param(suffix, change, shared, marks=marks, id=f"{suffix or 'case'}-{change.__name__}-{shared}")
+
+
+@pytest.mark.parametrize(("suffix", "change", "shared"), list(flaps()))
 def test_a_flap_in_cells_of_four_shapes(suffix, change, shared, small, alike, tmp_path, monkeypatch):
     """By threads that hold the points of a scattered mesh in memory, and by others that cannot."""
     if not shared:
@@ -165,7 +180,7 @@ def test_a_flap_in_cells_of_four_shapes(suffix, change, shared, small, alike, tm
     assert found["/mesh/cells"] == sum(len(own) for own in small.cells)
 
 
-@pytest.fixture(params=SOME)
+@pytest.fixture(params=(".cgns", *nightly(".lb8.ugrid", ".msh"), CASE))
 def plates(request, tmp_path):
     """Two plates of hexahedra, in one patch."""
     mesh = two_bodies()
@@ -190,7 +205,7 @@ def test_parts_of_a_patch(words, plates, alike):
     assert alike(plates, *words, *HINGE)["/passed"]
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", [".cgns", *nightly(".su2", ".lb8.ugrid", ".r4.ugrid", ".b8l.ugrid", ".msh"), CASE])
 def test_nodes_by_their_numbers_in_the_file(suffix, small, alike, tmp_path):
     """Held and driven nodes are numbers of the whole file's nodes, wherever they are in an excerpt."""
     mesh = shuffled(small)
@@ -224,7 +239,7 @@ def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
     assert any("repair" in key for key in found)
 
 
-@pytest.mark.parametrize("suffix", SOME[-2:])
+@pytest.mark.parametrize("suffix", [".msh", pytest.param("", id="case", marks=pytest.mark.nightly)])
 def test_the_first_inverted_cell_is_named_by_its_number_in_the_file(suffix, alike, tmp_path, monkeypatch):
     monkeypatch.setattr(excerpt, "CELLS", 50)
     path = written(shuffled(body_among_tetrahedra()), tmp_path / f"body{suffix}")
@@ -253,6 +268,7 @@ def test_a_dry_run_plans_the_same(suffix, small, called, tmp_path):
     assert figures(json.loads(one)) == figures(json.loads(other))
 
 
+@pytest.mark.nightly
 def test_a_report_shows_the_same_cells(small, called, tmp_path, monkeypatch):
     """The cells that may change, with their nodes' numbers in the file: as of any mesh too large to show whole."""
     for module in (folder, deflect_file):

@@ -186,6 +186,7 @@ def test_arrays_of_the_whole_mesh_are_in_the_vtu_file(coarse_wing, tmp_path):
     assert list(grid.field_data["patch_names"]) == ["volume", *coarse_wing.mesh.names]
 
 
+@pytest.mark.nightly
 def test_polyhedra_and_nodes_alone_have_a_report(tmp_path):
     block = block_with_body()
     loose = Mesh(block.points, (), tuple(Patch(p.name, (), p.nodes) for p in block.patches))

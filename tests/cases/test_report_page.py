@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from sdm_deflect.cases.aircraft.metrics import metrics
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.report import report_data_of, report_data_of_folder
 from sdm_deflect.cases.report.offscreen import rendering
 from sdm_deflect.cases.report.page import LARGEST, page, write_report
@@ -43,9 +44,11 @@ def changed(before, after):
     return np.count_nonzero(np.abs(before - after).max(axis=2) > 24)
 
 
-@pytest.mark.parametrize("name", ["aileron_run", "tail_run", "chimera_run"])
-def test_a_page_is_small(name, request):
-    _, folder = request.getfixturevalue(name)
+@pytest.mark.parametrize(
+    "name", ["aileron", *(pytest.param(name, marks=pytest.mark.nightly) for name in ("tail", "aileron-chimera"))]
+)
+def test_a_page_is_small(name, finish):
+    _, folder = finish(case_named(name), name if name == "aileron" else f"{name}-report", report=True)
     assert (folder / "report.html").stat().st_size <= LARGEST == 4_000_000
 
 

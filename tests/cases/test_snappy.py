@@ -19,7 +19,7 @@ from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from tests.cases import foam, snappy
 from tests.cases.snappy import SURFACE
 
-pytestmark = pytest.mark.mesher
+pytestmark = pytest.mark.nightly
 
 ANGLE = -12.0
 

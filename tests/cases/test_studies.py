@@ -130,6 +130,7 @@ def results(aileron_mesh):
     return {name: carry_out(name, case_named("aileron"), mesh, lambda text, done: None) for name in names}
 
 
+@pytest.mark.nightly
 @pytest.mark.mesher
 @pytest.mark.parametrize("name", ["table1", "table2"])
 def test_every_row_is_measured_and_converges(results, name):
@@ -144,6 +145,7 @@ def test_every_row_is_measured_and_converges(results, name):
         assert one.row.seconds > 0.0
 
 
+@pytest.mark.nightly
 @pytest.mark.mesher
 @pytest.mark.parametrize("name", ["table1", "table2"])
 def test_loops_with_the_paper_s_rule_choose_the_same_centres(results, name):
@@ -156,6 +158,7 @@ def test_loops_with_the_paper_s_rule_choose_the_same_centres(results, name):
             assert row.centers == sum(row.setting.initial) + row.iterations
 
 
+@pytest.mark.nightly
 @pytest.mark.mesher
 def test_the_cost_of_mv_is_judged_for_every_loop(results):
     """Which loops hold it depends on the machine's load; that each is judged from its own times does not."""
@@ -164,6 +167,7 @@ def test_the_cost_of_mv_is_judged_for_every_loop(results):
     assert all(finding.evidence for finding in found.values())
 
 
+@pytest.mark.nightly
 @pytest.mark.mesher
 def test_files_of_a_study(results, tmp_path):
     for name, result in results.items():

@@ -23,6 +23,7 @@ def areas(mesh):
     return {name: np.linalg.norm(area_vectors(mesh.points, own), axis=1).sum() for name, own in faces.items()}
 
 
+@pytest.mark.nightly
 def test_gmsh_meshes_the_step(model, tmp_path):
     model.write(tmp_path / "sdm.step")
     sdm_gmsh.build(tmp_path / "sdm.step", tmp_path / "sdm.su2", 0.03)
@@ -36,6 +37,7 @@ def test_gmsh_meshes_the_step(model, tmp_path):
         assert np.abs(np.array([points.min(0) - wanted.min(0), points.max(0) - wanted.max(0)])).max() < 0.01
 
 
+@pytest.mark.nightly
 def test_snappy_meshes_the_stl(model, tmp_path):
     model.write(tmp_path / "sdm.stl")
     case = tmp_path / "case"

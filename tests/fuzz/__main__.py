@@ -36,6 +36,7 @@ def main() -> int:
         "--minutes", type=float, default=1.0, help="how long; known inputs grow by those that reach new lines"
     )
     words.add_argument("--sample", action="store_true", help="instead: a few of each target, always the same ones")
+    words.add_argument("--known", action="store_true", help="instead: sound inputs, and those that once did harm")
     words.add_argument("--inputs", type=int, help="instead: so many of each target, always the same ones")
     words.add_argument("--jobs", type=int, default=2)
     words.add_argument("--target", action="append", help="only this one; repeat")
@@ -67,12 +68,12 @@ def main() -> int:
         measured.stop()
         measured.report(show_missing=True)
         return 0
-    timed = given.inputs is None and not given.sample
+    timed = given.inputs is None and not given.sample and not given.known
     watch = Watch(found, given.seed, timed, given.jobs)
     if timed:
         watch.for_minutes(given.minutes, given.keep)
     else:
-        watch.for_counts([given.inputs or one.target.sample for one in found])
+        watch.for_counts([len(one.known) if given.known else given.inputs or one.target.sample for one in found])
     save(found, given.keep)
     print_figures(found, given.json)
     return int(any(one.bad for one in found))

@@ -6,7 +6,7 @@ import pytest
 
 from tests.fuzz.disk import deflections, limited
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+pytestmark = [pytest.mark.nightly, pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")]
 
 
 def test_a_full_disk_keeps_the_old_files_and_is_one_line_that_names_the_target(tmp_path):

@@ -7,6 +7,8 @@ import pytest
 from tests.fuzz import kills
 from tests.fuzz.kills import SIGNALS, Scenario, kill
 
+pytestmark = pytest.mark.nightly
+
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory):

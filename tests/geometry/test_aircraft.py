@@ -161,7 +161,13 @@ VARIANTS = {
 }
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize(
+    "variant",
+    [
+        pytest.param(name, marks=() if name in ("two gaps", "two ribs, no gap", "fin") else pytest.mark.nightly)
+        for name in VARIANTS
+    ],
+)
 def test_other_geometries_build_and_can_be_meshed(variant):
     model = build(VARIANTS[variant])
     assert set(model.patches) == PATCHES

@@ -117,6 +117,7 @@ def test_donors_are_found_inside_and_nowhere_else(chimera_run):
     assert not has_donor(centroids + np.array([10.0, 0.0, 0.0]), run.mesh).any()
 
 
+@pytest.mark.nightly
 def test_an_aileron_with_two_gaps_slides_on_both_faces(turned):
     fighter = Fighter(aileron=Aileron(gap=0.00427, y_outboard=0.235))
     case = replace(case_named("aileron-chimera"), fighter=fighter, angle=-20.0)
@@ -130,6 +131,7 @@ def test_an_aileron_with_two_gaps_slides_on_both_faces(turned):
         assert np.abs(deflected.points[face, 2] - mesh.points[face, 2]).max() > 5e-4
 
 
+@pytest.mark.nightly
 def test_the_background_of_a_finished_run_is_judged_as_well(chimera_run, tmp_path):
     run, folder = chimera_run
     models = undeflected_models(run.case)

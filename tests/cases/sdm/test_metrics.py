@@ -111,7 +111,7 @@ def test_common_centres_are_told_three_times(aileron_mv_run):
 
 def test_several_surfaces_are_named_in_their_checks(finish):
     case = case_named("all")
-    _, folder = finish(case, report=False)
+    _, folder = finish(case, "all")
     figures = read(folder)
     expected = {
         f"{name}:{one.surface}"
@@ -124,7 +124,7 @@ def test_several_surfaces_are_named_in_their_checks(finish):
 
 def test_without_a_report_everything_else_is_there(aileron_run, finish):
     _, whole = aileron_run
-    _, folder = finish(case_named("aileron"), report=False)
+    _, folder = finish(case_named("aileron"), "aileron-bare")
     with_report, without = read(whole), read(folder)
     assert with_report["timings"].keys() - without["timings"].keys() == {"pictures", "report"}
     assert without.keys() == with_report.keys()

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.mesher
 @pytest.fixture(scope="module")
 def finished(finish):
     """A tail whose worst cells are repaired, and its folder."""
-    return finish(replace(case_named("tail"), angle=18.0, repair="auto"), report=False)
+    return finish(replace(case_named("tail"), angle=18.0, repair="auto"), "tail+18")
 
 
 @pytest.fixture(scope="module")

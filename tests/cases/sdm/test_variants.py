@@ -7,7 +7,7 @@ import pytest
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.geometry.parameters import Aileron, Fighter, Fin, Tail, Wing
 
-pytestmark = [pytest.mark.mesher, pytest.mark.nightly]
+pytestmark = pytest.mark.nightly
 
 AIRCRAFT = {
     "longer wing": ("all", 9.0, Fighter(wing=Wing(half_span=0.34))),

@@ -52,6 +52,7 @@ def test_the_report_tells_how_it_went(made: Generated) -> None:
     assert report.peak_bytes > 1e7
 
 
+@pytest.mark.nightly
 def test_the_flow_inside_a_chamber_has_no_far_field(chamber: CadModel, coarse: MeshParameters) -> None:
     stages: list[tuple[str, float]] = []
     mesh = generate(chamber, coarse, lambda stage, done: stages.append((stage, done))).mesh
@@ -67,6 +68,7 @@ def test_the_flow_inside_a_chamber_has_no_far_field(chamber: CadModel, coarse: M
     assert math.isnan(stages[1][1])
 
 
+@pytest.mark.nightly
 def test_a_mesh_that_fails_is_never_returned(
     body: CadModel, monkeypatch: pytest.MonkeyPatch, coarse: MeshParameters
 ) -> None:
@@ -88,6 +90,7 @@ def test_a_mesh_that_fails_is_never_returned(
     assert aims[1] > aims[0]
 
 
+@pytest.mark.nightly
 def test_refinements_halve_the_edges_and_stay_on_the_cad(body: CadModel, coarse: MeshParameters) -> None:
     once = generate(body, replace(coarse, refinements=1))
     assert len(once.mesh.tets) % 8 == 0

@@ -1,0 +1,142 @@
+"""Thirty faults of one line, planted one after another in a copy of the program: the tests of unit and contract fail.
+
+python -m tests.faults [NUMBER ...]
+
+plants all, or those of some numbers, and prints a table of what caught each; it ends with 1 if a fault was not caught,
+or if its line is no longer there. The kinds are those that reviews found: a wrong sign, one off, a wrong limit, a
+missing check, nodes in another order, a name that is lost, a file that is not brought to the disk.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PRODUCT = ("deform", "meshing", "geometry", "cases")
+NOT_COPIED = shutil.ignore_patterns(".git", "_build", "__pycache__", ".*_cache", ".venv")
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One line of the product, what is put in its place, and the tests that should fail then.
+
+    Attributes
+    ----------
+    kind : of fault.
+    old, new : text within one line of one file.
+    tests : files or single tests, as pytest takes them.
+    """
+
+    kind: str
+    old: str
+    new: str
+    tests: str
+
+    def file(self, root: Path) -> Path:
+        """Return the only file with the line; ValueError if there is none, or several."""
+        files = [path for name in PRODUCT for path in (root / name).rglob("*.py") if self.old in path.read_text()]
+        if len(files) != 1 or files[0].read_text().count(self.old) != 1:
+            raise ValueError(f"{self.old!r} is in {len(files)} files; it must be in one, once")
+        return files[0]
+
+
+FAULTS = (
+    Fault("a rotation of the other sign", "[[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]",
+          "[[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]", "tests/deform/surface"),
+    Fault("a coefficient of a series", "0.6666666666655285", "0.6666666676655285", "tests/deform/rbf/test_kernels.py"),
+    Fault("the adaptation ends too soon", "if last.max_residual < options.tol_stop:",
+          "if last.max_residual < 10.0 * options.tol_stop:", "tests/deform/rbf/test_greedy.py"),
+    Fault("the mean is not within what nodes may do", 'mean = np.einsum("gij,gj->gi", self.free, mean)',
+          "mean = np.asarray(mean)", "tests/deform/volume/test_images.py"),
+    Fault("layers may change by a tenth", "LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1",
+          "LAYER_CHANGE, THICK_CHANGE = 0.1, 0.1",
+          "tests/deform/test_checks.py tests/cases/test_judged_as_written.py"),
+    Fault("sliding nodes may leave their shape", "ON_SHAPE = 1e-9", "ON_SHAPE = 1e-3",
+          "tests/deform/test_checks.py tests/deform/volume/test_sliding.py"),
+    Fault("fixed nodes are not looked at", '_unmoved("fixed_surfaces_moved", moved[fixed]',
+          '_unmoved("fixed_surfaces_moved", moved[fixed[:0]]', "tests/deform/test_checks.py"),
+    Fault("cells that were inverted before count as well",
+          "bad = inverted_of(deflection.points, block, rows, sign) & ~inverted_of(mesh.points, block, rows, sign)",
+          "bad = inverted_of(deflection.points, block, rows, sign)", "tests/deform/test_inverted_before.py"),
+    Fault("surfaces that crossed before are forgotten", "new = skin.new(now, skin.intersecting(mesh.points))",
+          "new = now", "tests/deform/test_crossing.py"),
+    Fault("flat cells are not inverted", "lambda p: _determinants(shape, p, orientation))[0] <= 0.0)",
+          "lambda p: _determinants(shape, p, orientation))[0] < 0.0)", "tests/deform/test_quality.py"),
+    Fault("a node is carried by another one", "return cls(rows, node, points[rows] - boundary[node])",
+          "return cls(rows, node, boundary[node] - points[rows])", "tests/deform/volume/test_near_wall.py"),
+    Fault("nodes of a pyramid in another order", '"pyramid": (1, 0, 3, 4, 2)', '"pyramid": (0, 1, 3, 4, 2)',
+          "tests/meshing/formats/test_ugrid.py"),
+    Fault("node numbers from 0", "blocks[faces.shape].append(faces.nodes + 1)",
+          "blocks[faces.shape].append(faces.nodes)", "tests/meshing/formats/test_ugrid.py"),
+    Fault("a file of names loses its names", "return {int(row[0]): row[2] for row in rows if len(row) > 2}",
+          "return {int(row[0]): row[2] for row in rows if len(row) > 3}", "tests/meshing/formats/test_ugrid.py"),
+    Fault("a name is cut", "MARKER_TAG= {names[patch.name]}", "MARKER_TAG= {names[patch.name][:4]}",
+          "tests/meshing/formats/test_su2.py"),
+    Fault("the first face of a patch is one off", "startFace {patch.start};", "startFace {patch.start + 1};",
+          "tests/meshing/formats/test_openfoam.py"),
+    Fault("types of two shapes exchanged", '"wedge": 13, "pyramid": 14', '"wedge": 14, "pyramid": 13',
+          "tests/meshing/test_vtu.py tests/meshing/formats/test_vtu.py"),
+    Fault("prisms and pyramids exchanged", '"prisms": "wedge", "pyramids": "pyramid"',
+          '"prisms": "pyramid", "pyramids": "wedge"', "tests/meshing/formats/test_tau.py"),
+    Fault("a file is not brought to the disk", "os.fsync(handle)", "_ = handle", "tests/meshing/test_files.py"),
+    Fault("the mesh that is read may be written over",
+          "if source is not None and out.exists() and out.samefile(source):", "if source is None and out is None:",
+          "tests/meshing/formats/test_su2.py tests/cases/test_deflect_command.py tests/cases/test_mesh_files.py"),
+    Fault("a copy may be nearly what was judged", "same = points[:, :axes] == found[:, :axes]",
+          "same = np.isclose(points[:, :axes], found[:, :axes])", "tests/cases/test_judged_as_written.py"),
+    Fault("others may read a copy", "shared = path.stat().st_mode & 0o066", "shared = path.stat().st_mode | 0o066",
+          "tests/meshing/test_files.py tests/cases/test_strangers.py"),
+    Fault("the key of a mesh forgets its parameters", '"parameters": dict(parameters)',
+          '"parameters": sorted(parameters)', "tests/meshing/test_cache.py"),
+    Fault("any figure is near enough", "ROUNDING, SHARE = 1e-12, 1e-9", "ROUNDING, SHARE = 1e-12, 1.0",
+          "tests/cases/sdm/test_edits.py"),
+    Fault("a formula in a table", 'FORMULA = ("=", "+",', 'FORMULA = ("+",', "tests/cases/test_output.py"),
+    Fault("a failed verdict ends with 0", "return 0 if passed else FAILED", "return 0",
+          "tests/cases/test_deflect_command.py tests/cases/sdm/test_metrics.py"),
+    Fault("a moment of the other sign", "ROLL: -scale / setup.span * mx", "ROLL: scale / setup.span * mx",
+          "tests/cases/flow"),
+    Fault("lift along the wrong axis", "lift = np.array([-sin(a), 0.0, cos(a)])",
+          "lift = np.array([sin(a), 0.0, cos(a)])", "tests/cases/flow"),
+    Fault("a page of another site is answered", 'if (origin and origin != f"http://{request.host}") or not (',
+          "if not (", "tests/cases/view/test_page.py"),
+    Fault("times may stand still", "if (steps <= 0.0).any():", "if (steps < 0.0).any():",
+          "tests/cases/test_history.py"),
+)  # fmt: skip
+
+
+def caught(fault: Fault, root: Path) -> str:
+    """Plant a fault in a copy of the program, and return the first test that fails; nothing if none does."""
+    path = fault.file(root)
+    before = path.read_text()
+    path.write_text(before.replace(fault.old, fault.new))
+    words = ["-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header", *fault.tests.split()]
+    environment = os.environ | {"PYTHONPATH": str(root), "PYTHONDONTWRITEBYTECODE": "1"}
+    try:
+        done = subprocess.run([sys.executable, *words], cwd=root, env=environment, capture_output=True, text=True)
+    finally:
+        path.write_text(before)
+    named = [line.split()[1] for line in done.stdout.splitlines() if line.startswith(("FAILED ", "ERROR "))]
+    return named[0] if named else ""
+
+
+def main(numbers: Sequence[int]) -> int:
+    """Plant faults, print what caught each, and return the exit code."""
+    missed = 0
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(shutil.copytree(ROOT, Path(folder) / "program", symlinks=True, ignore=NOT_COPIED))
+        for number in numbers or range(1, len(FAULTS) + 1):
+            fault = FAULTS[number - 1]
+            test = caught(fault, root)
+            missed += not test
+            sys.stdout.write(f"| {number} | {fault.kind} | {test or '**nothing**'} |\n")
+            sys.stdout.flush()
+    return int(missed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main([int(word) for word in sys.argv[1:]]))
