@@ -26,7 +26,7 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
 INSTALL = f"on Debian or Ubuntu: apt-get install -y --no-install-recommends {PACKAGES}"
-COMPILED = ("cadquery", "gmsh", "pytetwild", "pyvista", "numba")
+COMPILED = ("cadquery", "gmsh", "pymeshlab", "pytetwild", "pyvista", "numba")
 """Libraries with compiled parts that need others of the system, by the names under which they are imported."""
 SECONDS = 120.0
 """An import that takes longer has failed."""
