@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sdm_deflect.cases.deflect_file import Judged, Outcome, figures, judged, planned
 from sdm_deflect.cases.job_settings import MOST_ANGLES, settings_of
+from sdm_deflect.cases.keywords import Options
 from sdm_deflect.cases.mesh_files import Targets, write_mesh
 from sdm_deflect.cases.metrics import Json
 from sdm_deflect.cases.output import OutputError, output_files
@@ -142,7 +143,7 @@ def deflect_history(
     out: str | PathLike[str] | None = None,
     *,
     progress: Progress = silent,
-    **options: Any,
+    **options: Unpack[Options],
 ) -> InTime:
     """Deflect a mesh file to the angle of each time, and write an OpenFOAM case with points and face sweeps.
 

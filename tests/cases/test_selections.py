@@ -10,9 +10,9 @@ import pytest
 import sdm_deflect
 from sdm_deflect.cases import cli
 from sdm_deflect.cases.inspection import inspect, inspected
-from sdm_deflect.cases.job_settings import job_settings
+from sdm_deflect.cases.job_settings import job_settings, selections_of
 from sdm_deflect.cases.report.folder import read_folder
-from sdm_deflect.cases.selections import selection, selections_of
+from sdm_deflect.cases.selections import selection
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.mesh import Cells, Mesh, Patch
