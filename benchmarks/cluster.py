@@ -23,8 +23,8 @@ import numpy as np
 
 from benchmarks.large_block import write_block
 from benchmarks.measure import side_by_side
-from sdm_deflect.cases.cluster import Wanted, workers
-from sdm_deflect.cases.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.cluster import Wanted, workers
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.volume.step import evaluated

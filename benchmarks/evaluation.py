@@ -11,9 +11,9 @@ from benchmarks.peers import Sum, UnavailableError, available
 from benchmarks.results import Result
 from benchmarks.roofline import PER_PAIR, multiply_adds
 from benchmarks.workloads import points_around, tail
+from sdm_deflect.deform.base.threads import available_threads
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.threads import available_threads
 
 CENTERS, INSIDE, WHOLE = 2_200, 80_261, 623_387
 SITES = 25_896

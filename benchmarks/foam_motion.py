@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measure import FloatArray, processor_seconds
-from sdm_deflect.deform.mesh import IntArray, Mesh
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
 from sdm_deflect.meshing.formats.openfoam_write import header, kind_of
 from tests.cases import foam

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
+from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.flow.frozen import hinge_moment, hinge_moment_rate
-from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.sdm.job import deflected, plans_of
-from sdm_deflect.cases.sdm.registry import resolve
-from sdm_deflect.cases.study.flow.members import DEFLECTED, Member, study_of, undeflected_mesh
-from sdm_deflect.cases.study.flow.pictures import Skin
-from sdm_deflect.cases.study.flow.solve import FOLDER, SETTINGS
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.geometry.reference_values import surface_reference
+from studies.flow.members import DEFLECTED, Member, study_of, undeflected_mesh
+from studies.flow.pictures import Skin
+from studies.flow.solve import FOLDER, SETTINGS
 
 STEP = 0.01
 """Degrees to either side."""

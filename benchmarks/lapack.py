@@ -8,8 +8,8 @@ from scipy.linalg.lapack import dgesv
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
 from benchmarks.measure import FloatArray, side_by_side, warm
+from sdm_deflect.deform.base.threads import available_threads
 from sdm_deflect.deform.rbf.interpolant import Solve, direct
-from sdm_deflect.deform.rbf.threads import available_threads
 
 ROUNDS = 5
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.registry import FORMATS
-from sdm_deflect.meshing.mesh import IntArray
 
 SUFFIXES = {"su2": ".su2", "cgns": ".cgns", "ugrid": ".b8.ugrid"}
 

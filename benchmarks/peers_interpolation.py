@@ -59,9 +59,9 @@ def ours(sites: FloatArray, values: FloatArray) -> Evaluated:
 
 def greedy(sites: FloatArray, values: FloatArray) -> Evaluated:
     """Choose centres greedily, common ones for all directions, to the paper's tolerance."""
+    from sdm_deflect.deform.base.points import farthest
     from sdm_deflect.deform.rbf.greedy import adapt
     from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-    from sdm_deflect.deform.rbf.points import farthest
     from sdm_deflect.deform.rbf.selection import GreedyOptions
     from sdm_deflect.deform.rbf.sites import DataSites
 

@@ -21,8 +21,8 @@ from benchmarks.measure import FloatArray, processor_seconds
 from benchmarks.repair_peers import HEAD, Outcome, Task, judge, row
 from benchmarks.results import machine
 from sdm_deflect.cases.api import deflect
-from sdm_deflect.deform.fitting import RepairMode
-from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.rbf.fitting import RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.meshing.formats.registry import read
 

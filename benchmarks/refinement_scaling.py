@@ -20,14 +20,14 @@ import numpy as np
 
 from benchmarks.measure import exponent
 from benchmarks.results import machine
-from sdm_deflect.cases.sdm.case import Case
-from sdm_deflect.cases.sdm.job import deflected, plans_of
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.geometry.aircraft import build
-from sdm_deflect.meshing.child import peak_bytes
+from sdm_deflect.meshing.files.child import peak_bytes
 from sdm_deflect.meshing.generate.generation import generate
 from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 from sdm_deflect.meshing.generate.refine import refined

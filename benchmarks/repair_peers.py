@@ -25,20 +25,21 @@ import numpy as np
 from benchmarks.foam_motion import LAPLACIAN, SBR, GivenBoundary, Motion
 from benchmarks.measure import FloatArray, processor_seconds
 from benchmarks.results import machine
+from sdm_deflect.cases.aircraft.job import BLOCK, deflected, plans_of
+from sdm_deflect.cases.aircraft.pipeline import meshed
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.api import deflect
-from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.sdm.job import BLOCK, deflected, plans_of
-from sdm_deflect.cases.sdm.pipeline import meshed
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.deform.edges import area_vectors, polygons_of
-from sdm_deflect.deform.fitting import RepairMode
-from sdm_deflect.deform.mesh import Cells, IntArray, Mesh, Patch
-from sdm_deflect.deform.parts import taken
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.sliding import Plane
+from sdm_deflect.deform.mesh.touched import TouchedCells
+from sdm_deflect.deform.rbf.fitting import RepairMode
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
-from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.deform.volume.sliding import Plane
 from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.openfoam import OpenFoam

@@ -20,13 +20,14 @@ from statistics import median
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.sdm.case import Case
-from sdm_deflect.cases.sdm.job import plans_of
-from sdm_deflect.cases.sdm.pipeline import meshed
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.deform.cache_folder import FOLDER_VARIABLE
-from sdm_deflect.deform.mesh import Cells, FloatArray, Mesh
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.job import plans_of
+from sdm_deflect.cases.aircraft.pipeline import meshed
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.geometry.datum import hinged
 

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
-from sdm_deflect.cases.job_settings import FLAT, IN_PYTHON, angles_of, settings_of, tables_of
 from sdm_deflect.cases.keywords import Options
+from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON, angles_of, settings_of, tables_of
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
-from sdm_deflect.deform.errors import InputError, shortened
-from sdm_deflect.deform.mesh import FloatArray, Mesh
-from sdm_deflect.deform.pieces import Threads
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import Threads
+from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.schema import described
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
@@ -25,13 +26,13 @@ from sdm_deflect.deform.volume.deflection import sweep as swept
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.meshing import adapters
+from sdm_deflect.meshing.formats import adapters
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sdm_deflect.cases.mesh_files import Targets
+    from sdm_deflect.cases.run.mesh_files import Targets
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -158,8 +159,8 @@ class Result:
         has no far field, or a value is out of its range.
         """
         from sdm_deflect.cases.flow.flow_case import FlowCase
-        from sdm_deflect.cases.mesh_files import Targets
-        from sdm_deflect.meshing.files import permitted_as
+        from sdm_deflect.cases.run.mesh_files import Targets
+        from sdm_deflect.meshing.files.staged import permitted_as
 
         mesh, out = self.plan.mesh, _path(path)
         flow = FlowCase.of(to_solver, mach, alpha, far_field)
@@ -181,7 +182,7 @@ class Result:
 
         Raises InputError if the format is unknown, or the coordinates are beyond its numbers.
         """
-        from sdm_deflect.cases.mesh_files import precision_of
+        from sdm_deflect.cases.run.mesh_files import precision_of
 
         mesh = self.plan.mesh
         with _about_files():
@@ -193,8 +194,8 @@ class Result:
 
     def _save(self, wanted: "Targets") -> tuple[str, ...]:
         """Write the mesh, or a case, and put it in place once it reads back as it was judged."""
-        from sdm_deflect.cases.deflect_file import write_angle
-        from sdm_deflect.cases.output import OutputError, output_files
+        from sdm_deflect.cases.run.deflect_file import write_angle
+        from sdm_deflect.cases.run.output import OutputError, output_files
 
         try:
             with output_files(wanted.out.parent) as scratch:
@@ -217,9 +218,9 @@ class Result:
 
         Raises InputError if the folder cannot be written, or holds other files than those of a report.
         """
-        from sdm_deflect.cases.output import OutputError, output_folder
         from sdm_deflect.cases.report.folder import write_run_folder
-        from sdm_deflect.meshing.files import permitted_as
+        from sdm_deflect.cases.run.output import OutputError, output_folder
+        from sdm_deflect.meshing.files.staged import permitted_as
 
         place = _path(folder)
         try:

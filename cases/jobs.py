@@ -5,14 +5,20 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.job_settings import Corner, JobSettings, PeriodicSettings, SectionSettings, SurfaceSettings
-from sdm_deflect.cases.selections import selection
-from sdm_deflect.cases.settings import read_toml, structured
-from sdm_deflect.deform.errors import InputError, shortened
-from sdm_deflect.deform.fitting import JobOptions
+from sdm_deflect.cases.settings.conversion import read_toml, structured
+from sdm_deflect.cases.settings.job_settings import (
+    Corner,
+    JobSettings,
+    PeriodicSettings,
+    SectionSettings,
+    SurfaceSettings,
+)
+from sdm_deflect.cases.settings.selections import selection
+from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.pairing import PeriodicPatches
-from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.pairing import PeriodicPatches
+from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
@@ -59,7 +65,7 @@ def _of_cpacs(surface: SurfaceSettings) -> SurfaceSettings:
         raise InputError("cpacs and device go together: a CPACS file, and the uID of a trailing edge device in it")
     if surface.hinge:
         raise InputError(f"hinge = {surface.hinge}: that of the device is taken; leave out hinge or cpacs")
-    from sdm_deflect.cases.cpacs import hinge_and_angle
+    from sdm_deflect.cases.settings.cpacs import hinge_and_angle
 
     angle = surface.angle if surface.table is None else 0.0
     hinge, angle = hinge_and_angle(Path(surface.cpacs), surface.device, angle)

@@ -6,15 +6,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sdm_deflect.deform import polyhedra
-from sdm_deflect.deform.crossing import Crossings
-from sdm_deflect.deform.edges import edges_of, polygons_of
-from sdm_deflect.deform.faces import faces_of
-from sdm_deflect.deform.images import is_thin, plane_of
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra
-from sdm_deflect.deform.precision import EVERY_BIT
-from sdm_deflect.deform.quality import POLYHEDRON, inverted_of
-from sdm_deflect.deform.touched import Layers, first_layer
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh import polyhedra
+from sdm_deflect.deform.mesh.crossing import Crossings
+from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
+from sdm_deflect.deform.mesh.faces import faces_of
+from sdm_deflect.deform.mesh.images import is_thin, plane_of
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
+from sdm_deflect.deform.mesh.precision import EVERY_BIT
+from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of
+from sdm_deflect.deform.mesh.touched import Layers, first_layer
 from sdm_deflect.deform.volume.deflection import Deflection
 
 LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1  # of the first layer's height; of thick layers of polyhedra

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import bounded
-from sdm_deflect.deform.rbf.compiled import compiled
-from sdm_deflect.deform.rbf.kernels import FloatArray
-from sdm_deflect.deform.rbf.points import first_coincident
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.compiled import compiled
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.points import first_coincident
+from sdm_deflect.deform.base.threads import in_chunks
+from sdm_deflect.deform.mesh.mesh import bounded
 from sdm_deflect.deform.rbf.sums import check_points
-from sdm_deflect.deform.rbf.threads import in_chunks
 
 CLEARANCE = 0.5  # of the spacing: inner points nearer than this to an edge are left out
 

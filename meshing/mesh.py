@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.sets import distinct
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 
 VOLUME = "volume"
 FREE_FORM = 1e-5

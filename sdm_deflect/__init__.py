@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.api import Result, deflect, plan, read, sweep
+    from sdm_deflect.deform.base.errors import InputError
     from sdm_deflect.deform.checks import Check
-    from sdm_deflect.deform.errors import InputError
     from sdm_deflect.deform.hexahedron import Hexahedron
-    from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-    from sdm_deflect.deform.quality import Quality
+    from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+    from sdm_deflect.deform.mesh.quality import Quality
     from sdm_deflect.deform.surface.blended import Blended
     from sdm_deflect.deform.surface.motions import Rotation, Table
     from sdm_deflect.deform.surface.surface import Listed, OnPatches, TrailingEdge

@@ -7,11 +7,11 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 
-from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.sdm.case import Case
-from sdm_deflect.cases.sdm.pipeline import meshed
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.deform.cache_folder import CODE_VARIABLE, FOLDER_VARIABLE, code_folder
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.pipeline import meshed
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.deform.base.cache_folder import CODE_VARIABLE, FOLDER_VARIABLE, code_folder
 from tests import kept_meshes
 from tests.deform.blocks import annulus_with_fin, block_with_body
 from tests.meshing.formats.wing import FLAP, wing

@@ -10,7 +10,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from sdm_deflect.cases.cli.options import settings_options
-from sdm_deflect.cases.job_settings import FLAT, IN_PYTHON
+from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON
 from sdm_deflect.deform.schema import GROUPS, Range, Setting, choices_of
 
 ROOT = Path(__file__).parents[1]

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.sdm.pipeline import mesh_parameters
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.meshing.cache import RECIPE, MeshCache, cache_key
+from sdm_deflect.cases.aircraft.pipeline import mesh_parameters
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.meshing.files.cache import RECIPE, MeshCache, cache_key
 from sdm_deflect.meshing.mesh import TetMesh
 
 FOLDER = Path(__file__).parent / "kept"

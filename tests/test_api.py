@@ -16,8 +16,8 @@ import pytest
 from nbclient import NotebookClient
 
 import sdm_deflect as sd
-from sdm_deflect.cases.job_settings import FLAT, IN_PYTHON
-from sdm_deflect.meshing.adapters import to_meshio, to_pyvista
+from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON
+from sdm_deflect.meshing.formats.adapters import to_meshio, to_pyvista
 from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.blocks import block_with_body, two_bodies
 

@@ -23,19 +23,19 @@ GENERAL = "what serves any mesh knows no case of the aircraft"
 CADQUERY = "only geometry knows CadQuery"
 PLANTED = [
     (NUMERICS, "deform/volume/step.py", "sdm_deflect.meshing.mesh"),
-    (NUMERICS, "deform/edges.py", "sdm_deflect.geometry.datum"),
-    (NUMERICS, "deform/checks.py", "sdm_deflect.cases.metrics"),
-    (NUMERICS, "deform/mesh.py", "meshio"),
-    (NUMERICS, "deform/quality.py", "vtkmodules.vtkFiltersVerdict"),
+    (NUMERICS, "deform/mesh/edges.py", "sdm_deflect.geometry.datum"),
+    (NUMERICS, "deform/checks.py", "sdm_deflect.cases.run.metrics"),
+    (NUMERICS, "deform/mesh/mesh.py", "meshio"),
+    (NUMERICS, "deform/mesh/quality.py", "vtkmodules.vtkFiltersVerdict"),
     (ONE_WAY, "geometry/datum.py", "sdm_deflect.meshing.mesh"),
-    (ONE_WAY, "meshing/adapters.py", "sdm_deflect.cases.errors"),
-    (ENGINE, "deform/rbf/greedy.py", "sdm_deflect.deform.surface.axis"),
-    (ENGINE, "deform/surface/axis.py", "sdm_deflect.deform.volume.job"),
+    (ONE_WAY, "meshing/formats/adapters.py", "sdm_deflect.cases.errors"),
+    (ENGINE, "deform/rbf/greedy.py", "sdm_deflect.deform.mesh.axis"),
+    (ENGINE, "deform/mesh/axis.py", "sdm_deflect.deform.volume.job"),
     (ENGINE, "deform/volume/step.py", "sdm_deflect.deform.checks"),
-    (GENERAL, "cases/api.py", "sdm_deflect.cases.sdm.case"),
+    (GENERAL, "cases/api.py", "sdm_deflect.cases.aircraft.case"),
     (GENERAL, "cases/report/page.py", "sdm_deflect.geometry.datum"),
     (GENERAL, "meshing/formats/su2.py", "sdm_deflect.meshing.generate.parameters"),
-    (CADQUERY, "cases/sdm/cad.py", "cadquery"),
+    (CADQUERY, "cases/aircraft/cad.py", "cadquery"),
     (CADQUERY, "meshing/generate/surface.py", "OCP.gp"),
 ]
 """Contract, a file, and what it may not import."""

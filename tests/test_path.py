@@ -6,8 +6,8 @@ from traceback import extract_stack
 import pytest
 from click.testing import CliRunner
 
+from sdm_deflect.cases.aircraft.metrics import MeshOrigin
 from sdm_deflect.cases.cli import cli
-from sdm_deflect.cases.sdm.metrics import MeshOrigin
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.frozen.test_frozen import frozen_tets
 
@@ -47,7 +47,7 @@ def arrive(monkeypatch):
 
 
 def test_sdm_run(arrive, monkeypatch, tmp_path):
-    from sdm_deflect.cases.sdm import pipeline
+    from sdm_deflect.cases.aircraft import pipeline
 
     monkeypatch.setattr(pipeline, "meshed", lambda *_: (frozen_tets("aircraft"), MeshOrigin(0.0, 1, 0.0)))
     files = arrive(["run", "aileron", "--angle", "-12", "--no-report", "-q", "--out", str(tmp_path / "run")])

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.api import deflect, read
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 
 ROOT = Path(__file__).parents[1]
-OWN_PICKLES = {"cases/cluster.py", "cases/report/offscreen.py", "cases/sdm/reference.py"}
+OWN_PICKLES = {"cases/run/cluster.py", "cases/report/offscreen.py", "cases/aircraft/reference.py"}
 """Modules that hand values to processes of the same command, or to the user's workers."""
 
 

@@ -36,8 +36,8 @@ for command in (list_cases, run, deflect, validate, report, compare, view, expor
 @options.json_option
 def cache(clear: bool, as_json: bool) -> None:
     """Show where meshes and compiled code are cached and how much they take."""
-    from sdm_deflect.deform.cache_folder import default_folder
-    from sdm_deflect.meshing.cache import MeshCache, clear_code, code_bytes
+    from sdm_deflect.deform.base.cache_folder import default_folder
+    from sdm_deflect.meshing.files.cache import MeshCache, clear_code, code_bytes
 
     store = MeshCache(default_folder())
     freed = store.clear() + clear_code() if clear else 0
@@ -57,8 +57,8 @@ def cache(clear: bool, as_json: bool) -> None:
 @options.progress_options
 def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
     """Check libraries, graphics, threads, cache, disk and memory, and say what to install."""
-    from sdm_deflect.cases.console import findings
-    from sdm_deflect.cases.doctor import examined
+    from sdm_deflect.cases.cli.console import findings
+    from sdm_deflect.cases.cli.doctor import examined
 
     with options.watched(quiet, verbose) as watch, watch.stage("doctor") as progress:
         found = list(examined(progress))
@@ -80,7 +80,7 @@ def main() -> NoReturn:
         raise abort.__cause__ or abort from None
     except (ValueError, RuntimeError) as error:
         from sdm_deflect.cases.errors import is_reported
-        from sdm_deflect.deform.errors import LostError
+        from sdm_deflect.deform.base.errors import LostError
 
         if not is_reported(error):
             raise
@@ -126,7 +126,7 @@ def _drop(out: TextIO | None) -> None:
 
 
 def _complain(message: str) -> int:
-    from sdm_deflect.deform.errors import printable
+    from sdm_deflect.deform.base.errors import printable
 
     click.echo("sdm: " + printable(" ".join(message.split())), err=True)
     return options.UNUSABLE

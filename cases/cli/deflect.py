@@ -8,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from sdm_deflect.cases.cli import options
-from sdm_deflect.cases.job_settings import (
+from sdm_deflect.cases.settings.job_settings import (
     FLAT,
     JobSettings,
     angles_of,
@@ -17,15 +17,15 @@ from sdm_deflect.cases.job_settings import (
     selections_of,
     with_options,
 )
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.deflect_file import Outcome
     from sdm_deflect.cases.flow.flow_case import FlowCase
-    from sdm_deflect.cases.history import History
-    from sdm_deflect.cases.mesh_files import Targets
-    from sdm_deflect.cases.progress import Stopwatch
-    from sdm_deflect.deform.pieces import Runner
+    from sdm_deflect.cases.run.deflect_file import Outcome
+    from sdm_deflect.cases.run.history import History
+    from sdm_deflect.cases.run.mesh_files import Targets
+    from sdm_deflect.cases.run.progress import Stopwatch
+    from sdm_deflect.deform.mesh.pieces import Runner
     from sdm_deflect.deform.volume.deflection import Plan
 
 CASE = ("to_solver", "mach", "alpha", "far_field")
@@ -60,9 +60,9 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
-    from sdm_deflect.cases.cluster import Wanted, workers
-    from sdm_deflect.cases.deflect_file import planned
-    from sdm_deflect.cases.mesh_files import Targets
+    from sdm_deflect.cases.run.cluster import Wanted, workers
+    from sdm_deflect.cases.run.deflect_file import planned
+    from sdm_deflect.cases.run.mesh_files import Targets
 
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
     helpers, flow = Wanted(*(given.pop(name) for name in HELPERS)), _flow([given.pop(name) for name in CASE])
@@ -73,7 +73,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     job = settings.job()
     angles = many or (job.angle,)
     if history:
-        from sdm_deflect.cases.history import target_of
+        from sdm_deflect.cases.run.history import target_of
 
         wanted = target_of(mesh, out, history)
     else:
@@ -98,7 +98,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
 @options.json_option
 def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
     """Print points, cells, patches with their connected components, quality and inverted cells of a mesh file."""
-    from sdm_deflect.cases.inspection import inspect, inspected
+    from sdm_deflect.cases.run.inspection import inspect, inspected
 
     if as_json:
         options.print_json(inspected(mesh, selections_of(select)))
@@ -110,7 +110,7 @@ def _several(path: Path | None, text: str | None) -> tuple[list[Path], "History 
     """Return the file of a history, the history, and the angles to deflect to; none for that of the job alone."""
     if path is None:
         return [], None, angles_of(text) if text else ()
-    from sdm_deflect.cases.history import History
+    from sdm_deflect.cases.run.history import History
 
     _check_alone()
     history = History.read(path)
@@ -121,13 +121,13 @@ def _deflected(
     wanted: "Targets", settings: JobSettings, history: "History | None", watch: "Stopwatch", runner: "Runner"
 ) -> tuple["Outcome", tuple[Any, ...]]:
     """Deflect to all angles, or to those of a history; return what was done, and what is shown of it."""
-    from sdm_deflect.cases.console import result_table
-    from sdm_deflect.cases.deflect_file import deflect_file, figures
+    from sdm_deflect.cases.cli.console import result_table
+    from sdm_deflect.cases.run.deflect_file import deflect_file, figures
 
     if history is None:
         done = deflect_file(wanted, settings.job(), watch, settings.min_quality, runner)
         return done, (figures(done, watch), result_table(done))
-    from sdm_deflect.cases.history import deflect_in_time
+    from sdm_deflect.cases.run.history import deflect_in_time
 
     moved = deflect_in_time(wanted, settings.job(), history, watch, settings.min_quality)
     return moved.outcome, (moved.figures(watch), result_table(moved.outcome))
@@ -135,8 +135,8 @@ def _deflected(
 
 def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:
     """Print what would be done."""
-    from sdm_deflect.cases.console import plan_table
-    from sdm_deflect.cases.deflect_file import plan_figures
+    from sdm_deflect.cases.cli.console import plan_table
+    from sdm_deflect.cases.run.deflect_file import plan_figures
 
     flow, meshes = wanted.flow, map(wanted.mesh, wanted.angles)
     names = [str(path) for path in (*meshes, *wanted.configurations, *wanted.extra, *wanted.reports)]
@@ -168,7 +168,7 @@ def _check_alone() -> None:
 
 def _settings(given: dict[str, Any]) -> tuple[JobSettings, tuple[Path, ...]]:
     """Return the settings of a configuration file with options in their place, and the files that they name."""
-    from sdm_deflect.cases.mesh_files import inputs_of
+    from sdm_deflect.cases.run.mesh_files import inputs_of
 
     config, assignments = given.pop("config"), given.pop("assignments")
     nested = with_options(read_job(config) if config else {}, given, assignments)

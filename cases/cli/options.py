@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 import click
 from click.shell_completion import CompletionItem
 
-from sdm_deflect.cases.job_settings import FLAT
+from sdm_deflect.cases.settings.job_settings import FLAT
 from sdm_deflect.deform.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.progress import Stopwatch
+    from sdm_deflect.cases.run.progress import Stopwatch
 
 OUTPUT, CLUSTER = "Output", "Cluster"
 FAILED, UNUSABLE, PIPE_CLOSED = 1, 2, 141
@@ -35,7 +35,7 @@ class CaseName(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         """Return the cases whose names begin so, with their titles."""
-        from sdm_deflect.cases.sdm.registry import CASES
+        from sdm_deflect.cases.aircraft.registry import CASES
 
         return [CompletionItem(name, help=case.title) for name, case in CASES.items() if name.startswith(incomplete)]
 
@@ -135,7 +135,7 @@ def progress_options(command: Command) -> Command:
 @contextmanager
 def watched(quiet: bool = False, verbose: bool = False) -> Iterator["Stopwatch"]:
     """Show stages on the standard error output."""
-    from sdm_deflect.cases.progress import Stopwatch, shown
+    from sdm_deflect.cases.run.progress import Stopwatch, shown
 
     with shown(quiet=quiet, verbose=verbose) as display:
         yield Stopwatch(display)
@@ -148,7 +148,7 @@ def print_json(value: Any) -> None:
 
 def print_tables(*tables: Any) -> None:
     """Print tables for a reader, and texts as they are, one below the other."""
-    from sdm_deflect.cases.console import console, plain
+    from sdm_deflect.cases.cli.console import console, plain
 
     out = console()
     for table in tables:

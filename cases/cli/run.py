@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sdm_deflect.cases.cli import options
-from sdm_deflect.cases.job_settings import FLAT
+from sdm_deflect.cases.settings.job_settings import FLAT
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.progress import Stopwatch
+    from sdm_deflect.cases.run.progress import Stopwatch
 
 TABLES = ("table1", "table2", "table3", "table4")
 PAGE, REASONS, FLOW, DONORS = "page", "reasons", "flow", "donors"
@@ -23,7 +23,7 @@ OWN = {"again": (PAGE,), **dict.fromkeys(("case", "angles", "assignments"), (FLO
 @options.json_option
 def list_cases(as_json: bool) -> None:
     """List the cases with their default angle."""
-    from sdm_deflect.cases.sdm.registry import CASES
+    from sdm_deflect.cases.aircraft.registry import CASES
 
     if as_json:
         options.print_json([{"name": one.name, "angle_deg": one.angle, "title": one.title} for one in CASES.values()])
@@ -47,14 +47,14 @@ def run(
     case: str, out: Path | None, cache: bool, report: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any
 ) -> int:
     """Run a case: geometry, mesh, deformation, validation, report."""
-    from sdm_deflect.cases.sdm.registry import resolve
+    from sdm_deflect.cases.aircraft.registry import resolve
 
     resolved = resolve(case, **given)
 
-    from sdm_deflect.cases.console import outcome, verdict
-    from sdm_deflect.cases.output import output_folder
-    from sdm_deflect.cases.sdm.metrics import summary
-    from sdm_deflect.cases.sdm.pipeline import run_case
+    from sdm_deflect.cases.aircraft.metrics import summary
+    from sdm_deflect.cases.aircraft.pipeline import run_case
+    from sdm_deflect.cases.cli.console import outcome, verdict
+    from sdm_deflect.cases.run.output import output_folder
 
     folder = out or Path("runs") / resolved.name
     with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
@@ -79,8 +79,8 @@ def run(
 @options.progress_options
 def geometry(out: Path, case: str, angle: float | None, binary: bool, **given: Any) -> None:
     """Write the CAD alone, deflected by --angle (default 0): faces in .step and solids in .stl bear patches' names."""
-    from sdm_deflect.cases.sdm.registry import resolve
-    from sdm_deflect.deform.errors import InputError
+    from sdm_deflect.cases.aircraft.registry import resolve
+    from sdm_deflect.deform.base.errors import InputError
 
     if out.suffix not in (".step", ".brep", ".stl"):
         raise InputError(f"--out {out}: the suffix must be .step, .brep or .stl")
@@ -89,8 +89,8 @@ def geometry(out: Path, case: str, angle: float | None, binary: bool, **given: A
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
     resolved = resolve(case, angle=angle or 0.0, **given)
 
-    from sdm_deflect.cases.sdm.cad import deflected_cad, undeflected_cad
-    from sdm_deflect.meshing.files import fresh
+    from sdm_deflect.cases.aircraft.cad import deflected_cad, undeflected_cad
+    from sdm_deflect.meshing.files.staged import fresh
 
     with options.watched(quiet, verbose) as watch, watch.stage("geometry"):
         model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)
@@ -105,9 +105,9 @@ def geometry(out: Path, case: str, angle: float | None, binary: bool, **given: A
 @options.progress_options
 def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
     """Repeat the validation of a finished run from its files."""
-    from sdm_deflect.cases.console import verdict
-    from sdm_deflect.cases.metrics import verdict_figures
-    from sdm_deflect.cases.sdm.run_folder import validate_folder
+    from sdm_deflect.cases.aircraft.run_folder import validate_folder
+    from sdm_deflect.cases.cli.console import verdict
+    from sdm_deflect.cases.run.metrics import verdict_figures
 
     with options.watched(quiet, verbose) as watch, watch.stage("validation"):
         checks = validate_folder(folder)
@@ -120,9 +120,9 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
 @options.progress_options
 def report(folder: Path, quiet: bool, verbose: bool) -> int:
     """Make report.html and figures/ of a finished run, or of a deflected mesh, anew from the files beside it."""
-    from sdm_deflect.cases.mesh_files import is_report
+    from sdm_deflect.cases.aircraft import report as sdm
     from sdm_deflect.cases.report import folder as deflected
-    from sdm_deflect.cases.sdm import report as sdm
+    from sdm_deflect.cases.run.mesh_files import is_report
 
     of_mesh = is_report(folder)
     with options.watched(quiet, verbose) as watch, watch.stage("report"):
@@ -143,7 +143,7 @@ def compare(folders: tuple[Path, ...], out: Path, as_json: bool, quiet: bool, ve
     """
     from sdm_deflect.cases.compare.page import write_page
     from sdm_deflect.cases.compare.runs import read_runs
-    from sdm_deflect.deform.errors import InputError
+    from sdm_deflect.deform.base.errors import InputError
 
     if out.suffix != ".html":
         raise InputError(f"--out {out}: the suffix must be .html")
@@ -166,13 +166,13 @@ def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> Non
     The mesh follows the slider with the centres of the run. Nothing leaves this machine: the page is served on
     the loopback interface and draws in the browser.
     """
-    from sdm_deflect.cases.mesh_files import is_report
+    from sdm_deflect.cases.run.mesh_files import is_report
     from sdm_deflect.cases.view.serve import check_free, serve
 
     if port:
         check_free(port)
     with options.watched(quiet, verbose) as watch, watch.stage("factorising"):
-        from sdm_deflect.cases.sdm.report import interactive_run
+        from sdm_deflect.cases.aircraft.report import interactive_run
         from sdm_deflect.cases.view.page import Control, Page
         from sdm_deflect.cases.view.run import InteractiveRun
 
@@ -192,16 +192,16 @@ def export(
     folder: Path, form: str | None, which: str, out: Path | None, quiet: bool, verbose: bool, **flow: Any
 ) -> None:
     """Write a finished run's mesh in a flow solver's format, boundary names included, or as a case that it starts."""
-    from sdm_deflect.cases.export import export_run
     from sdm_deflect.cases.flow.flow_case import FlowCase
-    from sdm_deflect.deform.errors import InputError
+    from sdm_deflect.cases.run.export import export_run
+    from sdm_deflect.deform.base.errors import InputError
 
     wanted = FlowCase.of(*(flow[name] for name in ("to_solver", "mach", "alpha", "far_field")))
     if (form is None) == (wanted is None):
         raise InputError("give either --format or --to-solver")
     with options.watched(quiet, verbose) as watch, watch.stage("export") as progress:
         if wanted:
-            from sdm_deflect.cases.sdm.flow_case import export_flow
+            from sdm_deflect.cases.aircraft.flow_case import export_flow
 
             files, lost = export_flow(folder, wanted, which, out, progress)
         else:
@@ -227,8 +227,8 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
 
     The quality is measured over the angle without repair and with it; --repair off measures the former alone.
     """
-    from sdm_deflect.cases.sdm.registry import resolve
-    from sdm_deflect.deform.errors import InputError
+    from sdm_deflect.cases.aircraft.registry import resolve
+    from sdm_deflect.deform.base.errors import InputError
 
     for name, value, high in (("quality", threshold, 1.0), ("resolution", resolution, 30.0)):
         if not 0.0 < value < high:
@@ -236,9 +236,9 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
     quiet, verbose = given.pop("quiet"), given.pop("verbose")
     resolved = resolve(case, **given)
 
-    from sdm_deflect.cases.output import output_folder
-    from sdm_deflect.cases.sdm.limit import find_limits, write_limits
-    from sdm_deflect.cases.sdm.pipeline import meshed
+    from sdm_deflect.cases.aircraft.limit import find_limits, write_limits
+    from sdm_deflect.cases.aircraft.pipeline import meshed
+    from sdm_deflect.cases.run.output import output_folder
 
     folder = out or Path("runs") / f"{resolved.name}-limit"
     with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
@@ -279,7 +279,7 @@ def study(
     """
     given = {key: value for key, value in given.items() if not (value is None or value is False or value == ())}
     if wrong := next((key for key in given if name not in OWN.get(key, (FLOW,))), None):
-        from sdm_deflect.deform.errors import InputError
+        from sdm_deflect.deform.base.errors import InputError
 
         owners, option = " and ".join(OWN.get(wrong, (FLOW,))), wrong.replace("assignments", "set")
         raise InputError(f"--{option} belongs to sdm study {owners}, not to {name}; leave it out")
@@ -289,8 +289,8 @@ def study(
         with options.watched(quiet or (as_json and not verbose), verbose) as watch:
             return _donors(scale, out, cache, as_json, watch, given)
 
-    from sdm_deflect.cases.output import output_folder
-    from sdm_deflect.cases.study import studies
+    from sdm_deflect.cases.run.output import output_folder
+    from studies import studies
 
     folder = out or Path("runs") / name
     with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
@@ -315,13 +315,13 @@ def _flow(
 ) -> int:
     """Carry out ``sdm study flow``."""
     if not cache:
-        from sdm_deflect.deform.errors import InputError
+        from sdm_deflect.deform.base.errors import InputError
 
         raise InputError("--no-cache: sdm study flow goes on with the meshes of the cache; name another --out instead")
+    from sdm_deflect.cases.aircraft.registry import resolve
     from sdm_deflect.cases.flow.setup import FreeStream
-    from sdm_deflect.cases.job_settings import angles_of
-    from sdm_deflect.cases.sdm.registry import resolve
-    from sdm_deflect.cases.study.flow.members import study_of
+    from sdm_deflect.cases.settings.job_settings import angles_of
+    from studies.flow.members import study_of
 
     changes = given.get("assignments", ())
     case = resolve(given.pop("case", "aileron"), scale, assignments=changes)
@@ -329,8 +329,8 @@ def _flow(
     stream = FreeStream(**{name: given.pop(name) for name in ("mach", "alpha") if name in given})
     wanted = study_of(case, angles, stream, **given)
 
-    from sdm_deflect.cases.study.flow.page import figures_of, write_results
-    from sdm_deflect.cases.study.flow.solve import carried_out
+    from studies.flow.page import figures_of, write_results
+    from studies.flow.solve import carried_out
 
     folder = out or Path("runs") / f"flow-{wanted.case.name}"
     with options.watched(quiet or (as_json and not verbose), verbose) as watch:
@@ -342,10 +342,10 @@ def _flow(
 
 def _donors(scale: str, out: Path | None, cache: bool, as_json: bool, watch: "Stopwatch", given: dict[str, Any]) -> int:
     """Carry out ``sdm study donors``."""
-    from sdm_deflect.cases.job_settings import angles_of
-    from sdm_deflect.cases.output import output_folder
-    from sdm_deflect.cases.sdm.registry import resolve
-    from sdm_deflect.cases.study.donors import ANGLES, donors_at, row_of, write_donors
+    from sdm_deflect.cases.aircraft.registry import resolve
+    from sdm_deflect.cases.run.output import output_folder
+    from sdm_deflect.cases.settings.job_settings import angles_of
+    from studies.donors import ANGLES, donors_at, row_of, write_donors
 
     case = resolve(given.get("case", "aileron-chimera"), scale, assignments=given.get("assignments", ()))
     angles = angles_of(given["angles"]) if "angles" in given else ANGLES

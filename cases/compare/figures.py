@@ -7,8 +7,8 @@ from tomllib import loads
 from typing import Any
 
 from sdm_deflect.cases.compare.runs import Run
-from sdm_deflect.cases.metrics import Json
 from sdm_deflect.cases.report.data import shown
+from sdm_deflect.cases.run.metrics import Json
 
 Value = float | int | str | None
 SAME = 1e-9

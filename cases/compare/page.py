@@ -11,8 +11,8 @@ from sdm_deflect.cases.compare.figures import Row, Table, differing_settings, ta
 from sdm_deflect.cases.compare.pictures import Shown, drawn
 from sdm_deflect.cases.compare.runs import Run, alike
 from sdm_deflect.cases.report.page import inline, pixels, policy, read, style
-from sdm_deflect.meshing.files import fresh, permitted_as
-from sdm_deflect.meshing.temporary import scratch_folder
+from sdm_deflect.meshing.files.staged import fresh, permitted_as
+from sdm_deflect.meshing.files.temporary import scratch_folder
 
 HERE = "sdm_deflect.cases.compare"
 

@@ -16,8 +16,8 @@ from sdm_deflect.cases.report.offscreen import Image, RenderError, rendering
 from sdm_deflect.cases.report.pictures import PIXELS, Exhibit, close, saved, towards
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE, View, framed
 from sdm_deflect.cases.report.slices import AXES, Plane, draw_slice, planes
-from sdm_deflect.deform.mesh import FloatArray
-from sdm_deflect.deform.quality import MEASURES, POLYHEDRON, quality_of
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
 
 BEFORE = "undeflected"
 MOST = 60

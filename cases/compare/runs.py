@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.mesh_files import is_report
+from sdm_deflect.cases.aircraft.report import stored_report_data
 from sdm_deflect.cases.report.data import RUN, ReportData
 from sdm_deflect.cases.report.folder import report_data_of_folder
-from sdm_deflect.cases.sdm.report import stored_report_data
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.reading import damaged
+from sdm_deflect.cases.run.mesh_files import is_report
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.reading import damaged
+from sdm_deflect.deform.mesh.mesh import Mesh
 
 LEAST, MOST = 2, 8
 """Runs that a page compares."""

@@ -9,11 +9,12 @@ import numpy as np
 from sdm_deflect.cases.flow.openfoam import RESERVED, write_case
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Kind, Setup, kinds_of
 from sdm_deflect.cases.flow.su2 import check_name, configuration
-from sdm_deflect.deform.errors import InputError, shortened
-from sdm_deflect.deform.mesh import FloatArray, Mesh
-from sdm_deflect.deform.parts import MARK
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.unchanged import check_unchanged
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.parts import MARK
+from sdm_deflect.deform.mesh.unchanged import check_unchanged
 from sdm_deflect.deform.volume.deflection import Plan
 from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam_write import UNFIT

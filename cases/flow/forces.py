@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.cases.flow.setup import Hinge, Setup
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
 
 REPORTS = Path("postProcessing")
 VALUES = 4

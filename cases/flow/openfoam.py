@@ -5,9 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Kind, Setup
-from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh_folder
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.files.staged import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.openfoam_write import UNFIT, header, is_planar, write_mesh

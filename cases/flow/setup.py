@@ -7,8 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import FloatArray, Mesh
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.openfoam_write import kind_of, on_one_side, sides_reached
 
 GAMMA, GAS = 1.4, 287.058

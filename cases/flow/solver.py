@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from sdm_deflect.deform.errors import InputError, LostError
-from sdm_deflect.meshing import orphan
+from sdm_deflect.deform.base.errors import InputError, LostError
+from sdm_deflect.meshing.files import orphan
 
 HOME = "/usr/share/openfoam"
 """Where Debian's package has what a program asks for at its start."""

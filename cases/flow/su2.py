@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.cases.flow.setup import Hinge, Kind, Setup
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 
 CONFIG = """% Written by sdm-deflect. Run: SU2_CFD {config}; in parallel: mpirun -np 2 SU2_CFD {config}
 %

@@ -12,16 +12,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdm_deflect.cases.metrics import Json
-from sdm_deflect.cases.output import text_of
+from sdm_deflect.cases.run.metrics import Json
+from sdm_deflect.cases.run.output import text_of
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.reading import damaged, read_arrays
 from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.errors import InputError
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra, Volume
-from sdm_deflect.deform.quality import MEASURES, POLYHEDRON, Quality, quality_of
-from sdm_deflect.deform.reading import damaged, read_arrays
-from sdm_deflect.deform.surface.axis import Axis
-from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra, Volume
+from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, Quality, quality_of
+from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS
 

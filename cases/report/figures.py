@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sdm_deflect.cases.report.data import Box, ReportData, shape_of
-from sdm_deflect.deform.mesh import FloatArray
-from sdm_deflect.deform.quality import MEASURES, POLYHEDRON, quality_of
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
 
 STYLES = (
     {"color": "#0072b2", "ls": "-", "marker": "o"},

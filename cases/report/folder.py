@@ -12,20 +12,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from sdm_deflect.cases.job_settings import job_settings, read_job
-from sdm_deflect.cases.mesh_files import SETTINGS
-from sdm_deflect.cases.metrics import (
-    SHOWN_WHOLE,
-    Json,
-    deflection_figures,
-    mesh_figures,
-    motions,
-    notes_of,
-    peak_rss_bytes,
-    travels,
-    verdict_figures,
-)
-from sdm_deflect.cases.output import PAGE, moved_by_repair, output_folder, write_convergence, write_interpolants
 from sdm_deflect.cases.report.data import (
     MESH_UNITS,
     RUN,
@@ -40,16 +26,31 @@ from sdm_deflect.cases.report.data import (
 )
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import drawn
-from sdm_deflect.cases.settings import table_of
+from sdm_deflect.cases.run.mesh_files import SETTINGS
+from sdm_deflect.cases.run.metrics import (
+    SHOWN_WHOLE,
+    Json,
+    deflection_figures,
+    mesh_figures,
+    motions,
+    notes_of,
+    peak_rss_bytes,
+    travels,
+    verdict_figures,
+)
+from sdm_deflect.cases.run.output import PAGE, moved_by_repair, output_folder, write_convergence, write_interpolants
+from sdm_deflect.cases.settings.conversion import table_of
+from sdm_deflect.cases.settings.job_settings import job_settings, read_job
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.reading import damaged
+from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.checks import MIN_QUALITY, Check
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.fitting import JobOptions
-from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh, Patch, Polyhedra, Volume
-from sdm_deflect.deform.parts import taken
-from sdm_deflect.deform.quality import quality_of
-from sdm_deflect.deform.reading import damaged
-from sdm_deflect.deform.sets import union
-from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh, Patch, Polyhedra, Volume
+from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.quality import quality_of
+from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.cases.report.scene3d import Layer, View, legible
-from sdm_deflect.meshing.child import Arrays, serve, started
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files.child import Arrays, serve, started
 
 Image = NDArray[np.uint8]
 

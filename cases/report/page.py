@@ -12,14 +12,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, TemplateError
 from markupsafe import Markup
 from PIL import Image
 
-from sdm_deflect.cases.metrics import Json, face_rows, kernel_text
 from sdm_deflect.cases.report.data import ReportData, drawn_measure
 from sdm_deflect.cases.report.pictures import Exhibit, Gallery
 from sdm_deflect.cases.report.turnable import MOST_CELLS, encoded, packed, turnable
-from sdm_deflect.cases.surroundings import surroundings, versions
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.quality import Quality
-from sdm_deflect.deform.reading import damaged
+from sdm_deflect.cases.run.metrics import Json, face_rows, kernel_text
+from sdm_deflect.cases.run.surroundings import surroundings, versions
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.reading import damaged
+from sdm_deflect.deform.mesh.quality import Quality
 
 HERE = "sdm_deflect.cases.report"
 LARGEST = 4_000_000

@@ -18,8 +18,8 @@ from PIL import Image as ImageFile
 from sdm_deflect.cases.report import figures, scene3d, slices
 from sdm_deflect.cases.report.data import METRES, Box, Length, MovedSurface, ReportData, round_length
 from sdm_deflect.cases.report.offscreen import Image, RenderError, rendered, rendering
-from sdm_deflect.deform.edges import polygons_of, rim, sharp_edges
-from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.mesh.edges import polygons_of, rim, sharp_edges
 
 INCHES = 5.2
 """Width of one image."""

@@ -9,8 +9,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import Normalize, to_rgb
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.hexahedron import EDGES
-from sdm_deflect.deform.mesh import Cells, Faces, FloatArray, IntArray, Mesh
+from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh
 
 Colour = tuple[int, int, int]
 Direction = tuple[float, float, float]

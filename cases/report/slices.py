@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, drawn_quality
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE
-from sdm_deflect.deform.edges import are_lines, edges_of, polygons_of
-from sdm_deflect.deform.faces import FACES
-from sdm_deflect.deform.mesh import PLANE, Cells, FloatArray, IntArray, Mesh, Volume
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
+from sdm_deflect.deform.mesh.faces import FACES
+from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh, Volume
 
 AXES = "xyz"
 AROUND = 0.06

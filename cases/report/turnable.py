@@ -10,13 +10,14 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from sdm_deflect.cases.metrics import Json
 from sdm_deflect.cases.report import scene3d
 from sdm_deflect.cases.report.data import Box, ReportData, drawn_measure, drawn_quality
-from sdm_deflect.deform.edges import area_vectors, edges_of, polygons_of, sharp_edges
-from sdm_deflect.deform.faces import FACES
-from sdm_deflect.deform.mesh import Cells, FloatArray, IntArray, Mesh, Patch, Polyhedra
-from sdm_deflect.deform.sets import distinct, union
+from sdm_deflect.cases.run.metrics import Json
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.sets import distinct, union
+from sdm_deflect.deform.mesh.edges import area_vectors, edges_of, polygons_of, sharp_edges
+from sdm_deflect.deform.mesh.faces import FACES
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polyhedra
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 
 MOST_CELLS = 6_500

@@ -10,7 +10,7 @@ from sdm_deflect.cases.report.data import METRES, round_length, shape_of
 from sdm_deflect.cases.report.scene3d import CHANGE_RANGE, QUALITY_RANGE, change_rgb, moved_rgb, quality_rgb
 from sdm_deflect.cases.view.pieces import Pieces, bounds
 from sdm_deflect.cases.view.run import Frame, InteractiveRun, Spans
-from sdm_deflect.deform.mesh import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 
 POSITIONS = 500
 """A section has about so many positions along the largest extent of the hexahedra."""

@@ -26,8 +26,8 @@ from sdm_deflect.cases.view.layout import BOX, NOTES, lay_out
 from sdm_deflect.cases.view.pieces import Piece, Pieces, Plane, bounds, boxes, outboard, outline
 from sdm_deflect.cases.view.run import Frame, InteractiveRun, Spans
 from sdm_deflect.cases.view.scene import Scene
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError
 
 AXES = ("x", "y", "z")
 INPUTS = ("angle", "axis", "position", "show_sectioned", "show_cut", "colour")

@@ -10,11 +10,12 @@ from sdm_deflect.cases.report.data import drawn_quality
 from sdm_deflect.cases.report.scene3d import BOX_EDGES, change_rgb, moved_rgb, quality_rgb
 from sdm_deflect.cases.report.slices import cell_edges, section, with_node
 from sdm_deflect.cases.view.run import Frame, InteractiveRun
-from sdm_deflect.deform.edges import are_lines, polygons_of, rim, sharp_edges
-from sdm_deflect.deform.faces import FACE_SHAPES, FACES
-from sdm_deflect.deform.mesh import PLANE, BoolArray, Cells, Faces, FloatArray, IntArray, Mesh, Polygons, Volume
-from sdm_deflect.deform.parts import taken
-from sdm_deflect.deform.sets import union
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.edges import are_lines, polygons_of, rim, sharp_edges
+from sdm_deflect.deform.mesh.faces import FACE_SHAPES, FACES
+from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Faces, Mesh, Polygons, Volume
+from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.meshing.formats.shapes import chosen
 
 Colours = NDArray[np.uint8]

@@ -7,16 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.output import moved_by_repair
 from sdm_deflect.cases.report.data import FLAT, MESH_UNITS, Length, drawn_measure, in_view, name_of
 from sdm_deflect.cases.report.folder import read_folder
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.fitting import LARGEST_ANGLE
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Polyhedra
-from sdm_deflect.deform.reading import read_arrays
-from sdm_deflect.deform.sets import union
+from sdm_deflect.cases.run.output import moved_by_repair
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.reading import read_arrays
+from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
+from sdm_deflect.deform.mesh.touched import TouchedCells
+from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.surface.surface import TrailingEdge
-from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, mended
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from sdm_deflect.deform.volume.step import DIRECTIONS

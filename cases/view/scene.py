@@ -15,7 +15,7 @@ from vtkmodules.vtkRenderingOpenGL2 import vtkGenericOpenGLRenderWindow
 
 from sdm_deflect.cases.report.scene3d import Direction
 from sdm_deflect.cases.view.pieces import Piece
-from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.base.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

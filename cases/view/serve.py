@@ -20,7 +20,7 @@ from typing import Any
 from aiohttp import WSCloseCode, web
 
 from sdm_deflect.cases.view.page import Control, Page
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 
 HOST = "127.0.0.1"
 HOSTS = frozenset({HOST, "localhost"})

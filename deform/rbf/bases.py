@@ -6,10 +6,10 @@ from typing import Self
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.points import IndexArray
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.interpolant import Solve, coefficient_matrix, direct
-from sdm_deflect.deform.rbf.kernels import FloatArray
-from sdm_deflect.deform.rbf.points import IndexArray
 from sdm_deflect.deform.rbf.problem import Coefficients, Problem
 from sdm_deflect.deform.rbf.sites import DataSites
 

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 from scipy.sparse.linalg import LinearOperator, onenormest
 
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.points import IndexArray
 from sdm_deflect.deform.rbf.interpolant import SolveError
-from sdm_deflect.deform.rbf.kernels import FloatArray
-from sdm_deflect.deform.rbf.points import IndexArray
 from sdm_deflect.deform.rbf.problem import Coefficients, Problem, ReducedKernel
 
 WIDTH = 256  # columns of a panel, unless one block is larger

@@ -9,15 +9,16 @@ from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
-from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.points import IndexArray, first_coincident
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel
-from sdm_deflect.deform.rbf.points import IndexArray, first_coincident
+from sdm_deflect.deform.rbf.kernels import Kernel
 from sdm_deflect.deform.rbf.problem import Coefficients, Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated
 from sdm_deflect.deform.rbf.sites import DataSites
-from sdm_deflect.deform.rbf.threads import single_threaded_blas
 
 
 class Stop(Enum):

@@ -7,12 +7,13 @@ from typing import Self
 import numpy as np
 from scipy.linalg.lapack import dsysv
 
-from sdm_deflect.deform.fitting import Polynomial
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel
-from sdm_deflect.deform.rbf.points import first_coincident
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.points import first_coincident
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import single_threaded_blas
+from sdm_deflect.deform.rbf.fitting import Polynomial
+from sdm_deflect.deform.rbf.kernels import Kernel
 from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
-from sdm_deflect.deform.rbf.threads import single_threaded_blas
 
 FLAT = 1e-9  # an extent below this share of the largest counts as none
 

@@ -18,8 +18,9 @@ from numba.extending import overload
 from numpy.typing import NDArray
 from scipy.special import xlogy
 
-from sdm_deflect.deform.fitting import KernelName
-from sdm_deflect.deform.rbf.compiled import compiled
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.compiled import compiled
+from sdm_deflect.deform.rbf.fitting import KernelName
 
 LOG_UNIT = float(np.log(2.0)) / 2.0**52
 """log x = LOG_UNIT * scaled_log(x): callers take the constant out of their loops."""
@@ -62,9 +63,6 @@ def scaled_log(x: float) -> float:  # pragma: no cover - machine code
     p = p * s + C1
     p = p * s + C0
     return exponent + t * p
-
-
-FloatArray = NDArray[np.float64]
 
 
 class Rescaling(NamedTuple):

@@ -17,10 +17,11 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.fitting import Polynomial
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.points import IndexArray
+from sdm_deflect.deform.rbf.fitting import Polynomial
 from sdm_deflect.deform.rbf.interpolant import Interpolant, UnitBox
-from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel
-from sdm_deflect.deform.rbf.points import IndexArray
+from sdm_deflect.deform.rbf.kernels import Kernel
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
 

@@ -6,10 +6,10 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.fitting import Polynomial
-from sdm_deflect.deform.rbf.compiled import compiled
-from sdm_deflect.deform.rbf.kernels import FloatArray
-from sdm_deflect.deform.rbf.points import IndexArray
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.compiled import compiled
+from sdm_deflect.deform.base.points import IndexArray
+from sdm_deflect.deform.rbf.fitting import Polynomial
 
 TIE = 1e-6  # residuals that differ by less than this share of tol_stop are equal: rounding does not choose
 

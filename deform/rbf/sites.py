@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.points import IndexArray, first_coincident
 from sdm_deflect.deform.rbf.interpolant import check_finite
-from sdm_deflect.deform.rbf.kernels import FloatArray
-from sdm_deflect.deform.rbf.points import IndexArray, first_coincident
 
 XYZ = (0, 1, 2)
 

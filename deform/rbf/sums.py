@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.rbf.compiled import compiled, for_code, prefer_wide_vectors
-from sdm_deflect.deform.rbf.kernels import FloatArray, Kernel, phi
-from sdm_deflect.deform.rbf.threads import in_chunks
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.compiled import compiled, for_code, prefer_wide_vectors
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.threads import in_chunks
+from sdm_deflect.deform.rbf.kernels import Kernel, phi
 
 WIDTHS = (1, 3, 8)  # columns of one pass: one machine code for each, the narrowest that fits is taken
 PADDING = 32  # centres are filled up to a multiple of this with weight zero: whole vectors, no remainder loop

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import FloatArray, IntArray
-from sdm_deflect.deform.touched import TouchedCells, layers
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.touched import TouchedCells, layers
 
 
 @dataclass(frozen=True, slots=True, eq=False)

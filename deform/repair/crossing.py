@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import FloatArray
-from sdm_deflect.deform.volume.sliding import CylinderWall, Plane, SlidingSurface
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane, SlidingSurface
 
 STEEP = 0.1
 """Sine of the angle at which two planes meet, above which their line is known well enough."""

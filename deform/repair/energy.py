@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import FloatArray, IntArray
-from sdm_deflect.deform.rbf.compiled import compiled_exactly
-from sdm_deflect.deform.rbf.threads import in_chunks
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.repair.elements import Elements
 
 BLOCK = 1 << 11

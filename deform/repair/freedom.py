@@ -8,14 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.edges import Joints, area_vectors, polygons_of, unit
-from sdm_deflect.deform.images import Images
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Patch, Polygons
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.sets import distinct, union
+from sdm_deflect.deform.mesh.edges import Joints, area_vectors, polygons_of, unit
+from sdm_deflect.deform.mesh.images import Images
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons
+from sdm_deflect.deform.mesh.sliding import FITTED, SURFACE, Plane, SlidingSurface
+from sdm_deflect.deform.mesh.triangulated import SHARP, Triangulated
 from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.crossing import Crossing
-from sdm_deflect.deform.sets import distinct, union
-from sdm_deflect.deform.volume.sliding import FITTED, SURFACE, Plane, SlidingSurface
-from sdm_deflect.deform.volume.triangulated import SHARP, Triangulated
 
 TURNS = {"plane": 1e-5, SURFACE: 2.0 * np.sin(np.radians(SHARP / 2.0))}
 """Difference of the normals of two faces on both sides of an edge that is within a plane, or a surface."""

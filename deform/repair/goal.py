@@ -6,11 +6,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sdm_deflect.deform import polyhedra
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Polyhedra
-from sdm_deflect.deform.quality import Quality
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh import polyhedra
+from sdm_deflect.deform.mesh.mesh import Polyhedra
+from sdm_deflect.deform.mesh.quality import Quality
+from sdm_deflect.deform.mesh.touched import Judged, TouchedCells
 from sdm_deflect.deform.repair.freedom import Freedom
-from sdm_deflect.deform.touched import Judged, TouchedCells
 
 WORST = 1e-3
 """Least quality that cells are weighted by."""

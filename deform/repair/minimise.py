@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import FloatArray
+from sdm_deflect.deform.base.arrays import FloatArray
 
 MEMORY = 12
 """Pairs of steps and changes of the gradient that are kept."""

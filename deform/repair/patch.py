@@ -7,10 +7,11 @@ from itertools import chain, repeat
 
 import numpy as np
 
-from sdm_deflect.deform.images import Images
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.quality import POLYHEDRON
-from sdm_deflect.deform.rbf.threads import single_threaded_blas
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.threads import single_threaded_blas
+from sdm_deflect.deform.mesh.images import Images
+from sdm_deflect.deform.mesh.quality import POLYHEDRON
+from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.repair.columns import Heights
 from sdm_deflect.deform.repair.crossing import Crossing, Tracks
 from sdm_deflect.deform.repair.elements import Elements, Tetrahedra
@@ -18,7 +19,6 @@ from sdm_deflect.deform.repair.energy import Energy
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Goal
 from sdm_deflect.deform.repair.minimise import minimise
-from sdm_deflect.deform.volume.sliding import SlidingSurface
 
 STEPS, TOLERANCE = 25, 1e-5
 """Of the search at one eps and power: most steps, and the least share by which each has to lower the energy."""

@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.touched import Judged, TouchedCells
 from sdm_deflect.deform.repair.elements import Tetrahedra
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Goal, Repaired
 from sdm_deflect.deform.repair.patch import Patch, mended
-from sdm_deflect.deform.touched import Judged, TouchedCells
 
 RINGS = (3, 6, 12, 24)
 """Rings of cells around spoiled ones whose nodes move; then all that may."""

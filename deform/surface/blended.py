@@ -5,12 +5,12 @@ from numbers import Real
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError, shortened
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.base.points import farthest
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.rbf.kernels import Multiquadric
-from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.surface.appendix_a import blend, blend_strip
-from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.motions import Motion, MotionLaw
 from sdm_deflect.deform.surface.surface import NodeSet, OnPatches, Surface, TrailingEdge
 

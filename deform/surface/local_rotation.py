@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 
 DEGENERATE = 1e-6  # second singular value, relative to the first, of edges that determine no rotation
 

@@ -12,14 +12,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdm_deflect.deform.errors import InputError, shortened
-from sdm_deflect.deform.fitting import LARGEST_ANGLE
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, bounded
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
+from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.base.points import farthest, first_coincident
+from sdm_deflect.deform.base.reading import damaged, read_arrays
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.mesh import bounded
+from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.points import farthest, first_coincident
-from sdm_deflect.deform.reading import damaged, read_arrays
-from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.surface import Surface
 
 MOST = 3000  # points of a table that a direct solve takes

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.rbf.kernels import FloatArray
-from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.surface import Surface
 
 UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.37)

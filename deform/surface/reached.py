@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import BoolArray, FloatArray
-from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.blended import BlendedLaw
 from sdm_deflect.deform.surface.motions import MotionLaw
 

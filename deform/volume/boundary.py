@@ -5,17 +5,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError, nearest
-from sdm_deflect.deform.images import THIN, Images, is_thin, plane_of
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError, nearest
+from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.images import THIN, Images, is_thin, plane_of
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fitted
 from sdm_deflect.deform.rbf.sites import XYZ
-from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.surface.motions import MotionLaw
 from sdm_deflect.deform.surface.placement import Placement
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.deform.volume.sliding import Plane, SlidingPatch, fitted
 
 SAME = 1e-9  # of the moving surfaces' size: lengths below are zero
 LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordinate or of 1

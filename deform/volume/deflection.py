@@ -8,27 +8,28 @@ from time import perf_counter
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.faces import Unheld
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh
-from sdm_deflect.deform.orthogonality import State, TouchedFaces
-from sdm_deflect.deform.pieces import HERE, Runner
-from sdm_deflect.deform.precision import EVERY_BIT, Precision
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.quality import Quality
-from sdm_deflect.deform.rbf.threads import single_threaded_blas
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.base.threads import single_threaded_blas
+from sdm_deflect.deform.mesh.faces import Unheld
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.orthogonality import State, TouchedFaces
+from sdm_deflect.deform.mesh.pieces import HERE, Runner
+from sdm_deflect.deform.mesh.precision import EVERY_BIT, Precision
+from sdm_deflect.deform.mesh.quality import Quality
+from sdm_deflect.deform.mesh.sliding import SlidingSurface
+from sdm_deflect.deform.mesh.touched import Least, TouchedCells
 from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Repaired
 from sdm_deflect.deform.repair.repair import repaired
-from sdm_deflect.deform.sets import union
-from sdm_deflect.deform.touched import Least, TouchedCells
 from sdm_deflect.deform.volume.between import ErrorBetween
 from sdm_deflect.deform.volume.boundary import Amounts, Boundary
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.region import ON_FACE, Region
 from sdm_deflect.deform.volume.sites import Sites
-from sdm_deflect.deform.volume.sliding import SlidingSurface
 from sdm_deflect.deform.volume.step import Step, StepState, rate, solve
 
 

@@ -9,15 +9,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.faces import Keys, node_keys, patch_keys
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.sets import distinct, union
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh import CORNERS, Cells, Faces, FloatArray, IntArray, Mesh, Patch, Volume, Whole, Zone
-from sdm_deflect.deform.pieces import MeshInPieces, Pieces, Runner
-from sdm_deflect.deform.polyhedra import SomePolyhedra, joined
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.quality import POLYHEDRON
-from sdm_deflect.deform.sets import distinct, union
+from sdm_deflect.deform.mesh.faces import Keys, node_keys, patch_keys
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Faces, Mesh, Patch, Volume, Whole, Zone
+from sdm_deflect.deform.mesh.pieces import MeshInPieces, Pieces, Runner
+from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
+from sdm_deflect.deform.mesh.quality import POLYHEDRON
 from sdm_deflect.deform.volume.boundary import Boundary
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.region import confined

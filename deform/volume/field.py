@@ -17,13 +17,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.reading import damaged, read_arrays
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh import FloatArray, IntArray, bounded
-from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import bounded
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import KERNEL, ThinPlateSpline, arrays_of, stored_kernel
-from sdm_deflect.deform.reading import damaged, read_arrays
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.near_wall import Nearby, NearWall
 from sdm_deflect.deform.volume.region import ON_FACE

@@ -3,16 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.fitting import JobOptions
-from sdm_deflect.deform.mesh import FloatArray, Mesh
-from sdm_deflect.deform.pairing import PeriodicPatches, paired
-from sdm_deflect.deform.selection import Selection, selected
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pairing import PeriodicPatches, paired
+from sdm_deflect.deform.mesh.selection import Selection, selected
+from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
+from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.box import Automatic, BoxRule
-from sdm_deflect.deform.volume.sliding import NAMES, SHAPES
 
 
 @dataclass(frozen=True, slots=True)

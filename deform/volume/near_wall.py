@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.mesh import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 
 NEAR, FAR = 0.1, 0.5  # edges of the surface: layer sites are as far from it, so only meshes with layers have any
 ALONE = 0.5  # of the distance to another part of the boundary: layer sites are nearer to their own

@@ -9,13 +9,13 @@ import numpy as np
 from scipy.linalg import LinAlgError, lu_factor, lu_solve
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.rbf.interpolant import UnitBox, coefficient_matrix
 from sdm_deflect.deform.rbf.kernels import Kernel
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
-from sdm_deflect.deform.rbf.threads import single_threaded_blas
 from sdm_deflect.deform.volume.deflection import Plan
 from sdm_deflect.deform.volume.region import check_moving
 from sdm_deflect.deform.volume.step import StepState

@@ -8,10 +8,11 @@ from time import perf_counter
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray, Mesh, Patch, Zone
-from sdm_deflect.deform.sets import union
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Zone
 from sdm_deflect.deform.volume.boundary import SAME, Amounts, Boundary
 from sdm_deflect.deform.volume.box import Chosen, Scene
 from sdm_deflect.deform.volume.job import Section

@@ -5,15 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.faces import Keys, cell_face_keys, face_keys
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh import LARGEST, BoolArray, Cells, FloatArray, IntArray, Polyhedra, Volume
-from sdm_deflect.deform.pieces import Pieces
-from sdm_deflect.deform.polyhedra import SomePolyhedra
-from sdm_deflect.deform.quality import inverted_of
-from sdm_deflect.deform.sets import distinct
-from sdm_deflect.deform.touched import touching
+from sdm_deflect.deform.mesh.faces import Keys, cell_face_keys, face_keys
+from sdm_deflect.deform.mesh.mesh import LARGEST, Cells, Polyhedra, Volume
+from sdm_deflect.deform.mesh.pieces import Pieces
+from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
+from sdm_deflect.deform.mesh.quality import inverted_of
+from sdm_deflect.deform.mesh.touched import touching
 
 POINTS, CELLS = 1 << 20, 1 << 19
 """Points and cells of a piece."""

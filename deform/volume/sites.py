@@ -5,19 +5,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.edges import edges_of, median_edge, polygons_of
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.fitting import KERNELS, Fitting
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.points import first_coincident
+from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.hexahedron import FACES, border_sites, polygon_sites
-from sdm_deflect.deform.images import FLAT, is_thin
-from sdm_deflect.deform.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.edges import edges_of, median_edge, polygons_of
+from sdm_deflect.deform.mesh.images import FLAT, is_thin
+from sdm_deflect.deform.mesh.sliding import Plane
+from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
-from sdm_deflect.deform.rbf.points import first_coincident
 from sdm_deflect.deform.rbf.sites import DataSites, pinned
-from sdm_deflect.deform.sets import union
 from sdm_deflect.deform.volume.boundary import SAME, Boundary
 from sdm_deflect.deform.volume.region import Region
-from sdm_deflect.deform.volume.sliding import Plane
 
 NEIGHBOURS = 7
 REACH = 1.0  # median edges from a wall to where the mesh no longer follows it rigidly

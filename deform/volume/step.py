@@ -7,27 +7,27 @@ from time import perf_counter
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.fitting import Fitting, RuleName, Strategy
-from sdm_deflect.deform.images import Images
-from sdm_deflect.deform.mesh import FloatArray, IntArray
-from sdm_deflect.deform.pieces import HERE, Runner
-from sdm_deflect.deform.progress import Progress
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.points import farthest
+from sdm_deflect.deform.base.progress import Progress
+from sdm_deflect.deform.base.threads import single_threaded_blas
+from sdm_deflect.deform.mesh.images import Images
+from sdm_deflect.deform.mesh.pieces import HERE, Runner
+from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.rbf.bases import RecordingBasis, with_values
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
+from sdm_deflect.deform.rbf.fitting import Fitting, RuleName, Strategy
 from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, adapt, fused
 from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError
-from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
 from sdm_deflect.deform.rbf.sites import DataSites, multivariate, univariate
-from sdm_deflect.deform.rbf.threads import single_threaded_blas
 from sdm_deflect.deform.surface.local_rotation import LocalRotation
 from sdm_deflect.deform.volume.boundary import Boundary
 from sdm_deflect.deform.volume.near_wall import Nearby, NearWall, RigidFollow, layer_sites
 from sdm_deflect.deform.volume.region import Region
 from sdm_deflect.deform.volume.sites import REACH, Sites
-from sdm_deflect.deform.volume.sliding import SlidingSurface
 
 DIRECTIONS = ("x", "y", "z")
 NO_NODES = np.empty((0, 3))

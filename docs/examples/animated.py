@@ -18,11 +18,11 @@ import pyvista as pv
 from PIL import Image
 
 import sdm_deflect as sdm
-from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.sdm.job import deflected, plans_of
-from sdm_deflect.cases.sdm.pipeline import meshed
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.meshing.adapters import to_pyvista
+from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.pipeline import meshed
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.meshing.formats.adapters import to_pyvista
 
 AIRCRAFT, AIRFOIL = 15.0, 25.0
 """Largest angles, degrees."""

@@ -5,11 +5,11 @@ Run `python by_workers.py` beside naca15.cgns, or import `deflected`.
 
 from pathlib import Path
 
-from sdm_deflect.cases.cluster import Wanted, workers
-from sdm_deflect.cases.deflect_file import Outcome, deflect_file
-from sdm_deflect.cases.job_settings import JobSettings, settings_of
-from sdm_deflect.cases.mesh_files import Targets
-from sdm_deflect.cases.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.cluster import Wanted, workers
+from sdm_deflect.cases.run.deflect_file import Outcome, deflect_file
+from sdm_deflect.cases.run.mesh_files import Targets
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.settings.job_settings import JobSettings, settings_of
 
 HINGE = [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]]
 

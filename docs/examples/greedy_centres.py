@@ -3,9 +3,10 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.points import farthest
 from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, adapt
-from sdm_deflect.deform.rbf.kernels import FloatArray, ThinPlateSpline
-from sdm_deflect.deform.rbf.points import farthest
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.selection import Worst
 from sdm_deflect.deform.rbf.sites import DataSites
 

@@ -4,9 +4,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from point_cloud import HINGE, REGION, flap
 
+from sdm_deflect.deform.base.points import farthest
 from sdm_deflect.deform.rbf.greedy import Adaptation, GreedyOptions, adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.selection import Rule, Separated, Worst
 from sdm_deflect.deform.rbf.sites import DataSites, joined, pinned
 

@@ -13,10 +13,11 @@ import numpy as np
 
 from sdm_deflect.cases.flow.openfoam import FAR, GAS_FILES, WALL, field_file, forces, initial_values
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
-from sdm_deflect.deform.mesh import FloatArray, Mesh
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.meshing.files import fresh_folder
+from sdm_deflect.meshing.files.staged import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.openfoam_write import UNFIT, header, write_mesh

@@ -7,12 +7,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from sdm_deflect.cases.output import output_folder
-from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.sdm.case import Case, SurfaceTurn
-from sdm_deflect.cases.sdm.metrics import Run
-from sdm_deflect.cases.sdm.pipeline import run_case
-from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.aircraft.case import Case, SurfaceTurn
+from sdm_deflect.cases.aircraft.metrics import Run
+from sdm_deflect.cases.aircraft.pipeline import run_case
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.output import output_folder
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
 
 
 def elevator() -> Case:

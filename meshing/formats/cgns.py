@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.pieces import MeshInPieces
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_nodes import Array
 from sdm_deflect.meshing.formats.cgns_packed import overwrite
@@ -29,7 +30,6 @@ from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_
 from sdm_deflect.meshing.formats.cgns_write import write_base
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.hdf5 import damage
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Constraint, Patch
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Cells, Constraint, Patch
 from sdm_deflect.meshing.formats.cgns_boundary import (
     Border,
     Fault,
@@ -26,7 +27,6 @@ from sdm_deflect.meshing.formats.cgns_boundary import (
 from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, integers
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.zones import agreed
-from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 Size = tuple[int, ...]
 Indices = Sequence[int] | IntArray

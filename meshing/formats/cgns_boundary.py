@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.errors import sentence
-from sdm_deflect.deform.mesh import ABSENT, Cells, Constraint, Patch, Polygons
+from sdm_deflect.deform.base.arrays import BoolArray, IntArray
+from sdm_deflect.deform.base.errors import sentence
+from sdm_deflect.deform.mesh.mesh import ABSENT, Cells, Constraint, Patch, Polygons
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers, text
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import all_of, chosen
 from sdm_deflect.meshing.formats.zones import agreed
-from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 ON_FACES = ("FaceCenter", "CellCenter")
 """Gmsh and older writers say CellCenter where they mean the boundary's faces."""

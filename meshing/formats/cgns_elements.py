@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra
-from sdm_deflect.deform.parts import taken
+from sdm_deflect.deform.base.arrays import BoolArray, IntArray
+from sdm_deflect.deform.mesh.mesh import CORNERS, PLANE, VOLUMES, Cells, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.meshing.formats.cgns_nodes import child, children, has, integers
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import mirrored, places, polygons, turned
-from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 SHAPES = {3: "line", 5: "triangle", 7: "quad", 10: "tetra", 12: "pyramid", 14: "wedge", 17: "hexahedron"}
 POINT = 2

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.mesh import Cells
-from sdm_deflect.deform.pairing import RigidMotion
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Cells
+from sdm_deflect.deform.mesh.pairing import RigidMotion
 from sdm_deflect.meshing.formats.cgns_blocks import Size, bounds, check_face, donors_of, faces_at, points_in, strides
 from sdm_deflect.meshing.formats.cgns_boundary import Fault, NumberedFaces, location
 from sdm_deflect.meshing.formats.cgns_nodes import check_taken, child, children, has, integers, label_of, text
 from sdm_deflect.meshing.formats.cgns_periodic import images, motions
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import places
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 NEAR = 2e-6
 """Of the distance from the origin: points nearer than this are one, in single precision too."""

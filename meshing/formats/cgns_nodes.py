@@ -7,11 +7,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.reading import check_unpacked
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import check_stored, is_real
-from sdm_deflect.meshing.mesh import IntArray
 
 DATA = " data"
 KINDS = {"int8": "C1", "int32": "I4", "int64": "I8", "float32": "R4", "float64": "R8"}

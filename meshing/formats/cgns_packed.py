@@ -5,8 +5,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from sdm_deflect.meshing.child import Arrays, call, serve
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files.child import Arrays, call, serve
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 SECONDS = 3600.0

@@ -12,12 +12,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from sdm_deflect.deform.mesh import LARGEST, Mesh, Periodic
-from sdm_deflect.deform.pairing import TOLERANCE, RigidMotion
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import LARGEST, Mesh, Periodic
+from sdm_deflect.deform.mesh.pairing import TOLERANCE, RigidMotion
 from sdm_deflect.meshing.formats.cgns_nodes import Integer, child, children, create, has, reals
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.periodic import written_pairs
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 PROPERTY, PERIODIC = "GridConnectivityProperty_t", "Periodic_t"
 VECTORS = ("RotationCenter", "RotationAngle", "Translation")

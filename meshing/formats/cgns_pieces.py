@@ -7,8 +7,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh import VOLUMES, Zone
-from sdm_deflect.deform.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.mesh import VOLUMES, Zone
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, notes_of, without, zone_border
 from sdm_deflect.meshing.formats.cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, Section, blocks, sections
 from sdm_deflect.meshing.formats.cgns_nodes import child, data

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Polyhedra
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polyhedra
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_blocks import Size, block_border, cells, collapsed, no_cells, size_of, wide
 from sdm_deflect.meshing.formats.cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border
@@ -22,7 +23,6 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import is_real
 from sdm_deflect.meshing.formats.periodic import Listed, with_pairs
 from sdm_deflect.meshing.formats.shapes import all_of, check_faces, chosen, oriented
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 DIMENSIONS = (3, 3), (2, 2), (2, 3)
 """Dimensions of the cells and of the points; those of points in a plane mesh may be three, with one z."""

@@ -8,8 +8,8 @@ from itertools import permutations, product
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells
-from sdm_deflect.meshing.mesh import IntArray
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.mesh.mesh import Cells
 
 CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
 EDGES = {

@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
-from sdm_deflect.deform.pairing import PeriodicPatches, pair_of
-from sdm_deflect.deform.parts import taken
-from sdm_deflect.deform.polyhedra import face_centres_and_areas
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.pairing import PeriodicPatches, pair_of
+from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits, only_rewritten
 from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened
 from sdm_deflect.meshing.formats.polyhedra import check_cells, faces_by_cell
 from sdm_deflect.meshing.formats.shapes import oriented, polygons, turned
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 MESH = "meshes/1"
 INTERIOR = 2

@@ -9,11 +9,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from sdm_deflect.deform.errors import sentence
-from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.mesh import FloatArray
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import sentence
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.precision import DOUBLE
 
 FLUENT = (
     "write it as .cas.h5 or .msh.h5 in Fluent, or convert it, as text, to an OpenFOAM case: fluentMeshToFoam "

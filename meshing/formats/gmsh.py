@@ -8,17 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Periodic
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Periodic
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
 from sdm_deflect.meshing.formats.gmsh_file import GmshFile, nodes, opened, periodic
 from sdm_deflect.meshing.formats.periodic import Listed, unwritten, with_pairs, written_pairs
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, places, simple_faces
-from sdm_deflect.meshing.mesh import VOLUME, FloatArray, IntArray
+from sdm_deflect.meshing.mesh import VOLUME
 
 SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
 FACES = {2: "triangle", 3: "quad"}

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sdm_deflect.deform.reading import check_unpacked
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh_file import ByteCursor, Cursor, GmshFile, TextCursor
 from sdm_deflect.meshing.formats.numbers import Lines
-from sdm_deflect.meshing.mesh import IntArray
 
 CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
 """Number of nodes of each type of element: point, line, triangle, quad, tetrahedron, hexahedron, prism, pyramid."""

@@ -7,10 +7,10 @@ from mmap import mmap
 
 import numpy as np
 
-from sdm_deflect.deform.sets import distinct
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
 from sdm_deflect.meshing.formats.numbers import Lines, Placed, numbers
-from sdm_deflect.meshing.mesh import IntArray
 
 REAL = np.dtype("f8")
 AFFINE = re.compile(rb"^[ \t]*Affine[^\n]*\n(?:[^\n]*\.[^\n]*\n)*", re.MULTILINE)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Zone
-from sdm_deflect.deform.pieces import MeshInPieces
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.mesh.mesh import Zone
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.gmsh import FACES, SOLIDS, group_names, group_patches, pairs_listed
 from sdm_deflect.meshing.formats.gmsh_elements import NONE, Elements, corner_count, groups, of_entity
@@ -16,7 +17,6 @@ from sdm_deflect.meshing.formats.gmsh_file import NAME, ByteCursor, GmshFile, no
 from sdm_deflect.meshing.formats.periodic import pairs_of
 from sdm_deflect.meshing.formats.shapes import MIRRORED
 from sdm_deflect.meshing.formats.tables import CellTable, Joined, PointRange, Table, TablePieces
-from sdm_deflect.meshing.mesh import IntArray
 
 HEAD = 4096
 """Bytes in which the version stands."""

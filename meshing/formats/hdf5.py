@@ -16,10 +16,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.reading import check_unpacked
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats.cgns_packed import overwrite
 from sdm_deflect.meshing.formats.format import FULL, MeshFileError
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, zlib.error)
 """What h5py raises for a damaged file."""

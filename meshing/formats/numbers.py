@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 SPACE = 32
 """Bytes up to this one separate numbers."""

@@ -8,10 +8,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh, Patch, Polygons, Polyhedra
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import copied, fresh_folder
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.files.staged import copied, fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, fewest_bits
 from sdm_deflect.meshing.formats.openfoam_decomposed import Home, homes, is_part, move_points, read_parts, rewrite_parts
 from sdm_deflect.meshing.formats.openfoam_files import (
@@ -29,7 +30,6 @@ from sdm_deflect.meshing.formats.openfoam_parts import BETWEEN, CYCLIC
 from sdm_deflect.meshing.formats.openfoam_write import write_mesh, write_system
 from sdm_deflect.meshing.formats.polyhedra import check_cells
 from sdm_deflect.meshing.formats.shapes import refuse_plane
-from sdm_deflect.meshing.mesh import FloatArray
 
 Read = TypeVar("Read")
 STALE = ("processor*",)

@@ -14,9 +14,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh, Polyhedra
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import copied, fresh_folder
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
+from sdm_deflect.meshing.files.staged import copied, fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.openfoam_files import (
     HEAD,
@@ -42,7 +43,6 @@ from sdm_deflect.meshing.formats.openfoam_parts import (
     whole_points,
 )
 from sdm_deflect.meshing.formats.polyhedra import check_cells
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 ONE, SEVERAL = re.compile(r"processor(0|[1-9]\d{0,8})"), re.compile(r"processors(\d{0,9})(?:_(\d{1,9})-(\d{1,9}))?")
 JOINED = (

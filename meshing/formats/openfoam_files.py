@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Polygons
-from sdm_deflect.deform.reading import check_unpacked, unpack_limit
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.reading import check_unpacked, unpack_limit
+from sdm_deflect.deform.mesh.mesh import Polygons
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import Placed, numbers
 from sdm_deflect.meshing.formats.shapes import polygons
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 MESH = Path("constant", "polyMesh")
 HEADER = re.compile(rb"FoamFile\s*\{([^{}]{0,10000}(?:\{[^{}]{0,1000}\}[^{}]{0,1000}){0,9})\}")

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Polyhedra
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.swept import Swept, volumes_of
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Polyhedra
+from sdm_deflect.deform.mesh.swept import Swept, volumes_of
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.openfoam import OpenFoam, case_folder, has_parts, mesh_folder
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch, open_foam, parse, vectors
 from sdm_deflect.meshing.formats.openfoam_write import SCALAR, header, write_list
-from sdm_deflect.meshing.mesh import FloatArray
 
 DIGITS, MOST_DIGITS = 6, 17
 """Digits of a time in the name of its folder unless ``timePrecision`` says otherwise, and those that tell any two."""

@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.edges import polygons_of
-from sdm_deflect.deform.mesh import Constraint, FloatArray, IntArray, Patch, Periodic, Polygons
-from sdm_deflect.deform.sets import union
-from sdm_deflect.deform.volume.sliding import Plane
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.edges import polygons_of
+from sdm_deflect.deform.mesh.mesh import Constraint, Patch, Periodic, Polygons
+from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
 
 CONSTRAINTS: dict[str, Constraint] = {

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh, Patch, Polygons, Polyhedra
-from sdm_deflect.deform.parts import taken
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
 from sdm_deflect.meshing.formats.openfoam_pairs import constraint_of, pairs_of
 from sdm_deflect.meshing.formats.shapes import polygons
-from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 BETWEEN, CYCLIC = "processor", "processorCyclic"
 """Types of patches between parts; the faces of the second are on the cyclic patch that ``referPatch`` names."""

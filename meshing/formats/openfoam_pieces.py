@@ -11,13 +11,14 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone
-from sdm_deflect.deform.parts import taken
-from sdm_deflect.deform.pieces import HERE, MeshInPieces, Runner
-from sdm_deflect.deform.polyhedra import SomePolyhedra, joined
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.quality import POLYHEDRON
-from sdm_deflect.deform.unchanged import check_unchanged
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import OWNERS, RISING, Cells, Polygons, Polyhedra, Zone
+from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.pieces import HERE, MeshInPieces, Runner
+from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
+from sdm_deflect.deform.mesh.quality import POLYHEDRON
+from sdm_deflect.deform.mesh.unchanged import check_unchanged
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.openfoam import (
     case_copied,
@@ -32,7 +33,6 @@ from sdm_deflect.meshing.formats.openfoam_files import COMPACT, FoamFile, headed
 from sdm_deflect.meshing.formats.openfoam_pairs import pairs_of
 from sdm_deflect.meshing.formats.polyhedra import FEWEST, check_labels, check_sides
 from sdm_deflect.meshing.formats.tables import PointRange, Table, TablePieces, copy_range
-from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 NAMES = ("points", "faces", "owner", "neighbour")
 """Files of lists; patches are in text, and in memory."""

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.images import THIN, is_thin
-from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.images import THIN, is_thin
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
-from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 LABEL, SCALAR = np.dtype("<i4"), np.dtype("<f8")
 FLAT = 1e-9

@@ -13,10 +13,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.rbf.compiled import compiled_exactly
-from sdm_deflect.deform.rbf.threads import available_threads
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.base.threads import available_threads
 from sdm_deflect.meshing.formats.numbers import Lines, numbers
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 Bytes = NDArray[np.uint8]
 Result = TypeVar("Result")

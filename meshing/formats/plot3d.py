@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.cgns_blocks import AXES, Plane, Size, cells, collapsed, faces
 from sdm_deflect.meshing.formats.cgns_interfaces import NEAR, meeting
 from sdm_deflect.meshing.formats.fitted import Fitted, Part, fitted
@@ -20,7 +21,6 @@ from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits,
 from sdm_deflect.meshing.formats.plot3d_file import Plot3dFile, kind_of
 from sdm_deflect.meshing.formats.plot3d_map import ONE_TO_ONE, PATCHED, UNPROCESSED, WITHOUT, Entry, Range, map_of
 from sdm_deflect.meshing.formats.shapes import oriented
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

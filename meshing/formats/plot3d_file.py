@@ -17,12 +17,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.meshing.formats.cgns_blocks import Size
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import Lines, numbers, with_words
 from sdm_deflect.meshing.formats.su2_read import CHUNK, chunks
 from sdm_deflect.meshing.formats.ugrid_file import EXACT, check_range
-from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 MARKER = 4
 """Bytes of a Fortran record's length, before and after it, and of a whole number."""

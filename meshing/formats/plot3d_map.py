@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.meshing.formats.cgns_blocks import Plane, Size, points_in
 from sdm_deflect.meshing.formats.format import MeshFileError, about
-from sdm_deflect.meshing.mesh import IntArray
 
 SUFFIX = ".nmf"
 LONGEST = 1 << 24

@@ -5,12 +5,12 @@ from itertools import chain
 
 import numpy as np
 
-from sdm_deflect.deform.faces import FACES, Keys, face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Polygons, Polyhedra
-from sdm_deflect.deform.parts import taken
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.mesh.faces import FACES, Keys, face_keys, node_keys, patch_keys
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import polygons, turned
-from sdm_deflect.meshing.mesh import IntArray
 
 LOOSE = "unnamed"
 """Patch of the boundary faces that are on no patch."""

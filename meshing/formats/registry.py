@@ -8,12 +8,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.pieces import MeshInPieces
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.unchanged import states_of
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.unchanged import states_of
+from sdm_deflect.meshing.files.temporary import scratch_folder
 from sdm_deflect.meshing.formats.format import FLUENT, Format, MeshFileError
-from sdm_deflect.meshing.temporary import scratch_folder
 
 GMSH = "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh"
 VTK = 'convert it with PyVista: pyvista.read("FILE").cast_to_unstructured_grid().save("mesh.vtu")'

@@ -7,12 +7,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.faces import cell_face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh import PLANE, Cells, Mesh, Patch, Polygons
-from sdm_deflect.deform.parts import taken
-from sdm_deflect.deform.sets import distinct
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.mesh.faces import cell_face_keys, node_keys, patch_keys
+from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh, Patch, Polygons
+from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
 
 MIRRORED = {
     "tetra": (0, 2, 1, 3), "pyramid": (0, 3, 2, 1, 4), "wedge": (0, 2, 1, 3, 5, 4),

@@ -9,10 +9,11 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh, Polyhedra
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.numbers import Placed, with_numbers
 from sdm_deflect.meshing.formats.periodic import unwritten
@@ -20,7 +21,6 @@ from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import simple_faces
 from sdm_deflect.meshing.formats.su2_read import CHUNK, FACES, PARALLEL, SOLIDS, Su2File, read_zones
 from sdm_deflect.meshing.formats.zones import part
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
 ROWS = 1 << 15

@@ -7,10 +7,11 @@ from typing import BinaryIO
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, Zone
-from sdm_deflect.deform.pieces import HERE, MeshInPieces, Runner
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import written
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import CORNERS, Zone
+from sdm_deflect.deform.mesh.pieces import HERE, MeshInPieces, Runner
+from sdm_deflect.meshing.files.staged import written
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.su2 import Su2
 from sdm_deflect.meshing.formats.su2_read import (
@@ -25,7 +26,6 @@ from sdm_deflect.meshing.formats.su2_read import (
     zones_of,
 )
 from sdm_deflect.meshing.formats.tables import CellTable, PointRange, Table, TablePieces
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 
 class Su2Pieces(TablePieces):

@@ -11,12 +11,12 @@ from typing import BinaryIO, TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import COMMENT, Lines, Placed, numbers
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
 from sdm_deflect.meshing.formats.zones import joined
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 CHUNK = 1 << 18
 """Bytes of text handled at a time."""

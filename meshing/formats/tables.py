@@ -10,15 +10,15 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.mesh import CORNERS, Cells
-from sdm_deflect.deform.pieces import HERE, Runner
-from sdm_deflect.deform.polyhedra import SomePolyhedra
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.deform.unchanged import States, check_unchanged
-from sdm_deflect.meshing.files import fresh, written
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells
+from sdm_deflect.deform.mesh.pieces import HERE, Runner
+from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
+from sdm_deflect.deform.mesh.unchanged import States, check_unchanged
+from sdm_deflect.meshing.files.staged import fresh, written
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.shapes import AXES, MIRRORED, SAMPLE, left_handed
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 RANGE = 1 << 23
 """Bytes of a file that are copied at a time."""

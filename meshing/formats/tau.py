@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.cgns_packed import overwrite
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.hdf5 import DAMAGE
 from sdm_deflect.meshing.formats.netcdf import Array, NetCdf, opened
 from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, refuse_plane
 from sdm_deflect.meshing.formats.tau_write import AXES, FACES, MARKERS, SOLIDS, write_grid
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 MAPPINGS = (".bmap", ".para")
 """Suffixes of files with a boundary mapping: the mapping alone, or all parameters of a computation."""

@@ -5,12 +5,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import mirrored, simple_faces
-from sdm_deflect.meshing.mesh import IntArray
 
 AXES = ("points_xc", "points_yc", "points_zc")
 MARKERS = "boundarymarker_of_surfaces"

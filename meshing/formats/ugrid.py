@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import CORNERS, Cells, Mesh, Patch
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits, fitting_names
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
@@ -29,7 +30,6 @@ from sdm_deflect.meshing.formats.ugrid_file import (
     ending,
     written,
 )
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 FACES, SOLIDS = ("triangle", "quad"), ("tetra", "pyramid", "wedge", "hexahedron")
 TO_VTK = {"pyramid": (1, 0, 3, 4, 2), "wedge": MIRRORED["wedge"]}

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from sdm_deflect.deform.mesh import Zone
-from sdm_deflect.deform.pieces import HERE, MeshInPieces, Runner
-from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Zone
+from sdm_deflect.deform.mesh.pieces import HERE, MeshInPieces, Runner
 from sdm_deflect.meshing.formats.format import about
 from sdm_deflect.meshing.formats.tables import CellTable, PointRange, Table, TablePieces
 from sdm_deflect.meshing.formats.ugrid import (
@@ -18,7 +19,6 @@ from sdm_deflect.meshing.formats.ugrid import (
     surface_names,
 )
 from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS, POINTS, SURFACE, UgridFile, encoding_of
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

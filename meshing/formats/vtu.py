@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.mesh import CORNERS, Cells, FloatArray, IntArray, Mesh, Patch, Polygons, Polyhedra
-from sdm_deflect.deform.parts import taken
-from sdm_deflect.deform.precision import DOUBLE
-from sdm_deflect.deform.progress import Progress, silent
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import polyhedra

@@ -17,10 +17,10 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.reading import check_unpacked
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import numbers, with_numbers
-from sdm_deflect.meshing.mesh import FloatArray
 
 Array = NDArray[Any]
 Edit = tuple[int, int, bytes]

@@ -11,10 +11,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
-from sdm_deflect.meshing.files import fresh
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
-from sdm_deflect.meshing.mesh import VOLUME, IntArray, TetMesh
+from sdm_deflect.meshing.mesh import VOLUME, TetMesh
 
 Array = NDArray[np.generic]
 

@@ -7,10 +7,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Constraint, Mesh, Patch, Polygons, Polyhedra, Zone
-from sdm_deflect.deform.parts import taken
+from sdm_deflect.deform.base.arrays import BoolArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Cells, Constraint, Mesh, Patch, Polygons, Polyhedra, Zone
+from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.meshing.formats.shapes import Faces, chosen
-from sdm_deflect.meshing.mesh import BoolArray, IntArray
 
 Block = TypeVar("Block", bound=Cells | Polygons | Polyhedra)
 

@@ -9,14 +9,15 @@ from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import VTK_ID_TYPE, reference, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkGenericCell, vtkPolyData, vtkStaticCellLocator
 
-from sdm_deflect.deform.quality import signed_volumes
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.generate.attachment import attach, snapped
 from sdm_deflect.meshing.generate.surface import Surface
 from sdm_deflect.meshing.generate.topology import TRIANGLE_EDGES, CellFaces, cell_faces
 from sdm_deflect.meshing.generate.volume import Filling
-from sdm_deflect.meshing.mesh import VOLUME, BoolArray, FloatArray, IntArray, TetMesh
+from sdm_deflect.meshing.mesh import VOLUME, TetMesh
 
 FAR_FIELD = "far_field"
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.topology import decode, encode
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 # Nodes within this distance (metres) beyond the nearest one compete for a CAD vertex, so many at most: on
 # needle-shaped faces the mesher pulls the right node up to 4 mm away.

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sdm_deflect.deform.progress import Progress, silent
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.generate.assembly import assemble
@@ -16,7 +17,7 @@ from sdm_deflect.meshing.generate.sources import sources
 from sdm_deflect.meshing.generate.surface import Surface, mesh_surface
 from sdm_deflect.meshing.generate.verify import Verification, verify
 from sdm_deflect.meshing.generate.volume import PADDING, fill
-from sdm_deflect.meshing.mesh import FloatArray, TetMesh
+from sdm_deflect.meshing.mesh import TetMesh
 
 # By how much the mesher's aim is raised after a failure, and where that ends.
 EFFORT = 0.05

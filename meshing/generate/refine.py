@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.attachment import attach, snapped
 from sdm_deflect.meshing.generate.topology import TET_EDGES, TRIANGLE_EDGES, encode
-from sdm_deflect.meshing.mesh import FloatArray, IntArray, TetMesh
+from sdm_deflect.meshing.mesh import TetMesh
 
 # Nodes 0 ... 3 are the parent's, 4 ... 9 the midpoints of TET_EDGES. Each child keeps the parent's orientation.
 CORNER_CHILDREN = np.array([[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]])

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-from sdm_deflect.deform.quality import signed_volumes
-from sdm_deflect.meshing.mesh import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.quality import signed_volumes
 
 # Sources whose sizes differ by less than this factor share a search tree.
 LEVEL_RATIO = 1.12

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.geometry.model import CadFace, CadModel
 from sdm_deflect.meshing.generate.parameters import MeshParameters
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 # Chord error in metres of the triangulation that samples are drawn from, and samples per squared edge length.
 DEFLECTION = 5e-4

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.geometry.model import CadModel
-from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.files import written
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
-from sdm_deflect.meshing.temporary import scratch_folder
+from sdm_deflect.meshing.files import child
+from sdm_deflect.meshing.files.staged import written
+from sdm_deflect.meshing.files.temporary import scratch_folder
 
 SECONDS = 600.0
 # Nodes of a CAD face's mesh further off that face (metres) show that faces were mixed up.

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from sdm_deflect.meshing.mesh import IntArray, TetMesh
+from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.meshing.mesh import TetMesh
 
 # Face i is opposite node i; its normal points out of a positively oriented tetrahedron.
 TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.quality import Quality, mean_ratio, summarise
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
 from sdm_deflect.geometry.model import CadEdge, CadModel
 from sdm_deflect.meshing.generate.attachment import Attachment, attach
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.topology import boundary_failures, edges_of, encode
-from sdm_deflect.meshing.mesh import FREE_FORM, FloatArray, IntArray, TetMesh
+from sdm_deflect.meshing.mesh import FREE_FORM, TetMesh
 
 # Largest allowed distance in metres.
 EXACT = 1e-7

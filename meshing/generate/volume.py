@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.quality import signed_volumes
-from sdm_deflect.meshing import child
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files import child
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.sizing import SizeField, background, seeds
 from sdm_deflect.meshing.generate.surface import Surface
-from sdm_deflect.meshing.mesh import FloatArray, IntArray
 
 # fTetWild gains nothing from more.
 MOST_THREADS = 8

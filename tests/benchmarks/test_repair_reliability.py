@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.repair_reliability import Trial, dihedral, dihedral_bound, table
-from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.mesh.quality import mean_ratio
 
 
 def test_the_regular_tetrahedron_has_the_angle_of_the_best_one():

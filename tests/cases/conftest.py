@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from sdm_deflect.cases.output import output_folder
-from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.sdm.job import deflected, plans_of
-from sdm_deflect.cases.sdm.pipeline import background_mesh, run_case
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.sdm.validation import site_checks, validate
+from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.pipeline import background_mesh, run_case
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.aircraft.validation import site_checks, validate
+from sdm_deflect.cases.run.output import output_folder
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.volume.deflection import combined, repair_of
 from tests.cases.sdm.deflected_cad import built
 

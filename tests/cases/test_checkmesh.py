@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sdm_deflect.cases.inspection import inspect, inspected
-from sdm_deflect.cases.metrics import deflection_figures, face_rows
-from sdm_deflect.deform import orthogonality
+from sdm_deflect.cases.run.inspection import inspect, inspected
+from sdm_deflect.cases.run.metrics import deflection_figures, face_rows
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.faces import FACES as OF_SHAPES
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Periodic
-from sdm_deflect.deform.orthogonality import TouchedFaces, face_quality
-from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.mesh import orthogonality
+from sdm_deflect.deform.mesh.faces import FACES as OF_SHAPES
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Periodic
+from sdm_deflect.deform.mesh.orthogonality import TouchedFaces, face_quality
+from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import inverted_count
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.polyhedra import bounded

@@ -23,11 +23,12 @@ import pytest
 from distributed import Client, Security
 
 from benchmarks.large_block import write_block
-from sdm_deflect.cases import cli, cluster, deflect_file
-from sdm_deflect.cases.cluster import Cluster, Wanted, workers
-from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.deform.errors import InputError, LostError
-from sdm_deflect.deform.pieces import HERE
+from sdm_deflect.cases import cli
+from sdm_deflect.cases.run import cluster, deflect_file
+from sdm_deflect.cases.run.cluster import Cluster, Wanted, workers
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.deform.base.errors import InputError, LostError
+from sdm_deflect.deform.mesh.pieces import HERE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.volume import excerpt, step
@@ -423,7 +424,7 @@ def test_a_scheduler_that_goes_away(block, deflected, tmp_path, monkeypatch):
 def test_workers_are_gone_when_the_command_is_killed(block):
     table = str(block.with_suffix(".npz"))
     words = ["deflect", str(block), *OPTIONS, "--table", table, "--out", str(out(block, "never")), "--workers", "2"]
-    command = [sys.executable, "-c", "from sdm_deflect.cases.supervisor import main; main()", *words]
+    command = [sys.executable, "-c", "from sdm_deflect.cases.cli.supervisor import main; main()", *words]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=ROOT) as process:
         line = process.stderr.readline()
         assert line.startswith("workers "), line

@@ -17,10 +17,10 @@ from sdm_deflect.cases.compare.figures import Row, differing_settings, tables
 from sdm_deflect.cases.compare.page import page, write_page
 from sdm_deflect.cases.compare.pictures import drawn
 from sdm_deflect.cases.compare.runs import alike, read_runs
-from sdm_deflect.cases.mesh_files import write_mesh
 from sdm_deflect.cases.report.folder import folder_of, write_run_folder
 from sdm_deflect.cases.report.offscreen import RenderError
 from sdm_deflect.cases.report.pictures import Gallery
+from sdm_deflect.cases.run.mesh_files import write_mesh
 from tests.deform.plates import plate
 from tests.meshing.formats.wing import wing
 

@@ -8,9 +8,9 @@ import pytest
 
 import sdm_deflect
 from sdm_deflect.cases import cli
-from sdm_deflect.cases.cpacs import Device, Limits, hinge_and_angle
-from sdm_deflect.cases.job_settings import job_settings, read_job
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.cases.settings.cpacs import Device, Limits, hinge_and_angle
+from sdm_deflect.cases.settings.job_settings import job_settings, read_job
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.cases.cpacs_wing import STEPS, WING, X, Z, border, positioning, section, transformation, written
 from tests.deform.blocks import two_bodies

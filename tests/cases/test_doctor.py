@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.cases import doctor
-from sdm_deflect.cases.console import findings
+from sdm_deflect.cases.cli import doctor
+from sdm_deflect.cases.cli.console import findings
 from sdm_deflect.cases.report.offscreen import RenderError
 
 

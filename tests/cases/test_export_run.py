@@ -10,8 +10,8 @@ from click import BadParameter
 
 from sdm_deflect.cases.cli import cli
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.export import export_run
-from sdm_deflect.deform.mesh import Polyhedra
+from sdm_deflect.cases.run.export import export_run
+from sdm_deflect.deform.mesh.mesh import Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN

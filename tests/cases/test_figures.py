@@ -6,6 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from sdm_deflect.cases.aircraft import pictures as aircraft
+from sdm_deflect.cases.aircraft.pictures import cells_by_quality, histograms, shell, walls
 from sdm_deflect.cases.report.offscreen import RenderError, rendered, rendering
 from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
 from sdm_deflect.cases.report.scene3d import (
@@ -22,9 +24,7 @@ from sdm_deflect.cases.report.scene3d import (
     plain,
     quality_rgb,
 )
-from sdm_deflect.cases.sdm import pictures as aircraft
-from sdm_deflect.cases.sdm.pictures import cells_by_quality, histograms, shell, walls
-from sdm_deflect.deform.quality import signed_volumes
+from sdm_deflect.deform.mesh.quality import signed_volumes
 from tests.pictures import differing, inked, pixels, shades, share
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])

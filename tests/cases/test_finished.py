@@ -2,8 +2,8 @@
 
 import pytest
 
+from sdm_deflect.cases.aircraft.run_folder import read_run, validate_folder
 from sdm_deflect.cases.errors import InputError
-from sdm_deflect.cases.sdm.run_folder import read_run, validate_folder
 
 
 @pytest.mark.mesher

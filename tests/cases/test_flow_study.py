@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.cli import main
 from sdm_deflect.cases.flow.forces import Forces
 from sdm_deflect.cases.flow.setup import FreeStream
-from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.study.flow.members import (
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.deform.base.errors import InputError, LostError
+from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.geometry.aircraft import build
+from studies.flow.members import (
     DEFLECTED,
     FRESH,
     FRESH_DEFLECTED,
@@ -29,13 +32,10 @@ from sdm_deflect.cases.study.flow.members import (
     moved_meshes,
     study_of,
 )
-from sdm_deflect.cases.study.flow.page import several
-from sdm_deflect.cases.study.flow.results import Increment, Results, Value, fresh_increments, increments, results_of
-from sdm_deflect.cases.study.flow.solve import FOLDER, carried_out, computed, seconds_of, standing
-from sdm_deflect.cases.study.flow.trend import Slope
-from sdm_deflect.deform.errors import InputError, LostError
-from sdm_deflect.deform.progress import silent
-from sdm_deflect.geometry.aircraft import build
+from studies.flow.page import several
+from studies.flow.results import Increment, Results, Value, fresh_increments, increments, results_of
+from studies.flow.solve import FOLDER, carried_out, computed, seconds_of, standing
+from studies.flow.trend import Slope
 from tests.cases.foam import needed
 
 

@@ -13,11 +13,11 @@ import pytest
 
 from benchmarks.foam_motion import LAPLACIAN, GivenBoundary, Motion
 from sdm_deflect.cases import cli
-from sdm_deflect.cases.history import MOST_TIMES, History, deflect_history
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.faces import FACE_SHAPES, FACES
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.swept import Swept
+from sdm_deflect.cases.run.history import MOST_TIMES, History, deflect_history
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.faces import FACE_SHAPES, FACES
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.swept import Swept
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
 from sdm_deflect.meshing.formats.openfoam_history import Times

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.cases import cli, deflect_file
+from sdm_deflect.cases import cli
 from sdm_deflect.cases.report import folder
-from sdm_deflect.deform import polyhedra
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.pieces import Threads
+from sdm_deflect.cases.run import deflect_file
+from sdm_deflect.deform.mesh import polyhedra
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.pieces import Threads
 from sdm_deflect.deform.volume import excerpt, scan
 from sdm_deflect.meshing.formats import openfoam_pieces, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces

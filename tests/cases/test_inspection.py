@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from sdm_deflect.cases import inspection
-from sdm_deflect.cases.inspection import inspect, inspected
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.quality import MEASURES, mean_ratio
-from sdm_deflect.deform.reading import RATIO_VARIABLE
+from sdm_deflect.cases.run import inspection
+from sdm_deflect.cases.run.inspection import inspect, inspected
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.reading import RATIO_VARIABLE
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.quality import MEASURES, mean_ratio
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, read
@@ -99,7 +99,7 @@ def test_names_do_not_command_the_terminal(tmp_path):
 def test_a_format_of_ours_needs_no_pyvista(tmp_path):
     FORMATS["su2"].write(hybrid(), tmp_path / "mesh.su2")
     program = (
-        "import sys; from pathlib import Path; from sdm_deflect.cases.inspection import inspect;"
+        "import sys; from pathlib import Path; from sdm_deflect.cases.run.inspection import inspect;"
         "print(inspect(Path(sys.argv[1]))); assert 'pyvista' not in sys.modules"
     )
     words = [sys.executable, "-c", program, str(tmp_path / "mesh.su2")]

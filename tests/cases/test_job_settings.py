@@ -7,9 +7,16 @@ from tomllib import loads
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.job_settings import JobSettings, angles_of, job_settings, read_job, settings_of, with_options
-from sdm_deflect.cases.settings import structured, to_toml
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.cases.settings.conversion import structured, to_toml
+from sdm_deflect.cases.settings.job_settings import (
+    JobSettings,
+    angles_of,
+    job_settings,
+    read_job,
+    settings_of,
+    with_options,
+)
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import box
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation

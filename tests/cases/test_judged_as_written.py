@@ -12,15 +12,15 @@ import pyvista as pv
 from scipy.io import netcdf_file
 
 from sdm_deflect import deflect, read
-from sdm_deflect.cases import deflect_file as command
-from sdm_deflect.cases import history
-from sdm_deflect.cases.history import History, deflect_in_time, target_of
-from sdm_deflect.cases.job_settings import settings_of
-from sdm_deflect.cases.mesh_files import Targets
-from sdm_deflect.cases.progress import Stopwatch, Told
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells
-from sdm_deflect.deform.progress import silent
+from sdm_deflect.cases.run import deflect_file as command
+from sdm_deflect.cases.run import history
+from sdm_deflect.cases.run.history import History, deflect_in_time, target_of
+from sdm_deflect.cases.run.mesh_files import Targets
+from sdm_deflect.cases.run.progress import Stopwatch, Told
+from sdm_deflect.cases.settings.job_settings import settings_of
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.deform.mesh.mesh import Cells
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.openfoam_write import write_list

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from sdm_deflect import Field, InputError, deflect, read
-from sdm_deflect.cases.mesh_files import write_mesh
-from sdm_deflect.cases.metrics import fit_text, kernel_text
-from sdm_deflect.cases.output import write_convergence, write_interpolants
+from sdm_deflect.cases.aircraft.case import SurfaceTurn
+from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.registry import case_named, resolve
+from sdm_deflect.cases.aircraft.stored import stored_deflections
 from sdm_deflect.cases.report.folder import settings_of
-from sdm_deflect.cases.sdm.case import SurfaceTurn
-from sdm_deflect.cases.sdm.job import deflected, plans_of
-from sdm_deflect.cases.sdm.registry import case_named, resolve
-from sdm_deflect.cases.sdm.stored import stored_deflections
+from sdm_deflect.cases.run.mesh_files import write_mesh
+from sdm_deflect.cases.run.metrics import fit_text, kernel_text
+from sdm_deflect.cases.run.output import write_convergence, write_interpolants
 from sdm_deflect.cases.view.run import InteractiveRun
-from sdm_deflect.deform.fitting import KERNELS
-from sdm_deflect.deform.reading import read_arrays
+from sdm_deflect.deform.base.reading import read_arrays
+from sdm_deflect.deform.rbf.fitting import KERNELS
 from tests.cases.view.conftest import written
 from tests.frozen.test_frozen import frozen_mesh
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from sdm_deflect.cases.mesh_files import Targets, inputs_of, write_mesh, write_sensitivity
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.quality import quality_of
+from sdm_deflect.cases.run.mesh_files import Targets, inputs_of, write_mesh, write_sensitivity
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.meshing.formats.examples import hybrid
 

@@ -12,7 +12,6 @@ import pytest
 import pyvista as pv
 
 from sdm_deflect.cases.cli import main
-from sdm_deflect.cases.output import RUN
 from sdm_deflect.cases.report import folder as folders
 from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view, name_of, round_length
 from sdm_deflect.cases.report.folder import part_of, report_of_folder, write_deflected, write_run_folder
@@ -21,10 +20,11 @@ from sdm_deflect.cases.report.pictures import Gallery
 from sdm_deflect.cases.report.scene3d import by_size, triangles_of
 from sdm_deflect.cases.report.slices import Plane, cut_cells, cut_walls
 from sdm_deflect.cases.report.turnable import TABLES, turnable
+from sdm_deflect.cases.run.output import RUN
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.quality import quality_of
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.volume.deflection import Plan, deflect
 from sdm_deflect.deform.volume.job import Job
@@ -168,7 +168,7 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
 
 
 def blended(hinge):
-    from sdm_deflect.cases.job_settings import job_settings
+    from sdm_deflect.cases.settings.job_settings import job_settings
 
     surface = {"patches": ["flap_*"], "hinge": hinge.tolist(), "angle": 3.0, "motion": "blended"}
     return job_settings({"surface": [surface], "fixed": ["wing_*"]}).job()

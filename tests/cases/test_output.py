@@ -5,7 +5,7 @@ from fnmatch import fnmatchcase
 
 import pytest
 
-from sdm_deflect.cases.output import PAGE, OutputError, output_folder, text_of, write_table
+from sdm_deflect.cases.run.output import PAGE, OutputError, output_folder, text_of, write_table
 
 FIRST = ("case.toml", "deflected.vtu", "report.html", "figures/slices_tail.png", "figures/mine.png", "notes.txt")
 

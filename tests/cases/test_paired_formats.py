@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases import cli
-from sdm_deflect.deform.pairing import PeriodicPatches
-from sdm_deflect.deform.pairing import paired as with_pairs
+from sdm_deflect.deform.mesh.pairing import PeriodicPatches
+from sdm_deflect.deform.mesh.pairing import paired as with_pairs
 from sdm_deflect.meshing.formats.registry import FORMATS, read
 from tests.deform import paired
 

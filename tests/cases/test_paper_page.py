@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.cli import main
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.study import centres, studies
-from sdm_deflect.cases.study.loop import Gmres, adapted
-from sdm_deflect.cases.study.page import read_page
-from sdm_deflect.cases.study.stored import Counted
-from sdm_deflect.cases.study.trials import Trial, factors
-from sdm_deflect.cases.study.verdicts import UNKNOWN, because, counted, reasons, verdicts
 from sdm_deflect.deform.rbf.bases import DirectBasis
 from sdm_deflect.deform.rbf.greedy import Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import direct
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Worst
 from sdm_deflect.deform.rbf.sites import DataSites
+from studies import centres, studies
+from studies.loop import Gmres, adapted
+from studies.page import read_page
+from studies.stored import Counted
+from studies.trials import Trial, factors
+from studies.verdicts import UNKNOWN, because, counted, reasons, verdicts
 
 DOCS = Path(__file__).parents[2] / "docs"
 

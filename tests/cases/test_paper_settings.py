@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from sdm_deflect.cases.aircraft.job import block_stations, deflected, hexahedron_of, job_of, open_faces, plans_of
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.api import deflect
-from sdm_deflect.cases.sdm.job import block_stations, deflected, hexahedron_of, job_of, open_faces, plans_of
-from sdm_deflect.cases.sdm.registry import case_named
 from tests.frozen.test_frozen import SAME, frozen_mesh
 
 

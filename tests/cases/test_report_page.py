@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sdm_deflect.cases.aircraft.metrics import metrics
+from sdm_deflect.cases.aircraft.report import report_data_of, report_data_of_folder
 from sdm_deflect.cases.report.offscreen import rendering
 from sdm_deflect.cases.report.page import LARGEST, page, write_report
 from sdm_deflect.cases.report.pictures import Gallery, drawn
 from sdm_deflect.cases.report.scene3d import triangles_of
 from sdm_deflect.cases.report.turnable import thinned, turnable
-from sdm_deflect.cases.sdm.metrics import metrics
-from sdm_deflect.cases.sdm.report import report_data_of, report_data_of_folder
-from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.mesh.quality import mean_ratio
 
 EVIL = "</script><script>document.title='broken'</script><img src=x onerror=\"document.title='broken'\">"
 PICTURE = re.compile(r"data:image/webp;base64,([\w+/=]+)")

@@ -11,13 +11,13 @@ import pytest
 from click.testing import CliRunner
 
 import sdm_deflect
+from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.api import Options
 from sdm_deflect.cases.cli.deflect import deflect as command
 from sdm_deflect.cases.cli.options import Deflection, settings_options
-from sdm_deflect.cases.job_settings import FLAT, IN_PYTHON, JobSettings, job_settings, read_job
-from sdm_deflect.cases.sdm.registry import resolve
-from sdm_deflect.cases.settings import structured, table_of, to_toml
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.cases.settings.conversion import structured, table_of, to_toml
+from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON, JobSettings, job_settings, read_job
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.schema import GROUPS, Doc, Option, Range, Spelling, check_settings, described, settings_in
 from tests.derived import GUIDE, KEYWORDS, ROOT, guide, keywords
 

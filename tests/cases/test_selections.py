@@ -9,14 +9,14 @@ import pytest
 
 import sdm_deflect
 from sdm_deflect.cases import cli
-from sdm_deflect.cases.inspection import inspect, inspected
-from sdm_deflect.cases.job_settings import job_settings, selections_of
 from sdm_deflect.cases.report.folder import read_folder
-from sdm_deflect.cases.selections import selection
+from sdm_deflect.cases.run.inspection import inspect, inspected
+from sdm_deflect.cases.settings.job_settings import job_settings, selections_of
+from sdm_deflect.cases.settings.selections import selection
 from sdm_deflect.cases.view.run import InteractiveRun
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.selection import Before, Component, Within
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.selection import Before, Component, Within
 from sdm_deflect.meshing.formats.registry import FORMATS, read
 from tests.deform.blocks import two_bodies
 

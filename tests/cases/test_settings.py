@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sdm_deflect.cases.sdm.registry import CASES, case_named, resolve
-from sdm_deflect.cases.settings import assigned, changed, read_toml, structured, to_toml
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.cases.aircraft.registry import CASES, case_named, resolve
+from sdm_deflect.cases.settings.conversion import assigned, changed, read_toml, structured, to_toml
+from sdm_deflect.deform.base.errors import InputError
 
 AILERON = CASES["aileron"]
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.api import deflect
-from sdm_deflect.cases.inspection import inspected
-from sdm_deflect.deform.polyhedra import pyramids_of
+from sdm_deflect.cases.run.inspection import inspected
+from sdm_deflect.deform.mesh.polyhedra import pyramids_of
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.geometry.datum import hinge_line

@@ -8,21 +8,12 @@ from math import isnan
 import numpy as np
 import pytest
 
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.cli import main
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.study.files import FIELDS, markdown, write_study
-from sdm_deflect.cases.study.measure import (
-    DEFAULT,
-    GMRES,
-    GROWN,
-    LAPACK,
-    carry_out,
-    filter_is_cheap,
-    initial_centers,
-    savings,
-)
-from sdm_deflect.cases.study.paper import Row, Setting, paper
-from sdm_deflect.cases.study.trends import (
+from studies.files import FIELDS, markdown, write_study
+from studies.measure import DEFAULT, GMRES, GROWN, LAPACK, carry_out, filter_is_cheap, initial_centers, savings
+from studies.paper import Row, Setting, paper
+from studies.trends import (
     TRENDS,
     all_at_limit,
     error_y_then_x_then_z,

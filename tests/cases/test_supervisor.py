@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.cases.supervisor import REQUESTS
+from sdm_deflect.cases.cli.supervisor import REQUESTS
 
 UNCHANGED = "interrupted; earlier results are as they were\n"
 SLOW = 10.0
@@ -22,7 +22,7 @@ def begun(work: str, ignored: tuple[signal.Signals, ...] = ()) -> "subprocess.Po
 import ctypes, os, sys, time
 from pathlib import Path
 from sdm_deflect.cases import cli, supervisor
-from sdm_deflect.meshing.watchers import watchers
+from sdm_deflect.meshing.files.watchers import watchers
 
 def work():
 {work}

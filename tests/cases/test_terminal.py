@@ -6,13 +6,13 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
+from sdm_deflect.cases.aircraft.metrics import summary
+from sdm_deflect.cases.aircraft.report import report_of_folder
+from sdm_deflect.cases.cli.console import WIDTH, console, verdict
 from sdm_deflect.cases.cli.options import print_tables
-from sdm_deflect.cases.console import WIDTH, console, verdict
-from sdm_deflect.cases.progress import Bars, Lines, Silent, Stopwatch, shown
-from sdm_deflect.cases.sdm.metrics import summary
-from sdm_deflect.cases.sdm.report import report_of_folder
+from sdm_deflect.cases.run.progress import Bars, Lines, Silent, Stopwatch, shown
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.errors import InputError
 
 ESCAPE = "\x1b"
 CHECKS = (

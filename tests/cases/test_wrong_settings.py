@@ -11,13 +11,13 @@ import pytest
 
 import sdm_deflect as sd
 from sdm_deflect.cases import cli
+from sdm_deflect.cases.aircraft.registry import case_named, resolve
 from sdm_deflect.cases.api import deflect, read, sweep
 from sdm_deflect.cases.cli.deflect import deflect as command
-from sdm_deflect.cases.job_settings import FLAT, SectionSettings, read_job
-from sdm_deflect.cases.sdm.registry import case_named, resolve
-from sdm_deflect.cases.settings import to_toml
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.cases.settings.conversion import to_toml
+from sdm_deflect.cases.settings.job_settings import FLAT, SectionSettings, read_job
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.schema import inline_in, settings_in
 from sdm_deflect.meshing.formats.registry import FORMATS
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Zone
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Zone
 
 
 def grid(low, high, counts):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Periodic
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Periodic
 from sdm_deflect.meshing.formats.openfoam_files import MESH
 from sdm_deflect.meshing.formats.openfoam_write import write_mesh, write_system
 from tests.deform.blocks import FACES, grid

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import Check, checks_of, layers_of, site_error, worst
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.fitting import Fitting
-from sdm_deflect.deform.mesh import Cells, Patch
-from sdm_deflect.deform.quality import inverted_of
+from sdm_deflect.deform.mesh.mesh import Cells, Patch
+from sdm_deflect.deform.mesh.quality import inverted_of
+from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume.deflection import Plan
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import WING, job, turn

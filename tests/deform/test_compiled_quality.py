@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform import quality
-from sdm_deflect.deform.mesh import VOLUMES, Cells
+from sdm_deflect.deform.mesh import quality
+from sdm_deflect.deform.mesh.mesh import VOLUMES, Cells
 from tests.deform.test_quality import distorted
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.fitting import Fitting
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.schema import Range, settings_in
 
 LEAST = {name: setting.note(Range).low for name, setting in settings_in(Fitting).items() if setting.note(Range)}

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError, nearest
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone, meant
+from sdm_deflect.deform.base.errors import InputError, nearest
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polygons, Polyhedra, Zone, meant
 
 POINTS = np.arange(24.0).reshape(8, 3)
 TRIANGLES = Cells("triangle", np.array([[0, 1, 2], [2, 1, 5]]))

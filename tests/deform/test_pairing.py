@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import FloatArray, IntArray, Mesh, Patch, Periodic
-from sdm_deflect.deform.pairing import (
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Periodic
+from sdm_deflect.deform.mesh.pairing import (
     PeriodicPatches,
     RigidMotion,
     about,
@@ -15,7 +17,6 @@ from sdm_deflect.deform.pairing import (
     rotation_between,
     translation_between,
 )
-from sdm_deflect.deform.surface.axis import Axis
 
 RNG = np.random.default_rng(24)
 AXES = [((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), ((0.3, -2.0, 1.0), (0.2, 1.0, -0.4))]

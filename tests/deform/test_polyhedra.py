@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform import polyhedra
-from sdm_deflect.deform.mesh import Polygons, Polyhedra
-from sdm_deflect.deform.polyhedra import SomePolyhedra, joined, pyramids_of
+from sdm_deflect.deform.mesh import polyhedra
+from sdm_deflect.deform.mesh.mesh import Polygons, Polyhedra
+from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined, pyramids_of
 from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.repair.meshes import lattice
 

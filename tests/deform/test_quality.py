@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sdm_deflect.deform.mesh import VOLUMES, Cells, Mesh, Polygons, Polyhedra
-from sdm_deflect.deform.polyhedra import face_centres_and_areas, pyramids_of
-from sdm_deflect.deform.quality import (
+from sdm_deflect.deform.mesh.mesh import VOLUMES, Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas, pyramids_of
+from sdm_deflect.deform.mesh.quality import (
     BLOCK,
     MEASURES,
     inverted_of,
@@ -19,7 +19,7 @@ from sdm_deflect.deform.quality import (
     signed_volumes,
     summarise,
 )
-from sdm_deflect.deform.touched import TouchedCells
+from sdm_deflect.deform.mesh.touched import TouchedCells
 from tests.deform.blocks import block_with_body
 from tests.meshing.formats.examples import KINDS
 

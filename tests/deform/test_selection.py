@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch, Polygons
-from sdm_deflect.deform.parts import Part
-from sdm_deflect.deform.selection import Before, Component, Selection, Within, selected
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polygons
+from sdm_deflect.deform.mesh.parts import Part
+from sdm_deflect.deform.mesh.selection import Before, Component, Selection, Within, selected
 from tests.deform.blocks import block_with_body, two_bodies
 
 

@@ -5,9 +5,9 @@ from math import pi, sin
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh import Polygons, Polyhedra
-from sdm_deflect.deform.polyhedra import face_centres_and_areas, pyramids_of
-from sdm_deflect.deform.swept import CONSERVED, Swept, gained, swept_volumes, volumes_of
+from sdm_deflect.deform.mesh.mesh import Polygons, Polyhedra
+from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas, pyramids_of
+from sdm_deflect.deform.mesh.swept import CONSERVED, Swept, gained, swept_volumes, volumes_of
 from sdm_deflect.deform.volume.deflection import Plan, sweep
 from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.jobs import blended, job, turn

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
-from sdm_deflect.deform.quality import mean_ratio
-from sdm_deflect.deform.rbf.threads import SERIAL_PAIRS
-from sdm_deflect.deform.touched import WEIGHT, TouchedCells, first_layer, layers
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.threads import SERIAL_PAIRS
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.quality import mean_ratio
+from sdm_deflect.deform.mesh.touched import WEIGHT, TouchedCells, first_layer, layers
 from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.blocks import FACES, block_with_body, grid
 from tests.meshing.formats.examples import hybrid

@@ -2,9 +2,9 @@
 
 import pytest
 
-from sdm_deflect.cases.output import write_interpolants
-from sdm_deflect.cases.sdm.job import deflected, plans_of
-from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.output import write_interpolants
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
 

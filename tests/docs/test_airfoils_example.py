@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from sdm_deflect.cases import cli
 from sdm_deflect.cases.view.pieces import Pieces, Plane, outline
 from sdm_deflect.cases.view.run import InteractiveRun
-from sdm_deflect.deform.quality import inverted_of
+from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.registry import read
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"

@@ -21,10 +21,10 @@ import pytest
 import tail_root
 from PIL import Image
 
-from sdm_deflect.cases.history import History
-from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.history import History
 from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.quality import mean_ratio, signed_volumes
+from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from tests.pictures import differing, inked, pixels, shades, share
 

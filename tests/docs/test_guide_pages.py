@@ -14,7 +14,7 @@ from sphinx.util.inspect import signature, stringify_signature
 
 import sdm_deflect
 from sdm_deflect.deform.hexahedron import box
-from sdm_deflect.meshing.adapters import Accepted
+from sdm_deflect.meshing.formats.adapters import Accepted
 from tests.docs.commands import ROOT
 
 PICTURE = re.compile(r"!\[([^\]]*)\]\((figures/[^)]+)\)")

@@ -5,7 +5,7 @@ import pytest
 import sdm_gmsh
 import sdm_snappy
 
-from sdm_deflect.deform.edges import area_vectors, polygons_of
+from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.registry import read

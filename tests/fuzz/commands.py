@@ -19,13 +19,13 @@ import click
 import numpy as np
 import tomli_w
 
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.registry import CASES
 from sdm_deflect.cases.cli import cli, main
-from sdm_deflect.cases.job_settings import JobSettings
-from sdm_deflect.cases.sdm.case import Case
-from sdm_deflect.cases.sdm.registry import CASES
-from sdm_deflect.cases.settings import to_toml
-from sdm_deflect.deform.cache_folder import FOLDER_VARIABLE
-from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.cases.settings.conversion import to_toml
+from sdm_deflect.cases.settings.job_settings import JobSettings
+from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.schema import inline_in, settings_in
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.registry import FORMATS
@@ -44,15 +44,15 @@ JOB: dict[str, Any] = {
     "surface": [{"patches": ["body"], "hinge": [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], "angle": 5.0}],
 }
 SKIPPED = {
-    "sdm_deflect.cases.sdm.pipeline": ("run_case", "meshed"),
-    "sdm_deflect.cases.study.studies": ("table", "page", "reasons"),
+    "sdm_deflect.cases.aircraft.pipeline": ("run_case", "meshed"),
+    "studies.studies": ("table", "page", "reasons"),
     "sdm_deflect.cases.view.page": ("Page",),
-    "sdm_deflect.cases.doctor": ("examined",),
+    "sdm_deflect.cases.cli.doctor": ("examined",),
     "sdm_deflect.cases.report.folder": ("drawn",),
-    "sdm_deflect.cases.sdm.report": ("drawn",),
+    "sdm_deflect.cases.aircraft.report": ("drawn",),
 }
 """Functions by module that take long: a command ends there."""
-CAD = "sdm_deflect.cases.sdm.cad"
+CAD = "sdm_deflect.cases.aircraft.cad"
 TEXTS = (
     "", " ", "a", "body", "far", "b*", "*", "?", "[", "0", "-1", "1", "2", "nan", "inf", "-inf", "1e300", "-1e300",
     "1e-300",
@@ -402,7 +402,7 @@ def call(words: Sequence[str], folder: Path) -> tuple[Any, str, str]:
 
 def cache(folder: Path) -> Iterator[Input]:
     """A kept mesh."""
-    from sdm_deflect.meshing.cache import MeshCache
+    from sdm_deflect.meshing.files.cache import MeshCache
     from sdm_deflect.meshing.mesh import TetMesh
 
     mesh = meshes.tetrahedra()
@@ -416,7 +416,7 @@ def cache(folder: Path) -> Iterator[Input]:
 def load_cached(folder: Path, given: Input, random: Random) -> None:
     """Load a damaged mesh: it is not there, or it is the same."""
     del random
-    from sdm_deflect.meshing.cache import MeshCache
+    from sdm_deflect.meshing.files.cache import MeshCache
 
     loaded = MeshCache(folder).load("key")
     if loaded is None:

@@ -10,7 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.reading import DAMAGED
+from sdm_deflect.deform.base.reading import DAMAGED
 from tests.fuzz.mutation import REAL, WHOLE, Damage
 
 KINDS = ("i1", "u1", "i2", "i4", "u4", "i8", "u8", "f4", "f8", ">i4", ">f8", "c16", "?", "S5", "V8")

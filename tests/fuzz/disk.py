@@ -27,7 +27,7 @@ import click
 from sdm_deflect.cases.cli import cli
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.report.pictures import Exhibit, Gallery
-from sdm_deflect.meshing.cache import MeshCache
+from sdm_deflect.meshing.files.cache import MeshCache
 from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from tests.meshing.formats.wing import wing

@@ -24,8 +24,8 @@ from unittest.mock import patch
 
 import click
 
+from sdm_deflect.meshing.files.temporary import staging
 from sdm_deflect.meshing.formats.registry import FORMATS
-from sdm_deflect.meshing.temporary import staging
 from tests.meshing.formats.wing import wing
 
 ROOT = Path(__file__).parents[2]

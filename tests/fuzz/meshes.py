@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats import openfoam_files as foam
 from sdm_deflect.meshing.formats.cgns_nodes import create
 from sdm_deflect.meshing.formats.periodic import with_pairs

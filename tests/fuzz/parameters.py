@@ -61,7 +61,7 @@ def _value(random: Random, default: float, low: float, high: float) -> float:
 
 def sets(seed: int) -> Iterator[tuple[str, dict[str, float]]]:
     """Yield cases with changed quantities, without end: the same for the same seed."""
-    from sdm_deflect.cases.sdm.registry import CASES as REGISTERED
+    from sdm_deflect.cases.aircraft.registry import CASES as REGISTERED
 
     random = Random(seed)
     while True:
@@ -79,9 +79,9 @@ def build(name: str, changed: dict[str, float]) -> tuple[str, str]:
     """Return what becomes of a set, and the sentence or the traceback."""
     from traceback import format_exc
 
+    from sdm_deflect.cases.aircraft.cad import deflected_cad, undeflected_cad
+    from sdm_deflect.cases.aircraft.registry import resolve
     from sdm_deflect.cases.errors import is_reported
-    from sdm_deflect.cases.sdm.cad import deflected_cad, undeflected_cad
-    from sdm_deflect.cases.sdm.registry import resolve
 
     try:
         case = resolve(name, assignments=assignments(changed))
@@ -99,7 +99,7 @@ def _answer(pipe: Connection, name: str, changed: dict[str, float]) -> None:
 def built(name: str, changed: dict[str, float], seconds: float = SECONDS) -> tuple[str, str]:
     """Return what becomes of a set in a process of its own, which may crash."""
     context = get_context("forkserver")
-    context.set_forkserver_preload(["sdm_deflect.cases.sdm.cad", "sdm_deflect.cases.sdm.registry"])
+    context.set_forkserver_preload(["sdm_deflect.cases.aircraft.cad", "sdm_deflect.cases.aircraft.registry"])
     mine, other = context.Pipe(duplex=False)
     child = context.Process(target=_answer, args=(other, name, changed))
     child.start()

@@ -68,7 +68,7 @@ def damaged(random: Random, known: Sequence[Input], words: Sequence[bytes]) -> I
 
 def read_mesh(folder: Path, given: Input, random: Random) -> None:
     """Read a mesh and, if it is accepted, judge it, write it and plan a deflection."""
-    from sdm_deflect.cases.inspection import inspect
+    from sdm_deflect.cases.run.inspection import inspect
     from sdm_deflect.meshing.formats.registry import format_of, read
 
     path = folder / given.main
@@ -121,7 +121,7 @@ def _plan(mesh, random: Random) -> None:
     """Plan a deflection of the first patch, and sometimes carry it out."""
     import numpy as np
 
-    from sdm_deflect.cases.job_settings import settings_of
+    from sdm_deflect.cases.settings.job_settings import settings_of
     from sdm_deflect.deform.checks import checks_of
     from sdm_deflect.deform.volume.deflection import Plan, sweep
 
@@ -140,7 +140,7 @@ def _plan(mesh, random: Random) -> None:
 
 def inspect_other(folder: Path, given: Input, random: Random) -> None:
     """Inspect a file that is not of our formats."""
-    from sdm_deflect.cases.inspection import inspect
+    from sdm_deflect.cases.run.inspection import inspect
 
     inspect(folder / given.main)
 

@@ -2,7 +2,7 @@
 
 from itertools import islice
 
-from sdm_deflect.cases.sdm.registry import CASES as REGISTERED
+from sdm_deflect.cases.aircraft.registry import CASES as REGISTERED
 from tests.fuzz.parameters import SENTENCE, SETTINGS, TABLES, assignments, built, ranges, sets
 
 

@@ -6,8 +6,8 @@ import pytest
 import pyvista as pv
 
 from sdm_deflect.cases.api import deflect
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.meshing.adapters import accepted
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.meshing.formats.adapters import accepted
 from sdm_deflect.meshing.mesh import TetMesh
 from tests.meshing.formats.examples import KINDS
 

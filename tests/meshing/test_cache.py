@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.cache_folder import FOLDER_VARIABLE, default_folder
-from sdm_deflect.meshing.cache import MeshCache, cache_key
+from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE, default_folder
+from sdm_deflect.meshing.files.cache import MeshCache, cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import TetMesh
 

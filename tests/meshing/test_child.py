@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files import child
 
 WORKER = """
 import os, sys, time
 from collections.abc import Iterator
 from pathlib import Path
 import numpy as np
-from sdm_deflect.meshing.child import serve
+from sdm_deflect.meshing.files.child import serve
 
 def work(question):
     if "note" in question:

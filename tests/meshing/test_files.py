@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.meshing import files
-from sdm_deflect.meshing.files import fresh, permitted_as, replacing, replacing_files, replacing_folder
+from sdm_deflect.meshing.files import staged as files
+from sdm_deflect.meshing.files.staged import fresh, permitted_as, replacing, replacing_files, replacing_folder
+from sdm_deflect.meshing.files.temporary import registered, scratch_folder, staging
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.temporary import registered, scratch_folder, staging
 
 STALE = ("page.html", "figures/old*.png")
 OLD = {"page.html": "old", "figures/old1.png": "old", "figures/mine.png": "mine", "notes.txt": "mine", "data": "old"}

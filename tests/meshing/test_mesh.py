@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.quality import signed_volumes
+from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing.mesh import TetMesh
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from sdm_deflect.deform.quality import mean_ratio, signed_volumes
+from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu

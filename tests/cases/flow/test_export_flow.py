@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from sdm_deflect.cases.aircraft.flow_case import export_flow
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.cli import cli
 from sdm_deflect.cases.flow.flow_case import FlowCase
-from sdm_deflect.cases.sdm.flow_case import export_flow
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.settings import to_toml
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.cases.settings.conversion import to_toml
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.geometry.datum import SURFACES, hinge_line
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.vtu_write import write_vtu

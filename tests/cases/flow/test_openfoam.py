@@ -12,7 +12,7 @@ from sdm_deflect.cases.flow.openfoam import FIRST, SECOND, SOLVER, write_case, w
 from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Hinge, Setup
 from sdm_deflect.cases.flow.solver import lines, needed
 from sdm_deflect.cases.flow.solver import run as run_solver
-from sdm_deflect.deform.errors import InputError, LostError
+from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.meshing.formats.format import MeshFileError
 from tests.cases import foam
 from tests.deform.blocks import block_with_body

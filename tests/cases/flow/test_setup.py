@@ -7,8 +7,8 @@ import pytest
 
 from sdm_deflect.cases.flow.forces import Forces, coefficients, hinge_moment
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup, kinds_of
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from tests.deform.blocks import block_with_body, joined
 
 

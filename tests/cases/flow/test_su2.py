@@ -9,7 +9,7 @@ import pytest
 
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
 from sdm_deflect.cases.flow.su2 import check_name, configuration
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 
 OPTIONS = tomllib.loads(Path(__file__).with_name("su2_options.toml").read_text(encoding="utf-8"))
 KINDS = {"wing": "wall", "far": "far", "flap": "wall", "symmetry": "symmetry"}

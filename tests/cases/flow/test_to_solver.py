@@ -13,7 +13,7 @@ from sdm_deflect.cases import cli
 from sdm_deflect.cases.flow.forces import Forces, coefficients, hinge_moment
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
 from sdm_deflect.cases.flow.solver import lines
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from tests.cases import foam

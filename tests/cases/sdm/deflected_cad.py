@@ -2,8 +2,8 @@
 
 from functools import cache
 
-from sdm_deflect.cases.sdm.case import Case
-from sdm_deflect.cases.sdm.reference import Reference, answer, decoded, question
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.reference import Reference, answer, decoded, question
 
 
 @cache

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from sdm_deflect.cases.output import RUN
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.output import RUN
+from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.meshing.formats.vtu import read_vtu
 
 pytestmark = pytest.mark.mesher

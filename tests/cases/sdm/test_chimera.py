@@ -8,20 +8,20 @@ import numpy as np
 import overset_flow
 import pytest
 
+from sdm_deflect.cases.aircraft.job import BLOCK, block_stations, deflected, plans_of
+from sdm_deflect.cases.aircraft.overset import has_donor, orphans
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.aircraft.run_folder import read_run, undeflected_models
+from sdm_deflect.cases.aircraft.stored import judged
 from sdm_deflect.cases.cli import cli
 from sdm_deflect.cases.flow.setup import Setup
-from sdm_deflect.cases.progress import Silent, Stopwatch
-from sdm_deflect.cases.sdm.job import BLOCK, block_stations, deflected, plans_of
-from sdm_deflect.cases.sdm.overset import has_donor, orphans
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.sdm.run_folder import read_run, undeflected_models
-from sdm_deflect.cases.sdm.stored import judged
-from sdm_deflect.cases.study.donors import donors_at, write_donors
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.volume.deflection import combined
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from studies.donors import donors_at, write_donors
 from tests.cases.sdm.deflected_cad import built
 
 pytestmark = pytest.mark.mesher

@@ -10,17 +10,17 @@ from functools import partial
 import numpy as np
 import pytest
 
+from sdm_deflect.cases.aircraft import stored
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.aircraft.report import interactive_run
+from sdm_deflect.cases.aircraft.run_folder import read_run, undeflected_models
 from sdm_deflect.cases.errors import is_reported
-from sdm_deflect.cases.export import export_run
 from sdm_deflect.cases.report.data import read_figures
-from sdm_deflect.cases.sdm import stored
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.sdm.report import interactive_run
-from sdm_deflect.cases.sdm.run_folder import read_run, undeflected_models
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.cases.run.export import export_run
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.reading import read_arrays
+from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import SolveError
-from sdm_deflect.deform.reading import read_arrays
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.formats.format import MeshFileError

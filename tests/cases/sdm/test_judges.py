@@ -13,9 +13,9 @@ import pytest
 from skfem import Basis, ElementTetP1, MeshTet, condense, solve
 from skfem.models.poisson import laplace
 
-from sdm_deflect.cases.export import export_run
-from sdm_deflect.cases.sdm.job import deflected, plans_of
-from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.export import export_run
 from sdm_deflect.deform.volume.deflection import combined
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.vtu_write import write_vtu

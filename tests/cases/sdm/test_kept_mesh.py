@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.progress import Stopwatch
-from sdm_deflect.cases.sdm import cad, pipeline
-from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.aircraft import cad, pipeline
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.meshing.mesh import TetMesh
 
 

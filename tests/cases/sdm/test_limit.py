@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.sdm.limit import STEPS, attempt, find_limits, write_limits
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.deform.fitting import LARGEST_ANGLE
-from sdm_deflect.deform.progress import silent
+from sdm_deflect.cases.aircraft.limit import STEPS, attempt, find_limits, write_limits
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from tests.pictures import pixels, share
 
 pytestmark = pytest.mark.mesher

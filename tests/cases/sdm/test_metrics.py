@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.cli import main
-from sdm_deflect.cases.sdm.registry import case_named
 
 pytestmark = pytest.mark.mesher
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from sdm_deflect.cases.sdm.overset import has_donor
-from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.cases.aircraft.overset import has_donor
+from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.meshing.mesh import TetMesh
 
 NOTHING = np.empty(0, dtype=np.intp)

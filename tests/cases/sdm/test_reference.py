@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.sdm.case import SurfaceTurn
-from sdm_deflect.cases.sdm.reference import ReferenceFace, reference, variants
-from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.aircraft.case import SurfaceTurn
+from sdm_deflect.cases.aircraft.reference import ReferenceFace, reference, variants
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.geometry.errors import CadError
 from tests.cases.sdm.deflected_cad import built
 

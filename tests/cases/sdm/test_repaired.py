@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.sdm import stored
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.sdm.run_folder import read_run, undeflected_models
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.cases.aircraft import stored
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.aircraft.run_folder import read_run, undeflected_models
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from tests.cases.sdm.deflected_cad import built

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.sdm.job import apex_of, axis_of, fuselage_cylinder
+from sdm_deflect.cases.aircraft.job import apex_of, axis_of, fuselage_cylinder
 from sdm_deflect.geometry.datum import ends
 from sdm_deflect.geometry.parameters import Fighter, Tail
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.sdm.job import deflected, plans_of
-from sdm_deflect.cases.sdm.validation import plane_deviation, validate
+from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.validation import plane_deviation, validate
 from sdm_deflect.deform.checks import Check
 from tests.cases.sdm.deflected_cad import built
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.geometry.parameters import Aileron, Fighter, Fin, Tail, Wing
 
 pytestmark = [pytest.mark.mesher, pytest.mark.nightly]

@@ -6,16 +6,16 @@ from dataclasses import replace
 import pytest
 import tomli_w
 
+from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.aircraft.report import interactive_run
+from sdm_deflect.cases.aircraft.run_folder import write_deformation
 from sdm_deflect.cases.api import deflect, read
-from sdm_deflect.cases.mesh_files import SETTINGS, write_mesh
-from sdm_deflect.cases.output import write_interpolants
 from sdm_deflect.cases.report.folder import settings_of, write_deflected
-from sdm_deflect.cases.sdm.job import deflected, plans_of
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.sdm.report import interactive_run
-from sdm_deflect.cases.sdm.run_folder import write_deformation
+from sdm_deflect.cases.run.mesh_files import SETTINGS, write_mesh
+from sdm_deflect.cases.run.output import write_interpolants
 from sdm_deflect.cases.view.run import InteractiveRun
-from sdm_deflect.deform.progress import silent
+from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.deform.volume.deflection import _stepped, combined
 
 

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.api import read
-from sdm_deflect.cases.mesh_files import write_mesh
 from sdm_deflect.cases.report.folder import read_folder
+from sdm_deflect.cases.run.mesh_files import write_mesh
 from sdm_deflect.cases.view.labels import about, facts
 from sdm_deflect.cases.view.page import Control
 from sdm_deflect.cases.view.pieces import Pieces, Plane
 from sdm_deflect.cases.view.run import InteractiveRun, Spans
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.quality import quality_of
-from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.volume import prepared
 from sdm_deflect.deform.volume.deflection import Plan, deflect

@@ -7,10 +7,10 @@ import sys
 import numpy as np
 import pytest
 
+from sdm_deflect.cases.aircraft.report import interactive_run
 from sdm_deflect.cases.cli import main
-from sdm_deflect.cases.sdm.report import interactive_run
 from sdm_deflect.cases.view.serve import check_free
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 
 pytestmark = pytest.mark.mesher
 

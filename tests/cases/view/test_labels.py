@@ -11,7 +11,7 @@ from sdm_deflect.cases.view.labels import BINS, facts, histogram, parsed, verdic
 from sdm_deflect.cases.view.page import Control, Wish
 from sdm_deflect.cases.view.pieces import RED, Pieces, Plane
 from sdm_deflect.cases.view.run import Span, Spans
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 
 pytestmark = pytest.mark.mesher
 SPANS = Spans(Span(-26.5, 36.5, "it leaves its hexahedron", "its root misses the fuselage"), Span(-3.5, 12.0))

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.view.serve import CONNECTIONS
 from tests.cases.accessible import found, grave, rules
 

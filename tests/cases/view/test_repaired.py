@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.cases.aircraft.report import interactive_run
+from sdm_deflect.cases.aircraft.run_folder import read_run
 from sdm_deflect.cases.report.folder import read_folder
-from sdm_deflect.cases.sdm.report import interactive_run
-from sdm_deflect.cases.sdm.run_folder import read_run
 from sdm_deflect.cases.view.labels import mending
 from sdm_deflect.cases.view.page import Control
 from sdm_deflect.cases.view.run import InteractiveRun, moved_by_repair
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 

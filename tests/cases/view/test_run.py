@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.cases.sdm.report import interactive_run
-from sdm_deflect.cases.sdm.run_folder import read_run
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.aircraft.report import interactive_run
+from sdm_deflect.cases.aircraft.run_folder import read_run
 from sdm_deflect.cases.view.run import Spans
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 

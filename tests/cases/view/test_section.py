@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import Delaunay
 
 from sdm_deflect.cases.view.pieces import Plane, Solids
-from sdm_deflect.deform.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 
 
 @pytest.fixture(scope="module")

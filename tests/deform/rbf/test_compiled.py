@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.rbf.compiled import for_code
+from sdm_deflect.deform.base.compiled import for_code
 from sdm_deflect.deform.rbf.kernels import FORMULAS, MultiquadricCode, ThinPlateSplineCode
 from sdm_deflect.deform.rbf.sums import _sum_rows, kernel_matrix, kernel_sum
 

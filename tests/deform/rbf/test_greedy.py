@@ -5,12 +5,12 @@ from functools import partial
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.base.points import farthest
 from sdm_deflect.deform.rbf.bases import DirectBasis
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import SolveError, fit, krylov
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Separated, Worst
 from sdm_deflect.deform.rbf.sites import DataSites
 
@@ -160,7 +160,7 @@ def test_success_is_what_the_interpolant_in_metres_achieves():
 
 @pytest.mark.parametrize("rule", [Worst(), Separated()], ids=repr)
 def test_same_bits_for_any_number_of_threads(monkeypatch, rule):
-    monkeypatch.setattr("sdm_deflect.deform.rbf.threads.SERIAL_PAIRS", 100)
+    monkeypatch.setattr("sdm_deflect.deform.base.threads.SERIAL_PAIRS", 100)
     sites = _sites()
     initial = farthest(sites.points, 10)
     results = []

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.fitting import KERNELS, ORDERS, Fitting
+from sdm_deflect.deform.base.points import farthest
 from sdm_deflect.deform.rbf.bases import DirectBasis
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
+from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS, Fitting
 from sdm_deflect.deform.rbf.greedy import GreedyOptions, Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import UnitBox
 from sdm_deflect.deform.rbf.kernels import OF_RADIUS
-from sdm_deflect.deform.rbf.points import farthest
 from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.rbf.sums import kernel_matrix

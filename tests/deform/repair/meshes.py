@@ -4,9 +4,9 @@ from itertools import permutations
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.freedom import Freedom
-from sdm_deflect.deform.touched import TouchedCells
 from tests.deform.blocks import grid
 
 NONE = np.empty(0, dtype=np.intp)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane
+from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.columns import Columns, Heights
 from sdm_deflect.deform.repair.freedom import Freedom, Slide
-from sdm_deflect.deform.touched import TouchedCells
-from sdm_deflect.deform.volume.sliding import CylinderWall, Plane
 from tests.deform.blocks import grid
 
 

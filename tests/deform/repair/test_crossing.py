@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.mesh.axis import Axis, Cylinder
+from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane
 from sdm_deflect.deform.repair.crossing import Crossing
-from sdm_deflect.deform.surface.axis import Axis, Cylinder
-from sdm_deflect.deform.volume.sliding import CylinderWall, Plane
 
 NORMAL = np.array([0.4, 0.1, 0.9]) / np.linalg.norm([0.4, 0.1, 0.9])
 LEANING = Plane(np.array([0.1, -0.2, 0.3]), NORMAL)

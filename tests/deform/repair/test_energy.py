@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.quality import mean_ratio
+from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.repair.elements import REGULAR, Elements, Tetrahedra
 from sdm_deflect.deform.repair.energy import Energy
 from tests.deform.repair.meshes import inner, lattice
@@ -101,7 +101,7 @@ def test_the_bits_do_not_depend_on_the_number_of_threads(small, monkeypatch):
     at = mesh.points[one.elements.used] + 0.02 * rng.normal(size=(len(one.elements.used), 3))
     found = []
     for threads in (1, 2, 3):
-        monkeypatch.setattr("sdm_deflect.deform.rbf.threads.available_threads", lambda threads=threads: threads)
+        monkeypatch.setattr("sdm_deflect.deform.base.threads.available_threads", lambda threads=threads: threads)
         value, gradient = one(at, 0.1, 2)
         found.append((value, gradient.tobytes(), one.curvature(at, 0.1, 2).tobytes()))
     assert found[0] == found[1] == found[2]

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.mesh.sliding import Plane
+from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.crossing import Crossing
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.repair import repaired
-from sdm_deflect.deform.touched import TouchedCells
-from sdm_deflect.deform.volume.sliding import Plane
 from tests.deform.repair.meshes import inner, lattice
 
 COUNT = 6

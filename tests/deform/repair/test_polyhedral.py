@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.elements import Tetrahedra, corners_of
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.repair import repaired
-from sdm_deflect.deform.touched import TouchedCells
 from tests.deform.blocks import grid
 from tests.meshing.formats.examples import hybrid, polyhedral
 

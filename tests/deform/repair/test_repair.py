@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.repair import repaired
-from sdm_deflect.deform.touched import TouchedCells
 from tests.deform.repair.meshes import all_of, inner, lattice
 
 
@@ -116,6 +116,6 @@ def test_the_same_bits_for_any_number_of_threads(monkeypatch):
     points[nodes] += rng.uniform(-0.15, 0.15, (len(nodes), 3))
     found = []
     for threads in (1, 2):
-        monkeypatch.setattr("sdm_deflect.deform.rbf.threads.available_threads", lambda threads=threads: threads)
+        monkeypatch.setattr("sdm_deflect.deform.base.threads.available_threads", lambda threads=threads: threads)
         found.append(repaired(points, *all_of(mesh), 0.9).points.tobytes())
     assert found[0] == found[1]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.local_rotation import LocalRotation
 
 rng = np.random.default_rng(4)

@@ -6,10 +6,10 @@ import re
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Mesh, Patch
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch
 from sdm_deflect.deform.surface import motions
-from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, Surface

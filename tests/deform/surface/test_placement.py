@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.metrics import farthest, notes_of, travels
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.cases.run.metrics import farthest, notes_of, travels
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.placement import UNITS, Placement
 from sdm_deflect.deform.surface.surface import Surface

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.metrics import deflection_figures, motions
-from sdm_deflect.deform.mesh import Mesh, Patch
+from sdm_deflect.cases.run.metrics import deflection_figures, motions
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Rotation, Table
 from sdm_deflect.deform.surface.reached import Reached

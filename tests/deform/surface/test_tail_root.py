@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
 
-from sdm_deflect.deform.errors import InputError
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.hexahedron import box
-from sdm_deflect.deform.mesh import Mesh, Patch
+from sdm_deflect.deform.mesh.axis import Axis, Cylinder
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.surface.axis import Axis, Cylinder
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder
 

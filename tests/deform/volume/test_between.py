@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.edges import polygons_of
-from sdm_deflect.deform.fitting import Fitting
-from sdm_deflect.deform.mesh import Polygons
-from sdm_deflect.deform.progress import silent
-from sdm_deflect.deform.rbf.points import first_coincident
+from sdm_deflect.deform.base.points import first_coincident
+from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.edges import polygons_of
+from sdm_deflect.deform.mesh.mesh import Polygons
+from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.appendix_a import blend
-from sdm_deflect.deform.surface.axis import Axis
 from sdm_deflect.deform.volume import between
 from sdm_deflect.deform.volume.between import ErrorBetween, _corners, _means
 from sdm_deflect.deform.volume.deflection import Plan, _stepped, deflect

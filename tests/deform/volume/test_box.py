@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.volume.box import Automatic, Given, Scene, frame
 
 rng = np.random.default_rng(2)

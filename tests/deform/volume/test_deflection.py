@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.fitting import Fitting
-from sdm_deflect.deform.mesh import Cells, Mesh
-from sdm_deflect.deform.progress import silent
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh
+from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import Plan, combined, deflect, sweep
 from sdm_deflect.deform.volume.step import rate, solve

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.pieces import MeshInPieces, Threads
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.pieces import MeshInPieces, Threads
 from sdm_deflect.deform.volume import excerpt, scan
 from sdm_deflect.deform.volume.box import Automatic
 from sdm_deflect.deform.volume.deflection import Plan, deflect

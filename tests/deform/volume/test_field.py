@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect import deflect
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.progress import silent
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.deform.volume.deflection import Plan, _stepped
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.field import Field

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.images import Images
-from sdm_deflect.deform.mesh import Cells, Patch, Periodic
-from sdm_deflect.deform.pieces import MeshInPieces
-from sdm_deflect.deform.selection import Selection, Within, selected
+from sdm_deflect.deform.mesh.images import Images
+from sdm_deflect.deform.mesh.mesh import Cells, Patch, Periodic
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.selection import Selection, Within, selected
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.volume import near_wall
 from sdm_deflect.deform.volume.near_wall import Nearby, NearWall, RigidFollow, layer_sites
 

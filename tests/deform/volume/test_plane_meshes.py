@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from sdm_deflect import deflect
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.edges import polygons_of, rim, sharp_edges
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Mesh, Patch
-from sdm_deflect.deform.quality import inverted_of, quality_of
+from sdm_deflect.deform.mesh.edges import polygons_of, rim, sharp_edges
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.quality import inverted_of, quality_of
+from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.repair import repaired
 from sdm_deflect.deform.surface.motions import Moving, Rotation
-from sdm_deflect.deform.touched import TouchedCells
 from sdm_deflect.deform.volume.deflection import Plan
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.job import Job, Sliding

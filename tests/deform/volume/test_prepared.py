@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.progress import silent
-from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.progress import silent
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.motions import Moving, Rotation, Table
 from sdm_deflect.deform.volume import prepared
 from sdm_deflect.deform.volume.deflection import Plan, _stepped, deflect

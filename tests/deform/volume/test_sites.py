@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.edges import median_edge
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.fitting import Fitting
-from sdm_deflect.deform.mesh import Mesh, Patch
+from sdm_deflect.deform.mesh.edges import median_edge
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch
+from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume import sites as places
 from sdm_deflect.deform.volume.deflection import Plan
 from sdm_deflect.deform.volume.sites import apart_from

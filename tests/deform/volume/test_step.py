@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.checks import checks_of, layers_of
-from sdm_deflect.deform.fitting import Fitting
+from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.volume.deflection import deflect
 from tests.deform.jobs import FLAP, WING, blended, turn

@@ -4,13 +4,13 @@ import numba
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
-from sdm_deflect.deform.edges import polygons_of
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Cells, Patch, Polygons
-from sdm_deflect.deform.volume.closest import Triangles
-from sdm_deflect.deform.volume.sliding import SlidingPatch
-from sdm_deflect.deform.volume.triangulated import Pieces, Triangulated
+from sdm_deflect.deform.mesh.closest import Triangles
+from sdm_deflect.deform.mesh.edges import polygons_of
+from sdm_deflect.deform.mesh.mesh import Cells, Patch, Polygons
+from sdm_deflect.deform.mesh.sliding import SlidingPatch
+from sdm_deflect.deform.mesh.triangulated import Pieces, Triangulated
 from tests.deform.blocks import block_with_body, grid
 from tests.deform.jobs import turn
 

@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh import Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polygons, Polyhedra
 
 
 def rows(block: Cells | Polygons) -> list[tuple[int, ...]]:

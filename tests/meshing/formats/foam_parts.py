@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.deform.mesh import Mesh
-from sdm_deflect.deform.parts import taken
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.meshing.formats.openfoam_files import MESH
 from sdm_deflect.meshing.formats.shapes import polygons
 

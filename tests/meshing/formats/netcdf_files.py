@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 from scipy.io import netcdf_file
 
-from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.tau import Tau
 
 CLASSIC = ("cdf1", "cdf2", "single")

@@ -10,7 +10,7 @@ import pyvista as pv
 from vtkmodules.vtkIOCGNSReader import vtkCGNSReader
 
 import sdm_deflect
-from sdm_deflect.cases.inspection import inspect, inspected
+from sdm_deflect.cases.run.inspection import inspect, inspected
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, create
 from sdm_deflect.meshing.formats.cgns_read import PLANE

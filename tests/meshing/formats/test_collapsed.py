@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh import Cells, Mesh
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 from sdm_deflect.meshing.formats.collapsed import CORNERS, TURNS, expanded
 from tests.meshing.formats.examples import grid
 

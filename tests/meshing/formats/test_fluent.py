@@ -9,12 +9,12 @@ import pytest
 import pyvista as pv
 
 import sdm_deflect as sdm
-from sdm_deflect.cases.inspection import inspect
-from sdm_deflect.cases.mesh_files import Targets
 from sdm_deflect.cases.report.folder import folder_of
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Mesh, Patch
-from sdm_deflect.deform.quality import inverted_of
+from sdm_deflect.cases.run.inspection import inspect
+from sdm_deflect.cases.run.mesh_files import Targets
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch
+from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.fluent import Fluent
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam

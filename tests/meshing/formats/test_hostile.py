@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from sdm_deflect.deform.reading import RATIO_VARIABLE
+from sdm_deflect.deform.base.reading import RATIO_VARIABLE
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh import Gmsh
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam

@@ -7,8 +7,8 @@ import shutil
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh import Polygons
-from sdm_deflect.deform.quality import quality_of
+from sdm_deflect.deform.mesh.mesh import Polygons
+from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.errors import InputError
-from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats import openfoam_pieces, openfoam_write, tables
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam

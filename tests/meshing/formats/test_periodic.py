@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.surface.axis import Axis
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.meshing.formats.cgns import Cgns
 from sdm_deflect.meshing.formats.cgns_nodes import create
 from sdm_deflect.meshing.formats.fluent import Fluent

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from sdm_deflect.cases.inspection import inspect
-from sdm_deflect.deform.faces import FACES as CORNERS
-from sdm_deflect.deform.quality import inverted_of
+from sdm_deflect.cases.run.inspection import inspect
+from sdm_deflect.deform.mesh.faces import FACES as CORNERS
+from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.plot3d import Plot3d
 from sdm_deflect.meshing.formats.registry import read

@@ -5,7 +5,7 @@ import struct
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.mesh_files import Targets
+from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.plot3d import Plot3d
 from sdm_deflect.meshing.formats.registry import format_of, read

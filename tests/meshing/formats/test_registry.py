@@ -36,7 +36,7 @@ def test_a_file_loads_the_modules_of_its_own_format():
     ask = """
 import sys
 from pathlib import Path
-from sdm_deflect.cases.mesh_files import Targets
+from sdm_deflect.cases.run.mesh_files import Targets
 
 Targets.of(Path("a.cgns"), None, (1.0,)).check()
 print(*sys.modules)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.mesh import Mesh
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.su2 import Su2
 from tests.meshing.formats.examples import hybrid

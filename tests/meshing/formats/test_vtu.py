@@ -10,7 +10,7 @@ import pytest
 import pyvista as pv
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-from sdm_deflect.deform.mesh import Mesh, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.polyhedra import bounded

@@ -7,9 +7,9 @@ import numpy as np
 import pymeshlab
 import pytest
 
-from sdm_deflect.cases.sdm.cad import undeflected_cad
-from sdm_deflect.cases.sdm.registry import case_named
-from sdm_deflect.deform.quality import signed_volumes
+from sdm_deflect.cases.aircraft.cad import undeflected_cad
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.generate import generation

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.deform.quality import mean_ratio, signed_volumes
+from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.generation import Generated
 from sdm_deflect.meshing.generate.parameters import MeshParameters

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sdm_deflect.deform.quality import signed_volumes
+from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing.generate.sizing import (
     CLEARANCE,
     COARSENESS,

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.cases.sdm.cad import undeflected_cad
-from sdm_deflect.cases.sdm.registry import case_named
+from sdm_deflect.cases.aircraft.cad import undeflected_cad
+from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.sizing import size_field

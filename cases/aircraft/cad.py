@@ -1,0 +1,51 @@
+"""The CAD of a case and its meshes: what a run needs only when the cache has no mesh for it."""
+
+from collections.abc import Callable
+from functools import partial
+
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.reference import turned
+from sdm_deflect.cases.run.progress import Stopwatch
+from sdm_deflect.geometry.aircraft import background, build, chimera_block
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.generate.generation import Finer, Generated, generate
+from sdm_deflect.meshing.generate.parameters import MeshParameters
+
+
+def undeflected_cad(case: Case) -> CadModel:
+    """Build what is meshed: the aircraft, or the Chimera block."""
+    if case.domain == "block":
+        return chimera_block(case.fighter, case.block, case.deflections[0].surface)
+    return build(case.fighter)
+
+
+def background_cad(case: Case) -> CadModel:
+    """Build what is meshed around the Chimera block of a case: the aircraft without its control surface."""
+    return background(case.fighter, case.deflections[0].surface)
+
+
+def deflected_cad(case: Case) -> CadModel:
+    """Build the aircraft with its surfaces turned rigidly by the angles of the case."""
+    return build(case.fighter, turned(case, "rigid"))
+
+
+def undeflected(case: Case, watch: Stopwatch) -> Generated:
+    """Build and mesh the aircraft, or the Chimera block."""
+    return _meshed(partial(undeflected_cad, case), case.mesh, watch)
+
+
+def around_block(case: Case, finer: Finer, watch: Stopwatch) -> Generated:
+    """Build and mesh the aircraft that surrounds the Chimera block."""
+    return _meshed(partial(background_cad, case), case.background, watch, finer)
+
+
+def _meshed(
+    built: Callable[[], CadModel], parameters: MeshParameters, watch: Stopwatch, finer: Finer | None = None
+) -> Generated:
+    with watch.stage("geometry") as progress:
+        model = built()
+        progress(f"{len(model.faces)} CAD faces", 1.0)
+    with watch.stage("mesh") as progress:
+        made = generate(model, parameters, progress=progress, finer=finer)
+        progress(f"{len(made.mesh.tets)} cells in attempt {made.report.attempts}", 1.0)
+    return made

@@ -1,0 +1,125 @@
+"""A case: one frozen value that says everything about a run."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, Fitting, Repair, RepairMode, Strategy
+from sdm_deflect.deform.schema import INLINE
+from sdm_deflect.geometry.confinement import BlockParameters
+from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.quantity import check_quantities, quantity
+from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
+
+Domain = Literal["aircraft", "block"]
+"""What is meshed: the flow around the aircraft, or a Chimera block around the (one) aileron."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceTurn:
+    """One control surface of a case: it turns by `factor` times the angle of the case."""
+
+    surface: str
+    factor: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Confinement:
+    """The hexahedron of section 3, measured from the control surface, and its data sites."""
+
+    aft: float = quantity(0.050, "m", 0.005, 1.0, "from the trailing edge to the rear face")
+    outboard: float = quantity(0.045, "m", 0.005, 1.0, "from the tip to the outer face")
+    up: float = quantity(0.055, "m", 0.005, 1.0, "above the hinge line (rudder: to starboard)")
+    down: float = quantity(0.055, "m", 0.005, 1.0, "below the hinge line (rudder: to port)")
+    ahead: float = quantity(0.0, "m", 0.0, 1.0, "from the hinge line to the front face (hinged surfaces)")
+    corners: tuple[tuple[float, float, float], ...] = ()
+    """Eight corners of the hexahedron (m) instead of the margins; corner i has the binary code zyx."""
+    slide: bool = True
+    """Whether nodes slide in the plane of a Chimera face inside the hexahedron; False pins them."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self, "confinement")
+        if self.corners:
+            from sdm_deflect.deform.hexahedron import Hexahedron  # compiled code: most settings need none
+
+            try:
+                Hexahedron(np.array(self.corners, dtype=np.float64))
+            except ValueError as error:
+                raise InputError(f"confinement.corners: {error}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Blending:
+    """How the surface mesh follows (appendix A)."""
+
+    epsilon: float = quantity(1e4, "1/m", 1.0, 1e8, "shape parameter of the multiquadric")
+    strip: float = quantity(0.020, "m", 0.001, 0.5, "width of the spanwise blended strip beside a closed rib")
+    root: float = quantity(0.030, "m", 0.001, 0.5, "depth of the extended root region of a tail")
+
+    def __post_init__(self) -> None:
+        check_quantities(self, "blending")
+
+
+def adaptation(**values: Any) -> Fitting:
+    """Return the numbers of the interpolation that the paper's cases have, but for these."""
+    paper = {"tolerance": 8e-5, "initial_surface": 10, "initial_hexahedron": 10, "max_centers": 10_000}
+    return Fitting(**{**paper, **values})
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a validation demands."""
+
+    quality_min: float = quantity(0.25, "-", 0.0, 1.0, "smallest mean ratio of the deflected mesh")
+    surface_to_cad: float = quantity(1e-8, "m", 0.0, 1.0, "distance of moved nodes from the deflected CAD")
+    planarity: float = quantity(1e-9, "m", 0.0, 1.0, "distance of a planar face's nodes from their plane")
+
+    def __post_init__(self) -> None:
+        check_quantities(self, "limits")
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Geometry, mesh, deflection, confinement, adaptation and limits of one run.
+
+    `angle` is in degrees, positive for trailing edge down (rudder: to port). `background` holds the sizes of the
+    mesh around a Chimera block, whose own are `mesh`. `repair` and `repair_share` are those of `Repair`.
+    """
+
+    name: str
+    title: str
+    deflections: tuple[SurfaceTurn, ...]
+    domain: Domain = "aircraft"
+    angle: float = quantity(-12.0, "deg", -LARGEST_ANGLE, LARGEST_ANGLE, "deflection, positive is trailing edge down")
+    scale: str = "small"
+    fighter: Annotated[Fighter, INLINE] = field(default_factory=Fighter)
+    block: BlockParameters = field(default_factory=BlockParameters)
+    mesh: MeshParameters = field(default_factory=lambda: SCALES["small"])
+    background: MeshParameters = field(default_factory=lambda: SCALES["small"])
+    confinement: Confinement = field(default_factory=Confinement)
+    blending: Blending = field(default_factory=Blending)
+    adaptation: Fitting = field(default_factory=adaptation)
+    repair: RepairMode = "auto"
+    repair_share: float = 0.9
+    limits: Limits = field(default_factory=Limits)
+
+    def __post_init__(self) -> None:
+        check_quantities(self, "case")
+        if not self.deflections:
+            raise ValueError("deflections is empty; a case turns at least one control surface")
+        if self.scale not in SCALES:
+            raise ValueError(f"scale = {self.scale!r} is not one of {', '.join(SCALES)}")
+        Repair(self.repair, self.repair_share)
+        for one in self.deflections:
+            if abs(one.factor * self.angle) > LARGEST_ANGLE:
+                raise ValueError(
+                    f"case.angle = {self.angle:g} deg turns the {one.surface} by {one.factor * self.angle:g} deg; "
+                    f"at most {LARGEST_ANGLE:g} deg are possible"
+                )
+
+    @property
+    def strategy(self) -> Strategy:
+        """How centres are chosen: for each direction, or common ones."""
+        return self.adaptation.strategy

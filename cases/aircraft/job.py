@@ -1,0 +1,225 @@
+"""A case as jobs for the engine, one for each control surface (paper section 5 and appendix A)."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sdm_deflect.cases.aircraft.case import Case, SurfaceTurn
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError, nearest
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.mesh.axis import Axis, Cylinder
+from sdm_deflect.deform.mesh.edges import median_edge
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.rbf.fitting import Repair
+from sdm_deflect.deform.surface.blended import Blended, Rib
+from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation
+from sdm_deflect.deform.surface.surface import Listed
+from sdm_deflect.deform.surface.tail_root import RootOnCylinder
+from sdm_deflect.deform.volume.box import Given
+from sdm_deflect.deform.volume.deflection import Deflection, Plan, deflect
+from sdm_deflect.deform.volume.job import Job, Section, Sliding
+from sdm_deflect.deform.volume.region import check_disjoint
+from sdm_deflect.geometry import datum
+from sdm_deflect.geometry.confinement import Margins, gap_faces, hexahedron_corners, inward_face, rib_faces
+from sdm_deflect.geometry.datum import hinged
+from sdm_deflect.geometry.parameters import Fighter
+
+BLOCK = "chimera"
+"""Patch of a Chimera block's outer faces."""
+CONFINEMENT = "confinement.up, down, aft, outboard, or corners"
+"""Settings that say how large the hexahedron of a control surface is."""
+ON_LINE = 1e-6
+"""Nodes within this distance (m) of a datum line are on it: boundary nodes lie on the CAD to 1e-7 m."""
+
+
+def plans_of(case: Case, mesh: Mesh, angles: Sequence[float] = (), progress: Progress = silent) -> tuple[Plan, ...]:
+    """Plan the deflection of every control surface; angles are those of the case.
+
+    Raises InputError if a surface leaves its box, something is in a box that must not move, or two boxes overlap.
+    """
+    wanted = tuple(angles) or (case.angle,)
+    plans = tuple(
+        Plan.of(mesh, job_of(case, mesh, turn), [turn.factor * angle for angle in wanted], progress)
+        for turn in case.deflections
+    )
+    check_disjoint([(plan.patches[0], plan.region.hexahedron) for plan in plans], CONFINEMENT)
+    return plans
+
+
+def deflected(
+    case: Case, plans: Sequence[Plan], progress: Progress = silent, earlier: Sequence[Deflection] = ()
+) -> tuple[Deflection, ...]:
+    """Deflect every control surface by its share of the angle of the case, on the centres of earlier deflections."""
+    reuse: Sequence[Deflection | None] = earlier or [None] * len(plans)
+    return tuple(
+        deflect(plan, turn.factor * case.angle, progress, known)
+        for plan, turn, known in zip(plans, case.deflections, reuse, strict=True)
+    )
+
+
+def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:
+    """Return what one control surface of a case is to do on a mesh."""
+    surface, hexahedron = turn.surface, hexahedron_of(case, turn.surface)
+    patches = (surface,) if hinged(surface) else (surface, panel_of(surface))
+    for name in patches:
+        if name not in mesh.names:
+            raise InputError(f"{mesh.name}: the mesh has no patch {name}; {nearest(name, mesh.names, 'there are')}")
+    spacing = case.adaptation.spacing or case.adaptation.spacing_edges * median_edge(
+        mesh.points, mesh.faces_of([surface])
+    )
+    return Job(
+        surfaces=(Moving(patches, motion_of(case, mesh, surface, hexahedron), turn.factor * case.angle),),
+        fixed=tuple(name for name in mesh.names if name not in (*patches, BLOCK)),
+        box=Given(hexahedron, open_faces(case, surface), CONFINEMENT),
+        sections=tuple(sections_of(case, surface)),
+        near_wall=hinged(surface) and case.confinement.ahead > 0.0,
+        fitting=replace(case.adaptation, spacing=spacing),
+        repair=Repair(case.repair, case.repair_share),
+        repair_slides=repair_slides(mesh, surface),
+    )
+
+
+def repair_slides(mesh: Mesh, surface: str) -> tuple[Sliding, ...]:
+    """Return the patches whose nodes may slide when cells are mended.
+
+    Those of a hinged surface and of its parents do so on their faces and along the edges, which are straight; those of
+    a tail on its plane faces, and those of its panel on the cylinder.
+    """
+    if not hinged(surface):
+        return (Sliding(surface, "plane"), Sliding(panel_of(surface), "cylinder"))
+    own = mesh.patch(surface).nodes
+    others = [patch.name for patch in mesh.patches if patch.name not in (surface, BLOCK)]
+    parents = [name for name in others if np.isin(mesh.patch(name).nodes, own, assume_unique=True).any()]
+    return tuple(Sliding(name, "surface") for name in (surface, *parents))
+
+
+def hexahedron_of(case: Case, surface: str) -> Hexahedron:
+    """Return the hexahedron of a control surface."""
+    settings = case.confinement
+    if settings.corners:
+        return Hexahedron(np.array(settings.corners, dtype=np.float64))
+    margins = Margins(settings.aft, settings.outboard, settings.up, settings.down, settings.ahead)
+    return Hexahedron(hexahedron_corners(case.fighter, surface, margins))
+
+
+def open_faces(case: Case, surface: str) -> frozenset[str]:
+    """Faces of the hexahedron without zero sites: a tail's inward face, and faces beyond a Chimera block's."""
+    if not hinged(surface):
+        return frozenset({inward_face(surface)})
+    return frozenset(rib_faces(case.fighter, surface)) if case.domain == "block" else frozenset()
+
+
+def sections_of(case: Case, surface: str) -> Iterator[Section]:
+    """Yield the Chimera block's faces in the gaps beside a control surface: nodes slide in their planes y = const."""
+    for station in block_stations(case, surface):
+        yield Section(BLOCK, np.array([0.0, station, 0.0]), 1, case.confinement.slide)
+
+
+def block_stations(case: Case, surface: str) -> FloatArray:
+    """Stations y (k,) of the Chimera block's faces in the gaps; none where there is no block."""
+    if case.domain != "block":
+        return np.empty(0)
+    return gap_faces(case.fighter, case.block, surface)
+
+
+def check_case(case: Case) -> None:
+    """Raise InputError if a control surface of the case is none, or has no hexahedron, or its block no faces."""
+    for turn in case.deflections:
+        if turn.surface not in datum.SURFACES:
+            hint = nearest(turn.surface, datum.SURFACES, "there are")
+            raise InputError(f"deflections: unknown control surface {turn.surface!r}; {hint}")
+    try:
+        for turn in case.deflections:
+            block_stations(case, turn.surface)
+            hexahedron_of(case, turn.surface)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def axis_of(fighter: Fighter, surface: str) -> Axis:
+    """Return the axis of rotation of a control surface."""
+    return Axis.through(*datum.hinge_line(fighter, surface))
+
+
+def motion_of(case: Case, mesh: Mesh, surface: str, hexahedron: Hexahedron) -> Motion:
+    """Return how a control surface moves (appendix A).
+
+    Aileron and rudder: hinge edges fixed, trailing edge rotated, multiquadric in between. Nodes shared with another
+    patch stay: the hinge edges, and the rib where no gap separates the surface from its parent. Beside such a closed
+    rib a strip is blended spanwise; beyond it the faces stay planar. A tail turns on the fuselage cylinder.
+    """
+    fighter, blending, axis = case.fighter, case.blending, axis_of(case.fighter, surface)
+    if not hinged(surface):
+        apex = apex_of(datum.ends(fighter, surface))
+        cylinder = fuselage_cylinder(fighter)
+        return RootOnCylinder(axis, cylinder, apex, (panel_of(surface),), hexahedron, blending.root, blending.epsilon)
+    wedge = Wedge.of(mesh, fighter, surface)
+    span = np.array([0.0, 0.0, 1.0]) if surface == "rudder" else np.array([0.0, 1.0, 0.0])
+    rib = Rib(Listed(wedge.nodes[wedge.rib]), width=blending.strip, direction=span)
+    held, driven, hinge = (Listed(wedge.nodes[mask]) for mask in (wedge.fixed, wedge.trailing, wedge.hinge))
+    return Blended(Rotation(axis), held, driven, rib, hinge, blending.epsilon)
+
+
+def panel_of(surface: str) -> str:
+    """Return the fuselage panel on which a tail turns."""
+    return f"fuselage_panel_{surface.removeprefix('tail_')}"
+
+
+def fuselage_cylinder(fighter: Fighter) -> Cylinder:
+    """Return the cylinder of the rear fuselage."""
+    point, direction, radius = datum.cylinder(fighter)
+    return Cylinder(Axis(point, direction), radius)
+
+
+def apex_of(sections: FloatArray) -> FloatArray:
+    """Return the point (3,) where the lines through corresponding vertices of two sections (2, k, 3) meet."""
+    directions = sections[1] - sections[0]
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    across = np.eye(3) - np.einsum("ki,kj->kij", directions, directions)
+    right = np.einsum("kij,kj->i", across, sections[0])
+    return np.asarray(np.linalg.solve(across.sum(axis=0), right), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wedge:
+    """The nodes of a hinged trailing-edge wedge, found by topology and by its datum lines.
+
+    Attributes
+    ----------
+    nodes : (K,) node indices of the patch.
+    fixed, hinge, trailing : (K,) masks: shared with another patch; on the hinge edges; on the trailing edge.
+    rib : (K,) mask of the fixed nodes at the ends of the span that no gap separates from the parent.
+    """
+
+    nodes: IntArray
+    fixed: BoolArray
+    hinge: BoolArray
+    trailing: BoolArray
+    rib: BoolArray
+
+    @classmethod
+    def of(cls, mesh: Mesh, fighter: Fighter, surface: str) -> "Wedge":
+        """Sort the nodes of a patch; KeyError if the mesh has none of that name."""
+        nodes = mesh.patch(surface).nodes
+        points = mesh.points[nodes]
+        others = mesh.on(*(name for name in mesh.names if name != surface))
+        fixed = np.isin(nodes, others, assume_unique=True)
+        upper, lower = datum.hinge_edges(fighter, surface)
+        hinge = (distance_to_line(points, upper) < ON_LINE) | (distance_to_line(points, lower) < ON_LINE)
+        trailing = distance_to_line(points, datum.trailing_edge(fighter, surface)) < ON_LINE
+        return cls(nodes, fixed, hinge, trailing, fixed & ~hinge & ~between_hinge_edges(points, upper, lower))
+
+
+def distance_to_line(points: FloatArray, line: FloatArray) -> FloatArray:
+    """Distance of points (N, 3) from the infinite line through line (2, 3)."""
+    return np.asarray(np.linalg.norm(Axis.through(*line).radial(points), axis=1))
+
+
+def between_hinge_edges(points: FloatArray, upper: FloatArray, lower: FloatArray) -> BoolArray:
+    """True for points (N, 3) in the plane of the two hinge edges (the hinge wall)."""
+    normal = np.cross(upper[1] - upper[0], lower[0] - upper[0])
+    normal /= np.linalg.norm(normal)
+    return np.asarray(np.abs((points - upper[0]) @ normal) < ON_LINE)

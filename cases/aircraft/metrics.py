@@ -1,0 +1,151 @@
+"""What a run of a case produced, and its metrics.json."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from importlib.metadata import version
+
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.run.metrics import (
+    Json,
+    by_shape,
+    deflection_figures,
+    fit_text,
+    kernel_text,
+    mesh_figures,
+    peak_rss_bytes,
+    repair_text,
+    verdict_figures,
+)
+from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
+from sdm_deflect.deform.surface.reached import Reached
+from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.meshing.mesh import TetMesh
+
+SHOWN = ("min", "p01", "mean", "below_0_2", "below_0_4")
+"""What is shown of the quality of the whole mesh."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeshOrigin:
+    """How the undeflected mesh came to be: kept with it in the cache.
+
+    Attributes
+    ----------
+    boundary_to_cad_max : largest distance (m) of a boundary node from the CAD.
+    attempts, seconds : meshes tried until one passed verification, and the time they took.
+    """
+
+    boundary_to_cad_max: float
+    attempts: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """A finished case.
+
+    Attributes
+    ----------
+    mesh, deflected : the mesh before and after; same cells, same order.
+    origin : how the undeflected mesh came to be.
+    deflections : one entry per control surface.
+    whole_mesh_seconds : time to evaluate the first interpolant at every mesh node, for comparison.
+    checks : the validation.
+    seconds : per stage.
+    background : the mesh around a Chimera block; None without a block.
+    pinned : quality inside the hexahedron with a pinned instead of a sliding Chimera face, for comparison.
+    """
+
+    case: Case
+    mesh: TetMesh
+    origin: MeshOrigin
+    deflected: TetMesh
+    deflections: tuple[Deflection, ...]
+    whole_mesh_seconds: float
+    checks: tuple[Check, ...]
+    seconds: dict[str, float] = field(default_factory=dict)
+    background: TetMesh | None = None
+    pinned: Quality | None = None
+
+    @property
+    def passed(self) -> bool:
+        """True if every check passed."""
+        return all(check.passed for check in self.checks)
+
+
+def metrics(run: Run) -> Json:
+    """Return the content of metrics.json of a case (SI units, degrees)."""
+    case, first = run.case, run.deflections[0]
+    before, after = (summarise(mean_ratio(mesh.points, mesh.tets)) for mesh in (run.mesh, run.deflected))
+    quality = [{name: getattr(state, name) for name in SHOWN} for state in (before, after)]
+    surfaces = {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflections}
+    surface = surfaces[first.plan.surface]
+    if run.pinned:
+        surface["quality_inside"]["after_pinned"] = by_shape([run.pinned])
+    return {
+        "case": case.name,
+        "scale": case.scale,
+        "angle_deg": case.angle,
+        "strategy": case.strategy,
+        "version": version("sdm-deflect"),
+        "mesh": {
+            **mesh_figures(first.plan),
+            "quality_min": before.min,
+            "boundary_to_cad_max": run.origin.boundary_to_cad_max,
+            "seconds": run.origin.seconds,
+        },
+        **{name: value for name, value in surface.items() if name != "angle_deg"},
+        "evaluation": _evaluation(run),
+        "quality": {"before": quality[0], "after": quality[1], "inverted": after.inverted},
+        "validation": verdict_figures(run.checks),
+        "deflections": surfaces,
+        "timings": run.seconds,
+        "total_seconds": sum(run.seconds.values()),
+        "peak_rss_bytes": peak_rss_bytes(),
+    }
+
+
+def summary(run: Run) -> Iterator[str]:
+    """Yield what was run and how long it took, a line for each thing."""
+    figures = metrics(run)
+    before, after = (figures["quality"][state]["min"] for state in ("before", "after"))
+    yield (
+        f"mesh: {figures['mesh']['points']} points, {figures['mesh']['cells']} tetrahedra, "
+        f"quality min {before:.3f} before, {after:.3f} after"
+    )
+    for name, one in figures["deflections"].items():
+        fits = ", ".join(f"{d}: {fit['centers']} ({fit['max_error']:.1e} m)" for d, fit in one["adaptation"].items())
+        yield (
+            f"{name} {one['angle_deg']:+g} deg: {one['confinement']['inside']} nodes inside, centres {fits}, "
+            f"{one['steps']} step{'s' if one['steps'] > 1 else ''}"
+        )
+        yield f"{name} {fit_text(one, 'm')}; kernel: {kernel_text(one['kernel'])}"
+        for surface, motion in one["motion"].items():
+            if motion:
+                yield f"{surface} reaches {Reached(**motion).text}"
+        if one["repair"]:
+            yield f"{name} {repair_text(one)}"
+    if run.pinned:
+        for state, q in (("sliding", run.deflections[0].quality[0]), ("pinned", run.pinned)):
+            yield (
+                f"Chimera face {state}: smallest quality inside {q.min:.3f}, {q.below_0_4:.3%} below 0.4, "
+                f"{q.inverted} inverted"
+            )
+    yield ", ".join(f"{name} {seconds:.1f} s" for name, seconds in run.seconds.items())
+
+
+def _evaluation(run: Run) -> Json:
+    """Return the time of the interpolants alone; compiled code is loaded before the clock starts."""
+    seconds = sum(step.evaluation_seconds for d in run.deflections for step in d.steps)
+    pairs = sum(
+        len(step.state.free) * len(fit.chosen) * len(fit.components)
+        for d in run.deflections
+        for step in d.steps
+        for fit in step.fits.adaptations
+    )
+    return {
+        "seconds": seconds,
+        "whole_mesh_seconds": run.whole_mesh_seconds,
+        "pairs_per_second": pairs / seconds if seconds else 0.0,
+    }

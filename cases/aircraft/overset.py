@@ -1,0 +1,153 @@
+"""A Chimera block over its background: the hole cut out of it, its cells there, and a donor for every node in need."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.job import BLOCK, block_stations
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.checks import Check, worst
+from sdm_deflect.geometry.confinement import gap_faces
+from sdm_deflect.geometry.datum import ends, ribs
+from sdm_deflect.meshing.mesh import TetMesh
+
+ON_FACE = 1e-7
+"""A node within this distance (m) of a plane is in it: boundary nodes are on the CAD to that."""
+ROWS = 1 << 16
+"""Cells handled at a time: temporaries of millions of cells in little memory."""
+ROOM = 0.6
+"""Half height of the hole by the longest chord: an aileron turned by up to 36 deg stays inside."""
+BEYOND = 0.15
+"""How far the hole reaches beyond trailing edge and tip, by the longest chord."""
+CELLS_TO_BLOCK_FACE = 2.5
+"""Cells of the background between the hole and the block's face in a gap: the hole's fringe lies there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Donors:
+    """How many nodes of two overset meshes need a donor cell in the other, and how many find none.
+
+    Attributes
+    ----------
+    faces, faces_without : nodes on the block's outer faces, which seek theirs in the background.
+    off : nodes of the background in the hole, which are switched off.
+    fringe, fringe_without : nodes of the background next to the hole, which seek theirs in the block.
+    """
+
+    faces: int
+    faces_without: int
+    off: int
+    fringe: int
+    fringe_without: int
+
+    @property
+    def orphans(self) -> int:
+        """Nodes without a donor."""
+        return self.faces_without + self.fringe_without
+
+
+def donors(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArray) -> Donors:
+    """Count the nodes that need and that find a donor between a (deflected) block and the background.
+
+    Parameters
+    ----------
+    low, high : (3,) corners of the hole, the box around the control surface that is cut out of the background.
+        It must lie well inside the block.
+    """
+    outer = block.on(BLOCK)
+    off = np.flatnonzero(np.all((background.points > low) & (background.points < high), axis=1))
+    fringe = np.setdiff1d(distinct(background.tets[background.touching(off)]), off, assume_unique=True)
+    found = (has_donor(block.points[outer], background), has_donor(background.points[fringe], block))
+    without = [int(np.count_nonzero(~one)) for one in found]
+    return Donors(len(outer), without[0], len(off), len(fringe), without[1])
+
+
+def orphans(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArray) -> Check:
+    """Check that all nodes find their `donors`."""
+    found = donors(block, background, low, high)
+    where = (
+        f"{found.faces} nodes of the block's faces in the background, {found.fringe} of the background around its "
+        f"hole of {found.off} nodes in the block"
+    )
+    return Check("orphans", float(found.orphans), 0.0, "nodes", where)
+
+
+def hole(case: Case) -> tuple[FloatArray, FloatArray]:
+    """Corners (3,) of the box cut out of the background; in a gap it ends with the aileron."""
+    surface = case.deflections[0].surface
+    wedges = ends(case.fighter, surface)[:, 2:5]  # hinge above, trailing edge, hinge below
+    low, high = wedges.min(axis=(0, 1)), wedges.max(axis=(0, 1))
+    chord = float(np.ptp(wedges[:, :, 0], axis=1).max())
+    height = chord * max(ROOM, np.sin(np.radians(abs(case.angle))) + 0.1)
+    low += np.array([0.0, -BEYOND * chord, -height])
+    high += np.array([BEYOND * chord, BEYOND * chord, height])
+    for station in ribs(case.fighter, surface):
+        nearer = high if abs(station - high[1]) < abs(station - low[1]) else low
+        nearer[1] = station
+    return low, high
+
+
+def finer_background(case: Case) -> tuple[FloatArray, FloatArray]:
+    """Points (S, 3) on the hole's ends in the gaps, and the background's edge lengths (S,) there, metres."""
+    surface, (low, high) = case.deflections[0].surface, hole(case)
+    points, lengths = [], []
+    stations = gap_faces(case.fighter, case.block, surface)
+    for end, face in zip(ribs(case.fighter, surface), stations, strict=True):
+        length = abs(face - end) / CELLS_TO_BLOCK_FACE
+        x, z = (np.linspace(low[i], high[i], 2 + int((high[i] - low[i]) / length)) for i in (0, 2))
+        grid = np.stack(np.meshgrid(x, [0.5 * (end + face)], z, indexing="ij"), axis=-1).reshape(-1, 3)
+        points.append(grid)
+        lengths.append(np.full(len(grid), length))
+    return np.vstack(points), np.concatenate(lengths)
+
+
+def overset_checks(case: Case, mesh: TetMesh, deflected: TetMesh, background: TetMesh) -> Iterator[Check]:
+    """Checks of a Chimera block: its faces in the gaps stay planar, and both blocks find their donors."""
+    surface = case.deflections[0].surface
+    nodes = mesh.on(BLOCK)
+    off_plane = np.abs(mesh.points[nodes, 1, None] - block_stations(case, surface)).min(axis=1)
+    face = nodes[off_plane <= ON_FACE]
+    off = np.abs(deflected.points[face, 1] - mesh.points[face, 1])
+    yield Check("chimera_face_in_plane", float(off.max()), 0.0, "m", worst(off, mesh.points[face]))
+    yield orphans(deflected, background, *hole(case))
+
+
+def has_donor(points: FloatArray, mesh: TetMesh) -> BoolArray:
+    """True for each of points (N, 3) that lies in a cell of the mesh."""
+    import pyvista as pv  # a second, for Chimera blocks only
+    from vtkmodules.vtkCommonDataModel import vtkGenericCell, vtkStaticCellLocator
+
+    tets = cells_near(points, mesh)
+    if not len(tets):
+        return np.zeros(len(points), dtype=bool)
+    used, local_tets = np.unique(tets, return_inverse=True)
+    locator = vtkStaticCellLocator()
+    locator.SetDataSet(pv.UnstructuredGrid({pv.CellType.TETRA: local_tets.reshape(-1, 4)}, mesh.points[used]))
+    locator.BuildLocator()
+    cell, weights, local = vtkGenericCell(), [0.0] * 4, [0.0] * 3
+    found = [locator.FindCell(p, 0.0, cell, local, weights) >= 0 for p in points.tolist()]
+    return np.array(found, dtype=bool)
+
+
+def cells_near(points: FloatArray, mesh: TetMesh) -> IntArray:
+    """Cells (C, 4) of the mesh with any of points (N, 3) in the ball around their centroid that holds them.
+
+    All others are no donors. The locator sorts cells into boxes of one size: among those of a whole graded mesh
+    a box next to a surface holds thousands.
+    """
+    if not len(points):
+        return np.empty((0, 4), dtype=np.intp)
+    tree, low, high, near = cKDTree(points), points.min(axis=0), points.max(axis=0), []
+    for start in range(0, len(mesh.tets), ROWS):
+        tets = mesh.tets[start : start + ROWS]
+        corners = mesh.points[tets]
+        centre = corners.mean(axis=1)
+        reach = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1, keepdims=True) * (1.0 + 1e-9)
+        boxed = np.flatnonzero(np.all((centre + reach >= low) & (centre - reach <= high), axis=1))
+        count = tree.query_ball_point(centre[boxed], reach[boxed, 0], return_length=True)
+        near.append(tets[boxed[count > 0]])
+    return np.vstack(near)

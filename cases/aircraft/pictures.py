@@ -1,0 +1,210 @@
+"""The paper's figures of the aircraft: patches and blocks (1), quality (3, 4, 7), the gap (5), the tail (6, 8)."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sdm_deflect.cases.aircraft.job import BLOCK, panel_of
+from sdm_deflect.cases.aircraft.metrics import Run
+from sdm_deflect.cases.report import scene3d
+from sdm_deflect.cases.report.figures import bars
+from sdm_deflect.cases.report.pictures import Picture
+from sdm_deflect.cases.report.scene3d import Layer, View
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.quality import mean_ratio
+from sdm_deflect.geometry.confinement import block_corners, gap_faces
+from sdm_deflect.geometry.datum import ends, ribs
+from sdm_deflect.meshing.generate.topology import cell_faces, edges_of
+from sdm_deflect.meshing.mesh import TetMesh
+
+BINS = np.linspace(0.0, 1.0, 51)
+WHOLE, GAP, TAIL = (900, 620), (900, 700), (900, 640)
+"""Width and height in pixels of each view."""
+OUTBOARD, ALONG = 4.0, 4.5
+"""Extent of the portion outboard of the aileron's end, and above and below it, by the distance to the block's face."""
+CUT = 0.35
+"""Where the mesh is cut for figure 8: share of the span from root to tip."""
+
+
+def blocks(aircraft: Run, chimera: Run) -> Picture:
+    """Draw the aircraft as meshed, and the aileron's block in the aircraft's.
+
+    Raises ValueError if the second run has no Chimera block.
+    """
+    if chimera.background is None:
+        raise ValueError(f"case {chimera.case.name} has no Chimera block")
+    mesh, names = aircraft.mesh, scene3d.components_of(walls(aircraft.mesh))
+    surface = scene3d.patches(mesh.as_mesh(), walls(mesh), edge=(70, 70, 70), width=0.6)
+    whole = scene3d.framed(surface, mesh.points[mesh.on(*walls(mesh))], (-1.0, -1.1, 0.9), WHOLE)
+    legend = {name: scene3d.COMPONENTS[name] for name in [*names, BLOCK]}
+    return Picture(
+        (whole, overlapping(chimera, chimera.background)),
+        ("full model, one block", "Chimera block of the aileron in the aircraft's block"),
+        "Left: surface mesh of the aircraft, coloured by component. Right: the Chimera block around the left aileron, "
+        "transparent with magenta edges, in the surrounding aircraft.",
+        legend={("block's outer faces" if name == BLOCK else name): colour for name, colour in legend.items()},
+    )
+
+
+def walls(mesh: TetMesh) -> list[str]:
+    """Return the patches of the aircraft itself."""
+    return [name for name in mesh.names[1:] if name not in ("far_field", BLOCK)]
+
+
+def shell(tets: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the triangles (F, 3) that bound a set of tetrahedra (M, 4), and the row (F,) of each one's cell."""
+    faces = cell_faces(tets)
+    outer = faces.second < 0
+    return faces.nodes[outer], faces.first[outer]
+
+
+def cells_by_quality(mesh: TetMesh, chosen: BoolArray, **looks: Any) -> Layer:
+    """Return the outside of the chosen (M,) cells, coloured by their mean ratio."""
+    tets = mesh.tets[chosen]
+    triangles, cell = shell(tets)
+    rgb = scene3d.quality_rgb(mean_ratio(mesh.points, tets)[cell])
+    return Layer(mesh.points, triangles, rgb, **{"edge": (40, 40, 40), "ambient": 0.85, **looks})
+
+
+def overlapping(run: Run, background: TetMesh) -> View:
+    """Look at the block around the aileron from behind, port and above."""
+    corners = block_corners(run.case.fighter, run.case.block, run.deflections[0].plan.surface)
+    around = scene3d.patches(background.as_mesh(), walls(background), edge=(120, 120, 120), width=0.4)
+    own = scene3d.patches(run.mesh.as_mesh(), walls(run.mesh), edge=(60, 60, 60), width=0.6)
+    outside = scene3d.plain(run.mesh.points, run.mesh.triangles_of(BLOCK), scene3d.MAGENTA, opacity=0.12)
+    return scene3d.framed((*around, *own, outside, scene3d.box(corners)), corners, (0.9, -1.0, 0.9), WHOLE)
+
+
+def gaps(runs: Sequence[Run]) -> Picture:
+    """Draw the gap of each run as deflected, seen from behind."""
+    return Picture(
+        tuple(gap(run) for run in runs),
+        tuple(f"{run.case.angle:+g} deg" for run in runs),
+        "Cells around the end of the deflected aileron, cut near its trailing edge and seen from behind; the straight "
+        "face on the right is the Chimera block's, on which nodes slide. Colours show the mean ratio; aileron and wing "
+        "are dark grey, the box has magenta edges.",
+        columns=len(runs),
+        quality=True,
+    )
+
+
+def gap(run: Run) -> View:
+    """Look at the gap from behind and a little from above and inboard."""
+    plan, mesh = run.deflections[0].plan, run.deflected
+    own, face, end = stations(run)
+    width = abs(face - own)
+    grey = scene3d.patches(mesh.as_mesh(), walls(mesh), scene3d.DARK)
+    cells = cells_by_quality(mesh, in_gap(run), width=1.2)
+    focus = np.array([end[1, 0], own - np.sign(face - own) * width, 2.0 * width])
+    return View(
+        (*grey, cells, scene3d.box(plan.region.hexahedron.corners)), focus, (1.0, 0.25, 0.35), 14.0 * width, GAP
+    )
+
+
+def stations(run: Run) -> tuple[float, float, FloatArray]:
+    """Return y of the aileron's end and of the block's face in the gap, and the aileron's section (3, 3) there."""
+    surface, fighter = run.deflections[0].plan.surface, run.case.fighter
+    section = ends(fighter, surface)[0][2:5]
+    return float(ribs(fighter, surface)[0]), float(gap_faces(fighter, run.case.block, surface)[0]), section
+
+
+def in_gap(run: Run) -> BoolArray:
+    """True for cells (M,) ahead of the trailing edge, from the block's face to some gaps outboard.
+
+    They are chosen by where they were before the deflection, so that every angle shows the same cells.
+    """
+    own, face, section = stations(run)
+    x, y, z = run.mesh.points[run.mesh.tets].mean(axis=1).T
+    width, outboard = abs(face - own), np.sign(own - face) * (y - own)
+    ahead = (x > section[0, 0]) & (x < section[1, 0] - 0.25 * np.ptp(section[:, 0]))
+    return np.asarray(ahead & (outboard < OUTBOARD * width) & (np.abs(z) < ALONG * width))
+
+
+def confinement(run: Run) -> Picture:
+    """Figure 6: surface meshes of tail and panel, the hexahedron and the zero sites on its faces."""
+    plan, mesh = run.deflections[0].plan, run.mesh
+    surface = plan.surface
+    shown = scene3d.patches(mesh.as_mesh(), (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
+    others = [name for name in walls(mesh) if name not in run.deflections[0].plan.patches]
+    rest = scene3d.patches(mesh.as_mesh(), others, scene3d.GREY, opacity=0.25)
+    zero = tuple(scene3d.dots(part.points, scene3d.BLUE, 10.0) for part in plan.sites.zero)
+    corners = plan.region.hexahedron.corners
+    view = scene3d.framed((*rest, *shown, *zero, scene3d.box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
+    return Picture(
+        (view,),
+        (f"{len(plan.sites.zero[0])} sites at zero, {len(plan.sites.moving)} on the surface",),
+        "Surface mesh of the left tail and of the fuselage panel on which it turns; the hexahedron in magenta and the "
+        "data sites of zero displacement on its faces as blue dots.",
+        columns=1,
+    )
+
+
+def around(run: Run) -> Picture:
+    """Figure 8: cells around the tail by quality, and the panel's surface mesh, before and after."""
+    pair = ((run.mesh, "undeflected"), (run.deflected, f"{run.case.angle:+g} deg"))
+    return Picture(
+        (*(section(run, mesh) for mesh, _ in pair), *(panel(run, mesh) for mesh, _ in pair)),
+        (*(f"cells around the tail, {text}" for _, text in pair), *(f"fuselage panel, {text}" for _, text in pair)),
+        "Top: cells cut across the span of the tail, coloured by mean ratio, before and after the deflection, with the "
+        "tail in grey. Bottom: surface meshes of the fuselage panels; only the one beside the tail follows it.",
+        quality=True,
+    )
+
+
+def section(run: Run, mesh: TetMesh) -> View:
+    """Look from the tip at the cells inboard of a cut across the tail."""
+    span, region = ends(run.case.fighter, run.deflections[0].plan.surface), run.deflections[0].plan.region
+    middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
+    grey = scene3d.patches(mesh.as_mesh(), (run.deflections[0].plan.surface,), scene3d.GREY)
+    y = run.mesh.points[run.mesh.tets, 1].mean(axis=1)
+    chosen = run.mesh.touching(region.inside) & (np.abs(y) < abs(middle[1]))
+    cells = cells_by_quality(mesh, chosen, width=0.8)  # chosen by where they were before the deflection
+    return View((*grey, cells, scene3d.box(region.hexahedron.corners, 2.0)), middle, (0.12, -1.0, 0.3), 0.16, TAIL)
+
+
+def panel(run: Run, mesh: TetMesh) -> View:
+    """Look from behind at the fuselage panels with their surface meshes; all else is shaded."""
+    surface = run.deflections[0].plan.surface
+    meshed = [name for name in walls(mesh) if name.startswith("fuselage_")]
+    shaded = [name for name in walls(mesh) if name not in meshed and not name.startswith("wing")]
+    layers = (
+        *scene3d.patches(mesh.as_mesh(), shaded, scene3d.GREY),
+        *scene3d.patches(mesh.as_mesh(), meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
+        scene3d.plain(run.mesh.points, border(run.mesh, surface), scene3d.ORANGE, width=5.0),
+    )
+    focus = mesh.points[mesh.on(panel_of(surface))].mean(axis=0)
+    return View(layers, focus, (0.55, -1.0, 0.5), 0.2, TAIL)
+
+
+def border(mesh: TetMesh, surface: str) -> IntArray:
+    """Return the edges (E, 2) at which the panel of a tail meets patches other than the tail."""
+    edges, index = edges_of(mesh.triangles_of(panel_of(surface)))
+    outer = edges[np.bincount(index.ravel()) == 1]
+    return np.asarray(outer[~np.isin(outer, mesh.on(surface)).all(axis=1)])
+
+
+def histograms(runs: Sequence[Run], titles: Sequence[str]) -> tuple[Figure, str]:
+    """Draw one pair of histograms of all cells of the mesh for each run (3, 4, 7), and say what is seen."""
+    figure = Figure(figsize=(4.6 * len(runs), 3.6), layout="constrained")
+    axes = figure.subplots(1, len(runs), sharey=True, squeeze=False)[0]
+    texts = [pair(run, one, title) for run, one, title in zip(runs, axes, titles, strict=True)]
+    axes[0].set_ylabel("cells (log above 1)")
+    axes[0].legend(loc="upper left", fontsize="small")
+    return figure, "Histograms of the mean ratio before and after the deflection. " + " ".join(texts)
+
+
+def pair(run: Run, axes: Axes, title: str) -> str:
+    """Draw the histograms of one run: of the whole mesh as in the paper, and of the cells that touch the hexahedron."""
+    before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
+    near = run.mesh.touching(run.deflections[0].plan.region.inside)
+    bars(axes, after, BINS, "deflected", color="#d55e00", alpha=0.5, fill=True)
+    bars(axes, before, BINS, "undeflected", color="black", lw=1.4)
+    bars(axes, after[near], BINS, "deflected, at the hexahedron", color="#0072b2", lw=1.8)
+    bars(axes, before[near], BINS, "undeflected, at the hexahedron", color="black", lw=1.2, ls=":")
+    axes.set(xlabel="mean ratio", yscale="symlog", xlim=(0.0, 1.0), ylim=(0.0, None))
+    axes.set_title(f"{title}\nsmallest {before.min():.3f} before, {after.min():.3f} after", fontsize="medium")
+    axes.grid(alpha=0.3)
+    return f"{title}: smallest {before.min():.3f} before and {after.min():.3f} after."

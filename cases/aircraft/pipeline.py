@@ -1,0 +1,165 @@
+"""One case, from parameters to validated result: geometry, mesh, deformation, validation, output."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from math import nan
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.metrics import MeshOrigin, Run, metrics
+from sdm_deflect.cases.aircraft.overset import finer_background
+from sdm_deflect.cases.aircraft.reference import reference
+from sdm_deflect.cases.aircraft.run_folder import write_deformation, write_metrics
+from sdm_deflect.cases.run.progress import Stopwatch
+from sdm_deflect.deform.base.cache_folder import default_folder
+from sdm_deflect.deform.base.progress import Progress
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.quality import Quality
+from sdm_deflect.deform.volume.deflection import Deflection, combined, repair_of
+from sdm_deflect.meshing.files.cache import MeshCache, cache_key
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.mesh import TetMesh
+
+if TYPE_CHECKING:
+    from sdm_deflect.cases.report.data import ReportData
+    from sdm_deflect.cases.report.pictures import Gallery
+    from sdm_deflect.meshing.generate.generation import Generated
+
+
+def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, report: bool = True) -> Run:
+    """Run a case and write its files into `folder`, with pictures and a page if a `report` is wanted."""
+    with reference(case) as deflected_cad:
+        # Matplotlib, pyvista and trimesh load while the CAD is being built.
+        from sdm_deflect.cases.aircraft.validation import site_checks, validate
+
+        mesh, origin = meshed(case, watch, cache)
+        background = background_mesh(case, watch, cache) if case.domain == "block" else None
+        with watch.stage("deformation") as progress:
+            flow = mesh.as_mesh(case.name)
+            plans = plans_of(case, flow, progress=progress)
+            results = deflected(case, plans, progress)
+            moved = mesh.with_points(combined(flow, results))
+            whole = whole_mesh_seconds(mesh, results[0])
+            stiff = pinned_quality(case, flow, progress) if case.domain == "block" else None
+            progress(adapted(results), 1.0)
+        if report:
+            shown, gallery = drawn_report(case, mesh, moved, results, folder, watch)
+        with watch.stage("files") as progress:
+            write_deformation(folder, case, mesh, moved, results, background)
+            progress(f"{sum(path.stat().st_size for path in folder.glob('*.*')) / 1e6:.1f} MB", 1.0)
+        with watch.stage("validation") as progress:
+            progress("waiting for the deflected CAD", nan)
+            checks = validate(case, mesh, moved, plans, deflected_cad(), background, repair_of(results)) + site_checks(
+                results
+            )
+            progress(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
+    run = Run(case, mesh, origin, moved, results, whole, checks, watch.seconds, background, stiff)
+    if report:
+        from sdm_deflect.cases.aircraft.report import compared
+        from sdm_deflect.cases.report.page import write_report
+
+        with watch.stage("report") as progress:
+            data = shown.judged(checks, metrics(run))
+            write_report(data, gallery.with_more(compared(data, folder / "figures")), folder)
+            progress(f"{(folder / 'report.html').stat().st_size / 1e6:.1f} MB", 1.0)
+    write_metrics(run, folder)
+    return run
+
+
+def drawn_report(
+    case: Case, mesh: TetMesh, moved: TetMesh, results: Sequence[Deflection], folder: Path, watch: Stopwatch
+) -> tuple["ReportData", "Gallery"]:
+    """Return what the report shows, and its pictures, which are in `folder`."""
+    from sdm_deflect.cases.aircraft.report import report_data_of
+    from sdm_deflect.cases.report.pictures import drawn
+
+    with watch.stage("pictures") as progress:
+        shown = report_data_of(case, mesh, moved, results)
+        gallery = drawn(shown, folder / "figures")
+        progress(f"{len(gallery.exhibits)} pictures", 1.0)
+    return shown, gallery
+
+
+def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[TetMesh, MeshOrigin]:
+    """Return the undeflected mesh of the case, from the cache if it is there and whole."""
+
+    def generate() -> "Generated":
+        from sdm_deflect.cases.aircraft.cad import (
+            undeflected,  # loads the CAD kernel: seconds that a cached mesh spares
+        )
+
+        return undeflected(case, watch)
+
+    return cached(mesh_parameters(case), generate, watch, cache)
+
+
+def mesh_parameters(case: Case) -> dict[str, object]:
+    """Return everything that the undeflected mesh of a case depends on."""
+    parts: dict[str, object] = {"fighter": case.fighter, "mesh": case.mesh, "domain": case.domain}
+    if case.domain == "block":
+        parts |= {"block": case.block, "surface": case.deflections[0].surface}
+    return parts
+
+
+def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> TetMesh:
+    """Return the mesh of the aircraft that surrounds the Chimera block of a case."""
+    finer = finer_background(case)
+    parts = {
+        "fighter": case.fighter, "mesh": case.background, "domain": "background",
+        "surface": case.deflections[0].surface, "finer": [array.tolist() for array in finer],
+    }  # fmt: skip
+
+    def generate() -> "Generated":
+        from sdm_deflect.cases.aircraft.cad import around_block
+
+        return around_block(case, finer, watch)
+
+    return cached(parts, generate, watch, cache)[0]
+
+
+def cached(
+    parts: dict[str, object], generate: "Callable[[], Generated]", watch: Stopwatch, cache: bool
+) -> tuple[TetMesh, MeshOrigin]:
+    """Return the mesh of these parameters from the cache, or generate it and keep it."""
+    store, key = MeshCache(default_folder()), cache_key(parts)
+    with watch.stage("cache") as tell:
+        try:
+            found = store.load(key) if cache else None
+            tell(f"{len(found[0].tets)} cells" if found else "no mesh of these parameters", 1.0)
+        except MeshFileError as error:
+            found = None
+            tell(f"meshing anew, the cached mesh cannot be used: {error}", 1.0)
+    if found is not None:
+        return found[0], MeshOrigin(**found[1])  # type: ignore[arg-type]
+    made = generate()
+    origin = MeshOrigin(made.report.verification.boundary_to_cad_max, made.report.attempts, made.report.seconds)
+    if cache:
+        try:
+            store.store(key, made.mesh, asdict(origin))
+        except MeshFileError as error:
+            with watch.stage("cache") as tell:
+                tell(f"the mesh is not kept for other runs: {error}", 1.0)
+    return made.mesh, origin
+
+
+def adapted(results: Sequence[Deflection]) -> str:
+    """Say how many centres all adaptations took and the largest residual that is left."""
+    fits = [fit for one in results for step in one.steps for fit in step.fits.adaptations]
+    centres, residual = sum(len(fit.chosen) for fit in fits), max(fit.max_error for fit in fits)
+    return f"{centres} centres, residual {residual:.1e} m"
+
+
+def pinned_quality(case: Case, mesh: Mesh, progress: Progress) -> Quality:
+    """Quality inside the box if the Chimera face were pinned instead of sliding: what sliding is worth."""
+    stiff = replace(case, repair="off", confinement=replace(case.confinement, slide=False))
+    return deflected(stiff, plans_of(stiff, mesh, progress=progress), progress)[0].quality[0]
+
+
+def whole_mesh_seconds(mesh: TetMesh, result: Deflection) -> float:
+    """Time (s) to evaluate the first surface's interpolant at every node: what confinement saves (section 5.1)."""
+    interpolant, start = result.steps[0].fits.interpolant, perf_counter()
+    interpolant(mesh.points)
+    return perf_counter() - start

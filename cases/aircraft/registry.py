@@ -1,0 +1,120 @@
+"""The cases by name, and what users change in them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from sdm_deflect.cases.aircraft.case import Case, Confinement, SurfaceTurn, adaptation
+from sdm_deflect.cases.settings.conversion import Nested, assigned, changed, merged, read_toml
+from sdm_deflect.deform.base.errors import InputError, nearest
+from sdm_deflect.geometry.parameters import Aileron, Fighter
+from sdm_deflect.meshing.generate.parameters import BACKGROUND_SCALES, BLOCK_SCALES, SCALES
+
+AILERON = Case(
+    name="aileron", title="left aileron, no gap (section 5.1)", deflections=(SurfaceTurn("aileron_left"),), angle=-12.0
+)
+"""Case 5.1: blended chordwise and, beside the wing, spanwise."""
+
+AILERON_CHIMERA = Case(
+    name="aileron-chimera",
+    title="left aileron with spanwise gap in a Chimera block (section 5.2)",
+    deflections=(SurfaceTurn("aileron_left"),),
+    domain="block",
+    angle=-12.0,
+    fighter=Fighter(aileron=Aileron(gap=0.014 * 0.3048)),
+    adaptation=adaptation(initial_surface=20, initial_hexahedron=20, n_add=8, spacing_edges=1.2),
+)
+"""Case 5.2: behind a spanwise gap, in a Chimera block of its own."""
+
+TAIL = Case(
+    name="tail",
+    title="left horizontal tail on the fuselage cylinder (section 5.3)",
+    deflections=(SurfaceTurn("tail_left"),),
+    angle=12.0,
+    confinement=Confinement(aft=0.080),
+    adaptation=adaptation(initial_surface=100, initial_hexahedron=100, n_add=12, max_centers=2200),
+)
+"""Case 5.3: turns on the cylindrical rear fuselage (appendix A)."""
+
+RUDDER = Case(
+    name="rudder", title="rudder, no gap, trailing edge to port", deflections=(SurfaceTurn("rudder"),), angle=15.0
+)
+"""The fin's trailing-edge wedge, treated as an aileron."""
+
+ALL = Case(
+    name="all",
+    title="both ailerons (-/+), both tails and the rudder at once",
+    deflections=(
+        SurfaceTurn("aileron_left", -1.0),
+        SurfaceTurn("aileron_right", 1.0),
+        SurfaceTurn("tail_left", 1.0),
+        SurfaceTurn("tail_right", 1.0),
+        SurfaceTurn("rudder", 1.25),
+    ),
+    angle=12.0,
+)
+"""Every control surface at once, each in a box of its own."""
+
+CASES: dict[str, Case] = {case.name: case for case in (AILERON, AILERON_CHIMERA, TAIL, RUDDER, ALL)}
+
+KERNEL = ("kernel", "kernel_radius", "polynomial")
+"""Settings of the interpolation that may be given without the name of their table."""
+PAPER_SPACING = {"aileron-chimera": 8.0, "tail": 3.25}
+"""Spacing of zero sites, over edges of the moving surface, that gives the paper's meshes its number of sites."""
+
+
+def case_named(name: str, scale: str = "small") -> Case:
+    """Return a case at a scale; InputError with the nearest name if there is none."""
+    for what, given, known in (("case", name, CASES), ("scale", scale, SCALES)):
+        if given not in known:
+            raise InputError(f"unknown {what} {given!r}; {nearest(given, known, 'there are')}")
+    case = CASES[name]
+    sizes = BLOCK_SCALES if case.domain == "block" else SCALES
+    case = replace(case, scale=scale, mesh=sizes[scale], background=BACKGROUND_SCALES[scale])
+    if scale == "paper" and name in PAPER_SPACING:
+        case = replace(case, adaptation=replace(case.adaptation, spacing_edges=PAPER_SPACING[name]))
+    return case
+
+
+def resolve(
+    name: str,
+    scale: str | None = None,
+    angle: float | None = None,
+    strategy: str | None = None,
+    repair: str | None = None,
+    assignments: Sequence[str] = (),
+    config: Path | None = None,
+) -> Case:
+    """Return the case: registered defaults, then the configuration file, then options, then assignments.
+
+    Raises InputError: one sentence: what is wrong, which value, what would be right.
+    """
+    tables, changes = read_toml(config) if config else {}, _placed(assigned(assignments))
+    options: Nested = {"angle": angle} if angle is not None else {}
+    if repair is not None:
+        options["repair"] = repair
+    if strategy is not None:
+        options["adaptation"] = {"strategy": strategy}
+    changes = merged(options, changes)
+    name = name or str(tables.get("name", ""))
+    if not name:
+        raise InputError("no case given; name one (see sdm list), or give the case.toml of a run")
+    if changes.get("name", name) != name:
+        raise InputError(f"name = {changes['name']!r}: a case keeps its name, {name}")
+    size = changes.get("scale", scale)
+    if size not in (None, tables.get("scale", size)):
+        raise InputError(f"scale = {size!r}: {config} holds the sizes of {tables['scale']}; leave one of them out")
+    case = case_named(name, str(size or tables.get("scale", "small")))
+    case = changed(case, merged(tables, changes))
+
+    from sdm_deflect.cases.aircraft.job import check_case  # compiled code: a mistake needs none
+
+    check_case(case)
+    return case
+
+
+def _placed(changes: Nested) -> Nested:
+    """Put the kernel where a case has it: it may be named as for `sdm deflect`, without ``adaptation.``."""
+    own = {name: changes[name] for name in KERNEL if name in changes}
+    rest = {name: value for name, value in changes.items() if name not in own}
+    return merged({"adaptation": own} if own else {}, rest)

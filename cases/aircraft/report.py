@@ -1,0 +1,249 @@
+"""What the report and the view of an SDM case add: its settings in words, and the distance from the CAD as a map."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import Field, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
+
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.job import BLOCK, plans_of
+from sdm_deflect.cases.aircraft.reference import reference
+from sdm_deflect.cases.aircraft.run_folder import read_run, stored_repair
+from sdm_deflect.cases.aircraft.validation import validate
+from sdm_deflect.cases.report.data import (
+    METRES,
+    RUN,
+    Box,
+    FitRows,
+    MovedSurface,
+    ReportData,
+    Rows,
+    read_figures,
+    shown,
+    unrepaired,
+)
+from sdm_deflect.cases.report.page import write_report
+from sdm_deflect.cases.report.pictures import Exhibit, drawn, saved
+from sdm_deflect.cases.report.scene3d import triangles_of
+from sdm_deflect.cases.run.metrics import Json
+from sdm_deflect.cases.run.output import PAGE, output_folder
+from sdm_deflect.cases.settings.conversion import to_toml
+from sdm_deflect.cases.view.run import InteractiveRun, Manner
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.reading import damaged
+from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.volume.deflection import Deflection, Plan, repair_of
+from sdm_deflect.geometry.datum import hinged
+from sdm_deflect.meshing.formats.vtu import read_vtu
+from sdm_deflect.meshing.mesh import TetMesh
+
+FAR_FIELD = "far_field"
+MAP = "viridis"
+LEAST, TOP = 1e-17, 1e2
+"""Distances (m) below are drawn here; the colours span at least so many times that."""
+SEEN = 1e-6
+"""Distances (m) are shown in mm if the largest is above this."""
+ROUNDING = 1e-12
+"""Distances (m) that are all below this are rounding: there is nothing to see in a map of them."""
+COMPARED = {"cad_map": ("surface_to_cad", "root_on_cylinder"), "rigid_cad_map": ("surface_to_rigid_cad",)}
+"""For each map the checks whose distances it shows."""
+BLENDED, RIGID = "the deflected CAD, blended by the same rule as the surface", "the CAD that was rotated rigidly"
+
+
+def report_data_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflection]) -> ReportData:
+    """Return what the report of a case shows, before it is judged."""
+    data = _data(case, mesh, deflected, [_box(one.plan, FitRows.of(one)) for one in deflections])
+    return replace(data, interpolated=unrepaired(deflected.points, repair_of(deflections)))
+
+
+def report_data_of_folder(folder: Path) -> ReportData:
+    """Return what a finished case's report shows, validated again; InputError if a file is missing or damaged."""
+    case, mesh, deflected = read_run(folder)
+    background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
+    plans = plans_of(case, mesh.as_mesh(case.name))
+    figures, stored, boxes = _stored(folder, plans)
+    with reference(case) as deflected_cad:
+        repair = stored_repair(folder, mesh)
+        checks = validate(case, mesh, deflected, plans, deflected_cad(), background, repair)
+    # the interpolants are not fitted again
+    checks += tuple(check for check in stored if check.name.startswith("site_error"))
+    data = _data(case, mesh, deflected, boxes).judged(checks, figures)
+    return replace(data, interpolated=unrepaired(deflected.points, repair))
+
+
+def stored_report_data(folder: Path) -> ReportData:
+    """Return the same with the checks that the run made itself, so that no CAD is built."""
+    case, mesh, deflected = read_run(folder)
+    figures, checks, boxes = _stored(folder, plans_of(case, mesh.as_mesh(case.name)))
+    data = _data(case, mesh, deflected, boxes).judged(checks, figures)
+    return replace(data, interpolated=unrepaired(deflected.points, stored_repair(folder, mesh)))
+
+
+def _stored(folder: Path, plans: Sequence[Plan]) -> tuple[Json, tuple[Check, ...], list[Box]]:
+    """Return the figures and checks of a finished case, and its boxes."""
+    figures, checks, fits = read_figures(folder)
+    with damaged(folder, RUN):
+        return figures, checks, [_box(plan, own) for plan, own in zip(plans, fits, strict=True)]
+
+
+def report_of_folder(folder: Path) -> ReportData:
+    """Make report.html and the figures of a finished case anew; InputError as `report_data_of_folder`."""
+    data = report_data_of_folder(folder)
+    with output_folder(folder, PAGE) as scratch:
+        figures = scratch / "figures"
+        write_report(data, drawn(data, figures).with_more(compared(data, figures)), scratch)
+    return data
+
+
+def interactive_run(folder: Path) -> InteractiveRun:
+    """Return a finished case that turns to any angle; InputError if its files do not belong together."""
+    case, mesh, deflected = read_run(folder)
+    plans = plans_of(case, mesh.as_mesh(case.name))
+    positive = "to port" if plans[0].surface == "rudder" else "trailing edge down"
+    manner = Manner(case.title, positive, METRES, (FAR_FIELD, BLOCK), leading=1)
+    return InteractiveRun.prepared(folder, plans, deflected.points, case.angle, manner)
+
+
+def _data(case: Case, mesh: TetMesh, deflected: TetMesh, boxes: Sequence[Box]) -> ReportData:
+    return ReportData(
+        title=f"{case.title[:1].upper()}{case.title[1:]}, {case.angle:+g}\N{DEGREE SIGN}",
+        facts=(("case", case.name), ("scale, strategy", f"{case.scale}, {case.strategy.upper()}")),
+        mesh=mesh.as_mesh(case.name),
+        points=deflected.points,
+        boxes=tuple(boxes),
+        length=METRES,
+        settings=to_toml(case),
+        settings_file="case.toml",
+        repeat="sdm run --config case.toml",
+        tables=parameter_tables(case),
+        middle=np.zeros(3),
+        drawn=tuple(name for name in mesh.names[1:] if name not in (FAR_FIELD, BLOCK)),
+        hidden=tuple(name for name in mesh.names[1:] if name == BLOCK),
+        quality_limit=case.limits.quality_min,
+    )
+
+
+def _box(plan: Plan, fits: FitRows) -> Box:
+    """Return the box of a control surface, which is the first patch that moves; a tail's panel only follows it."""
+    box, nodes = Box.of(plan, plan.angle, plan.surface, fits), plan.mesh.patch(plan.surface).nodes
+    own = replace(box.surfaces[0], name=plan.surface, patches=(plan.surface,), nodes=nodes)
+    return replace(box, surfaces=(own,))
+
+
+def compared(data: ReportData, folder: Path) -> list[Exhibit]:
+    """Draw the distances from the CAD that the validation found into `folder`; a tail's CAD is rigid, hence one."""
+    return [
+        saved(folder, part, surface.name, *map_drawn)
+        for surface in data.surfaces
+        for part in COMPARED
+        if part == "cad_map" or hinged(surface.name)
+        for map_drawn in cad_map(data, surface, part)
+    ]
+
+
+def cad_distances(data: ReportData, surface: str, checks: Sequence[str]) -> tuple[FloatArray, float]:
+    """Distance (N,) of each mesh node from the CAD by some checks, nan where none was measured; and their limit."""
+    distance, limit = np.full(len(data.mesh.points), np.nan), np.nan
+    for check in data.checks:
+        name, _, own = check.name.partition(":")
+        if name in checks and own in ("", surface) and check.nodes is not None and check.distances is not None:
+            distance[check.nodes] = np.fmax(distance[check.nodes], check.distances)
+            limit = check.limit if name == checks[0] else limit
+    return distance, limit
+
+
+def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tuple[Figure, str]]:
+    """Draw the map of a surface where distances were measured, and say what is seen."""
+    checks = COMPARED[part]
+    what = BLENDED if part == "cad_map" and hinged(surface.name) else RIGID
+    distance, limit = cad_distances(data, surface.name, checks)
+    known = distance[~np.isnan(distance)]
+    if not len(known) or known.max() < ROUNDING:
+        return
+    triangles = triangles_of(data.mesh.patch(surface.name).faces)
+    seen, up, sides = views(data.points, triangles)
+    largest, median = float(known.max()), float(np.median(known))
+    factor = METRES.factor if largest > SEEN else 1.0
+    norm = _scale(factor * largest, factor * limit)
+    flat = 1e3 * data.points[:, seen]
+    width, height = np.ptp(flat[np.unique(triangles)], axis=0)
+    rows = 2 if width > 1.5 * height else 1
+    figure = Figure(figsize=(9.6, 2.2 + 9.0 * height / width) if rows == 2 else (9.6, 4.8), layout="constrained")
+    axes = figure.subplots(rows, 3 - rows, sharex=True, sharey=True, squeeze=False).ravel()
+    for one, side, name in zip(axes, (up, ~up), sides, strict=True):
+        _side(one, flat, triangles[side], factor * np.maximum(distance, LEAST), norm)
+        one.set(ylabel=f"{'xyz'[seen[1]]}, mm", aspect="equal")
+        one.set_title(f"{surface.name}, {name}", fontsize="medium")
+    for one in axes[rows - 1 :]:
+        one.set_xlabel(f"{'xyz'[seen[0]]}, mm")
+    unit = METRES.shown if factor > 1.0 else METRES.name
+    figure.colorbar(ScalarMappable(norm, MAP), ax=list(axes), label=f"distance, {unit}")
+    blended = np.isnan(distance[triangles]).any()
+    text = (
+        f"Distance of {len(known)} moved nodes of {surface.name} from {what}, on both sides: at most "
+        f"{factor * largest:.2g} {unit}, median {factor * median:.2g} {unit}; the limit is "
+        f"{factor * limit:.3g} {unit}. "
+    )
+    yield figure, text + ("Hatched triangles belong to a strip that is blended and not compared." if blended else "")
+
+
+def _scale(largest: float, limit: float) -> Normalize:
+    """Return the scale of colours."""
+    return Normalize(0.0, largest) if largest > limit / TOP else LogNorm(LEAST, max(TOP * LEAST, largest))
+
+
+def views(points: FloatArray, triangles: IntArray) -> tuple[list[int], BoolArray, tuple[str, str]]:
+    """Return the axes to draw, the longer first, which of the inward triangles (F,) face viewer 1, and sides' names."""
+    corners = points[triangles]
+    normal = -np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    axis = int(np.abs(normal).sum(axis=0).argmax())
+    names = {0: ("rear side", "front side"), 1: ("starboard side", "port side"), 2: ("upper side", "lower side")}
+    across = sorted((i for i in range(3) if i != axis), key=lambda i: -np.ptp(corners[..., i]))
+    return across, normal[:, axis] > 0.0, names[axis]
+
+
+def _side(axes: Axes, flat: FloatArray, triangles: IntArray, distance: FloatArray, norm: Normalize) -> None:
+    """Draw triangles (F, 3) with nodes at `flat` (N, 2); those with a node without a distance are hatched."""
+    nodes, triangles = np.unique(triangles, return_inverse=True)
+    flat, distance = flat[nodes], distance[nodes]
+    known = ~np.isnan(distance[triangles]).any(axis=1)
+    x, y = flat.T
+    if known.any():
+        shown = Triangulation(x, y, triangles[known])
+        axes.tripcolor(shown, np.nan_to_num(distance), norm=norm, cmap=MAP, shading="gouraud")
+        drawn = np.unique(triangles[known])
+        axes.scatter(x[drawn], y[drawn], c=distance[drawn], norm=norm, cmap=MAP, s=6, edgecolors="0.15", linewidths=0.4)
+    axes.triplot(Triangulation(x, y, triangles), color="0.35", lw=0.3)
+    blended = PolyCollection(list(flat[triangles[~known]]), facecolor="0.93", edgecolor="0.6", hatch="////", lw=0.2)
+    axes.add_collection(blended)
+
+
+def parameter_tables(case: Case) -> dict[str, Rows]:
+    """Return every parameter of a case, by table as in case.toml."""
+    tables: dict[str, Rows] = {"case": []}
+    for one in fields(case):
+        value = getattr(case, one.name)
+        if one.name == "fighter":
+            parts = {part.name: getattr(value, part.name) for part in fields(value)}
+            tables |= {name: _rows(part, fields(part)) for name, part in parts.items() if is_dataclass(part)}
+        elif is_dataclass(value):
+            tables[one.name] = _rows(value, fields(value))
+        else:
+            tables["case"] += _rows(case, [one])
+    return tables
+
+
+def _rows(table: Any, settings: Sequence[Field[Any]]) -> Rows:
+    """Return settings of a table with unit and meaning, which those have that are quantities."""
+    return [
+        (one.name, shown(getattr(table, one.name)), one.metadata.get("unit", "").removeprefix("-"),
+         one.metadata.get("doc", "")) for one in settings
+    ]  # fmt: skip

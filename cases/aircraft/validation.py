@@ -1,0 +1,372 @@
+"""Measure a deflected mesh against what it should be, and against the CAD whose surfaces were rotated rigidly."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import trimesh
+
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.job import BLOCK, Wedge, axis_of, fuselage_cylinder, panel_of
+from sdm_deflect.cases.aircraft.overset import overset_checks
+from sdm_deflect.cases.aircraft.reference import Faces, Reference
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.checks import Check, site_error, surfaces_crossed, worst
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.closest import Triangles
+from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
+from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.geometry.datum import hinged
+from sdm_deflect.meshing.mesh import FREE_FORM, TetMesh
+
+
+def validate(
+    case: Case,
+    mesh: TetMesh,
+    deflected: TetMesh,
+    plans: Sequence[Plan],
+    reference: Reference,
+    background: TetMesh | None = None,
+    repair: FloatArray | None = None,
+) -> tuple[Check, ...]:
+    """Return every check that applies to the case.
+
+    Parameters
+    ----------
+    mesh, deflected : before and after; same cells, same order.
+    plans : what each control surface was to do, at the angle of the case.
+    reference : the deflected CAD.
+    background : the mesh around a Chimera block.
+    repair : (N, 3) how far a repair moved each node; None without one.
+    """
+    moves = Repairs.of(mesh, plans, deflected.points, repair)
+    checks = list(mesh_checks(case, mesh, deflected, plans, moves.slid))
+    if repair is not None:
+        checks.append(unmoved("repair_elsewhere", np.linalg.norm(repair, axis=1), moves.held, mesh.points))
+    if len(moves.slid):
+        checks.append(slid_on_surfaces(mesh, deflected, moves.slid, reference))
+    for plan in plans:
+        shape = Shape(case, mesh, deflected, plan, repair)
+        checks += [suffixed(check, plan, plans) for check in surface_checks(shape, reference)]
+    if background is not None:
+        checks += overset_checks(case, mesh, deflected, background)
+    return tuple(checks)
+
+
+def site_checks(deflections: Sequence[Deflection]) -> tuple[Check, ...]:
+    """Check that the interpolant of every control surface is as near to its data sites as was asked."""
+    plans = [one.plan for one in deflections]
+    return tuple(suffixed(site_error(one, "m"), one.plan, plans) for one in deflections)
+
+
+def suffixed(check: Check, plan: Plan, plans: Sequence[Plan]) -> Check:
+    """Return the check with its surface in its name where there are several."""
+    return replace(check, name=f"{check.name}:{plan.patches[0]}") if len(plans) > 1 else check
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Repairs:
+    """What repairs might do: the nodes (K,) that they had to leave, and those of fixed patches that they slid."""
+
+    held: IntArray
+    slid: IntArray
+
+    @classmethod
+    def of(cls, mesh: TetMesh, plans: Sequence[Plan], points: FloatArray, repair: FloatArray | None) -> "Repairs":
+        """Find them, with the nodes at points (N, 3) of which repairs (N, 3) are a part."""
+        held, slid = np.ones(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
+        if repair is not None:
+            for plan in plans:
+                if plan.job.repair.mode != "off":
+                    freedom = plan.freedom(points - repair)
+                    held[freedom.nodes] = False
+                    slid[freedom.sliding] = True
+            slid &= repair.any(axis=1)
+        return cls(np.flatnonzero(held), np.intersect1d(fixed_nodes(mesh, plans), np.flatnonzero(slid), True))
+
+
+def fixed_nodes(mesh: TetMesh, plans: Sequence[Plan]) -> IntArray:
+    """Return the sorted nodes (K,) of the patches that stay."""
+    moving = [patch for plan in plans for patch in plan.patches]
+    return mesh.on(*(name for name in mesh.names[1:] if name not in (*moving, BLOCK)))
+
+
+def mesh_checks(
+    case: Case, mesh: TetMesh, deflected: TetMesh, plans: Sequence[Plan], slid: IntArray
+) -> Iterator[Check]:
+    """Checks of the whole mesh: nothing outside or on a fixed patch moved, no cell inverted, good shape.
+
+    Nodes (K,) that a repair slid on fixed patches are none of these; `slid_on_surfaces` is theirs.
+    """
+    moved = np.linalg.norm(deflected.points - mesh.points, axis=1)
+    outside = np.ones(len(moved), dtype=bool)
+    for plan in plans:
+        outside[plan.region.inside] = False
+        outside[slid[plan.region.hexahedron.contains(mesh.points[slid], ON_PLANE)]] = False
+    yield unmoved("outside_moved", moved, np.flatnonzero(outside), mesh.points)
+    volumes = signed_volumes(deflected.points, deflected.tets)
+    inverted, where = np.flatnonzero(volumes <= 0.0), f"of {len(volumes)}"
+    if len(inverted):
+        on = [name for name in mesh.names[1:] if np.isin(mesh.tets[inverted[0]], mesh.on(name)).any()]
+        where += f"; the first is cell {inverted[0]} (tetra)" + (f" with nodes on {', '.join(on)}" if on else "")
+    yield Check("inverted_cells", float(len(inverted)), 0.0, "cells", where)
+    yield surfaces_crossed(plans[0].mesh, deflected.points)
+    moving = [patch for plan in plans for patch in plan.patches]
+    fixed = np.setdiff1d(fixed_nodes(mesh, plans), slid, assume_unique=True)
+    check = unmoved("fixed_surfaces_moved", moved, fixed, mesh.points)
+    border = np.intersect1d(fixed, mesh.on(*moving), assume_unique=True)
+    yield replace(check, where=f"{check.where}, of which {len(border)} border a moving patch")
+    quality = mean_ratio(deflected.points, deflected.tets)
+    x, y, z = deflected.points[deflected.tets[quality.argmin()]].mean(axis=0)
+    where = f"mean ratio, worst cell at ({x:.4f}, {y:.4f}, {z:.4f})"
+    yield Check("quality_min", float(quality.min()), case.limits.quality_min, "-", where, "at least")
+
+
+def unmoved(name: str, moved: FloatArray, nodes: IntArray, points: FloatArray) -> Check:
+    """Check that these nodes did not move by a single bit."""
+    return Check(name, float(moved[nodes].max(initial=0.0)), 0.0, "m", worst(moved[nodes], points[nodes]))
+
+
+def slid_on_surfaces(mesh: TetMesh, deflected: TetMesh, slid: IntArray, reference: Reference) -> Check:
+    """Distance of nodes (K,) of fixed patches, which a repair slid, from each undeflected CAD face that they are on."""
+    off, limit = np.zeros(len(slid)), ON_PLANE
+    for name, faces in reference.still.items():
+        own = mesh.patch == mesh.names.index(name)
+        for face in np.unique(mesh.face[own]):
+            on_face = np.unique(mesh.triangles[own & (mesh.face == face)])
+            nodes = np.intersect1d(on_face, slid, assume_unique=True)
+            if len(nodes):
+                cad = min(faces, key=lambda one: float(distance_to_faces(mesh.points[on_face], (one,)).max()))
+                rows = np.searchsorted(slid, nodes)
+                off[rows] = np.maximum(off[rows], distance_to_faces(deflected.points[nodes], (cad,)))
+                limit = limit if np.isfinite(cad.normal).all() else FREE_FORM
+    off[~np.isin(slid, mesh.on(*reference.still), assume_unique=True)] = np.inf
+    return Check("slid_on_surfaces", float(off.max()), limit, "m", worst(off, deflected.points[slid]))
+
+
+ON_PLANE = 1e-9
+"""Largest distance (m) of nodes that slid on a planar CAD face from it."""
+ANGLE_LIMIT = 1e-9
+"""Largest deviation (deg) of the trailing edge from its angle: rounding only."""
+ON_CYLINDER = 1e-12
+"""Largest distance (m) of panel nodes from the cylinder: rounding only."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """A deflected control surface: the mesh before and after, what was asked, and how far a repair (N, 3) moved it."""
+
+    case: Case
+    mesh: TetMesh
+    deflected: TetMesh
+    plan: Plan
+    repair: FloatArray | None = None
+
+    @property
+    def surface(self) -> str:
+        """Name of the control surface."""
+        return self.plan.patches[0]
+
+    @property
+    def angle(self) -> float:
+        """Its angle, degrees."""
+        return self.plan.job.angle
+
+    @property
+    def axis(self) -> Axis:
+        """Its hinge."""
+        return axis_of(self.case.fighter, self.surface)
+
+    @property
+    def exact(self) -> IntArray:
+        """Nodes that must lie on the deflected CAD: those that a repair slid if they now are in triangles of others."""
+        nodes, exact = self.plan.sites.moving, self.plan.boundary.laws[0].exact
+        if self.repair is None:
+            return nodes[exact]
+        slid = np.any(self.repair[nodes] != 0.0, axis=1)
+        triangles, start = self.triangles, self.deflected.points - self.repair
+        inner = np.all(np.isin(triangles, nodes[exact]), axis=1)
+        _, hit = closest(self.deflected.points[nodes[slid]], start, triangles)
+        return np.union1d(nodes[exact & ~slid], nodes[slid][inner[hit]])
+
+    @property
+    def triangles(self) -> IntArray:
+        """Triangles (T, 3) of all patches that move."""
+        return np.concatenate([self.mesh.triangles_of(name) for name in self.plan.patches])
+
+    @property
+    def hinge(self) -> IntArray:
+        """Nodes on the edges of the hinge: they keep their place."""
+        wedge = Wedge.of(self.plan.mesh, self.case.fighter, self.surface)
+        return wedge.nodes[wedge.hinge]
+
+    def faces(self, nodes: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
+        """For each CAD face of the surface: its nodes among those given, and its undeflected unit normal (3,)."""
+        own = self.mesh.patch == self.mesh.names.index(self.surface)
+        for face in np.unique(self.mesh.face[own]):
+            on_face = np.unique(self.mesh.triangles[own & (self.mesh.face == face)])
+            yield np.intersect1d(on_face, nodes), plane_normal(self.mesh.points[on_face])
+
+    def sides(self, nodes: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
+        """For each side of a hinged surface: its nodes among those given, and its rigidly rotated unit normal (3,)."""
+        for own, normal in self.faces(nodes):
+            if abs(normal @ self.axis.direction) <= 0.5:  # an end of the wedge turns in its plane
+                yield own, self.axis.matrix(self.angle) @ normal
+
+    def left_behind(self, nodes: IntArray, normal: FloatArray) -> FloatArray:
+        """Distance (N,) of nodes that did not turn from a plane that they are on, rotated with its normal (3,).
+
+        A repair may have slid them along the edge of the hinge: what counts is where they are now.
+        """
+        now = self.deflected.points[nodes]
+        return np.asarray(np.abs((now - self.axis.rotated(now, self.angle)) @ normal), dtype=np.float64)
+
+
+def surface_checks(shape: Shape, reference: Reference) -> Iterator[Check]:
+    """Checks of one control surface."""
+    rigid, blended = (faces[shape.surface] for faces in (reference.rigid, reference.blended))
+    if shape.repair is not None:
+        yield kept_shape(shape, shape.repair)
+    yield planarity(shape)
+    if hinged(shape.surface):
+        yield surface_to_cad(shape, blended, shape.exact, shape.case.limits.surface_to_cad)
+        yield surface_to_rigid_cad(shape, rigid)
+        yield trailing_edge_angle(shape)
+        yield hinge_offset(shape, rigid)
+    else:
+        panel = shape.mesh.on(panel_of(shape.surface))
+        root = np.intersect1d(shape.exact, panel, assume_unique=True)
+        rest = np.setdiff1d(shape.exact, root, assume_unique=True)
+        check = surface_to_cad(shape, rigid, rest, shape.case.limits.surface_to_cad)
+        yield check
+        yield replace(check, name="surface_to_rigid_cad")
+        yield cylindricity(shape, panel)
+        yield root_on_cylinder(shape, rigid, root)
+
+
+def kept_shape(shape: Shape, repair: FloatArray) -> Check:
+    """Distance of the nodes that a repair slid on the control surface from its triangles before the repair."""
+    nodes = shape.mesh.on(shape.surface)
+    nodes = nodes[repair[nodes].any(axis=1)]
+    points, triangles = shape.deflected.points, shape.mesh.triangles_of(shape.surface)
+    off = closest(points[nodes], points - repair, triangles)[0]
+    return Check("surface_kept", float(off.max(initial=0.0)), ON_PLANE, "m", worst(off, points[nodes]), over=len(nodes))
+
+
+def surface_to_cad(shape: Shape, cad: Faces, nodes: IntArray, limit: float) -> Check:
+    """Distance of the moved nodes from the trimmed faces of the deflected CAD."""
+    points = shape.deflected.points[nodes]
+    distance = distance_to_faces(points, cad)
+    return Check(
+        "surface_to_cad", float(distance.max()), limit, "m", worst(distance, points), nodes=nodes, distances=distance
+    )
+
+
+def surface_to_rigid_cad(shape: Shape, cad: Faces) -> Check:
+    """Distance of a blended surface's nodes from the planes of the rigidly rotated CAD faces that they belong to.
+
+    Each face stays planar: the distance grows from zero at the trailing edge to the hinge, whose nodes keep their
+    place. No node may be further off than those are from the planes that turned away from them.
+    """
+    nodes = shape.exact
+    distance = np.zeros(len(nodes))
+    for own, normal in shape.sides(nodes):
+        place = np.searchsorted(nodes, own)
+        away = distance_to_plane(shape.deflected.points[own], cad, normal)
+        distance[place] = np.maximum(distance[place], away)
+    largest = max(float(shape.left_behind(*side).max(initial=0.0)) for side in shape.sides(shape.hinge))
+    limit = largest + shape.case.limits.planarity
+    where = f"{worst(distance, shape.deflected.points[nodes])}; zero at the trailing edge, largest at the hinge"
+    return Check("surface_to_rigid_cad", float(distance.max()), limit, "m", where, nodes=nodes, distances=distance)
+
+
+def planarity(shape: Shape) -> Check:
+    """Distance of each planar face's nodes from their own best plane (three nodes always have one)."""
+    faces = [nodes for nodes, _ in shape.faces(shape.exact) if len(nodes) > 3]
+    off = np.concatenate([plane_deviation(shape.deflected.points[nodes]) for nodes in faces])
+    points = shape.deflected.points[np.concatenate(faces)]
+    return Check("planarity", float(off.max()), shape.case.limits.planarity, "m", worst(off, points))
+
+
+def trailing_edge_angle(shape: Shape) -> Check:
+    """How far the trailing edge is from having turned by exactly the angle, in degrees."""
+    wedge = Wedge.of(shape.plan.mesh, shape.case.fighter, shape.surface)
+    nodes = np.intersect1d(wedge.nodes[wedge.trailing & ~wedge.fixed], shape.exact, assume_unique=True)
+    before, after = (shape.axis.radial(mesh.points[nodes]) for mesh in (shape.mesh, shape.deflected))
+    sine, cosine = np.cross(before, after) @ shape.axis.direction, np.einsum("ij,ij->i", before, after)
+    error = np.abs(np.degrees(np.arctan2(sine, cosine)) - shape.angle)
+    where = f"{len(nodes)} nodes, asked {shape.angle:g} deg"
+    return Check("trailing_edge_angle", float(error.max()), ANGLE_LIMIT, "deg", where)
+
+
+def hinge_offset(shape: Shape, rigid: Faces) -> Check:
+    """Blended and rigid wedge differ at the hinge by a known amount: check that it is exactly that.
+
+    The blended surface keeps its hinge edges; in a rigid rotation by theta they go half thickness x sin theta
+    fore or aft and half thickness x (1 - cos theta) up or down. A fixed hinge node P on a face with unit normal
+    n is therefore |(P - R P) . R n| from the plane of the rotated face: that is compared with the CAD.
+    """
+    hinge = np.intersect1d(shape.hinge, shape.exact, assume_unique=True)
+    off, largest = [np.zeros(1)], 0.0
+    for nodes, normal in shape.sides(hinge):
+        expected = shape.left_behind(nodes, normal)
+        away = distance_to_plane(shape.deflected.points[nodes], rigid, normal)
+        off.append(np.abs(away - expected))
+        largest = max(largest, float(expected.max()))
+    half = float(np.linalg.norm(shape.axis.radial(shape.mesh.points[hinge]), axis=1).max())
+    shift = 1e3 * half * abs(np.sin(np.radians(shape.angle)))
+    where = f"{len(hinge)} nodes; rigid CAD up to {1e3 * largest:.3f} mm away, half thickness x sin = {shift:.3f} mm"
+    return Check("hinge_offset", float(np.concatenate(off).max()), shape.case.limits.planarity, "m", where)
+
+
+def cylindricity(shape: Shape, panel: IntArray) -> Check:
+    """Distance of the panel's nodes from the fuselage cylinder."""
+    points = shape.deflected.points[panel]
+    off = np.abs(fuselage_cylinder(shape.case.fighter).distance(points))
+    return Check("cylindricity", float(off.max()), ON_CYLINDER, "m", worst(off, points))
+
+
+def root_on_cylinder(shape: Shape, rigid: Faces, root: IntArray) -> Check:
+    """Distance of the root line's nodes from the cylinder and from each rotated plane of the tail they are on."""
+    points = shape.deflected.points[root]
+    off = np.abs(fuselage_cylinder(shape.case.fighter).distance(points))
+    rotation = shape.axis.matrix(shape.angle)
+    for nodes, normal in shape.faces(root):
+        if len(nodes):
+            place = np.searchsorted(root, nodes)
+            away = distance_to_plane(shape.deflected.points[nodes], rigid, rotation @ normal)
+            off[place] = np.maximum(off[place], away)
+    limit = shape.case.limits.planarity
+    return Check("root_on_cylinder", float(off.max()), limit, "m", worst(off, points), nodes=root, distances=off)
+
+
+def distance_to_faces(points: FloatArray, faces: Faces) -> FloatArray:
+    """Distance (N,) of points (N, 3) from trimmed CAD faces, exact on planes."""
+    parts = [trimesh.Trimesh(face.points, face.triangles, process=False) for face in faces]
+    _, distance, _ = trimesh.proximity.closest_point(trimesh.util.concatenate(parts), points)
+    return np.asarray(distance, dtype=np.float64)
+
+
+def closest(points: FloatArray, nodes: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
+    """Distance (N,) of points (N, 3) from triangles (T, 3), and the rows (N,) of the nearest ones."""
+    if not len(points):
+        return np.empty(0), np.empty(0, dtype=np.intp)
+    found = Triangles.of(nodes[triangles]).closest(points)
+    return np.linalg.norm(points - found.places, axis=1), found.rows
+
+
+def distance_to_plane(points: FloatArray, faces: Faces, normal: FloatArray) -> FloatArray:
+    """Distance (N,) of points (N, 3) from the plane of that face which looks along `normal` (3,)."""
+    planes = [face for face in faces if np.isfinite(face.normal).all()]
+    face = max(planes, key=lambda one: abs(float(one.normal @ normal)))
+    return np.asarray(np.abs((points - face.points[0]) @ face.normal), dtype=np.float64)
+
+
+def plane_deviation(points: FloatArray) -> FloatArray:
+    """Distance (N,) of points (N, 3) from their least-squares plane."""
+    return np.asarray(np.abs((points - points.mean(axis=0)) @ plane_normal(points)), dtype=np.float64)
+
+
+def plane_normal(points: FloatArray) -> FloatArray:
+    """Unit normal (3,) of the least-squares plane of points (N, 3); its sign is arbitrary."""
+    return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2], dtype=np.float64)

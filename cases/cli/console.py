@@ -1,0 +1,185 @@
+"""What commands print: calm tables, at the end."""
+
+import os
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich import box
+from rich.console import Console, Group
+from rich.table import Table
+from rich.text import Text
+
+from sdm_deflect.cases.run.metrics import (
+    Json,
+    face_rows,
+    fit_text,
+    kernel_figures,
+    kernel_text,
+    motions,
+    notes_of,
+    repair_text,
+    travels,
+)
+from sdm_deflect.deform.base.errors import printable
+from sdm_deflect.deform.checks import Check, Verdict
+from sdm_deflect.deform.mesh.quality import Quality
+from sdm_deflect.deform.volume.deflection import Plan
+
+if TYPE_CHECKING:
+    from sdm_deflect.cases.cli.doctor import Finding
+    from sdm_deflect.cases.run.deflect_file import Judged, Outcome
+
+WIDTH = 160
+"""Columns of a table that goes to a file or a pipe, unless the environment variable COLUMNS says otherwise."""
+
+
+def console() -> Console:
+    """Return the standard output, wide enough for a table where it is no terminal.
+
+    Colours and bold letters are for terminals only, and for none if the environment variable NO_COLOR is set.
+    """
+    out = Console()
+    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else Console(width=WIDTH)
+
+
+def verdict(checks: Sequence[Check], title: str) -> Table:
+    """Return the checks as one table."""
+    table = _table(title, ("check",), ("value", "limit"), ("verdict", "measured over"))
+    for check in checks:
+        sign, unit = "<=" if check.judgement == "at most" else ">=", check.unit.removeprefix("-")
+        value, limit = f"{check.value:.4g}", f"{sign} {check.limit:.4g} {unit}".rstrip()
+        table.add_row(plain(check.name), value, limit, _word(check.verdict), plain(check.where))
+    return table
+
+
+def outcome(checks: Sequence[Check]) -> str:
+    """Say whether all checks hold, or which do not."""
+    failed = dict.fromkeys(check.name for check in checks if not check.passed)
+    return f"A VALIDATION FAILED: {', '.join(failed)}" if failed else "all validations passed"
+
+
+def findings(found: Sequence["Finding"]) -> Group:
+    """Return what was found on a machine, and what would help."""
+    table = _table("", ("",), (), ("found", " "))
+    for one in found:
+        mark = Text("well") if one.well else Text("NOT WELL", style="bold")
+        table.add_row(plain(one.name), plain(one.text), mark)
+    ill = [f"{one.name}: {one.remedy}" for one in found if not one.well]
+    return Group(table, *_texts(ill or ["all is well"]))
+
+
+def plan_table(plan: Plan) -> Group:
+    """Return patches with their part, the box, and what will be computed."""
+    table = _table(f"{plan.mesh.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
+    inside = plan.region.inside
+    for patch in plan.mesh.patches:
+        count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
+        table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
+    return Group(table, *_texts(_lines(plan)))
+
+
+def result_table(done: "Outcome") -> Group:
+    """Return the checks of a single angle, or a row for each of many, and what was written."""
+    plan, unit = done.plan, done.plan.job.surfaces[0].motion.unit
+    ordered = sorted(done.angles, key=lambda one: one.angle)
+    title = f"{plan.boundary.surfaces[0].named} of {plan.mesh.name}"
+    if len(ordered) == 1:
+        only = ordered[0]
+        body = [verdict(only.checks, f"{title}, {only.angle:+g} {unit}"), quality_table(plan.before, only.quality)]
+        body += face_table(only.figures)
+        told = [text for text in [repair_text(only.figures), fit_text(only.figures)] if text]
+    else:
+        failed = [one for one in ordered if not one.passed]
+        body = [sweep_table(ordered, title), *(verdict(one.checks, f"{one.angle:+g} {unit}") for one in failed)]
+        told = [f"{one.angle:+g} {unit}: {text}" for one in ordered if (text := repair_text(one.figures))]
+    together = [verdict(done.checks, "from time to time")] if done.checks else []
+    extra = [one.seconds for one in done.angles[1:]]
+    further = f", {sum(extra) / len(extra):.2f} s for each further one" if extra else ""
+    speed = f"first angle {done.angles[0].seconds:.2f} s{further}"
+    warned = "" if done.passed else ", of which the mesh should not be used as it is"
+    wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}{warned}"] if done.files else []
+    case = [done.flow.text(plan)] if done.flow else []
+    last = outcome([*(check for one in done.angles for check in one.checks), *done.checks])
+    losses = [f"not held by this format: {text}" for text in done.lost]
+    notes = [f"note: {text}" for text in done.notes]
+    return Group(*body, *together, *_texts([*told, *_lines(plan), *notes, *losses, *case, speed, *wrote, last]))
+
+
+def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
+    """Return the quality of the touched cells before and after, by type."""
+    headings = ("cells", "min", "1 %", "mean", "inverted")
+    table = _table("cells with a node in the box: before, after", ("type", "measure"), headings)
+    for old, new in zip(before, after, strict=True):
+        pairs = [f"{a:.3f}, {b:.3f}" for a, b in ((old.min, new.min), (old.p01, new.p01), (old.mean, new.mean))]
+        table.add_row(old.shape, old.measure, str(old.cells), *pairs, f"{old.inverted}, {new.inverted}")
+    return table
+
+
+def face_table(figures: Json) -> list[Table]:
+    """Return what checkMesh says of the faces of polyhedra before and after; no table without any."""
+    of, rows = face_rows(figures)
+    table = _table("", (f"{of} (checkMesh)",), ("before", "after"))
+    for row in rows:
+        table.add_row(*row)
+    return [table] if rows else []
+
+
+def sweep_table(angles: Sequence["Judged"], title: str) -> Table:
+    """Return one row for each angle."""
+    table = _table(title, (), ("angle", "steps", "centres", "site error", "least quality", "seconds", "verdict"))
+    for one in angles:
+        fits = one.figures["adaptation"]
+        centers = ", ".join(f"{name}: {fit['centers']}" for name, fit in fits.items())
+        error = max(fit["max_error"] for fit in fits.values())
+        least = min((quality.min for quality in one.quality), default=float("nan"))
+        numbers = (f"{one.figures['steps']}", centers, f"{error:.1e}", f"{least:.3f}", f"{one.seconds:.2f}")
+        table.add_row(f"{one.angle:+g}", *numbers, _word("passed" if one.passed else "FAILED"))
+    return table
+
+
+def plain(text: str) -> Text:
+    """Return text in which brackets are brackets, and what would command the terminal is shown as escapes."""
+    return Text("\n".join(map(printable, text.split("\n"))))
+
+
+def _texts(lines: Iterable[str]) -> list[Text]:
+    return [plain(line) for line in lines]
+
+
+def _table(title: str, left: Sequence[str], right: Sequence[str], rest: Sequence[str] = ()) -> Table:
+    """Return an empty table; the columns of `rest` break their lines where there is no room."""
+    table = Table(title=plain(title) if title else None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in (*left, *right, *rest):
+        table.add_column(heading, justify="right" if heading in right else "left", no_wrap=heading not in rest)
+    return table
+
+
+def _word(verdict: Verdict) -> Text:
+    return Text(verdict, style="bold" if verdict == "FAILED" else "")
+
+
+def _lines(plan: Plan) -> list[str]:
+    sites, region = plan.sites, plan.region
+    low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
+    return [
+        *(f"{name} moves by up to {travel}" for name, travel in travels(plan)),
+        *(f"{name} reaches {text}" for name, text in motions(plan)),
+        f"box {region.box.why}; from ({low}) to ({high})",
+        f"{len(region.inside)} of {plan.mesh.point_count} nodes inside, {plan.touched.count} cells touched",
+        f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
+        f"{sum(map(len, sites.zero))} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
+        f"kernel: {kernel_text(kernel_figures(plan))}",
+        *(f"note: {note}" for note in notes_of(plan)),
+    ]
+
+
+def _part(plan: Plan, name: str) -> str:
+    for moving, surface in zip(plan.job.surfaces, plan.boundary.surfaces, strict=True):
+        if name in surface.patches:
+            return f"moves by {moving.amount:+g} {moving.motion.unit}"
+    if name in plan.boundary.fixed:
+        return "fixed"
+    if name in (*plan.boundary.pairs, *plan.boundary.sides):
+        return "moves as its image"
+    return "slides" if name in plan.boundary.declared else "outside"

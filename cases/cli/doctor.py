@@ -1,0 +1,174 @@
+"""Whether this machine is fit for the program, and if not, what would help."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryFile
+
+import numpy as np
+
+from sdm_deflect.cases.report.offscreen import RenderError, rendered
+from sdm_deflect.cases.report.scene3d import View, plain
+from sdm_deflect.cases.run.surroundings import blas, usable_cores, versions
+from sdm_deflect.deform.base.cache_folder import (
+    CODE_VARIABLE,
+    FOLDER_VARIABLE,
+    code_complaint,
+    code_folder,
+    default_folder,
+)
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.meshing.files.cache import MeshCache
+from sdm_deflect.meshing.formats.format import MeshFileError
+
+PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
+INSTALL = f"on Debian or Ubuntu: apt-get install -y --no-install-recommends {PACKAGES}"
+COMPILED = ("cadquery", "gmsh", "pytetwild", "pyvista", "numba")
+"""Libraries with compiled parts that need others of the system, by the names under which they are imported."""
+SECONDS = 120.0
+"""An import that takes longer has failed."""
+LEAST_DISK, LEAST_MEMORY = 1e9, 1.5e9
+"""Bytes that a run at small scale should find."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What one examination found, and what would help if it is not well."""
+
+    name: str
+    well: bool
+    text: str
+    remedy: str = ""
+
+
+def examined(progress: Progress = silent) -> Iterator[Finding]:
+    """Look at everything."""
+    for i, examine in enumerate(EXAMINATIONS):
+        progress(examine.__name__, i / len(EXAMINATIONS))
+        yield examine()
+
+
+def libraries() -> Finding:
+    """Look whether all libraries are installed."""
+    found = versions()
+    missing = [name for name, version in found.items() if not version]
+    text = ", ".join(f"{name} {version or 'missing'}" for name, version in found.items())
+    return Finding("libraries", not missing, text, f"pip install {' '.join(missing)}" if missing else "")
+
+
+def compiled() -> Finding:
+    """Load each compiled library in a process of its own, which may crash."""
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        complaints = dict(zip(COMPILED, pool.map(import_complaint, COMPILED), strict=True))
+    failed = [f"{name}: {complaint}" for name, complaint in complaints.items() if complaint]
+    text = "; ".join(failed) or f"{', '.join(COMPILED)} can be loaded"
+    return Finding("system libraries", not failed, text, INSTALL if failed else "")
+
+
+def import_complaint(module: str) -> str:
+    """Return why a module cannot be imported in a process of its own, empty if it can."""
+    bound = f"from sdm_deflect.meshing.files.orphan import end_with; end_with({os.getpid()})"
+    command = [sys.executable, "-c", f"{bound}; import {module}"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        return f"import took more than {SECONDS:g} s"
+    lines = done.stderr.strip().splitlines() or [f"ended with code {done.returncode}"]
+    return lines[-1] if done.returncode else ""
+
+
+def graphics() -> Finding:
+    """Draw a triangle off-screen, in a process of its own, which may crash."""
+    corners = np.array([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
+    triangle = plain(corners, np.array([[0, 1, 2]]), (255, 0, 0), ambient=1.0)
+    try:
+        (image,) = rendered((View((triangle,), np.zeros(3), (1.0, 0.0, 0.0), 4.0, (40, 30)),))
+    except RenderError as error:
+        return Finding("graphics", False, f"reports have no pictures of the surface meshes: {error}", INSTALL)
+    drawn = image[15, 20].tolist() == [255, 0, 0]
+    text, remedy = ("off-screen drawing works", "") if drawn else ("a triangle was drawn wrongly", INSTALL)
+    return Finding("graphics", drawn, text, remedy)
+
+
+def threads() -> Finding:
+    """Count cores and threads."""
+    from numba import config
+
+    text = f"{usable_cores()} cores, {config.NUMBA_NUM_THREADS} threads for kernel sums; {blas()}"
+    return Finding("threads", True, text)
+
+
+def cache() -> Finding:
+    """Look whether meshes can be kept, and whether those that are kept are whole."""
+    store = MeshCache(default_folder())
+    try:
+        store.folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=store.folder):
+            pass
+    except OSError as error:
+        remedy = f"set the environment variable {FOLDER_VARIABLE} to a folder that can be written"
+        return Finding("cache", False, f"{store.folder}: {error.strerror}", remedy)
+    sizes = store.entries()
+    damaged = [key for key in sizes if not _loads(store, key)]
+    text = f"{store.folder}: {len(sizes)} meshes, {sum(sizes.values()) / 1e6:.1f} MB"
+    if not damaged:
+        return Finding("cache", True, text)
+    names = " ".join(str(store.folder / f"{key}.npz") for key in damaged)
+    return Finding("cache", False, f"{text}, {len(damaged)} damaged", f"rm {names} (or sdm cache --clear)")
+
+
+def compiled_code() -> Finding:
+    """Look whether compiled code can be kept."""
+    if complaint := code_complaint():
+        text = f"{code_folder()}: {complaint}; functions are compiled in each process, for about 10 s"
+        remedy = f"set the environment variable {CODE_VARIABLE} to a folder that you alone can write"
+        return Finding("compiled code", False, text, remedy)
+    return Finding("compiled code", True, f"kept in {code_folder()}")
+
+
+def _loads(store: MeshCache, key: str) -> bool:
+    try:
+        return store.load(key) is not None
+    except MeshFileError:
+        return False
+
+
+def disk() -> Finding:
+    """Look for room for results and meshes."""
+    places = {}
+    for place in (Path.cwd(), default_folder()):
+        existing = next(one for one in (place, *place.absolute().parents) if one.exists())
+        places[place] = shutil.disk_usage(existing).free
+    text = ", ".join(f"{free / 1e9:.1f} GB free at {place}" for place, free in places.items())
+    well = min(places.values()) >= LEAST_DISK
+    return Finding("disk", well, text, "" if well else f"a run needs about {LEAST_DISK / 1e9:g} GB: free some space")
+
+
+def memory() -> Finding:
+    """Look for enough memory."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return Finding("memory", True, "not known on this system")
+    free = 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    well = free >= LEAST_MEMORY
+    remedy = f"a run at small scale needs about {LEAST_MEMORY / 1e9:g} GB: end other programs"
+    return Finding("memory", well, f"{free / 1e9:.1f} GB available", "" if well else remedy)
+
+
+EXAMINATIONS: tuple[Callable[[], Finding], ...] = (
+    libraries,
+    compiled,
+    graphics,
+    threads,
+    cache,
+    compiled_code,
+    disk,
+    memory,
+)
+"""Everything that is looked at, in order."""

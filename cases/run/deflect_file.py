@@ -1,0 +1,233 @@
+"""`sdm deflect` carried out: read, deflect, write, all files or none."""
+
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sdm_deflect.cases.run.mesh_files import Targets, write_mesh, write_sensitivity
+from sdm_deflect.cases.run.metrics import (
+    SHOWN_WHOLE,
+    Json,
+    deflection_figures,
+    farthest,
+    mesh_figures,
+    motion_figures,
+    notes_of,
+    verdict_figures,
+)
+from sdm_deflect.cases.run.output import output_files
+from sdm_deflect.cases.run.progress import Stopwatch
+from sdm_deflect.cases.run.read_back import check_written
+from sdm_deflect.deform.base.errors import InputError, printable
+from sdm_deflect.deform.base.progress import Progress
+from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.pieces import HERE, Runner
+from sdm_deflect.deform.mesh.quality import Quality
+from sdm_deflect.deform.mesh.touched import Layers
+from sdm_deflect.deform.mesh.unchanged import check_unchanged, held
+from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
+from sdm_deflect.deform.volume.excerpt import excerpt
+from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.meshing.files.staged import permitted_as
+from sdm_deflect.meshing.formats.registry import STORED, files_of, format_of, in_pieces, read, size_of
+
+if TYPE_CHECKING:
+    from sdm_deflect.cases.flow.flow_case import FlowCase
+
+LARGE = 1 << 25
+"""Bytes of a file from which on it is read in pieces."""
+SENT = (
+    "CGNS files in HDF5 of one unstructured zone, binary UGRID files, binary Gmsh files of version 4.1, or OpenFOAM "
+    "cases in binary"
+)
+"""What workers can read."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """One angle of a job, without the mesh: figures, quality by type, checks."""
+
+    angle: float
+    figures: Json = field(repr=False)
+    quality: tuple[Quality, ...]
+    layers: Layers | None
+    checks: tuple[Check, ...]
+    seconds: float
+
+    @property
+    def passed(self) -> bool:
+        """True if every check holds."""
+        return all(check.passed for check in self.checks)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What was done, for the table at the end; the angles in the order in which they were computed.
+
+    `checks` are those of all angles together, `notes` sentences on what is left to do.
+    """
+
+    plan: Plan
+    angles: tuple[Judged, ...] = field(repr=False)
+    files: tuple[Path, ...]
+    reports: tuple[Path, ...]
+    lost: tuple[str, ...]
+    checks: tuple[Check, ...] = ()
+    notes: tuple[str, ...] = ()
+    flow: "FlowCase | None" = None
+
+    @property
+    def passed(self) -> bool:
+        """True if every check of every angle holds, and of all together."""
+        return all(one.passed for one in self.angles) and all(check.passed for check in self.checks)
+
+
+def needed(wanted: Targets, job: Job, progress: Progress, runner: Runner = HERE) -> Mesh:
+    """Read what a job needs of a mesh: of a large file an excerpt, if it can be read and written in pieces.
+
+    Meshes that a report shows whole are read whole, unless others than this process are to work on them. Raises
+    InputError if these cannot.
+    """
+    if not runner.shares_memory:
+        return _by_workers(wanted, job, progress, runner)
+    if wanted.is_copy and size_of(wanted.source) >= LARGE:
+        with in_pieces(wanted.source, progress) as large:
+            if large and not (wanted.reported and large.cell_count <= SHOWN_WHOLE):
+                return excerpt(large, job, wanted.angles, runner, progress)
+    return read(wanted.source, progress)
+
+
+def _by_workers(wanted: Targets, job: Job, progress: Progress, runner: Runner) -> Mesh:
+    if format_of(wanted.source).name not in STORED:
+        raise InputError(f"{wanted.source}: workers need {SENT}; leave out --workers and --scheduler, or convert it")
+    if not wanted.is_copy:
+        raise InputError(
+            f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity or case"
+        )
+    with in_pieces(wanted.source, progress) as mesh:
+        if mesh:
+            return excerpt(mesh, job, wanted.angles, runner, progress)
+    raise InputError(f"{wanted.source}: workers need {SENT}, and this file is none of them")
+
+
+def planned(wanted: Targets, job: Job, watch: Stopwatch, runner: Runner = HERE, angles: tuple[float, ...] = ()) -> Plan:
+    """Read the mesh and decide everything, for the angles of the targets or for others; fit and write nothing."""
+    with watch.stage("read") as progress:
+        mesh = needed(wanted, job, progress, runner)
+    with watch.stage("plan") as progress:
+        plan = Plan.of(mesh, job, angles or wanted.angles, progress)
+        plan = replace(plan, runner=runner, precision=wanted.precision(plan.mesh))
+    if wanted.flow:
+        wanted.flow.setup(plan)
+    return plan
+
+
+def judged(one: Deflection, min_quality: float) -> Judged:
+    """Judge the mesh at one angle."""
+    measured = one.quality, layers_of(one), checks_of(one, min_quality)
+    return Judged(one.angle, deflection_figures(one), *measured, one.seconds)
+
+
+def deflect_file(
+    wanted: Targets, job: Job, watch: Stopwatch, min_quality: float = MIN_QUALITY, runner: Runner = HERE
+) -> Outcome:
+    """Deflect a mesh file to each angle; the files appear together at the end, or none of them.
+
+    Raises InputError if a file that is read changes meanwhile, MeshFileError if one that is written is not what was
+    judged.
+    """
+    with held(files_of(wanted.source)):
+        return _deflected(wanted, job, watch, min_quality, runner)
+
+
+def _deflected(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float, runner: Runner) -> Outcome:
+    plan = planned(wanted, job, watch, runner)
+    wanted.check_names(plan.mesh)
+    found: list[Judged] = []
+    names: list[Path] = []
+    lost: tuple[str, ...] = ()
+    if wanted.reported:
+        from sdm_deflect.cases.report.folder import write_run_folder  # loads graphics libraries
+    with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
+        results = sweep(plan, wanted.angles)
+        for _ in wanted.angles:
+            with watch.stage("deflect") as progress:
+                _, one = next(results)
+                progress(f"{one.angle:+g} {job.surfaces[0].motion.unit}", 1.0)
+            with watch.stage("quality"):
+                found.append(judged(one, min_quality))
+            mesh = wanted.mesh(one.angle)
+            with watch.stage("write") as progress:
+                written, lost = write_angle(wanted, one, scratch / mesh.name, progress)
+                names += [wanted.out.with_name(name) for name in written]
+            if wanted.reported:
+                with watch.stage("report") as progress:
+                    place, seconds = scratch / wanted.report(one.angle).name, {**watch.seconds}
+                    write_run_folder(place, one, found[-1].checks, mesh, seconds, min_quality)
+            if wanted.sensitive:
+                with watch.stage("sensitivity"):
+                    arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))
+                    unit = f"mesh length per {job.surfaces[0].motion.unit}"
+                    write_sensitivity(plan.mesh, one.points, one.sensitivity(), (arrays, picture), unit)
+        check_unchanged(plan.mesh.files)
+        wanted.keep_tables(scratch)
+    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost, flow=wanted.flow)
+
+
+def write_angle(
+    wanted: Targets, one: Deflection, out: Path, progress: Progress
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Write the mesh at one angle, or the case that it is to be in; return the names of what is written, and losses.
+
+    Raises MeshFileError if it does not read back as what was judged.
+    """
+    mesh = one.plan.mesh
+    names: tuple[str, ...] = (out.name,)
+    if wanted.flow:
+        files, lost = wanted.flow.write(one.plan, one.points, out, progress)
+        names, lost = tuple(path.name for path in files), tuple(map(printable, lost))
+    else:
+        source = wanted.source if mesh.source else None
+        lost = write_mesh(source, mesh, one.points, out, progress, one.plan.runner)
+    check_written(mesh, one.points, one.plan.changed, out, wanted.mesh(one.angle))
+    return names, lost
+
+
+def plan_figures(plan: Plan, flow: "FlowCase | None" = None) -> Json:
+    """Return what was decided before the fit, as JSON has it, with the case for a flow solver if there is one."""
+    region, sites = plan.region, plan.sites
+    return {
+        "mesh": mesh_figures(plan),
+        "box": {"corners": region.hexahedron.corners.tolist(), "why": region.box.why, "inside": len(region.inside)},
+        "sites": {"surface": len(sites.distinct), "fixed": len(sites.sampled), "tolerance": sites.tolerance},
+        "cells_touched": plan.touched.count,
+        "farthest": {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan)},
+        "motion": motion_figures(plan, max(plan.angles, key=abs)),
+        "notes": list(notes_of(plan)),
+        **({"case": flow.figures(plan)} if flow else {}),
+    }
+
+
+def figures(done: Outcome, watch: Stopwatch) -> Json:
+    """Return the figures of a job as JSON has them."""
+    return {
+        **plan_figures(done.plan, done.flow),
+        "notes": [*notes_of(done.plan), *done.notes],
+        "angles": [
+            {
+                "angle": one.angle,
+                "unit": done.plan.job.surfaces[0].motion.unit,
+                **one.figures,
+                "first_layer": asdict(one.layers) if one.layers else None,
+                "validation": verdict_figures(one.checks),
+            }
+            for one in sorted(done.angles, key=lambda one: one.angle)
+        ],
+        "files": [str(path) for path in done.files],
+        "reports": [str(path) for path in done.reports],
+        "lost": list(done.lost),
+        **({"validation": verdict_figures(done.checks)} if done.checks else {}),
+        "passed": done.passed,
+        "timings": watch.seconds,
+    }

@@ -1,0 +1,210 @@
+"""Points, cells, patches and quality of any mesh file."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdm_deflect.cases.settings.selections import selection
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError, printable
+from sdm_deflect.deform.base.reading import RATIO_VARIABLE, unpack_limit
+from sdm_deflect.deform.mesh.mesh import VOLUMES, Cells, Mesh, Polyhedra
+from sdm_deflect.deform.mesh.parts import MARK, Part
+from sdm_deflect.deform.mesh.quality import POLYHEDRON, by_shape, check_most, oriented
+from sdm_deflect.deform.mesh.selection import selected
+from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files.child import call
+from sdm_deflect.meshing.formats.registry import format_of, known_format
+
+Json = dict[str, Any]
+
+NOTHING: Mapping[str, str] = {}
+MOST = 50
+"""Components of a patch that are listed."""
+WORKER = "sdm_deflect.cases.run.vtk_worker"
+MEMORY, SECONDS, SPEED = 1 << 29, 20.0, 1e8
+"""Bytes and seconds for PyVista itself, and bytes of data that it reads in a second at least."""
+NAMES = {
+    "triangle": "triangles",
+    "quad": "quadrilaterals",
+    "tetra": "tetrahedra",
+    "hexahedron": "hexahedra",
+    "wedge": "prisms",
+    "pyramid": "pyramids",
+    POLYHEDRON: "polyhedra",
+}
+UNFIT = (".cas", ".gz")
+"""Suffixes of files that PyVista reads wrongly or not at all; `format_of` says how to convert them."""
+SHOWN = 20
+"""Names of zones that are listed."""
+
+
+def inspect(path: Path, select: Mapping[str, str] = NOTHING) -> str:
+    """Return what a mesh file holds, in a few lines; errors as in `inspected`."""
+    found = inspected(path, select)
+    plane = ", two-dimensional" if found["plane"] else ""
+    lines = [f"{found['file']}: {found['points']} points, {found['cells']} cells{plane}"]
+    if len(found["zones"]) > 1:
+        lines.append("zones (points): " + _listed(found["zones"]))
+    for name, blocks in found["blocks"].items():
+        shown = ", ".join(blocks[:SHOWN]) + (f" and {len(blocks) - SHOWN} more" if len(blocks) > SHOWN else "")
+        lines.append(f"{len(blocks)} zones of the file fit together{_as(name, found['zones'])}: {shown}")
+    lines += [_quality_line(quality) for quality in found["quality"]]
+    lines += [_face_line(found["face_quality"])] if found["face_quality"] else []
+    if found["left_handed"]:
+        lines.append("the file counts the nodes of cells left-handed; judged accordingly")
+    lines += found["notes"]
+    if found["patches"]:
+        lines.append("patches (faces, extent):")
+    lines += [f"  {name} {count}{_reach(found['extents'][name])}" for name, count in found["patches"].items()]
+    for name, count in found["components"].items():
+        lines.append(f"{name} has {count} connected components" + (f", the largest {MOST}" if count > MOST else ""))
+    if found["parts"]:
+        lines.append("parts of patches (faces, extent):")
+    lines += [f"  {one['name']} {one['faces']}{_reach([one['low'], one['high']])}" for one in found["parts"]]
+    return "\n".join(printable(line) for line in lines)
+
+
+def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
+    """Return what a mesh file holds.
+
+    Parameters
+    ----------
+    path : The file, or the folder of an OpenFOAM case.
+    select : Names of further patches, and of which faces of the file's patches they are made.
+
+    Returns
+    -------
+    dict
+        ``file``; ``points`` and ``cells``, how many there are; ``plane``, whether the mesh is two-dimensional;
+        ``zones``, name: number of points; ``blocks``, for a zone that several of the file fit together in, their
+        names; ``patches``, name: number of faces; ``extents``, name: least and largest coordinates; ``components``,
+        the number of connected components of the patches that have several; ``parts``, of each of these components
+        (`MOST` of a patch) and of each selection the name, the number of ``faces`` and the least and largest
+        coordinates, ``low`` and ``high``; ``quality``, the fields of `Quality` for each type of cell;
+        ``face_quality``, the figures of checkMesh for the faces of polyhedra, None without any;
+        ``left_handed``, whether the file counts the nodes of cells the other way round; ``notes``, sentences on what
+        may not be expected.
+
+    Raises InputError or MeshFileError if the file is missing, damaged, of an unknown format, holds no cells with a
+    volume, or more inverted cells than others, and InputError if a selection does not suit it.
+    """
+    if not path.exists():
+        raise InputError(f"{path} is not a file")
+    read = replace(_read(path), name=path.resolve().name)
+    mesh = selected(read, [selection(name, text) for name, text in select.items()])
+    judged = [oriented(mesh.points, block) for block in mesh.cells]
+    check_most(str(path), sum(inverted for _, inverted in judged), sum(len(block) for block in mesh.cells))
+    blocks = [(block, None, sign) for block, (sign, _) in zip(mesh.cells, judged, strict=True)]
+    components, parts = _components(read)
+    parts += [Part.of(mesh, patch) for patch in mesh.patches if patch.name not in read.names]
+    return {
+        "file": str(path),
+        "points": len(mesh.points),
+        "cells": sum(len(block) for block in mesh.cells),
+        "plane": mesh.plane,
+        "zones": {zone.name: zone.stop - zone.start for zone in mesh.zones},
+        "blocks": {zone.name: list(zone.blocks) for zone in mesh.zones if zone.blocks},
+        "patches": {patch.name: len(patch) for patch in mesh.patches},
+        "extents": {patch.name: _extent(mesh.points[patch.nodes]) for patch in mesh.patches},
+        "components": components,
+        "parts": [_part(part) for part in parts],
+        "quality": [asdict(quality) for quality in by_shape(mesh.points, blocks)],
+        "face_quality": _face_quality(mesh),
+        "left_handed": min(orientation for _, _, orientation in blocks) < 0.0,
+        "notes": list(mesh.notes),
+    }
+
+
+def _components(mesh: Mesh) -> tuple[dict[str, int], list[Part]]:
+    """Return the number of components of the patches that have several, and the components."""
+    counts, found = {}, []
+    for patch in mesh.patches:
+        part = Part.of(mesh, patch)
+        labels = part.components()
+        if (count := int(labels.max(initial=-1)) + 1) > 1:
+            counts[patch.name] = count
+            found += part.cut(labels, MARK, MOST)
+    return counts, found
+
+
+def _part(part: Part) -> Json:
+    low, high = part.extent
+    return {"name": part.name, "faces": len(part), "low": low.tolist(), "high": high.tolist()}
+
+
+def _extent(points: FloatArray) -> list[list[float]]:
+    """Return the least and largest coordinates of points (K, 3); nothing without points."""
+    return [end.tolist() for end in (points.min(axis=0), points.max(axis=0))] if len(points) else []
+
+
+def _reach(extent: list[list[float]]) -> str:
+    return f", {' to '.join(map(_point, extent))}" if extent else ""
+
+
+def _point(corner: list[float]) -> str:
+    return f"({', '.join(f'{x:.4g}' for x in corner)})"
+
+
+def _read(path: Path) -> Mesh:
+    known = known_format(path) or (format_of(path) if path.suffix.lower() in UNFIT else None)
+    mesh = known.read(path) if known else _read_other(path)
+    if not sum(len(block) for block in mesh.cells):
+        raise InputError(f"{path} holds no tetrahedra, hexahedra, prisms, pyramids or polyhedra, nor plane cells")
+    return mesh
+
+
+def _read_other(path: Path) -> Mesh:
+    """Points and cells of a file that PyVista can read, without patches."""
+    length = path.stat().st_size
+    memory, seconds = MEMORY + unpack_limit(length), SECONDS + unpack_limit(length) / SPEED
+    question = {"path": np.array(str(path)), "bytes": np.array(memory)}
+    try:
+        found = call(WORKER, question, seconds)
+    except MeshingError as error:
+        reason = " ".join(str(error).removeprefix(WORKER).split())[:300]
+        raise InputError(
+            f"{path} cannot be read as a mesh: the process that reads it {reason} (it may take {memory / 1e6:.0f} MB; "
+            f"{RATIO_VARIABLE} allows more)"
+        ) from error
+    cells = tuple(Cells(shape, found[shape].astype(np.intp)) for shape in VOLUMES if shape in found)
+    return Mesh(found["points"].astype(np.float64), cells, ())
+
+
+def _quality_line(found: Json) -> str:
+    line = (
+        f"{found['cells']} {NAMES[found['shape']]}, {found['inverted']} inverted; {found['measure']} "
+        f"min {found['min']:.3f}, 1 % {found['p01']:.3f}, mean {found['mean']:.3f}"
+    )
+    if found["shape"] == POLYHEDRON:  # an ideal cell of many faces is far below 1
+        return line
+    return f"{line}, {found['below_0_2']:.3%} below 0.2, {found['below_0_4']:.3%} below 0.4"
+
+
+def _face_quality(mesh: Mesh) -> Json | None:
+    """Return what checkMesh says of the faces of polyhedra; None without any."""
+    if not any(isinstance(block, Polyhedra) for block in mesh.cells):
+        return None
+    from sdm_deflect.deform.mesh.orthogonality import face_quality  # loads the compiler
+
+    found = face_quality(mesh)
+    return found.as_dict() if found else None
+
+
+def _face_line(found: Json) -> str:
+    return (
+        f"faces as OpenFOAM's checkMesh measures them: non-orthogonality max {found['non_orthogonality_max']:.2f}, "
+        f"mean {found['non_orthogonality_mean']:.2f} degrees, {found['severely_non_orthogonal']} above 70; "
+        f"skewness max {found['skewness_max']:.3f}, {found['highly_skew']} above 4"
+    )
+
+
+def _as(name: str, zones: Json) -> str:
+    return f" as {name}" if len(zones) > 1 else ""
+
+
+def _listed(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items())

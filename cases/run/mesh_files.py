@@ -1,0 +1,301 @@
+"""The files of a deflection: what is read, what is written, and that neither overwrites what it should not."""
+
+import zipfile
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError, printable
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
+from sdm_deflect.deform.mesh.pieces import HERE, Runner
+from sdm_deflect.deform.mesh.precision import DOUBLE, EVERY_BIT, Precision
+from sdm_deflect.deform.mesh.quality import quality_of
+from sdm_deflect.deform.mesh.unchanged import check_unchanged
+from sdm_deflect.meshing.formats.format import Format, only_rewritten
+from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, ending, format_of
+
+if TYPE_CHECKING:
+    from sdm_deflect.cases.flow.flow_case import FlowCase
+
+SENSITIVITY = "d_points_d_angle"
+SETTINGS = "settings.toml"
+"""In the folder of a report, by which it is told from others."""
+
+
+@dataclass(frozen=True, slots=True)
+class Targets:
+    """Every file that a job writes.
+
+    Attributes
+    ----------
+    source : the mesh that is read.
+    out : the mesh that is written; a folder for OpenFOAM. With several angles, the names of all begin with it.
+    angles : distinct, in the order asked for.
+    sensitive : whether d(points)/d(angle) is written beside each mesh.
+    reported : whether a folder with a report is written beside each mesh.
+    flow : the case for a flow solver that each mesh is to be in; None: a mesh alone.
+    """
+
+    source: Path
+    out: Path
+    angles: tuple[float, ...]
+    sensitive: bool = False
+    reported: bool = False
+    flow: "FlowCase | None" = None
+
+    @classmethod
+    def of(
+        cls,
+        source: Path,
+        out: Path | None,
+        angles: Sequence[float],
+        sensitive: bool = False,
+        reported: bool = False,
+        flow: "FlowCase | None" = None,
+    ) -> "Targets":
+        """Return the targets of a job; `out` is beside the source if None.
+
+        Raises MeshFileError for an unknown format, or one in which this mesh cannot be written, InputError for an `out`
+        without a name, with another suffix where a file is only rewritten, or in another format than the solver's.
+        """
+        chosen = out or _beside(source, FORMATS[flow.solver] if flow else format_of(source))
+        if flow:
+            flow.check_files(source, chosen)
+        named = _case_folder(chosen) if format_of(chosen).name == "openfoam" else chosen
+        if named.name in ("", "..") and not (named := named.resolve()).name:
+            raise InputError(f"{chosen} is no place for a mesh; name a file or a folder in out")
+        if format_of(chosen).name not in WRITTEN:
+            if format_of(chosen) is not format_of(source):
+                raise only_rewritten(chosen)
+            if ending(chosen).lower() != (own := ending(source)).lower():
+                raise InputError(f"{chosen}: is to be a copy of a file {own} and must have that suffix")
+        return cls(source, named, tuple(angles), sensitive, reported, flow)
+
+    def mesh(self, angle: float) -> Path:
+        """Return the mesh of one angle, such as ``wing-deflected_-12.su2`` where there are several."""
+        return self.out if len(self.angles) == 1 else self._named(f"_{angle:+}".removesuffix(".0"))
+
+    def sensitivity(self, angle: float) -> tuple[Path, Path]:
+        """Return the .npz and the .vtu of the sensitivity at one angle."""
+        own = replace(self, out=self.mesh(angle))
+        return own._named("-sensitivity", ".npz"), own._named("-sensitivity", ".vtu")
+
+    def report(self, angle: float) -> Path:
+        """Return the folder of the report at one angle."""
+        return replace(self, out=self.mesh(angle))._named("-report", "")
+
+    @property
+    def reports(self) -> tuple[Path, ...]:
+        """All folders of reports."""
+        return tuple(self.report(angle) for angle in self.angles) if self.reported else ()
+
+    def precision(self, mesh: Mesh) -> Precision:
+        """Return how the files keep the coordinates of a mesh."""
+        return precision_of(self.source, self.out, mesh)
+
+    @property
+    def is_copy(self) -> bool:
+        """Whether no more is written than copies of one file with other coordinates, and reports."""
+        return not (self.sensitive or self.flow) and self.source.exists() and _keeps_bytes(self.source, self.out)
+
+    @property
+    def extra(self) -> tuple[Path, ...]:
+        """Sensitivities beside the meshes."""
+        return tuple(path for angle in self.angles for path in self.sensitivity(angle)) if self.sensitive else ()
+
+    @property
+    def configurations(self) -> tuple[Path, ...]:
+        """Configurations of SU2 beside the meshes."""
+        if self.flow is None or self.flow.solver != "su2":
+            return ()
+        from sdm_deflect.cases.flow.flow_case import configuration_of
+
+        return tuple(configuration_of(self.mesh(angle)) for angle in self.angles)
+
+    @property
+    def tables(self) -> tuple[Path, ...]:
+        """Names of patches beside UGRID meshes, a file for each."""
+        if format_of(self.out).name != "ugrid":
+            return ()
+        from sdm_deflect.meshing.formats.ugrid import mapbc
+
+        return tuple(mapbc(self.mesh(angle)) for angle in self.angles)
+
+    def check_names(self, mesh: Mesh) -> None:
+        """Refuse names that are there and are not those of the mesh that is to be written, with a MeshFileError."""
+        if self.tables and format_of(self.source).name != "ugrid":
+            from sdm_deflect.meshing.formats.ugrid import check_names
+
+            for angle in self.angles:
+                check_names(mesh, self.mesh(angle))
+
+    def keep_tables(self, scratch: Path) -> None:
+        """Drop names of patches among new files where there are the same already, perhaps with conditions of a user."""
+        for table in self.tables:
+            if table.exists():
+                (scratch / table.name).unlink(missing_ok=True)
+
+    def check(self, inputs: Sequence[Path] = ()) -> None:
+        """Refuse targets that would overwrite an input, one another, or a file that is not of an earlier job.
+
+        Raises InputError naming the first such target.
+        """
+        meshes = tuple(self.mesh(angle) for angle in self.angles)
+        seen: set[Path] = set()
+        for target in (*meshes, *self.extra, *self.configurations, *self._other_tables()):
+            if any(target.exists() and given.exists() and target.samefile(given) for given in (self.source, *inputs)):
+                raise InputError(f"{target}: this is a file that is read; name another one in out")
+            if target.resolve() in seen:
+                raise InputError(f"{target} would be written twice; choose another name in out")
+            seen.add(target.resolve())
+            if target.exists() and not self._replaced(target):
+                rule = "only the file that out names, and an earlier sensitivity, are replaced"
+                raise InputError(f"{target} exists already, and {rule}; delete it, or choose another name in out")
+        for folder in self.reports:
+            if folder.exists() and not is_report(folder):
+                raise InputError(f"{folder} exists already and is no earlier report; delete it, or choose another out")
+        if self._is_folder and self.out.resolve().is_relative_to(_case_folder(self.source).resolve()):
+            raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
+
+    def _other_tables(self) -> list[Path]:
+        """Return the tables whose place another one has."""
+        if not self.tables:
+            return []
+        from sdm_deflect.meshing.formats.ugrid import stands_otherwise
+        from sdm_deflect.meshing.formats.ugrid_file import SUFFIX
+
+        return [table for table in self.tables if stands_otherwise(self.source, table.with_suffix(SUFFIX))]
+
+    def _replaced(self, target: Path) -> bool:
+        """Whether what is there may be replaced."""
+        if target.is_dir():
+            return self._is_folder and not target.suffix[1:2].isalpha() and not any(target.iterdir())
+        return target.is_file() and (target == self.out or (target in self.extra and _is_ours(target)))
+
+    def _named(self, tail: str, suffix: str | None = None) -> Path:
+        own = "" if self._is_folder else ending(self.out)
+        return self.out.with_name(f"{self.out.name.removesuffix(own)}{tail}{own if suffix is None else suffix}")
+
+    @property
+    def _is_folder(self) -> bool:
+        return format_of(self.out).name == "openfoam"
+
+
+def is_report(folder: Path) -> bool:
+    """Whether a folder is that of a deflected mesh."""
+    return (folder / SETTINGS).is_file()
+
+
+def inputs_of(given: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
+    """Return the files that settings name, at any depth: tables, lists of nodes, boxes, relative to `folder`."""
+    found: list[Path] = []
+    for value in given.values():
+        for item in value if isinstance(value, list | tuple) else (value,):
+            if isinstance(item, Mapping):
+                found += inputs_of(item, folder)
+            elif isinstance(item, str | Path):
+                with suppress(OSError, ValueError):  # too long, or with a null character, for any file
+                    found += [folder / item] if (folder / item).is_file() else []
+    return tuple(found)
+
+
+def precision_of(source: Path | None, out: Path, mesh: Mesh) -> Precision:
+    """Return how a file keeps the coordinates of a mesh that was read from `source`, or came from elsewhere."""
+    form = format_of(out)
+    same = source is not None and source.exists() and format_of(source) is form
+    real = form.real(out, source if same else None)
+    if real == DOUBLE:
+        return EVERY_BIT
+    other = ".cgns"
+    if form.name == "ugrid":
+        other = ending(out).replace("4", "8")
+    elif form.name == "cgns":  # a folder is an OpenFOAM case
+        other = "" if any(isinstance(block, Polyhedra) for block in mesh.cells) else ".su2"
+    better = out.name.removesuffix(ending(out)) + other
+    copied = source is not None and _keeps_bytes(source, out)
+    return Precision(real, not copied, f"write the mesh in double precision, such as {better}")
+
+
+def _keeps_bytes(source: Path, out: Path) -> bool:
+    """Whether `out` is a copy of the source but for coordinates: an encoding of UGRID may become another."""
+    if format_of(out) is not format_of(source):
+        return False
+    return format_of(out).name == "openfoam" or ending(out).lower() == ending(source).lower()
+
+
+def write_mesh(
+    source: Path | None, mesh: Mesh, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
+) -> tuple[str, ...]:
+    """Write the mesh with new points; return what the format of `out` cannot hold.
+
+    In the format of the source only coordinates change; all else in the file stays, byte by byte. A .vtu made from
+    another format shows the point array ``displacement`` and the cell array ``quality``. Raises InputError if the
+    source is no longer the file that was read, and MeshFileError as the format does.
+    """
+    form = format_of(out)
+    if mesh.whole:
+        moved_rows = np.flatnonzero((points != mesh.points).any(axis=1))
+        mesh.whole.pieces.rewrite(mesh.whole.nodes[moved_rows], points[moved_rows], out, progress, runner)
+        check_unchanged(mesh.files)
+        return ()
+    if source and format_of(source) is form:
+        form.rewrite(source, points, out, progress)
+        check_unchanged(mesh.files)
+        return ()
+    moved = mesh.with_points(points)
+    if form.name == "vtu":
+        from sdm_deflect.meshing.formats.vtu import Vtu
+
+        quality = np.concatenate([np.empty(0), *(quality_of(points, block) for block in mesh.cells)])
+        lost = Vtu().write(moved, out, progress, {"displacement": points - mesh.points}, {"quality": quality})
+    else:
+        lost = form.write(moved, out, progress)
+    return tuple(map(printable, lost))
+
+
+def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tuple[Path, Path], unit: str) -> None:
+    """Write d(points)/d(angle): an .npz with the points, and a .vtu to look at."""
+    from sdm_deflect.meshing.formats.vtu_write import write_vtu
+
+    arrays, picture = out
+    np.savez_compressed(arrays, points=points, unit=np.array(unit), d_points_d_angle=rates)
+    write_vtu(picture, replace(mesh, points=points, patches=()), {SENSITIVITY: rates})
+
+
+def _beside(source: Path, form: Format) -> Path:
+    """Return the name of a mesh of some format beside the source."""
+    if format_of(source).name == "openfoam":
+        folder = _case_folder(source)
+        named = folder if folder.name not in ("", "..") else folder.resolve()
+        suffix, name = "", f"{named.name}-deflected"
+    else:
+        named, suffix = source, ending(source)
+        name = f"{source.name.removesuffix(suffix)}-deflected"
+    if form.name == "openfoam":
+        return named.with_name(name.replace(".", "-") if Path(name).suffix[1:2].isalpha() else name)
+    return named.with_name(name + (suffix if suffix.lower().endswith(form.suffixes) else form.suffixes[0]))
+
+
+def _case_folder(path: Path) -> Path:
+    """Return the folder of a case; all that reads cases is loaded by no other format's files."""
+    from sdm_deflect.meshing.formats.openfoam import case_folder
+
+    return case_folder(path)
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file is the sensitivity of an earlier job."""
+    try:
+        if path.suffix == ".npz":
+            with zipfile.ZipFile(path) as arrays:
+                return f"{SENSITIVITY}.npy" in arrays.namelist()
+        with path.open("rb") as file:
+            return f'Name="{SENSITIVITY}"'.encode() in file.read(1 << 12)
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return False

@@ -1,0 +1,224 @@
+"""Figures of a deflection under the names that other programs read."""
+
+import resource
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.mesh.orthogonality import SEVERE, SKEW
+from sdm_deflect.deform.mesh.quality import Quality
+from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
+from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.deform.volume.step import DIRECTIONS
+
+Json = dict[str, Any]
+SHOWN_WHOLE = 2_000_000
+"""Cells of meshes of which a report shows all, those beyond the box as well."""
+FACES = {
+    "non_orthogonality_max": ("largest non-orthogonality, deg", ".2f"),
+    "non_orthogonality_mean": ("mean non-orthogonality, deg", ".2f"),
+    "severely_non_orthogonal": (f"faces above {SEVERE:g} deg", ",d"),
+    "skewness_max": ("largest skewness", ".3f"),
+    "highly_skew": (f"faces of a skewness above {SKEW:g}", ",d"),
+}
+"""What the figures of faces are called, and their format."""
+
+
+def mesh_figures(plan: Plan) -> Json:
+    """Return the sizes of a mesh and of its patches."""
+    return {
+        "name": plan.mesh.name,
+        "points": plan.mesh.point_count,
+        "cells": sum(plan.mesh.cell_counts),
+        "patches": {patch.name: {"points": len(patch.nodes), "triangles": len(patch)} for patch in plan.mesh.patches},
+    }
+
+
+def deflection_figures(one: Deflection) -> Json:
+    """Return box, sites, adaptation and quality of one deflection of any mesh; lengths in the mesh's unit."""
+    plan = one.plan
+    sites, region = plan.sites, plan.region
+    return {
+        "confinement": {
+            "corners": region.hexahedron.corners.tolist(),
+            "why": region.box.why,
+            "inside": len(region.inside),
+            "filter_seconds": region.filter_seconds,
+            "spacing": sites.spacing,
+        },
+        "sites": {
+            "surface": len(sites.distinct),
+            "fixed": len(sites.sampled),
+            "sliding": len(sites.sampled_sliding),
+            "hexahedron": {d: sites.zero_sites(c) for c, d in enumerate(DIRECTIONS)},
+            "tolerance": sites.tolerance,
+            "median_edge": sites.edge,
+            "coincident": sites.coincident,
+        },
+        "kernel": kernel_figures(plan),
+        "adaptation": _adaptation(one),
+        "error_between_sites": asdict(one.error_between) if one.error_between else None,
+        "motion": motion_figures(plan, one.angle),
+        "cells_touched": plan.touched.count,
+        "quality_inside": {"before": by_shape(plan.before), "after": by_shape(one.quality)},
+        **face_figures(one),
+        "repair": repair_figures(one),
+        "steps": len(one.steps),
+        "seconds": one.seconds,
+        "largest_correction": max(step.correction for step in one.steps),
+    }
+
+
+def kernel_figures(plan: Plan) -> Json:
+    """Return by what is interpolated; a kernel without radius has null."""
+    fitting = plan.job.fitting
+    return {"name": fitting.kernel, "radius": plan.sites.radius or None, "polynomial": fitting.polynomial}
+
+
+def kernel_text(figures: Json) -> str:
+    """Say by what was interpolated, of the figures of a kernel; the radius in the mesh's unit of length."""
+    needs, radius = KERNELS[figures["name"]], figures["radius"]
+    wide = f" of radius {radius:.4g}" if radius else ""
+    added = f"a {figures['polynomial']} polynomial" if ORDERS[figures["polynomial"]] else "no polynomial"
+    definite = f"conditionally positive definite of order {needs.order}" if needs.order else "positive definite"
+    return f"{needs.name}{wide} ({definite}) with {added}"
+
+
+def fit_text(figures: Json, unit: str = "") -> str:
+    """Say how well was interpolated, of the figures of a deflection; lengths in a unit."""
+    fits, between, end = figures["adaptation"], figures["error_between_sites"], unit and f" {unit}"
+    condition = max((fit["condition"] or 0.0 for fit in fits.values()), default=0.0)
+    error = max(fit["max_error"] for fit in fits.values())
+    off = f", between them {between['max']:.1e}{end} (99 %: {between['p99']:.1e}{end})" if between else ""
+    return f"interpolation: condition {condition:.1e}, error at the sites {error:.1e}{end}{off}"
+
+
+def face_figures(one: Deflection) -> Json:
+    """Return what checkMesh says of the faces of touched polyhedra before and after, and of the whole mesh.
+
+    Nothing without polyhedra; nothing of the whole mesh where it is not held in memory.
+    """
+    faces, after = one.plan.faces, one.faces
+    if not faces or not after:
+        return {}
+    own = faces.before.quality(), after.quality()
+    scopes = {"touched": own} | ({"whole": (faces.rest + own[0], faces.rest + own[1])} if faces.rest else {})
+    return {"face_quality": {of: {"before": a.as_dict(), "after": b.as_dict()} for of, (a, b) in scopes.items()}}
+
+
+def face_rows(figures: Json) -> tuple[str, list[tuple[str, str, str]]]:
+    """Return whose faces the figures of a deflection tell of, and what each is before and after; none without any."""
+    found = figures.get("face_quality", {})
+    for of, text in (("whole", "all faces"), ("touched", "faces of the touched cells")):
+        if of in found:
+            pairs = ((*FACES[key], *(found[of][when][key] for when in ("before", "after"))) for key in FACES)
+            return text, [(name, f"{old:{form}}", f"{new:{form}}") for name, form, old, new in pairs]
+    return "", []
+
+
+def repair_figures(one: Deflection) -> Json | None:
+    """Return what a repair did, and the quality of the touched cells before it; None without one."""
+    found = one.repaired
+    if found is None:
+        return None
+    return {
+        "spoiled": found.spoiled,
+        "left": found.left,
+        "moved": len(found.moved),
+        "search_steps": found.steps,
+        "seconds": found.seconds,
+        "quality": by_shape(found.quality),
+        "inverted_before": sum(quality.inverted for quality in found.quality),
+    }
+
+
+def repair_text(figures: Json) -> str:
+    """Say what a repair did, of the figures of a deflection; empty without one."""
+    found = figures["repair"]
+    if not found:
+        return ""
+    before, after = (
+        f"{min(quality['min'] for quality in states.values()):.3f} with {sum(q['inverted'] for q in states.values())} "
+        "inverted"
+        for states in (found["quality"], figures["quality_inside"]["after"])
+    )
+    return (
+        f"repair: {found['spoiled']} cells spoiled, {found['left']} left; {found['moved']} nodes moved in "
+        f"{found['seconds']:.2f} s; least quality {before} before, {after} after"
+    )
+
+
+def by_shape(found: Sequence[Quality]) -> Json:
+    """Return the quality of each type of cell by the type's name."""
+    return {one.shape: asdict(one) for one in found}
+
+
+def verdict_figures(checks: Sequence[Check]) -> Json:
+    """Return the checks, and whether all hold."""
+    return {"checks": [check.as_dict() for check in checks], "passed": all(check.passed for check in checks)}
+
+
+def notes_of(plan: Plan) -> tuple[str, ...]:
+    """Return sentences on what a user may not expect of a mesh."""
+    notes = [*plan.mesh.notes, *(note for placement in plan.boundary.placements for note in placement.notes())]
+    if plan.sites.coincident:
+        notes.append(f"{plan.sites.coincident} moving nodes coincide with others; they move as one")
+    if min(plan.touched.orientation, default=1.0) < 0.0:
+        notes.append("the file counts the nodes of cells left-handed; judged accordingly")
+    inverted = sum(plan.touched.inverted)
+    if inverted:
+        notes.append(f"{inverted} cells were inverted in the file already")
+    return tuple(notes)
+
+
+def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+    """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest angle."""
+    for surface, place, move in plan.boundary.farthest(plan.job.amounts_at(max(plan.angles, key=abs))):
+        yield surface.named, place, move
+
+
+def motion_figures(plan: Plan, angle: float) -> Json:
+    """Return, of each surface, what it reaches of its angle (see `Reached`); null for a motion without one."""
+    found = plan.boundary.reached(plan.job.amounts_at(angle))
+    return {surface.named: asdict(one) if one else None for surface, one in found}
+
+
+def motions(plan: Plan) -> Iterator[tuple[str, str]]:
+    """Yield the name of each surface that turns, and what it reaches of the largest angle, as text."""
+    for surface, one in plan.boundary.reached(plan.job.amounts_at(max(plan.angles, key=abs))):
+        if one:
+            yield surface.named, one.text
+
+
+def travels(plan: Plan) -> Iterator[tuple[str, str]]:
+    """Yield each surface's name, how far its node that moves farthest does, where that is, and whereto, as text."""
+    for name, place, move in farthest(plan):
+        size = float(np.linalg.norm(move))
+        there = ", ".join(f"{round(x, 2) + 0.0:+.2f}" for x in move / (size or 1.0))  # no -0.00
+        yield name, f"{size:.4g}, at ({', '.join(f'{x:.4g}' for x in place)}) towards ({there})"
+
+
+def peak_rss_bytes() -> int:
+    """Largest resident memory of this process or of any subprocess that has ended."""
+    return 1024 * max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+
+
+def _adaptation(one: Deflection) -> Json:
+    """Per direction, summed over steps: centres of the largest step, its error and condition, seconds of all."""
+    table: Json = {}
+    groups = list(zip(*(step.fits.adaptations for step in one.steps), strict=True))
+    for fits, condition in zip(groups, one.conditions or [None] * len(groups), strict=True):
+        entry = {
+            "centers": max(len(fit.chosen) for fit in fits),
+            "iterations": sum(fit.history[-1].iteration for fit in fits),
+            "max_error": max(fit.max_error for fit in fits),
+            "seconds": sum(fit.history[-1].seconds for fit in fits),
+            "stop": fits[-1].stop.value,
+            "condition": condition,
+        }
+        table.update({DIRECTIONS[c]: entry for c in fits[0].components})
+    return table

@@ -1,0 +1,141 @@
+"""The files of a run: written into a folder that replaces the old one as a whole."""
+
+import csv
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.rbf.kernels import arrays_of
+from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.step import DIRECTIONS
+from sdm_deflect.meshing.files.staged import replacing_files, replacing_folder
+from sdm_deflect.meshing.formats.format import FULL
+from sdm_deflect.meshing.formats.vtu import vtu_arrays
+
+
+class OutputError(ValueError):
+    """The output folder cannot be written."""
+
+
+PARTS = ("convergence", "quality", "slices", "before_after", "cad_map", "rigid_cad_map")
+"""Parts of the page, with which the names of its pictures begin."""
+PAGE = ("report.html", *(f"figures/{part}*.png" for part in PARTS))
+"""A page and its pictures, as patterns."""
+RUN = (
+    "case.toml", "settings.toml", "metrics.json", "convergence.csv", "interpolant.npz", "table_[0-9]*.npz",
+    "undeflected.vtu", "deflected.vtu", "background.vtu", *PAGE,
+)  # fmt: skip
+"""Everything that a run folder may hold of ours."""
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
+"""What text begins with that a spreadsheet runs, and our mark of it."""
+
+
+@contextmanager
+def output_folder(target: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
+    """Yield an empty folder that replaces `target` as one on success; else nothing changes.
+
+    Of an old folder those files go whose names match a pattern in `stale`; all others stay.
+
+    Raises OutputError at once if the folder cannot be made or written, later if a file in it cannot, on a full disk for
+    example; the message names the folder or the file that was to be.
+    """
+    with _named(target, replacing_folder(target, stale)) as scratch:
+        yield scratch
+
+
+@contextmanager
+def output_files(folder: Path) -> Iterator[Path]:
+    """Yield an empty folder whose files and run folders replace those in `folder` together on success.
+
+    Raises OutputError as `output_folder`.
+    """
+    with _named(folder, replacing_files(folder, RUN)) as scratch:
+        yield scratch
+
+
+@contextmanager
+def _named(target: Path, scratch: AbstractContextManager[Path]) -> Iterator[Path]:
+    """Say which folder cannot be written, at the beginning and later."""
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(scratch)
+        except OSError as error:
+            raise OutputError(f"--out {target}: {error.strerror}; choose a folder that can be written") from None
+        try:
+            yield folder
+        except OSError as error:
+            if error.errno in FULL:
+                raise OutputError(f"{target}: cannot be written: {error.strerror}") from error
+            raise
+
+
+def write_interpolants(path: Path, deflections: Sequence[Deflection]) -> None:
+    """Write kernel, centres and coefficients per direction, enough to evaluate the deformation elsewhere.
+
+    The first surface's first step has the plain names `centers_x`, `beta_x`, `alpha_x`; further surfaces and
+    steps append `_<surface>` and `_step<k>`. Those of the fit that carries sliding nodes, before these are put on
+    their shapes, begin with `sliding_`. `hexahedron` (8, 3) says where each applies.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    for i, one in enumerate(deflections):
+        tag = f"_{one.plan.surface}" if i else ""
+        arrays |= arrays_of(one.plan.sites.kernel, tag)
+        arrays[f"hexahedron{tag}"] = one.plan.region.hexahedron.corners
+        for k, step in enumerate(one.steps):
+            suffix = tag + (f"_step{k + 1}" if k else "")
+            carrying = [("sliding_", fit) for fit in step.first.adaptations] if step.first else []
+            for prefix, fit in (*carrying, *(("", fit) for fit in step.fits.adaptations)):
+                for column, component in enumerate(fit.components):
+                    name = f"{DIRECTIONS[component]}{suffix}"
+                    arrays[f"{prefix}centers_{name}"] = fit.interpolant.centers
+                    arrays[f"{prefix}beta_{name}"] = fit.interpolant.beta[:, column]
+                    arrays[f"{prefix}alpha_{name}"] = fit.interpolant.alpha[:, column]
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+
+
+def write_convergence(path: Path, deflections: Sequence[Deflection]) -> None:
+    """Write the adaptation history: one row per surface, step, group and iteration."""
+    rows: list[Sequence[object]] = [("direction", "iteration", "centres", "max_error", "seconds", "surface", "step")]
+    for one in deflections:
+        for k, step in enumerate(one.steps, 1):
+            for fit in step.fits.adaptations:
+                direction = "".join(DIRECTIONS[c] for c in fit.components)
+                for row in fit.history:
+                    figures = (f"{row.max_residual:.6e}", f"{row.seconds:.6f}")
+                    rows.append((direction, row.iteration, row.n_centers, *figures, one.plan.surface, k))
+    write_table(path, rows)
+
+
+def write_table(path: Path, rows: Iterable[Iterable[object]]) -> None:
+    """Write a .csv; text that a spreadsheet would run as a formula has an apostrophe before it (`text_of`)."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([_cell(one) for one in row] for row in rows)
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, str) and value.startswith(FORMULA):
+        try:
+            float(value)
+        except ValueError:
+            return f"'{value}"
+    return value
+
+
+def text_of(cell: str) -> str:
+    """Return the text that `write_table` wrote as a cell."""
+    return cell[1:] if cell.startswith("'") and cell[1:].startswith(FORMULA) else cell
+
+
+def moved_by_repair(path: Path, count: int) -> FloatArray:
+    """Return how far (N, 3) the repair has moved each node of a run, by its deflected.vtu; zero without a repair."""
+    arrays, out = vtu_arrays(path), np.zeros((count, 3))
+    node, moved = arrays.get("node", np.arange(count)), arrays.get("repair")
+    if moved is not None:
+        if moved.shape != (len(node), 3):
+            raise InputError(f"{path}: the array repair has the shape {moved.shape}, not {(len(node), 3)}")
+        out[node] = moved
+    return out

@@ -1,0 +1,1 @@
+"""Settings: what users write becomes a job."""

@@ -1,0 +1,410 @@
+"""A job from text or keywords: the settings of `sdm deflect`, of its TOML file and of `deflect` are the same."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import floor, inf, isnan
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_checkable
+
+from sdm_deflect.cases.settings.conversion import Nested, assigned, read_toml, spelled, structured
+from sdm_deflect.deform.base.errors import InputError, nearest, shortened
+from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, JobOptions
+from sdm_deflect.deform.schema import ONLY_SET, Doc, Option, Range, Spelling, check_settings, settings_in
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.hexahedron import Hexahedron
+    from sdm_deflect.deform.surface.motions import Motion
+    from sdm_deflect.deform.surface.surface import NodeSet
+    from sdm_deflect.deform.volume.box import BoxRule
+    from sdm_deflect.deform.volume.job import Job
+else:  # known by what they have: settings are read, and help is shown, before any code is compiled
+
+    def _with(name: str, *parts: str) -> Any:
+        return runtime_checkable(type(name, (Protocol,), dict.fromkeys(parts)))
+
+    Motion, NodeSet = _with("Motion", "unit", "axis", "law"), _with("NodeSet", "of")
+    BoxRule, Hexahedron = _with("BoxRule", "settings", "choose"), _with("Hexahedron", "corners", "contains")
+
+
+Point = tuple[float, float, float]
+Corner = tuple[float, ...]
+"""A point, or two coordinates in a plane mesh."""
+Shape = Literal["plane", "cylinder", "surface"]
+MOST_ANGLES = 1000
+SELECTION = (
+    "NAME=PATCH, then what leaves some of its faces: #NUMBER, box:CORNERS, side:POINT,NORMAL, and last sharp:DEG"
+)
+SHAPES = "NAME:plane|cylinder|surface"
+
+
+@dataclass(frozen=True, slots=True)
+class Only:
+    """The motions that have a use for a setting of a surface: ``"rigid"``, ``"blended"``; others have their own."""
+
+    motions: tuple[str, ...]
+
+
+BLENDED, IN_WORDS = Only(("blended",)), Only(("rigid", "blended"))
+
+
+def points_of(value: Any) -> Any:
+    """Return points, texts ``x,y,z`` among them as numbers; of a point of a plane mesh alone a list."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if not isinstance(value, list | tuple):
+        return value
+    if len(value) == 2 and not any(isinstance(x, Iterable) for x in value):
+        return [value]
+    return [_point(item) if isinstance(item, str) else item for item in value]
+
+
+def _point(text: str) -> tuple[float, ...]:
+    try:
+        point = tuple(float(number) for number in text.split(","))
+    except ValueError:
+        point = ()
+    if len(point) not in (2, 3):
+        hint = "the hinge needs two, such as 0.7,0,0 0.7,1,0; in a plane mesh one, such as 0.7,0"
+        raise InputError(f"{shortened(text)} is no point: {hint}")
+    return point
+
+
+def shapes_of(value: Any) -> Any:
+    """Return ``NAME:SHAPE``, or several of them, as a table; tables as they are."""
+    if isinstance(value, Mapping) or not isinstance(value, str | list | tuple):
+        return value
+    out = {}
+    for text in value.split(",") if isinstance(value, str) else value:
+        name, colon, shape = str(text).rpartition(":")
+        if not colon or not name:
+            raise InputError(f"{text}: must be NAME:plane, NAME:cylinder or NAME:surface")
+        out[name.strip()] = shape.strip()
+    return out
+
+
+def pairs_of(value: Any) -> Any:
+    """Return a pair of names, or several pairs, as tables; tables as they are."""
+    if not isinstance(value, list | tuple):
+        return [value] if isinstance(value, Mapping) else value
+    pairs = [value] if value and all(isinstance(name, str) for name in value) else value
+    return [pair if isinstance(pair, Mapping) else {"patches": pair} for pair in pairs]
+
+
+def selections_of(value: Any) -> Any:
+    """Return ``NAME=EXPRESSION``, or files with a table `select`, one or several, as a table; tables as they are."""
+    if isinstance(value, Mapping) or not isinstance(value, str | Path | list | tuple):
+        return value
+    out: Nested = {}
+    for text in [value] if isinstance(value, str | Path) else value:
+        name, equals, expression = (part.strip() for part in str(text).partition("="))
+        new = {name: expression} if equals else _stored(Path(str(text)))
+        if twice := sorted(out.keys() & new.keys()):
+            raise InputError(f"{text}: {twice[0]} is selected twice")
+        out |= new
+    return out
+
+
+def _stored(path: Path) -> Nested:
+    if path.suffix != ".toml":
+        raise InputError(f"{path}: must be {SELECTION}, or a .toml file with a table select")
+    table = read_toml(path).get("select")
+    if not isinstance(table, Mapping):
+        raise InputError(f"{path}: the file has no table select, such as select = {{ flap = 'wall#2' }}")
+    return dict(table)
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceSettings:
+    """One moving surface: a table ``[[surface]]``."""
+
+    # fmt: off
+    patches: Annotated[tuple[str, ...], Option("--surface", "NAME"), Doc(
+        "What moves", "Patches that move; repeat, or use commas. wall#2: a part.")]
+    hinge: Annotated[tuple[Corner, ...] | None, Option(metavar="x0,y0,z0 x1,y1,z1"), Spelling(read=points_of), Doc(
+        "What moves", "Two points of the hinge line; of a plane mesh one, x,y.")] = None
+    angle: Annotated[float | None, Doc(
+        "What moves", "Degrees, right-handed from the first hinge point to the second.",
+        "About one point counter-clockwise. At most 90 either way.")] = None
+    motion: Annotated[Literal["rigid", "blended"] | Motion, Doc(
+        "What moves", "Whole surface, or hinge to trailing edge.",
+        "Blended: between nodes that stay and nodes that follow. In Python also a motion such as `Rotation`, `Blended` "
+        "or `Table`, which has its own hinge.")] = "rigid"
+    held: Annotated[tuple[str | int, ...] | NodeSet, Spelling(file=".txt"), BLENDED, Doc(
+        "What moves", "blended: nodes that stay: patches, or a .txt of node indices (default: on `fixed` patches).",
+        "Or node indices (K,) counted from 0; in Python also `OnPatches`, `TrailingEdge` or `Listed`.")] = ()
+    driven: Annotated[tuple[str | int, ...] | NodeSet, Spelling(file=".txt"), BLENDED, Doc(
+        "What moves", "blended: nodes that follow: edges[:DEG], patches, or a .txt.",
+        "``edges:40`` are the sharp edges far from the hinge. Otherwise as `held`.")] = ("edges:40",)
+    strip: Annotated[float, Range(0.0, 1.0, above=True), BLENDED, Doc(
+        "What moves", "blended: width beside a closed rib, as a share of the span.")] = 0.2
+    table: Annotated[str | None, Spelling(file=""), IN_WORDS, Doc(
+        "What moves", "Displacements instead of a hinge: .csv of x,y,z,dx,dy,dz, or .npz.")] = None
+    amount: Annotated[float, ONLY_SET, Doc("What moves", "Share of the table; in Python it is the `angle`.")] = 1.0
+    cpacs: Annotated[str | None, Option(metavar="FILE"), Spelling(file=""), IN_WORDS, Doc(
+        "What moves", "CPACS file with the hinge line, in the mesh's unit, and the angle of `device`.")] = None
+    device: Annotated[str | None, Option(metavar="UID[=STEP]"), IN_WORDS, Doc(
+        "What moves", "Trailing edge device of `cpacs`, its uID; a step of its path, for the angle.")] = None
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, slots=True)
+class SectionSettings:
+    """A face of an overlapping block that cuts the box: a table ``[[section]]``.
+
+    Attributes
+    ----------
+    patch : name of the block's outer faces.
+    point : a point of the plane.
+    axis : the axis along its normal.
+    slides : whether nodes slide in it.
+    """
+
+    patch: str
+    point: Point
+    axis: Literal["x", "y", "z"]
+    slides: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class PeriodicSettings:
+    """Two patches that are images of one another: a table ``[[periodic]]``.
+
+    Attributes
+    ----------
+    patches : names of the two.
+    axis : two points of the axis about which the first is turned onto the second; one point, x and y, in a plane mesh.
+    translation : from the first to the second. Without both, the translation between the patches, or the rotation about
+        x, y or z through the origin, whichever fits.
+    """
+
+    patches: tuple[str, ...]
+    axis: tuple[Corner, ...] | None = None
+    translation: Corner | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.patches) != 2:
+            raise InputError(f"periodic {shortened(self.patches)}: two patches are images of one another")
+        if self.axis and self.translation:
+            raise InputError(f"translation = {self.translation}: the axis says all; leave out one of them")
+        if self.translation and len(self.translation) not in (2, 3):
+            raise InputError(f"translation = {self.translation}: must be three numbers, or two in a plane mesh")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobSettings(JobOptions):
+    """What moves, what stays, what slides, and in which box; and what every job can be told.
+
+    Attributes
+    ----------
+    surface : the moving surfaces; angles of a sweep are those of the first one.
+    """
+
+    # fmt: off
+    surface: tuple[SurfaceSettings, ...] = ()
+    select: Annotated[dict[str, str], Option(metavar="NAME=EXPR|FILE"), Spelling(read=selections_of), Doc(
+        "What moves", "Make a part of a patch a patch, as flap=wall#2; repeat.",
+        "``wall#2`` is the second connected component of ``wall``, and can stand for a patch everywhere without being "
+        "selected; ``wall box:x,y,z,x,y,z`` and ``wall side:x,y,z,nx,ny,nz`` are the faces with their centre in a box "
+        "or in front of a plane; ``wall sharp:40`` makes ``flap~1``, ``flap~2``, ... between edges that turn by more "
+        "than 40 degrees. Or the path of a .toml file with a table `select`.")] = field(default_factory=dict)
+    slide: Annotated[dict[str, Shape], Option(metavar=SHAPES), Spelling(read=shapes_of), Doc(
+        "What stays", "Patches that stay on their shape.",
+        "Planes and cylinders are fitted to the patch's nodes and verified; a surface is the patch as it is.",
+        )] = field(default_factory=dict)
+    periodic: Annotated[
+        tuple[PeriodicSettings, ...], Option(metavar="NAME NAME"), Spelling(read=pairs_of), Doc(
+        "What stays", "Patches that are images; repeat.",
+        "Where the file does not say so. The motion is the translation between the two, or the rotation about x, y or "
+        "z through the origin, whichever fits node by node; for another one a table: `patches`, and `axis`, two "
+        "points, or `translation` (3,).")] = ()
+    box: Annotated[
+        str | tuple[Corner, ...] | BoxRule | Hexahedron, Option(metavar="auto|FILE"), Spelling(file=".toml"), Doc(
+        "Box", "The box: auto, or a .toml with `corners`.",
+        "Or eight corners (8, 3), or two opposite ones (2, 3) of a box along the axes; in a plane mesh four or two, "
+        "without z; in Python also a `Hexahedron`.")] = "auto"
+    margin: Annotated[float, Doc("Box", "Distance from the surface to an automatic box; 0: chosen.")] = 0.0
+    open_faces: Annotated[tuple[str, ...], ONLY_SET, Doc(
+        "Box", "Faces of a given box without zero sites, of x-, x+, y-, y+, z-, z+.")] = ()
+    section: Annotated[tuple[SectionSettings, ...], ONLY_SET, Doc(
+        "Box", "Faces of an overlapping block that cut the box (section 5.2 of the paper).",
+        "For each a table: `patch`, `point` (3,) of its plane, `axis` ``x``, ``y`` or ``z`` along its normal, `slides` "
+        "(true): whether nodes slide in it.")] = ()
+    min_quality: Annotated[float, Range(0.0, 1.0), Doc(
+        "Quality", "Share of its least quality that a type of cell must keep; 0: no such check.")] = 0.1
+    repair_slide: Annotated[dict[str, Shape], ONLY_SET, Spelling(read=shapes_of), Doc(
+        "Quality", "Further patches, as `slide`, whose nodes may slide while cells are mended; moving ones too.",
+        )] = field(default_factory=dict)
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    def job(self) -> "Job":
+        """Return the job, files read; InputError if one cannot be, or a value does not fit or is missing."""
+        from sdm_deflect.cases.jobs import job_of
+
+        return job_of(self)
+
+
+@dataclass(frozen=True, slots=True)
+class _Angles:
+    angles: tuple[float, ...]
+
+
+OF_SURFACE, OF_JOB = settings_in(SurfaceSettings), settings_in(JobSettings)
+FLAT = OF_SURFACE | {name: setting for name, setting in OF_JOB.items() if name != "surface"}
+"""All settings of a job with one surface."""
+IDLE = {name: only for name, setting in OF_SURFACE.items() if (only := setting.note(Only))}
+"""Settings of a surface that not every motion has a use for."""
+IN_PYTHON = {"surface": "surfaces", "patches": "surfaces", "amount": "angle"}
+"""Settings of files that are arguments of another name."""
+
+
+def job_settings(nested: Mapping[str, Any]) -> JobSettings:
+    """Return the settings that nested tables describe; InputError names the first that does not fit."""
+    try:
+        return structured(nested, JobSettings)
+    except InputError as error:
+        several = len(_tables(nested.get("surface"))) > 1
+        raise InputError(str(error) if several else str(error).replace("surface[0].", "")) from None
+
+
+def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any]) -> JobSettings:
+    """Return the settings that arguments of `deflect` describe.
+
+    Parameters
+    ----------
+    surfaces : Name of a patch, or several, wildcards allowed; or tables of `SurfaceSettings`, one for each moving
+        surface.
+    hinge : (2, 3) two points of the hinge line; None where `motion` or `table` needs none.
+    angle : Degrees; of a table of displacements its share.
+    options : Settings of `JobSettings` and, for the surface, of `SurfaceSettings`.
+
+    Raises InputError for an option that is unknown or without effect, or a value of another type or out of range: one
+    sentence.
+    """
+    for name in IN_PYTHON.keys() & options.keys():
+        raise InputError(f"unknown setting {name}; did you mean {IN_PYTHON[name]}?")
+    given = {name: value for name, value in {"hinge": hinge, "angle": angle, **options}.items() if value is not None}
+    own, rest = _parted(given)
+    several = tables_of(surfaces)
+    if several and own:
+        raise InputError(f"{min(own)} belongs to one surface: put it into the tables of surfaces")
+    share = {"amount": own["angle"]} if "angle" in own else {}
+    tables = several or [{"patches": surfaces, **own, **share}]
+    _check_use(tables, rest)
+    try:
+        return job_settings({**rest, "surface": tables})
+    except InputError as error:
+        raise InputError(str(error).replace("patches =", "surfaces =").replace("surface[", "surfaces[")) from None
+
+
+def tables_of(surfaces: Any) -> list[Nested]:
+    """Return the tables if surfaces are given as tables, else none."""
+    rows = surfaces if isinstance(surfaces, list | tuple) else [surfaces]
+    return [dict(row) for row in rows] if all(isinstance(row, Mapping) for row in rows) else []
+
+
+def _check_use(surfaces: Sequence[Nested], rest: Nested) -> None:
+    """Refuse settings that a motion or a box has no use for: they would change nothing."""
+    for surface in surfaces:
+        motion = surface.get("motion", "rigid")
+        word = motion if isinstance(motion, str) else ""
+        why = f"a {word} motion has no use for it" if word else "the motion has its own"
+        for name, only in IDLE.items() if word in ("", *IN_WORDS.motions) else ():
+            if word not in only.motions and surface.get(name) is not None:
+                raise InputError(f"{name} = {shortened(surface[name])}: {why}")
+    box = rest.get("box", "auto")
+    if "margin" in rest and not (isinstance(box, str) and box == "auto"):
+        raise InputError(f"margin = {shortened(rest['margin'])}: only the automatic box has a margin")
+
+
+def read_job(path: Path) -> Nested:
+    """Return the tables of a configuration file; files that it names are taken as relative to it."""
+    nested = read_toml(path)
+    nested.pop("mesh", None)  # of the settings beside a report, which the command names itself
+    for table in (nested, *_tables(nested.get("surface"))):
+        for name in table.keys() & FLAT.keys():
+            value, ending = table[name], FLAT[name].spelling.file
+            if isinstance(value, str) and ending is not None and value.endswith(ending):
+                table[name] = str(path.parent / value)
+    return nested
+
+
+def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequence[str] = ()) -> Nested:
+    """Return tables with options in place of their values; those of a surface concern the first one.
+
+    Further surfaces turn in their proportion to the first one's angle. An option ``patches`` makes it the only one.
+    """
+    given = {key: value for key, value in options.items() if value not in (None, ())}
+    own, new = _parted({**given, **assigned(assignments)})
+    for name in ("select", "slide"):
+        old, added = (spelled(part.get(name, {}), OF_JOB[name], name) for part in (nested, new))
+        if name in new and isinstance(old, Mapping) and isinstance(added, Mapping):
+            new[name] = {**old, **added}
+    out = {**nested, **new}
+    surfaces = _tables(nested.get("surface"))
+    if "patches" in own:
+        out["surface"] = [own]
+    elif own and surfaces:
+        out["surface"] = [{**surfaces[0], **own}, *_in_proportion(surfaces, own.get("angle"))]
+    return out
+
+
+def angles_of(wanted: Any) -> tuple[float, ...]:
+    """Return the angles of ``first:last:step``, ends included, of a list with commas, or a sequence; or InputError."""
+    if not isinstance(wanted, str):
+        several = isinstance(wanted, Iterable) and not isinstance(wanted, Mapping)
+        if angles := structured({"angles": list(wanted) if several else wanted}, _Angles).angles:
+            return angles
+        raise InputError("angles is empty: give at least one")
+    try:
+        angles = _range(wanted) if ":" in wanted else tuple(float(part) for part in wanted.split(","))
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise InputError(
+            f"angles = {wanted}: must be first:last:step, such as -30:30:5, or a list with commas"
+        ) from None
+    if not 1 <= len(angles) <= MOST_ANGLES:
+        raise InputError(f"angles = {wanted}: must be 1 to {MOST_ANGLES} angles")
+    worst = max(angles, key=lambda angle: inf if isnan(angle) else abs(angle))
+    if not abs(worst) <= LARGEST_ANGLE:
+        raise InputError(f"angles = {wanted}: {worst:g} deg is out of range: at most {LARGEST_ANGLE:g} deg either way")
+    return tuple(dict.fromkeys(angles))
+
+
+def _range(text: str) -> tuple[float, ...]:
+    """Return the numbers of ``first:last:step``, at most one more than may be."""
+    first, last, step = (float(part) for part in text.split(":"))
+    count = floor((last - first) / step + 1e-9) + 1
+    return tuple(round(first + i * step, 12) for i in range(min(count, MOST_ANGLES + 1)))
+
+
+def _parted(options: Mapping[str, Any]) -> tuple[Nested, Nested]:
+    """Return the settings of the surface, and those of the job; InputError for one that is neither."""
+    known = (*OF_JOB, *OF_SURFACE)
+    for name in options:
+        if name not in (*known, "fitting"):
+            raise InputError(f"unknown setting {name}; {nearest(name, known)}")
+    own = {name: value for name, value in options.items() if name in OF_SURFACE}
+    return own, {name: value for name, value in options.items() if name not in own}
+
+
+def _tables(value: Any) -> list[dict[str, Any]]:
+    return [table for table in value if isinstance(table, dict)] if isinstance(value, list) else []
+
+
+def _in_proportion(surfaces: list[dict[str, Any]], angle: float | None) -> list[dict[str, Any]]:
+    """Return the further surfaces, turned in their proportion to the first one's angle; InputError if that is zero."""
+    first = surfaces[0].get("angle")
+    if angle is None or first is None or angle == first:
+        return surfaces[1:]
+    if first == 0 and any(table.get("angle") for table in surfaces[1:]):
+        raise InputError(
+            f"angle = {angle:g}: the first surface has angle 0, so that the others cannot be in proportion to it; put "
+            "a surface that moves first"
+        )
+    return [
+        {**table, "angle": table["angle"] * angle / first} if table.get("angle") else table for table in surfaces[1:]
+    ]

@@ -1,0 +1,73 @@
+"""Rows of work on several threads, and linear algebra on one.
+
+Compiled code runs without the interpreter lock, so Python's own threads serve: no second pool of OpenMP
+threads that survives a fork badly, and an interrupt is noticed between two chunks.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from functools import cache
+
+import numba
+import scipy.linalg  # noqa: F401 - loads SciPy's BLAS, so that the controller below finds it
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
+
+from sdm_deflect.deform.base.progress import Progress, silent
+
+SERIAL_PAIRS = 400_000  # below about 0.2 ms of work a second thread costs more than it saves
+CHUNK_PAIRS = 4_000_000  # about 2 ms: short enough to share evenly, long enough to hide the hand-over
+
+
+def in_chunks(
+    work: Callable[[int, int], None],
+    rows: int,
+    pairs_per_row: int,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> None:
+    """Call work(low, high) for consecutive chunks that cover range(rows), on `threads` threads."""
+    count = threads or available_threads()
+    if (count == 1 and progress is silent) or rows * pairs_per_row < SERIAL_PAIRS:
+        work(0, rows)
+        return
+    size = max(1, min(CHUNK_PAIRS // max(1, pairs_per_row), -(-rows // count)))
+    starts = range(0, rows, size)
+    jobs = [_pool(os.getpid(), count).submit(work, i, min(rows, i + size)) for i in starts]
+    _wait(jobs, progress)
+
+
+def available_threads() -> int:
+    """Return how many threads work is shared among: the cores, or what NUMBA_NUM_THREADS says."""
+    return int(numba.config.NUMBA_NUM_THREADS)
+
+
+def _wait(jobs: list[Future[None]], progress: Progress) -> None:
+    """Wait for all jobs; on an error or an interrupt drop those that have not begun."""
+    try:
+        for done, job in enumerate(as_completed(jobs), start=1):
+            job.result()
+            progress("kernel sums", done / len(jobs))
+    except BaseException:
+        for job in jobs:
+            job.cancel()
+        raise
+
+
+@cache
+def _pool(process: int, threads: int) -> ThreadPoolExecutor:
+    """One pool per process: a forked child has none of its parent's threads."""
+    return ThreadPoolExecutor(threads, thread_name_prefix="deform")
+
+
+@contextmanager
+def single_threaded_blas() -> Iterator[None]:
+    """Keep BLAS on one thread: its pool fights with ours for the cores, and its sums depend on its size."""
+    with _controller().limit(limits=1, user_api="blas"):
+        yield
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    return ThreadpoolController()

@@ -1,0 +1,1 @@
+"""A mesh of any cells with patches: faces, edges, quality."""

@@ -1,0 +1,243 @@
+"""Quality and inversion of very many volume cells, compiled: the formulas of `quality`, to the same bits.
+
+Cells are taken `LANES` at a time, in the order of `quality.Corners`: so one instruction works on several of them, on
+numbers that are in the nearest cache.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.base.threads import in_chunks
+from sdm_deflect.deform.mesh.edges import rows_of
+from sdm_deflect.deform.mesh.mesh import Cells
+from sdm_deflect.deform.mesh.quality import AXES, BLOCK, CORNERS, TETRAHEDRA, TINY, WEDGE, Corners, folded, ratio
+
+LANES = 64
+"""Cells taken at a time: the corners of so many hexahedra are 12 kB."""
+WEIGHT = 100
+"""Work on one cell in kernel pairs, by which `in_chunks` shares it out."""
+
+Vector = tuple[float, float, float]
+
+
+def inverted_of(points: FloatArray, block: Cells, rows: IntArray | None, orientation: float) -> BoolArray:
+    """Return which cells (R,) of a block, or of R rows of them, are inverted."""
+    corners = np.array(CORNERS[block.shape])
+    inverted = np.empty(len(block if rows is None else rows), dtype=np.bool_)
+
+    def judge(nodes: IntArray, part: slice) -> None:
+        _find_inverted(points, nodes, orientation, corners, inverted[part])
+
+    _share_out(judge, block, rows)
+    return inverted
+
+
+def judged(points: FloatArray, block: Cells, rows: IntArray | None, orientation: float) -> tuple[FloatArray, BoolArray]:
+    """Return the quality (R,) of the cells of a block, or of R rows of them, and which are inverted."""
+    quality = np.empty(len(block if rows is None else rows))
+    inverted = np.empty(len(quality), dtype=np.bool_)
+    measure = JUDGES[block.shape]
+
+    def judge(nodes: IntArray, part: slice) -> None:
+        measure(points, nodes, orientation, quality[part], inverted[part])
+
+    _share_out(judge, block, rows)
+    return quality, inverted
+
+
+def _share_out(judge: Callable[[IntArray, slice], None], block: Cells, rows: IntArray | None) -> None:
+    """Call judge(nodes, part) for short slices of all cells, or of R rows of them, on all threads."""
+
+    def chunk(start: int, stop: int) -> None:
+        for short in rows_of(stop - start, BLOCK):
+            part = slice(start + short.start, min(start + short.stop, stop))
+            judge(block.nodes[part] if rows is None else block.nodes.take(rows[part], axis=0), part)
+
+    in_chunks(chunk, len(block if rows is None else rows), WEIGHT)
+
+
+def _tetra(points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray) -> None:
+    determinants, squares = np.empty((2, len(nodes)))
+    _measure_edges(points, nodes, determinants, squares)
+    determinants *= orientation
+    quality[:] = ratio(determinants, squares)
+    inverted[:] = determinants <= 0.0
+
+
+def _pyramid(points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray) -> None:
+    _judge_tetrahedra(points, nodes, orientation, np.array(TETRAHEDRA), quality, inverted)
+    quality[:] = folded(quality)
+
+
+def _wedge(points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray) -> None:
+    axes = np.empty((0, 2, 4), dtype=np.intp)
+    _judge_corners(points, nodes, orientation, np.array(CORNERS["wedge"]), axes, quality, inverted)
+    quality *= WEDGE
+
+
+def _hexahedron(
+    points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray
+) -> None:
+    corners, axes = np.array(CORNERS["hexahedron"]), np.array(AXES)
+    _judge_corners(points, nodes, orientation, corners, axes, quality, inverted)
+
+
+JUDGES: dict[str, Callable[[FloatArray, IntArray, float, FloatArray, BoolArray], None]] = {
+    "tetra": _tetra,
+    "pyramid": _pyramid,
+    "wedge": _wedge,
+    "hexahedron": _hexahedron,
+}
+"""What fills in quality (R,) and inversion (R,) of cells, given points (N, 3), nodes (R, k) and their orientation."""
+
+
+@compiled_exactly
+def _find_inverted(
+    points: FloatArray, nodes: IntArray, orientation: float, corners: IntArray, inverted: BoolArray
+) -> None:  # pragma: no cover - machine code
+    """Fill in which cells (R,) have a corner where the determinant of three edges is not positive."""
+    p, least = np.empty((nodes.shape[1], 3, LANES)), np.empty(LANES)
+    for start in range(0, len(nodes), LANES):
+        few = nodes[start : start + LANES]
+        _gather(points, few, p)
+        least[:] = np.inf
+        for k in range(len(corners)):
+            o, a, b, c = corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3]
+            for j in range(len(few)):
+                determinant = orientation * _determinant(_edge(p, o, a, j), _edge(p, o, b, j), _edge(p, o, c, j))
+                least[j] = np.minimum(least[j], determinant)
+        inverted[start : start + LANES] = least[: len(few)] <= 0.0
+
+
+@compiled_exactly
+def _judge_corners(
+    points: FloatArray,
+    nodes: IntArray,
+    orientation: float,
+    corners: IntArray,
+    axes: IntArray,
+    quality: FloatArray,
+    inverted: BoolArray,
+) -> None:  # pragma: no cover - machine code
+    """Fill in the smallest determinant over the edges' lengths, of corners and axes, and which cells are inverted."""
+    p, ways = np.empty((nodes.shape[1], 3, LANES)), np.empty((3, 3, LANES))
+    share, least = np.empty(LANES), np.empty(LANES)
+    for start in range(0, len(nodes), LANES):
+        few = nodes[start : start + LANES]
+        _gather(points, few, p)
+        share[:] = least[:] = np.inf
+        for k in range(len(corners)):
+            o, a, b, c = corners[k, 0], corners[k, 1], corners[k, 2], corners[k, 3]
+            for j in range(len(few)):
+                u, v, w = _edge(p, o, a, j), _edge(p, o, b, j), _edge(p, o, c, j)
+                determinant = orientation * _determinant(u, v, w)
+                share[j] = np.minimum(share[j], determinant / _lengths(u, v, w))
+                least[j] = np.minimum(least[j], determinant)
+        if len(axes):
+            _join(p, axes, ways)
+            for j in range(len(few)):
+                u, v, w = _vector(ways, 0, j), _vector(ways, 1, j), _vector(ways, 2, j)
+                share[j] = np.minimum(share[j], orientation * _determinant(u, v, w) / _lengths(u, v, w))
+        quality[start : start + LANES] = share[: len(few)]
+        inverted[start : start + LANES] = least[: len(few)] <= 0.0
+
+
+@compiled_exactly
+def _judge_tetrahedra(
+    points: FloatArray,
+    nodes: IntArray,
+    orientation: float,
+    tetrahedra: IntArray,
+    quality: FloatArray,
+    inverted: BoolArray,
+) -> None:  # pragma: no cover - machine code
+    """Fill in the smallest scaled Jacobian of tetrahedra between a cell's nodes, and whether one is inverted."""
+    p, share, least = np.empty((nodes.shape[1], 3, LANES)), np.empty(LANES), np.empty(LANES)
+    for start in range(0, len(nodes), LANES):
+        few = nodes[start : start + LANES]
+        _gather(points, few, p)
+        share[:] = least[:] = np.inf
+        for k in range(len(tetrahedra)):
+            o, a, b, c = tetrahedra[k, 0], tetrahedra[k, 1], tetrahedra[k, 2], tetrahedra[k, 3]
+            for j in range(len(few)):
+                u, v, w = _edge(p, o, a, j), _edge(p, o, b, j), _edge(p, o, c, j)
+                determinant = orientation * _determinant(u, v, w)
+                oa, ob, oc = _square(u), _square(v), _square(w)
+                ab, ac, bc = _square(_edge(p, a, b, j)), _square(_edge(p, a, c, j)), _square(_edge(p, b, c, j))
+                largest = np.maximum(np.maximum(oa * ob * oc, oa * ab * ac), np.maximum(ob * ab * bc, oc * ac * bc))
+                share[j] = np.minimum(share[j], 2.0 * determinant / np.sqrt(np.maximum(largest, TINY)))
+                least[j] = np.minimum(least[j], determinant)
+        quality[start : start + LANES] = share[: len(few)]
+        inverted[start : start + LANES] = least[: len(few)] <= 0.0
+
+
+@compiled_exactly
+def _measure_edges(
+    points: FloatArray, nodes: IntArray, determinants: FloatArray, squares: FloatArray
+) -> None:  # pragma: no cover - machine code
+    """Fill in the determinants of tetrahedra, and the sums of the squared lengths of their edges.
+
+    They are taken one at a time: there is too little to do with their corners to collect them first.
+    """
+    for i in range(len(nodes)):
+        o, p, q, r = nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3]
+        a, b, c = _way(points, o, p), _way(points, o, q), _way(points, o, r)
+        determinants[i] = _determinant(a, b, c)
+        total = _square(a) + _square(b) + _square(c)
+        total += _square((b[0] - a[0], b[1] - a[1], b[2] - a[2]))
+        total += _square((c[0] - a[0], c[1] - a[1], c[2] - a[2]))
+        squares[i] = total + _square((c[0] - b[0], c[1] - b[1], c[2] - b[2]))
+
+
+@compiled_exactly
+def _way(points: FloatArray, o: int, a: int) -> Vector:  # pragma: no cover - machine code
+    return points[a, 0] - points[o, 0], points[a, 1] - points[o, 1], points[a, 2] - points[o, 2]
+
+
+@compiled_exactly
+def _gather(points: FloatArray, few: IntArray, p: Corners) -> None:  # pragma: no cover - machine code
+    """Fill the corners p (k, 3, LANES) of a few cells."""
+    for j in range(len(few)):
+        for k in range(few.shape[1]):
+            for axis in range(3):
+                p[k, axis, j] = points[few[j, k], axis]
+
+
+@compiled_exactly
+def _edge(p: Corners, o: int, a: int, j: int) -> Vector:  # pragma: no cover - machine code
+    return p[a, 0, j] - p[o, 0, j], p[a, 1, j] - p[o, 1, j], p[a, 2, j] - p[o, 2, j]
+
+
+@compiled_exactly
+def _join(p: Corners, axes: IntArray, ways: FloatArray) -> None:  # pragma: no cover - machine code
+    """Fill in the axes (3, 3, LANES) of hexahedra, four times as long: the corners are summed in NumPy's order."""
+    for k in range(3):
+        a, b, c, d = axes[k, 0, 0], axes[k, 0, 1], axes[k, 0, 2], axes[k, 0, 3]
+        e, f, g, h = axes[k, 1, 0], axes[k, 1, 1], axes[k, 1, 2], axes[k, 1, 3]
+        for x in range(3):
+            for j in range(LANES):
+                start = p[a, x, j] + p[b, x, j] + p[c, x, j] + p[d, x, j]
+                ways[k, x, j] = p[e, x, j] + p[f, x, j] + p[g, x, j] + p[h, x, j] - start
+
+
+@compiled_exactly
+def _vector(ways: FloatArray, k: int, j: int) -> Vector:  # pragma: no cover - machine code
+    return ways[k, 0, j], ways[k, 1, j], ways[k, 2, j]
+
+
+@compiled_exactly
+def _determinant(a: Vector, b: Vector, c: Vector) -> float:  # pragma: no cover - machine code
+    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+
+
+@compiled_exactly
+def _lengths(a: Vector, b: Vector, c: Vector) -> float:  # pragma: no cover - machine code
+    return float(np.sqrt(np.maximum(_square(a) * _square(b) * _square(c), TINY)))
+
+
+@compiled_exactly
+def _square(a: Vector) -> float:  # pragma: no cover - machine code
+    return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]

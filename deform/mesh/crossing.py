@@ -1,0 +1,337 @@
+"""Surfaces that go through one another: faces of patches that intersect after a deflection and did not before.
+
+The other checks are of cells, and all cells may be good where the flow lies over itself: the skin on one side of a thin
+body goes through the skin on its other side, and there is no cell between them.
+
+Faces are cut into triangles, and a tree of boxes says which of them are near one another. Two faces intersect if an
+edge of one goes through a triangle of the other, farther than rounding does. Triangles that share a node, or copies of
+one, are neighbours and are not compared, nor are those in one plane. A face whose nodes are not in one plane has two
+diagonals: a pair of faces that intersects with them is cut once more, at the mean of the nodes of each, and counts if
+it intersects then, too.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.base.points import first_coincident
+from sdm_deflect.deform.base.sets import distinct
+from sdm_deflect.deform.base.threads import in_chunks
+from sdm_deflect.deform.mesh.closest import DEPTH, LEAF, Triangles
+from sdm_deflect.deform.mesh.edges import polygons_of
+from sdm_deflect.deform.mesh.mesh import Mesh, Polygons
+
+TOUCH = 1e-7
+"""Of the extent of the faces that moved: faces that reach through others by less only touch them."""
+SAME = 1e-9
+"""Of it: nodes nearer to one another in the undeflected mesh are copies of one node."""
+RIM = 1e-9
+"""Barycentric coordinate beyond a triangle's edge up to which an edge of another one goes through it."""
+COST = 500
+"""Work on one triangle, in evaluations of a kernel, by which it is shared out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crossings:
+    """Faces that intersect others and did not before.
+
+    Attributes
+    ----------
+    faces : number of faces that moved and now intersect another face.
+    moved : number of faces with a node that moved.
+    near : number of all faces near them.
+    where : the patches of the first two, and the place, as text; empty without one.
+    """
+
+    faces: int
+    moved: int
+    near: int
+    where: str = ""
+
+    @classmethod
+    def of(cls, mesh: Mesh, points: FloatArray) -> "Crossings":
+        """Compare the faces of a mesh that moved to points (N, 3) with those near them, and with one another.
+
+        Faces of different zones are not compared: zones overlap. Two patches without a common node that intersect in
+        the undeflected mesh already overlap, too, and are not compared either.
+        """
+        skin = _Skin.of(mesh, points)
+        if skin is None:
+            return cls(0, 0, 0)
+        moved, near = int(skin.moved.sum()), len(skin.moved)
+        now = skin.intersecting(points)
+        if not len(now):
+            return cls(0, moved, near)
+        new = skin.new(now, skin.intersecting(mesh.points))
+        if len(new) and not skin.plane:
+            new = skin.confirmed(new, points)
+        if not len(new):
+            return cls(0, moved, near)
+        names = [mesh.names[skin.patch[face]] for face in new[0]]
+        place = ", ".join(f"{x:.4g}" for x in points[skin.nodes_of(int(new[0, 0]))].mean(axis=0))
+        faces = distinct(new[skin.moved[new]])
+        return cls(len(faces), moved, near, f"the first is of {names[0]}, through {names[1]} at ({place})")
+
+
+class _Tree(NamedTuple):
+    """Corners (T, 9) of triangles, their labels (T, 4), which moved (T,), and the boxes of `Triangles`."""
+
+    corners: FloatArray
+    labels: IntArray
+    moved: BoolArray
+    low: FloatArray
+    high: FloatArray
+    order: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Skin:
+    """Faces near those that moved, cut into triangles.
+
+    Attributes
+    ----------
+    faces : F faces; `patch` (F,) the patch of each, `moved` (F,) whether one of its nodes moved.
+    triangles : (T, 3) nodes; of a line, its second end twice. `face` (T,) to which face each belongs.
+    labels : (T, 4) the same nodes, but one and the same for all copies of a node, and the zone.
+    size : extent of the faces that moved.
+    plane : whether the faces are lines.
+    """
+
+    faces: Polygons = field(repr=False)
+    patch: IntArray = field(repr=False)
+    moved: BoolArray = field(repr=False)
+    triangles: IntArray = field(repr=False)
+    face: IntArray = field(repr=False)
+    labels: IntArray = field(repr=False)
+    size: float
+    plane: bool
+
+    @classmethod
+    def of(cls, mesh: Mesh, points: FloatArray) -> "_Skin | None":
+        """Take the faces of all patches near those that moved to points (N, 3); None if none moved."""
+        every = polygons_of(mesh.faces_of(mesh.names))
+        if not len(every):
+            return None
+        patch = np.repeat(np.arange(len(mesh.patches)), [len(one) for one in mesh.patches])
+        starts = every.offsets[:-1]
+        moved = np.logical_or.reduceat((points != mesh.points).any(axis=1)[every.nodes], starts)
+        if not moved.any():
+            return None
+        ends = (mesh.points[every.nodes], points[every.nodes])
+        low = np.minimum.reduceat(np.minimum(*ends), starts)
+        high = np.maximum.reduceat(np.maximum(*ends), starts)
+        first, last = low[moved].min(axis=0), high[moved].max(axis=0)
+        size = float((last - first).max())
+        rows = np.flatnonzero(((low <= last + TOUCH * size) & (high >= first - TOUCH * size)).all(axis=1))
+        faces = _some(every, rows)
+        triangles, face = _cut(faces)
+        same = np.arange(len(points))
+        used = distinct(triangles)
+        same[used] = used[first_coincident(mesh.points[used], SAME * size)]
+        zone = np.searchsorted([one.stop for one in mesh.zones], triangles[:, :1], side="right")
+        labels = np.hstack([same[triangles], zone])
+        return cls(faces, patch[rows], moved[rows], triangles, face, labels, size, mesh.plane)
+
+    def nodes_of(self, face: int) -> IntArray:
+        """Return the nodes (k,) of a face."""
+        return np.asarray(self.faces.nodes[self.faces.offsets[face] : self.faces.offsets[face + 1]])
+
+    def intersecting(self, points: FloatArray) -> IntArray:
+        """Return the pairs of faces (P, 2) that intersect with the nodes at points (N, 3), sorted, each once."""
+        boxes, moved = Triangles.along_curve(points[self.triangles]), self.moved[self.face]
+        tree = _Tree(boxes.corners.reshape(-1, 9), self.labels, moved, boxes.low, boxes.high, boxes.order)
+        rows, none = np.flatnonzero(moved), np.empty((0, 2), dtype=np.intp)
+        count = np.zeros(len(rows), dtype=np.intp)
+
+        def search(some: IntArray, begin: IntArray, pairs: IntArray) -> None:
+            def chunk(first: int, last: int) -> None:
+                part = slice(first, last)
+                _search(some[part], tree, self.plane, TOUCH * self.size, begin[part], pairs)
+
+            in_chunks(chunk, len(some), COST)
+
+        search(rows, count, none)
+        own = np.flatnonzero(count)
+        begin = np.cumsum(count[own]) - count[own]
+        pairs = np.empty((int(count.sum()), 2), dtype=np.intp)
+        search(rows[own], begin, pairs)
+        return np.unique(np.sort(self.face[pairs], axis=1), axis=0)
+
+    def new(self, now: IntArray, before: IntArray) -> IntArray:
+        """Return the pairs (Q, 2) of `now` (P, 2) that are not among those `before`, nor of patches that overlap."""
+        known = np.isin(_keys(now, len(self.moved)), _keys(before, len(self.moved)))
+        ours, theirs = (np.sort(self.patch[pairs], axis=1) for pairs in (now, before))
+        for one, other in np.unique(theirs, axis=0):
+            if one != other and not self._joined(int(one), int(other)):
+                known |= (ours == (one, other)).all(axis=1)
+        return now[~known]
+
+    def confirmed(self, pairs: IntArray, points: FloatArray) -> IntArray:
+        """Return the pairs (Q, 2) among P that also intersect if cut at the means of their nodes, at points (N, 3)."""
+        rows = distinct(pairs)
+        faces = _some(self.faces, rows)
+        centres = np.add.reduceat(points[faces.nodes], faces.offsets[:-1]) / np.diff(faces.offsets)[:, None]
+        triangles, place = _cut_at(faces, len(points) + np.arange(len(rows)))
+        same, zone = np.arange(len(points) + len(rows)), np.empty(len(self.faces), dtype=np.intp)
+        same[self.triangles], zone[self.face] = self.labels[:, :3], self.labels[:, 3]
+        face = rows[place]
+        labels = np.column_stack([same[triangles], zone[face]])
+        skin = replace(self, triangles=triangles, face=face, labels=labels)
+        again = skin.intersecting(np.vstack([points, centres]))
+        return pairs[np.isin(_keys(pairs, len(self.moved)), _keys(again, len(self.moved)))]
+
+    def _joined(self, one: int, other: int) -> bool:
+        """True if two patches share a node."""
+        ours, theirs = (distinct(self.labels[self.patch[self.face] == patch, :3]) for patch in (one, other))
+        return len(np.intersect1d(ours, theirs, assume_unique=True)) > 0
+
+
+def _keys(pairs: IntArray, faces: int) -> IntArray:
+    """Return one number (P,) for each pair of faces (P, 2)."""
+    return np.asarray(pairs[:, 0] * faces + pairs[:, 1])
+
+
+def _some(faces: Polygons, rows: IntArray) -> Polygons:
+    """Return some faces."""
+    sizes = np.diff(faces.offsets)[rows]
+    offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
+    return Polygons(faces.nodes[np.arange(offsets[-1]) + np.repeat(faces.offsets[rows] - offsets[:-1], sizes)], offsets)
+
+
+def _cut(faces: Polygons) -> tuple[IntArray, IntArray]:
+    """Return the triangles (T, 3) at the first node of each face, and the face (T,) of each; of a line itself."""
+    sizes, starts = np.diff(faces.offsets), faces.offsets[:-1]
+    count = np.maximum(sizes - 2, 1)
+    face = np.repeat(np.arange(len(faces)), count)
+    step = 1 + np.arange(len(face)) - np.repeat(np.cumsum(count) - count, count)
+    last = np.minimum(step + 1, sizes[face] - 1)
+    return np.column_stack([faces.nodes[starts[face] + own] for own in (0, step, last)]), face
+
+
+def _cut_at(faces: Polygons, centres: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the triangles (T, 3) at a node (F,) inside each face, and the face (T,) of each."""
+    face = np.repeat(np.arange(len(faces)), np.diff(faces.offsets))
+    after = np.arange(1, len(face) + 1)
+    after[faces.offsets[1:] - 1] = faces.offsets[:-1]
+    return np.column_stack([faces.nodes, faces.nodes[after], centres[face]]), face
+
+
+@compiled_exactly
+def _search(
+    rows: IntArray, tree: _Tree, plane: bool, tolerance: float, begin: IntArray, pairs: IntArray
+) -> None:  # pragma: no cover - compiled
+    """Count in `begin` (R,) the triangles that rows (R,) of them intersect; or write the pairs (P, 2) from there on."""
+    leaves, waiting = len(tree.low) // 2, np.empty(DEPTH, dtype=np.intp)
+    for i in range(len(rows)):
+        found, count = 0, 1
+        waiting[0] = 1
+        while count:
+            count -= 1
+            box = waiting[count]
+            if _apart(tree.corners[rows[i]], tree.low[box], tree.high[box]):
+                continue
+            if box < leaves:
+                waiting[count], waiting[count + 1] = 2 * box, 2 * box + 1
+                count += 2
+            else:
+                found += _in_leaf(rows[i], (box - leaves) * LEAF, tree, plane, tolerance, pairs[begin[i] + found :])
+        if not len(pairs):
+            begin[i] = found
+
+
+@compiled_exactly
+def _in_leaf(
+    row: int, start: int, tree: _Tree, plane: bool, tolerance: float, pairs: IntArray
+) -> int:  # pragma: no cover - compiled
+    """Count the triangles of one box that a triangle intersects, and write the pairs if there is room.
+
+    Of two triangles that moved, the pair belongs to the first.
+    """
+    found = 0
+    for place in range(start, start + LEAF):
+        other = tree.order[place]
+        if (tree.moved[other] and other <= row) or _neighbours(tree.labels[row], tree.labels[other]):
+            continue
+        one, two = tree.corners[row], tree.corners[other]
+        if _cross(one, two, tolerance) if plane else _pierce(one, two, tolerance):
+            if len(pairs):
+                pairs[found, 0], pairs[found, 1] = row, other
+            found += 1
+    return found
+
+
+@compiled_exactly
+def _apart(t: FloatArray, low: FloatArray, high: FloatArray) -> bool:  # pragma: no cover - compiled
+    """Return whether a triangle (9,) is beyond a side of a box."""
+    apart = False
+    for k in range(3):
+        apart |= (min(t[k], t[3 + k], t[6 + k]) > high[k]) | (max(t[k], t[3 + k], t[6 + k]) < low[k])
+    return apart
+
+
+@compiled_exactly
+def _neighbours(one: IntArray, other: IntArray) -> bool:  # pragma: no cover - compiled
+    """Return whether two triangles share a node, or are of different zones."""
+    shared = one[3] != other[3]
+    for i in range(3):
+        for j in range(3):
+            shared |= one[i] == other[j]
+    return bool(shared)
+
+
+@compiled_exactly
+def _pierce(one: FloatArray, other: FloatArray, tolerance: float) -> bool:  # pragma: no cover - compiled
+    """Return whether an edge of one of two triangles (9,) goes through the other one."""
+    return _edges_through(one, other, tolerance) or _edges_through(other, one, tolerance)
+
+
+@compiled_exactly
+def _edges_through(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # pragma: no cover - compiled
+    """Return whether an edge of a triangle s (9,) goes through t (9,), its ends farther than `tolerance` from it."""
+    ax, ay, az, bx, by, bz = t[3] - t[0], t[4] - t[1], t[5] - t[2], t[6] - t[0], t[7] - t[1], t[8] - t[2]
+    n = (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2]
+    if not square > 0.0:
+        return False
+    length = np.sqrt(square)
+    for i in range(3):
+        p, q = 3 * i, 3 * ((i + 1) % 3)
+        up = ((s[p] - t[0]) * n[0] + (s[p + 1] - t[1]) * n[1] + (s[p + 2] - t[2]) * n[2]) / length
+        down = ((s[q] - t[0]) * n[0] + (s[q + 1] - t[1]) * n[1] + (s[q + 2] - t[2]) * n[2]) / length
+        if up * down >= 0.0 or min(abs(up), abs(down)) <= tolerance:
+            continue
+        share = up / (up - down)
+        x = s[p] + share * (s[q] - s[p])
+        y = s[p + 1] + share * (s[q + 1] - s[p + 1])
+        z = s[p + 2] + share * (s[q + 2] - s[p + 2])
+        within = True
+        for j in range(3):
+            a, b = 3 * j, 3 * ((j + 1) % 3)
+            ex, ey, ez = t[b] - t[a], t[b + 1] - t[a + 1], t[b + 2] - t[a + 2]
+            fx, fy, fz = x - t[a], y - t[a + 1], z - t[a + 2]
+            turn = (ey * fz - ez * fy) * n[0] + (ez * fx - ex * fz) * n[1] + (ex * fy - ey * fx) * n[2]
+            within &= turn >= -RIM * square
+        if within:
+            return True
+    return False
+
+
+@compiled_exactly
+def _cross(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # pragma: no cover - compiled
+    """Return whether two segments (9,) in a plane of constant z cross, their ends farther than `tolerance` apart."""
+    return _parted(s, t, tolerance) and _parted(t, s, tolerance)
+
+
+@compiled_exactly
+def _parted(s: FloatArray, t: FloatArray, tolerance: float) -> bool:  # pragma: no cover - compiled
+    """Return whether the ends of a segment s (9,) are on both sides of the line through t (9,)."""
+    x, y = t[3] - t[0], t[4] - t[1]
+    length = np.sqrt(x * x + y * y)
+    if not length > 0.0:
+        return False
+    one = (x * (s[1] - t[1]) - y * (s[0] - t[0])) / length
+    other = (x * (s[4] - t[1]) - y * (s[3] - t[0])) / length
+    return bool(one * other < 0.0 and min(abs(one), abs(other)) > tolerance)

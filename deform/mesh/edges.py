@@ -1,0 +1,132 @@
+"""Faces of any shapes: their edges, area vectors and edge lengths, and where two of them meet at an angle.
+
+The faces around a plane mesh are lines, which meet in nodes as others do in edges.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Faces, Polygons
+
+ROWS = 1 << 16
+"""Faces handled at a time, so that temporaries stay small."""
+
+
+def polygons_of(faces: Sequence[Faces]) -> Polygons:
+    """Return faces of any shapes one after another."""
+    nodes = np.concatenate([np.empty(0, dtype=np.intp), *(block.nodes.ravel() for block in faces)])
+    sizes = np.concatenate([np.empty(0, dtype=np.intp), *(_sizes(block) for block in faces)])
+    return Polygons(nodes, np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp))
+
+
+def edges_of(faces: Polygons) -> tuple[IntArray, IntArray]:
+    """Return the edges (E, 2) of every face, E of all faces, as node indices, and the face (E,) of each.
+
+    A line goes there and back.
+    """
+    sizes = np.diff(faces.offsets)
+    following = np.arange(1, len(faces.nodes) + 1)
+    following[faces.offsets[1:] - 1] = faces.offsets[:-1]
+    return np.column_stack([faces.nodes, faces.nodes[following]]), np.repeat(np.arange(len(faces)), sizes)
+
+
+def area_vectors(points: FloatArray, faces: Polygons) -> FloatArray:
+    """Return the area vector (F, 3) of each face: half the sum of cross products around its first corner.
+
+    That of a line is as long as the line, and points to its right in the plane of constant z.
+    """
+    if are_lines(faces):
+        way = points[faces.nodes[1::2]] - points[faces.nodes[::2]]
+        return np.column_stack([way[:, 1], -way[:, 0], np.zeros(len(way))])
+    out = np.empty((len(faces), 3))
+    for part in rows_of(len(faces), ROWS):
+        own = faces.rows(part.start, part.stop)
+        edges, face = edges_of(own)
+        origin = points[own.nodes[own.offsets[:-1]]][face]
+        crosses = np.cross(points[edges[:, 0]] - origin, points[edges[:, 1]] - origin)
+        out[part] = 0.5 * np.add.reduceat(crosses, own.offsets[:-1], axis=0)
+    return out
+
+
+def are_lines(faces: Polygons) -> bool:
+    """True if the faces are those around a plane mesh."""
+    return len(faces) > 0 and bool(faces.offsets[1] == 2)
+
+
+class Joints(NamedTuple):
+    """Where two faces meet: the edge (J, 2), which of a node has it twice, the faces (J,), and whether these agree.
+
+    Faces agree in their orientation if they walk along the edge in opposite directions; lines, if one begins where the
+    other ends.
+    """
+
+    edges: IntArray
+    first: IntArray
+    second: IntArray
+    agree: BoolArray
+
+    @classmethod
+    def of(cls, faces: Polygons) -> "Joints":
+        """Find them; of three faces at one edge the first meets the second, and the second the third."""
+        if are_lines(faces):
+            edges, face = np.column_stack([faces.nodes, faces.nodes]), np.arange(len(faces.nodes)) // 2
+            forward = np.arange(len(faces.nodes)) % 2 == 0
+        else:
+            edges, face = edges_of(faces)
+            forward = edges[:, 0] < edges[:, 1]
+        low, high = np.minimum(*edges.T), np.maximum(*edges.T)
+        key = low.astype(np.int64) * (high.max(initial=0) + 1) + high
+        order = np.argsort(key, kind="stable")
+        key = key[order]
+        pair = np.flatnonzero(key[:-1] == key[1:])
+        a, b = order[pair], order[pair + 1]
+        return cls(np.column_stack([low[a], high[a]]), face[a], face[b], forward[a] != forward[b])
+
+    def cosines(self, points: FloatArray, faces: Polygons) -> FloatArray:
+        """Return the cosine (J,) of the angle by which the faces turn from one to the other."""
+        normal = unit(area_vectors(points, faces))
+        cosine = np.einsum("ij,ij->i", normal[self.first], normal[self.second])
+        cosine[~self.agree] *= -1.0
+        return np.asarray(cosine)
+
+
+def rim(faces: Polygons) -> IntArray:
+    """Return the edges (E, 2) of one face; of lines the nodes of one line, each twice."""
+    both = np.column_stack([faces.nodes, faces.nodes]) if are_lines(faces) else np.sort(edges_of(faces)[0], axis=1)
+    edges, count = np.unique(both, axis=0, return_counts=True)
+    return np.asarray(edges[count == 1])
+
+
+def sharp_edges(points: FloatArray, faces: Polygons, degrees: float) -> IntArray:
+    """Return the edges (E, 2) whose two faces turn by more than `degrees` from one to the other.
+
+    Of lines they are nodes, each twice.
+    """
+    joints = Joints.of(faces)
+    return np.asarray(joints.edges[joints.cosines(points, faces) < np.cos(np.radians(degrees))])
+
+
+def unit(vectors: FloatArray) -> FloatArray:
+    """Return vectors (N, 3) of length one; zero where they are."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny))
+
+
+def median_edge(points: FloatArray, faces: Sequence[Faces]) -> float:
+    """Return the median length of the edges of all faces, an edge once for each; nan if there are none."""
+    edges, _ = edges_of(polygons_of(faces))
+    lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+    return float(np.median(lengths)) if len(lengths) else float("nan")
+
+
+def rows_of(count: int, size: int) -> Iterator[slice]:
+    """Cut range(count) into slices of at most `size`."""
+    return (slice(start, start + size) for start in range(0, count, size))
+
+
+def _sizes(block: Faces) -> IntArray:
+    if isinstance(block, Polygons):
+        return np.diff(block.offsets)
+    return np.full(len(block), block.nodes.shape[1], dtype=np.intp)

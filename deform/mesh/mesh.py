@@ -1,0 +1,438 @@
+"""A mesh of any cells with named boundary patches, as CFD files hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError, nearest, shortened
+from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.unchanged import States
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.mesh.pieces import Pieces
+
+
+CORNERS = {
+    "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8,
+}  # fmt: skip
+"""Number of nodes of each shape; names are meshio's, node order is that of VTK's linear cells.
+
+A wedge's first triangle has its normal pointing outwards, opposite to Gmsh and CGNS: `orientation.mirrored` leads
+from one to the other.
+"""
+VOLUMES = ("tetra", "pyramid", "wedge", "hexahedron")
+PLANE = ("triangle", "quad")
+"""Cells of a plane mesh, whose points have one z; its boundary consists of lines."""
+RISING = "offsets must rise from 0 to {} in steps of 2 or more"
+OWNERS = "{} faces need as many owners, got {}, and no more neighbours, got {}"
+"""What is wrong with faces, and with their cells, wherever that is found."""
+ORTHOGONAL = 1e-6
+"""How far the product of a rotation with its transpose may be from the identity: files have few digits."""
+ABSENT = "patch {} is absent: "
+"""Beginning of a note of a mesh on a patch that the file has, but that could not be read."""
+LARGEST = 1e40
+"""Coordinates beyond this would overflow where the sixth power of a length is taken."""
+
+
+def whole(values: ArrayLike, what: str) -> IntArray:
+    """Return whole numbers, bytes in the machine's order; InputError, which begins with `what`, if they are others."""
+    try:
+        found = np.asarray(values)
+    except ValueError:
+        raise InputError(f"{what}: rows of different lengths") from None
+    if found.dtype.kind in "iu":
+        return found.astype(found.dtype.newbyteorder("="), copy=False)
+    if found.size:
+        raise InputError(f"{what} must be whole numbers, not {found.dtype}")
+    return found.astype(np.intp)
+
+
+def real(values: ArrayLike, what: str) -> FloatArray:
+    """Return an array of floating-point numbers; InputError, which begins with `what`, if they are none."""
+    try:
+        found = np.asarray(values)
+        if found.dtype.kind not in "iufO":
+            raise TypeError
+        return found.astype(np.float64, copy=False)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{what} must be real numbers, in rows of one length") from None
+
+
+def bounded(values: ArrayLike, what: str) -> FloatArray:
+    """Return an array of finite numbers; InputError, which begins with `what`, if one is none or beyond `LARGEST`."""
+    found = real(values, what)
+    if not (found.min(initial=0.0) > -LARGEST and found.max(initial=0.0) < LARGEST):
+        raise InputError(f"{what}: a coordinate is not finite, or beyond {LARGEST:g}")
+    return found
+
+
+def several(values: object, kinds: tuple[type, ...], what: str) -> tuple[Any, ...]:
+    """Return a list of objects as a tuple; InputError, which begins with `what`, if one is of no such kind."""
+    if not isinstance(values, list | tuple) or not all(isinstance(one, kinds) for one in values):
+        names = " or ".join(kind.__name__ for kind in kinds)
+        raise InputError(f"{what} = {shortened(values)} must be a list of {names}")
+    return tuple(values)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Cells, or boundary faces, of one shape.
+
+    Parameters
+    ----------
+    shape : ``"triangle"``, ``"quad"``, ``"tetra"``, ``"pyramid"``, ``"wedge"`` or ``"hexahedron"``, or ``"line"``.
+    nodes : (M, k) node indices in VTK's order, for k nodes of the shape; counted from 0.
+
+    Raises InputError if the shape is unknown, or the nodes are not (M, k) whole numbers.
+    """
+
+    shape: str
+    nodes: IntArray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.shape, str) or self.shape not in CORNERS:
+            raise InputError(f"shape {shortened(self.shape)} is not one of {', '.join(CORNERS)}")
+        object.__setattr__(self, "nodes", whole(self.nodes, f"{self.shape} nodes"))
+        if self.nodes.ndim != 2 or self.nodes.shape[1] != CORNERS[self.shape]:
+            raise InputError(f"{self.shape} nodes {self.nodes.shape} must be (M, {CORNERS[self.shape]})")
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polygons:
+    """Faces of any number of corners, one after another; those of two corners are the lines around a plane mesh.
+
+    Parameters
+    ----------
+    nodes : (K,) node indices of all faces.
+    offsets : (F + 1,) where each face begins in `nodes`, and where the last one ends.
+    """
+
+    nodes: IntArray = field(repr=False)
+    offsets: IntArray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        o = self.offsets
+        if o.ndim != 1 or not len(o) or o[0] != 0 or o[-1] != len(self.nodes) or np.any(np.diff(o) < 2):
+            raise ValueError(RISING.format(len(self.nodes)))
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    def rows(self, start: int, stop: int) -> Polygons:
+        """Return faces start to stop - 1."""
+        own = self.offsets[start : stop + 1]
+        return Polygons(self.nodes[own[0] : own[-1]], own - own[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polyhedra:
+    """Cells of any shape, given by their faces as OpenFOAM does.
+
+    Parameters
+    ----------
+    faces : F faces; the normal of each (right-hand rule) points out of its owner.
+    owner : (F,) cell on the back of each face.
+    neighbour : (I,) cell in front of the first I faces; the others are on the boundary.
+    """
+
+    faces: Polygons
+    owner: IntArray = field(repr=False)
+    neighbour: IntArray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        if len(self.owner) != len(self.faces) or len(self.neighbour) > len(self.faces):
+            raise ValueError(OWNERS.format(len(self.faces), len(self.owner), len(self.neighbour)))
+
+    def __len__(self) -> int:
+        return int(max(self.owner.max(initial=-1), self.neighbour.max(initial=-1))) + 1
+
+
+Faces = Cells | Polygons
+Volume = Cells | Polyhedra
+
+
+Constraint = Literal["", "symmetry", "empty", "wedge"]
+"""What a file says of the nodes of a patch: they stay in its plane; they are copies of those on the opposite side of a
+plane case one cell thick; the same of an axisymmetric case, by a rotation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A named part of the boundary, given by its faces, or by its nodes alone.
+
+    Parameters
+    ----------
+    name : Its name, distinct within a mesh.
+    faces : Blocks of faces of one shape, or polygons.
+    loose : (K,) node indices that belong to it beside those of its faces.
+    constraint : What the file says of its nodes; empty: nothing.
+
+    Raises InputError if the name is no text, or faces, nodes or constraint are something else.
+    """
+
+    name: str
+    faces: tuple[Faces, ...]
+    loose: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
+    constraint: Constraint = ""
+
+    def __post_init__(self) -> None:
+        if self.constraint not in get_args(Constraint):
+            raise InputError(f"patch {self.name}: constraint {shortened(self.constraint)} is unknown")
+        if not isinstance(self.name, str):
+            raise InputError(f"name = {shortened(self.name)} of a patch must be text")
+        object.__setattr__(self, "faces", several(self.faces, (Cells, Polygons), f"patch {self.name}: faces"))
+        object.__setattr__(self, "loose", whole(self.loose, f"patch {self.name}: nodes").ravel())
+
+    @cached_property
+    def nodes(self) -> IntArray:
+        """Sorted, distinct indices (K,) of its nodes."""
+        return union(self.loose, *(f.nodes for f in self.faces))
+
+    def __len__(self) -> int:
+        return sum(len(f) for f in self.faces)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Periodic:
+    """Nodes of which each is the image of another, by one rigid motion: ``image = rotation @ x + shift``.
+
+    Parameters
+    ----------
+    name : Its name, for messages and the check ``periodic_NAME``.
+    patches : The two patches; where the file names only one, that one twice.
+    nodes : (K, 2) a node, and its image. No node is listed twice in one column. None (K = 0) where the faces of the two
+        patches do not match one to one, as in OpenFOAM's ``cyclicAMI``.
+    rotation : (3, 3) orthogonal, determinant +1.
+    shift : (3,) in the mesh's unit of length.
+
+    Raises InputError for arrays of other shapes, and for a matrix that is no rotation.
+    """
+
+    name: str
+    patches: tuple[str, str]
+    nodes: IntArray = field(repr=False)
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3), repr=False)
+    shift: FloatArray = field(default_factory=lambda: np.zeros(3), repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nodes", whole(self.nodes, f"{self.name}: nodes").reshape(-1, 2))
+        object.__setattr__(self, "rotation", real(self.rotation, f"{self.name}: rotation"))
+        object.__setattr__(self, "shift", real(self.shift, f"{self.name}: shift"))
+        if self.rotation.shape != (3, 3) or self.shift.shape != (3,):
+            given = f"rotation {self.rotation.shape} and shift {self.shift.shape}"
+            raise InputError(f"{self.name}: {given} must be (3, 3) and (3,)")
+        off = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
+        if not (off < ORTHOGONAL and np.linalg.det(self.rotation) > 0):
+            raise InputError(f"{self.name}: the matrix of a periodic pair is no rotation")
+
+    def image(self, points: FloatArray) -> FloatArray:
+        """Return the images (K, 3) of points (K, 3)."""
+        return points @ self.rotation.T + self.shift
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Zone:
+    """A part of a file with points of its own, such as one grid of an overset pair: points start to stop - 1.
+
+    Where several zones of a file fit together, `blocks` has the names of all, and `name` is that of the first.
+    """
+
+    name: str
+    start: int
+    stop: int
+    blocks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Whole:
+    """The mesh that an excerpt was taken from, which may be larger than memory.
+
+    Parameters
+    ----------
+    pieces : Its points and cells, in a file.
+    nodes : (N,) rising index in it of each point of the excerpt.
+    rows : For each block, the rising index in it of each cell of the excerpt.
+    orientation, inverted : For each block, those of `TouchedCells`: of all its cells.
+    """
+
+    pieces: Pieces
+    nodes: IntArray = field(repr=False)
+    rows: tuple[IntArray, ...] = field(default=(), repr=False)
+    orientation: tuple[float, ...] = ()
+    inverted: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """Points, cells of every type and named boundary patches: all that a deformation needs to know.
+
+    A plane mesh has cells of the shapes `PLANE`, patches of lines, and points of one and the same z.
+
+    Parameters
+    ----------
+    points : (N, 3) node coordinates, in the mesh's own unit of length.
+    cells : Volume cells, in the file's order: blocks of one shape, or polyhedra; or plane ones. There may be none.
+    patches : Named parts of the boundary; names are distinct.
+    zones : Parts with points of their own, which cover all points in order. One unless the file says otherwise.
+    name : The file or kind of mesh, for messages.
+    source : The file it was read from, if it was.
+    notes : Sentences on what a user may not expect of it.
+    whole : The mesh that this one is an excerpt of; None if it is whole itself.
+    periodic : Pairs of patches whose nodes are images of one another.
+    files : The files it was read from, as they were then (`check_unchanged`).
+
+    Raises InputError for coordinates that are not finite or beyond `LARGEST`, indices out of range, names given twice.
+    """
+
+    points: FloatArray = field(repr=False)
+    cells: tuple[Volume, ...]
+    patches: tuple[Patch, ...]
+    zones: tuple[Zone, ...] = ()
+    name: str = "mesh"
+    source: str = ""
+    notes: tuple[str, ...] = ()
+    whole: Whole | None = None
+    periodic: tuple[Periodic, ...] = ()
+    files: States = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", real(self.points, "points"))
+        parts = (("cells", (Cells, Polyhedra)), ("patches", (Patch,)), ("zones", (Zone,)), ("periodic", (Periodic,)))
+        for name, kinds in parts:
+            object.__setattr__(self, name, several(getattr(self, name), kinds, name))
+        if self.points.ndim != 2 or self.points.shape[1] != 3:
+            raise InputError(f"points {self.points.shape} must be (N, 3)")
+        if not (self.points.min(initial=0.0) > -LARGEST and self.points.max(initial=0.0) < LARGEST):
+            bad = ~(np.abs(self.points) < LARGEST).all(axis=1)
+            what = f"beyond {LARGEST:g}" if np.isfinite(self.points).all() else "not finite"
+            raise InputError(f"{int(bad.sum())} points are {what}, the first is point {int(np.argmax(bad))}")
+        names = [patch.name for patch in self.patches]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"patch names must be distinct; given twice: {', '.join(twice)}")
+        self._check_nodes()
+        self._check_plane()
+        if not self.zones:
+            object.__setattr__(self, "zones", (Zone("", 0, len(self.points)),))
+
+    def _check_nodes(self) -> None:
+        for nodes, what in self._indices():
+            if len(nodes) and (nodes.min() < 0 or nodes.max() >= len(self.points)):
+                raise InputError(
+                    f"{what}: nodes {nodes.min()} to {nodes.max()}, but there are {len(self.points)} points"
+                )
+
+    def _check_plane(self) -> None:
+        """Raise InputError if there are cells of both kinds, or points of a plane mesh have several z."""
+        if not self.plane:
+            return
+        solid = [block for block in self.cells if isinstance(block, Polyhedra) or block.shape not in PLANE]
+        if solid:
+            raise InputError(f"{self.name}: cells are triangles and quads, or volume cells, not both")
+        low, high = self.points[:, 2].min(initial=np.inf), self.points[:, 2].max(initial=-np.inf)
+        if low < high:
+            raise InputError(
+                f"{self.name}: its cells are triangles and quads, so all points must have one z, but they lie between "
+                f"{low:g} and {high:g}; a surface needs volume cells around it"
+            )
+
+    @property
+    def plane(self) -> bool:
+        """True for a two-dimensional mesh: triangles and quads, in a plane of constant z."""
+        return any(isinstance(block, Cells) and block.shape in PLANE for block in self.cells)
+
+    def _indices(self) -> list[tuple[NDArray[np.intp], str]]:
+        found = []
+        for block in self.cells:
+            nodes = block.faces.nodes if isinstance(block, Polyhedra) else block.nodes
+            found.append((nodes, "polyhedra" if isinstance(block, Polyhedra) else block.shape))
+        found += [(faces.nodes, f"patch {patch.name}") for patch in self.patches for faces in patch.faces]
+        found += [(patch.loose, f"patch {patch.name}") for patch in self.patches]
+        found += [(pair.nodes, f"periodic pair {pair.name}") for pair in self.periodic]
+        return found
+
+    @property
+    def point_count(self) -> int:
+        """Number of points; of an excerpt, those of the whole mesh."""
+        return self.whole.pieces.points if self.whole else len(self.points)
+
+    @property
+    def cell_counts(self) -> tuple[int, ...]:
+        """Number of cells of each block; of an excerpt, those of the whole mesh."""
+        if self.whole:
+            return tuple(count for _, count in self.whole.pieces.blocks)
+        return tuple(len(block) for block in self.cells)
+
+    def numbers(self, nodes: IntArray) -> IntArray:
+        """Return the indices that nodes (K,) have in the file: those in the whole mesh."""
+        return np.asarray(self.whole.nodes[nodes] if self.whole else nodes)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the patches."""
+        return tuple(patch.name for patch in self.patches)
+
+    def patch(self, name: str) -> Patch:
+        """Return the patch of that name; KeyError if there is none."""
+        for patch in self.patches:
+            if patch.name == name:
+                return patch
+        raise KeyError(name)
+
+    def on(self, *names: str) -> IntArray:
+        """Sorted, distinct indices (K,) of the nodes on the union of the named patches."""
+        return union(*(self.patch(name).nodes for name in names))
+
+    def faces_of(self, names: Sequence[str]) -> tuple[Faces, ...]:
+        """Return the faces on the union of patches."""
+        return tuple(faces for name in names for faces in self.patch(name).faces)
+
+    def named(self, wanted: Sequence[str], what: str) -> tuple[str, ...]:
+        """Return the patches that names and wildcards (``wing*``, in any zone) stand for.
+
+        Raises InputError if a name stands for no patch, or for one that the notes call absent; the message suggests the
+        nearest ones, or says why.
+        """
+        found: list[str] = []
+        for text in wanted:
+            some = [text] if text in self.names else [name for name in self.names if meant(text, name)]
+            if (note := self._absent(text)) and len(some) < len(self.names):
+                raise InputError(f"{self.name}: {what} {text!r} cannot be taken: {note}")
+            if not some:
+                hint = nearest(text, self.names, "the patches are")
+                raise InputError(f"{self.name}: {what} {text!r} is no patch; {hint}")
+            found += [name for name in some if name not in found]
+        return tuple(found)
+
+    def _absent(self, text: str) -> str:
+        """Return the note on the first patch that is absent, and that a name or wildcard stands for; empty if none."""
+        begin, end = ABSENT.split("{}")
+        for note in self.notes:
+            name, found, _ = note.removeprefix(begin).partition(end)
+            if note.startswith(begin) and found and (meant(text, name) or text == name.rpartition("/")[2]):
+                return note
+        return ""
+
+    def with_points(self, points: FloatArray) -> Mesh:
+        """Return the same cells and patches on moved points (N, 3)."""
+        moved = real(points, "points")
+        if moved.shape != self.points.shape:
+            raise InputError(f"{self.name}: points {moved.shape} must be {self.points.shape}")
+        return replace(self, points=moved)
+
+
+def meant(wildcard: str, patch: str) -> bool:
+    """True if the wildcard stands for the patch, or for its name without that of its zone."""
+    own = patch.rpartition("/")[2]
+    return fnmatchcase(patch, wildcard) or (wildcard != own and fnmatchcase(own, wildcard))

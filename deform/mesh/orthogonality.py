@@ -1,0 +1,397 @@
+"""Faces and cells of polyhedra as OpenFOAM's checkMesh judges them: non-orthogonality, skewness and aspect ratio.
+
+Only cells with a node that may move, and their faces, are measured again after a deflection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import add
+from typing import NamedTuple
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.threads import in_chunks
+from sdm_deflect.deform.mesh.compiled_faces import judge_cells, judge_faces, measure_cells, measure_faces
+from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of, rows_of
+from sdm_deflect.deform.mesh.faces import face_keys, node_keys
+from sdm_deflect.deform.mesh.images import THIN, is_thin
+from sdm_deflect.deform.mesh.mesh import Mesh, Periodic, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.quality import oriented
+from sdm_deflect.deform.mesh.touched import TouchedCells
+
+SEVERE, SKEW, STRETCHED, OPEN = 70.0, 4.0, 1000.0, 1e-6
+"""checkMesh counts faces of a larger non-orthogonality (degrees), and finds fault with faces of a larger skewness and
+cells of a larger aspect ratio or openness."""
+ERROR = 1e-15
+"""It finds fault with a face if the cosine of its non-orthogonality is not larger."""
+NO_AREA = 1e-300
+"""It finds fault with a face of a smaller area."""
+LARGEST_ANGLE = 85.0
+"""Non-orthogonality (degrees) up to which a deflected mesh passes, unless it had a larger one before."""
+WEIGHT = 40
+"""Work on one face in kernel pairs, by which `in_chunks` shares it out."""
+ROWS, PARTS = 1 << 18, 8
+"""Cells measured at a time, so that temporaries stay small; but in so many parts at most: each looks at all faces."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaceQuality:
+    """What checkMesh says of faces.
+
+    Attributes
+    ----------
+    faces : number of faces between two cells.
+    least, total : smallest cosine of the non-orthogonality of these, and the sum of all.
+    skewness_max : largest skewness of any face, those of the boundary among them.
+    severe, skew : number of faces with a non-orthogonality above 70 degrees, and with a skewness above 4.
+    """
+
+    faces: int = 0
+    least: float = 1.0
+    total: float = 0.0
+    skewness_max: float = 0.0
+    severe: int = 0
+    skew: int = 0
+
+    def __add__(self, other: FaceQuality) -> FaceQuality:
+        return FaceQuality(
+            self.faces + other.faces,
+            min(self.least, other.least),
+            self.total + other.total,
+            max(self.skewness_max, other.skewness_max),
+            self.severe + other.severe,
+            self.skew + other.skew,
+        )
+
+    @property
+    def non_orthogonality_max(self) -> float:
+        """Largest non-orthogonality, degrees."""
+        return float(_degrees(np.array(self.least)))
+
+    @property
+    def non_orthogonality_mean(self) -> float:
+        """Angle of the mean cosine, as checkMesh has it, degrees."""
+        return float(_degrees(np.array(self.total / max(self.faces, 1))))
+
+    def as_dict(self) -> dict[str, float | int]:
+        """Return the figures as JSON has them."""
+        return {
+            "faces": self.faces,
+            "non_orthogonality_max": self.non_orthogonality_max,
+            "non_orthogonality_mean": self.non_orthogonality_mean,
+            "severely_non_orthogonal": self.severe,
+            "skewness_max": self.skewness_max,
+            "highly_skew": self.skew,
+        }
+
+
+class State(NamedTuple):
+    """What was measured of some faces and cells.
+
+    Attributes
+    ----------
+    inner : (F,) which faces are between two cells, of those of a periodic pair the first one.
+    second : (F,) which are the second one of a periodic pair.
+    cosines, skewness, areas : (F,) of faces.
+    places : (F, 3) centres of faces.
+    aspects, openness : (C,) of cells.
+    """
+
+    inner: BoolArray
+    second: BoolArray
+    cosines: FloatArray
+    skewness: FloatArray
+    areas: FloatArray
+    places: FloatArray
+    aspects: FloatArray
+    openness: FloatArray
+
+    def quality(self, faces: BoolArray | slice = slice(None)) -> FaceQuality:
+        """Condense what was measured of all faces, or of those in a mask (F,)."""
+        cosines, skewness = self.cosines[faces], self.skewness[faces]
+        between = cosines[self.inner[faces]]
+        return FaceQuality(
+            len(between),
+            float(between.min(initial=1.0)),
+            float(between.sum()),
+            float(skewness.max(initial=0.0)),
+            int(np.count_nonzero(cosines < np.cos(np.radians(SEVERE)))),
+            int(np.count_nonzero((skewness > SKEW) & ~self.second[faces])),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Couples:
+    """Faces of periodic pairs, each of which has the cell of another ahead, where a rigid motion puts it.
+
+    Attributes
+    ----------
+    faces, partners : (K,) faces, and those that they fit to.
+    rotations, shifts : (K, 3, 3), (K, 3) of the motion from the partner to the face.
+    second : (K,) which are images.
+    """
+
+    faces: IntArray = field(repr=False)
+    partners: IntArray = field(repr=False)
+    rotations: FloatArray = field(repr=False)
+    shifts: FloatArray = field(repr=False)
+    second: BoolArray = field(repr=False)
+
+    @classmethod
+    def of(cls, mesh: Mesh, cells: Polyhedra) -> Couples:
+        """Find the faces of a block of cells in the periodic pairs of a mesh; those of an excerpt may be incomplete."""
+        parts = [(np.empty((0, 2), dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3)))]
+        inner = len(cells.neighbour)
+        if mesh.periodic and mesh.whole is None:
+            coupled = [pair for pair in mesh.periodic if len(pair.nodes) and not is_thin(mesh, pair)]
+            parts += [_coupled(pair, cells.faces.rows(inner, len(cells.faces)), mesh) for pair in coupled]
+        pairs, rotations, shifts = (np.concatenate(part) for part in zip(*parts, strict=True))
+        pairs += inner
+        back = rotations.transpose(0, 2, 1)
+        return cls(
+            np.concatenate([pairs[:, 0], pairs[:, 1]]),
+            np.concatenate([pairs[:, 1], pairs[:, 0]]),
+            np.concatenate([back, rotations]),
+            np.concatenate([-np.einsum("kij,kj->ki", back, shifts), shifts]),
+            np.repeat([False, True], len(pairs)),
+        )
+
+    def among(self, wanted: BoolArray) -> Couples:
+        """Return those of some faces, a mask of all."""
+        own = wanted[self.faces]
+        return Couples(
+            self.faces[own], self.partners[own], self.rotations[own], self.shifts[own], self.second[own]
+        )  # fmt: skip
+
+
+def _coupled(pair: Periodic, faces: Polygons, mesh: Mesh) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return which faces (F,) of the boundary a pair couples (K, 2), and the motion of each to its image."""
+    keys, image = node_keys(len(mesh.points)), np.full(len(mesh.points), -1, dtype=np.intp)
+    image[pair.nodes[:, 0]] = pair.nodes[:, 1]
+    moved = np.logical_and.reduceat(image[faces.nodes] >= 0, faces.offsets[:-1])
+    own, key = np.flatnonzero(moved), face_keys(faces, keys)
+    order = np.argsort(key)
+    wanted = face_keys(faces, keys[image])[own]
+    place = order[np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)]
+    there = (key[place] == wanted) & (place != own)
+    pairs = np.column_stack([own[there], place[there]])
+    return pairs, np.tile(pair.rotation, (len(pairs), 1, 1)), np.tile(pair.shift, (len(pairs), 1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ring:
+    """The faces of some cells, with the cells around them, whose centres they depend on.
+
+    Attributes
+    ----------
+    nodes, spans : nodes of the mesh's faces, and (K, 2) where those of each face of all these cells begin and end.
+    owner, neighbour : (K,), (I,) the cells of these, counted from 0; -1 for cells farther out.
+    count : number of cells.
+    sides : (F, 3) rows of the faces of the cells that are meant, the cell behind each, and that ahead or -1. After the
+        cells come the images of those that are coupled.
+    rows : (C,) the cells that are meant.
+    numbers : (F,) the faces in the mesh.
+    sign : -1 if normals point into the owners, else 1.
+    axes : (3,) which directions the mesh extends in; a case one cell thick has two.
+    couples : of periodic pairs; their faces are rows of those that are meant, their partners cells.
+    """
+
+    nodes: IntArray = field(repr=False)
+    spans: IntArray = field(repr=False)
+    owner: IntArray = field(repr=False)
+    neighbour: IntArray = field(repr=False)
+    count: int
+    sides: IntArray = field(repr=False)
+    rows: IntArray = field(repr=False)
+    numbers: IntArray = field(repr=False)
+    sign: float
+    axes: BoolArray
+    couples: Couples
+
+    @classmethod
+    def of(cls, cells: Polyhedra, rows: IntArray, sign: float, axes: BoolArray, couples: Couples) -> Ring:
+        """Collect the faces of rows (C,) of cells, and those that are coupled with them."""
+        meant = _mask(len(cells), rows)
+        wanted = _faces_of(cells, meant)
+        wanted[couples.partners[wanted[couples.faces]]] = True
+        couples = couples.among(wanted)
+        near = meant.copy()
+        near[cells.owner[wanted]] = near[cells.neighbour[wanted[: len(cells.neighbour)]]] = True
+        needed, count = _faces_of(cells, near), int(np.count_nonzero(near))
+        place = np.where(near, np.cumsum(near) - 1, -1)
+        owner, neighbour = place[cells.owner[needed]], place[cells.neighbour[needed[: len(cells.neighbour)]]]
+        spans = np.column_stack([cells.faces.offsets[:-1][needed], cells.faces.offsets[1:][needed]])
+        faces, numbers = np.flatnonzero(wanted[needed]), np.flatnonzero(wanted)
+        ahead, inner = np.full(len(faces), -1), np.searchsorted(faces, len(neighbour))
+        ahead[:inner] = neighbour[faces[:inner]]
+        own = replace(
+            couples, faces=np.searchsorted(numbers, couples.faces), partners=place[cells.owner[couples.partners]]
+        )
+        ahead[own.faces] = count + np.arange(len(own.faces))
+        sides = np.column_stack([faces, owner[faces], ahead])
+        return cls(cells.faces.nodes, spans, owner, neighbour, count, sides, place[rows], numbers, sign, axes, own)
+
+    def measured(self, points: FloatArray) -> State:
+        """Measure the faces and cells that are meant, with the nodes at points (N, 3)."""
+        pairs, faces, judged = self.couples, np.empty((len(self.spans), 6)), np.empty((len(self.sides), 3))
+        cells, of_cells = np.empty((self.count + len(pairs.faces), 10)), np.empty((len(self.rows), 2))
+
+        def measure(low: int, high: int) -> None:
+            measure_faces(points, self.nodes, self.spans[low:high], faces[low:high])
+
+        def judge(low: int, high: int) -> None:
+            judge_faces(points, self.nodes, self.spans, faces, cells, self.sides[low:high], judged[low:high])
+
+        in_chunks(measure, len(self.spans), WEIGHT)
+        if self.sign < 0.0:
+            faces[:, 3:] *= -1.0
+        measure_cells(self.owner, self.neighbour, faces, cells[: self.count])
+        centres = cells[pairs.partners, :3]
+        cells[self.count :, :3] = np.einsum("kij,kj->ki", pairs.rotations, centres) + pairs.shifts
+        in_chunks(judge, len(self.sides), WEIGHT)
+        judge_cells(cells, self.rows, self.axes, of_cells)
+        inner, second = self.sides[:, 2] >= 0, np.zeros(len(judged), dtype=np.bool_)
+        inner[pairs.faces], second[pairs.faces] = ~pairs.second, pairs.second
+        (cosines, skewness, areas), (aspects, openness) = judged.T, of_cells.T
+        return State(inner, second, cosines, skewness, areas, faces[self.sides[:, 0], :3], aspects, openness)
+
+
+@dataclass(frozen=True, eq=False)
+class TouchedFaces:
+    """The faces of the cells that a deformation may change.
+
+    Attributes
+    ----------
+    rings : of each block of polyhedra.
+    before : what was measured of the mesh before.
+    rest : of all other faces of the mesh; None for an excerpt, of which these are not known.
+    """
+
+    rings: tuple[Ring, ...] = field(repr=False)
+    before: State = field(repr=False)
+    rest: FaceQuality | None
+
+    @classmethod
+    def of(cls, touched: TouchedCells) -> TouchedFaces | None:
+        """Measure a mesh as it is; None if it has no polyhedra, or none is touched."""
+        mesh, axes = touched.mesh, axes_of(touched.mesh)
+        parts = [
+            (block, rows, sign, axes, Couples.of(mesh, block))
+            for block, rows, sign in zip(mesh.cells, touched.rows, touched.orientation, strict=True)
+            if isinstance(block, Polyhedra)
+        ]
+        rings = tuple(Ring.of(*part) for part in parts if len(part[1]))
+        if not rings:
+            return None
+        rest = None if mesh.whole else reduce(add, (_others(mesh.points, *part) for part in parts))
+        return cls(rings, _joined(rings, mesh.points), rest)
+
+    def at(self, points: FloatArray) -> State:
+        """Measure the faces with the nodes at points (N, 3)."""
+        return _joined(self.rings, points)
+
+    def verdicts(self, after: State) -> Iterator[tuple[str, float, float, str, str]]:
+        """Yield name, value, limit, unit and place of what must hold of faces and cells afterwards.
+
+        Of a face that was beyond a limit before, no more is asked than that checkMesh does not newly find fault with
+        it. If a cell's aspect ratio was beyond the limit before, the largest one is the limit.
+        """
+        inner = after.inner
+        old, new = self.before.cosines[inner], after.cosines[inner]
+        errs = (new <= ERROR) & (old > ERROR)
+        old, new = _degrees(old), _degrees(new)
+        where = _where(old, new, SEVERE, LARGEST_ANGLE, "faces between two cells", after.places[inner])
+        yield "non_orthogonality_max", _largest(new, (old <= LARGEST_ANGLE) | errs), LARGEST_ANGLE, "deg", where
+        old, new = self.before.skewness, after.skewness
+        yield "skewness_max", _largest(new, old <= SKEW), SKEW, "", _where(old, new, SKEW, SKEW, "faces", after.places)
+        old, new = self.before.aspects, after.aspects
+        limit = max(STRETCHED, _largest(old))
+        yield "aspect_ratio_max", _largest(new), limit, "", f"{len(new)} cells; {_largest(old):.4g} before"
+        if count := int(np.count_nonzero((after.areas < NO_AREA) & (self.before.areas >= NO_AREA))):
+            yield "faces_without_area", count, 0.0, "faces", "that had one before"
+        if count := _newly(self.before.openness, after.openness, OPEN):
+            yield "open_cells", count, 0.0, "cells", "whose area vectors do not add up to 0: coordinates are too coarse"
+
+
+def face_quality(mesh: Mesh) -> FaceQuality | None:
+    """Return what checkMesh says of the faces of a mesh; None without polyhedra."""
+    none, axes = np.empty(0, dtype=np.intp), axes_of(mesh)
+    found = [
+        _others(mesh.points, block, none, oriented(mesh.points, block)[0], axes, Couples.of(mesh, block))
+        for block in mesh.cells
+        if isinstance(block, Polyhedra)
+    ]
+    return reduce(add, found) if found else None
+
+
+def axes_of(mesh: Mesh) -> BoolArray:
+    """Return in which directions (3,) a mesh extends: those that no ``empty`` or ``wedge`` patch is normal to."""
+    axes = np.ones(3, dtype=np.bool_)
+    for patch in mesh.patches:
+        if patch.constraint in THIN and len(patch):
+            areas = np.abs(area_vectors(mesh.points, polygons_of(patch.faces))).sum(axis=0)
+            axes[np.argmax(areas)] = False
+    return axes
+
+
+def _others(
+    points: FloatArray, cells: Polyhedra, rows: IntArray, sign: float, axes: BoolArray, couples: Couples
+) -> FaceQuality:
+    """Return what checkMesh says of the faces that are not those of a ring around rows (R,) of cells."""
+    moved, found = _mask(len(cells), rows), FaceQuality()
+    known, others = _faces_of(cells, moved), np.flatnonzero(~moved)
+    known[couples.partners[known[couples.faces]]] = True
+    for part in rows_of(len(others), max(ROWS, -(-len(others) // PARTS))):
+        ring = Ring.of(cells, others[part], sign, axes, couples)
+        owner = cells.owner[ring.numbers]
+        own = ~known[ring.numbers] & (owner >= others[part][0]) & (owner <= others[part][-1])
+        found += ring.measured(points).quality(own)
+    return found
+
+
+def _joined(rings: tuple[Ring, ...], points: FloatArray) -> State:
+    """Return what was measured of the faces and cells of all rings."""
+    return State(*map(np.concatenate, zip(*(ring.measured(points) for ring in rings), strict=True)))
+
+
+def _where(old: FloatArray, new: FloatArray, counted: float, limit: float, what: str, places: FloatArray) -> str:
+    """Say of how many faces (F,) a value was measured, how many are newly above one, and where the worst of them is.
+
+    `places` (F, 3) are centres.
+    """
+    text = f"{len(new)} {what}, {_newly(old, new, counted)} newly above {counted:g}; {_largest(old):.4g} before"
+    if not _newly(old, new, limit):
+        return text
+    worst = places[np.argmax(np.where(old <= limit, new, 0.0))]
+    return f"{text}; the worst at ({', '.join(f'{x:.4g}' for x in worst)})"
+
+
+def _largest(values: FloatArray, some: BoolArray | slice = slice(None)) -> float:
+    """Return the largest of values (K,), or of those in a mask (K,); 0 if there are none."""
+    return float(values[some].max(initial=0.0))
+
+
+def _newly(before: FloatArray, after: FloatArray, limit: float) -> int:
+    """Return how many values (K,) are above a limit that were not before."""
+    return int(np.count_nonzero((after > limit) & (before <= limit)))
+
+
+def _degrees(cosines: FloatArray) -> FloatArray:
+    return np.asarray(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0))))
+
+
+def _mask(count: int, rows: IntArray) -> BoolArray:
+    mask = np.zeros(count, dtype=np.bool_)
+    mask[rows] = True
+    return mask
+
+
+def _faces_of(cells: Polyhedra, some: BoolArray) -> BoolArray:
+    """Return which faces (F,) some of the cells, a mask (C,), have."""
+    own = some[cells.owner]
+    own[: len(cells.neighbour)] |= some[cells.neighbour]
+    return own

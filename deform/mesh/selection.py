@@ -1,0 +1,231 @@
+"""Parts of patches that become patches: connected components, faces in a box, before a plane, or between sharp edges.
+
+A selection begins with the faces of a patch, and each of its conditions leaves some of them. Where the faces of a
+patch are lines, those of a mesh in a plane, nodes do for them what edges do for other faces.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import BoolArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh, Patch, meant
+from sdm_deflect.deform.mesh.parts import MARK, MOST, REGION, Part, listed, placed, taken
+
+
+class Condition(Protocol):
+    """Leaves some faces of a part."""
+
+    def of(self, part: Part) -> BoolArray:
+        """Return which of its faces (F,) are meant."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """The faces that hang together by their nodes.
+
+    Attributes
+    ----------
+    number : from 1, by number of faces, the most first.
+    """
+
+    number: int
+
+    def __str__(self) -> str:
+        return f"component {self.number}"
+
+    def of(self, part: Part) -> BoolArray:
+        """Return which faces (F,) are meant; InputError if there is no component of that number."""
+        labels = part.components()
+        if not 1 <= self.number <= labels.max(initial=-1) + 1:
+            raise InputError(f"there is no component {self.number}; there are {listed(part, labels)}")
+        return np.asarray(labels == self.number - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Within:
+    """The faces with their centre in a box along the axes, or on it.
+
+    Attributes
+    ----------
+    low, high : two opposite corners.
+    """
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+
+    def __str__(self) -> str:
+        return f"the box from {placed(self.low)} to {placed(self.high)}"
+
+    def of(self, part: Part) -> BoolArray:
+        """Return which faces (F,) are meant."""
+        centres = part.centres
+        return np.asarray(((centres >= self.low) & (centres <= self.high)).all(axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class Before:
+    """The faces with their centre in front of a plane, on the side to which its normal points.
+
+    Attributes
+    ----------
+    point, normal : of the plane.
+    """
+
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+
+    def __str__(self) -> str:
+        return f"the side of the plane through {placed(self.point)} to which {placed(self.normal)} points"
+
+    def of(self, part: Part) -> BoolArray:
+        """Return which faces (F,) are meant."""
+        return np.asarray((part.centres - self.point) @ np.array(self.normal) > 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Faces of a patch that become a patch, or several.
+
+    Attributes
+    ----------
+    name : of the new patch; of several the beginning: ``name~1``, ``name~2``, those with most faces first.
+    patch : whose faces they are; ``patch#2`` is its second connected component.
+    conditions : each leaves some of the faces that the one before it left.
+    sharp : degrees by which faces turn at an edge that parts one new patch from another; None: a single one.
+    text : how a user writes it.
+    """
+
+    name: str
+    patch: str
+    conditions: tuple[Condition, ...] = ()
+    sharp: float | None = None
+    text: str = field(default="", compare=False)
+
+    def parts(self, mesh: Mesh) -> tuple[str, list[Part]]:
+        """Return the name of the patch, and the new patches; InputError if they are none, or the patch itself."""
+        place = f"select {self.name} = {self.text}:" if self.text else f"{self.name}:"
+        what, (patch, conditions) = f"{mesh.name}: {place}", self._resolved(mesh, place)
+        whole = part = Part.of(mesh, mesh.patch(patch))
+        if not len(whole):
+            raise InputError(f"{what} patch {patch} has no faces of which some could be chosen")
+        if any(patch in pair.patches for pair in mesh.periodic):
+            raise InputError(f"{what} patch {patch} is one side of a pair, whose nodes move as their images do")
+        for condition in conditions:
+            try:
+                left = part.some(np.flatnonzero(condition.of(part)))
+            except InputError as error:
+                raise InputError(f"{what} {error}") from None
+            if not len(left):
+                raise InputError(f"{what} {condition} leaves nothing of {part.text}")
+            part = left
+        part = replace(part, name=self.name)
+        found = [part] if self.sharp is None else self._regions(part, what)
+        if len(found) == 1 and len(part) == len(whole):
+            raise InputError(f"{what} these are all {len(whole)} faces of {patch}; name {patch} itself")
+        return patch, found
+
+    def _resolved(self, mesh: Mesh, place: str) -> tuple[str, tuple[Condition, ...]]:
+        """Return the name of the patch and all conditions."""
+        base, mark, number = self.patch.rpartition(MARK)
+        numbered = self.patch not in mesh.names and mark and number.isascii() and number.isdigit()
+        names = mesh.named([base if numbered else self.patch], place)
+        if len(names) > 1:
+            several = f"{self.patch} stands for several patches, {', '.join(names)}; name one of them"
+            raise InputError(f"{mesh.name}: {place} {several}")
+        return names[0], ((Component(int(number)), *self.conditions) if numbered else self.conditions)
+
+    def _regions(self, part: Part, what: str) -> list[Part]:
+        degrees = self.sharp or 0.0
+        labels = part.regions(degrees)
+        if (count := labels.max() + 1) > MOST:
+            raise InputError(f"{what} {degrees:g} deg cuts {part.text} into {count} regions; choose a larger angle")
+        return part.cut(labels, REGION)
+
+
+def selected(mesh: Mesh, selections: Sequence[Selection], names: Iterable[str] = ()) -> Mesh:
+    """Return a mesh whose selections are patches of their own; the rest of a patch keeps its name.
+
+    Parameters
+    ----------
+    mesh : The mesh as it was read; selections mean its patches.
+    selections : What is chosen.
+    names : Names and wildcards of patches; ``wall#2`` is a patch without being selected, and ``wall#*`` stands for the
+        components of which no selection has a face.
+
+    Raises InputError if a selection is empty or a whole patch, has a face or the name of another, or a name is of none.
+    """
+    found: dict[str, list[Part]] = {}
+    for one in selections:
+        _add(mesh, found, *one.parts(mesh))
+    for text in dict.fromkeys(names):
+        known = text in (*mesh.names, *_names(found)) or any(meant(text, name) for name in mesh.names)
+        if MARK in text and not known:
+            for patch, parts in _numbered(mesh, found, text):
+                _add(mesh, found, patch, parts)
+    if not found:
+        return mesh
+    patches = [piece for patch in mesh.patches for piece in _divided(patch, found.get(patch.name, []))]
+    return replace(mesh, patches=tuple(patches))
+
+
+def _numbered(mesh: Mesh, found: dict[str, list[Part]], text: str) -> Iterator[tuple[str, list[Part]]]:
+    """Yield the components that ``patch#number`` or ``patch#*`` stands for, those without a face of another part."""
+    base, _, which = text.rpartition(MARK)
+    if which.isascii() and which.isdigit():
+        yield Selection(text, text).parts(mesh)
+        return
+    for name in mesh.named([base], f"{text}:"):
+        part = Part.of(mesh, mesh.patch(name))
+        labels, free = part.components(), np.ones(len(part), dtype=np.bool_)
+        if (count := labels.max(initial=-1) + 1) > MOST:
+            raise InputError(f"{mesh.name}: {text} stands for {count} components; name those that are meant")
+        for one in found.get(name, []):
+            free[one.rows] = False
+        parts = part.cut(labels, MARK) if count > 1 else []
+        yield name, [one for one in parts if meant(text, one.name) and free[one.rows].all()]
+
+
+def _add(mesh: Mesh, found: dict[str, list[Part]], patch: str, parts: list[Part]) -> None:
+    """Enter the parts of a patch; InputError if they share a face with earlier ones, or a name with any patch."""
+    taken, earlier = np.zeros(len(mesh.patch(patch)), dtype=np.bool_), tuple(found.get(patch, ()))
+    for new in parts:
+        if new.name in (*mesh.names, *_names(found)):
+            raise InputError(f"{mesh.name}: {new.name} is the name of two patches; choose another one")
+        for old in earlier:
+            taken[old.rows] = True
+            if both := np.count_nonzero(taken[new.rows]):
+                raise InputError(f"{mesh.name}: {old.name} and {new.name} overlap: {both} faces of {patch} are in both")
+            taken[old.rows] = False
+        found.setdefault(patch, []).append(new)
+
+
+def _names(found: dict[str, list[Part]]) -> list[str]:
+    return [part.name for parts in found.values() for part in parts]
+
+
+def _divided(patch: Patch, parts: Sequence[Part]) -> Iterator[Patch]:
+    """Yield the rest of a patch, if there is one, and its parts."""
+    rest = np.ones(len(patch), dtype=np.bool_)
+    for part in parts:
+        rest[part.rows] = False
+    if not parts:
+        yield patch
+    elif rest.any() or len(patch.loose):
+        yield replace(patch, faces=tuple(_some(patch.faces, np.flatnonzero(rest))))
+    for part in parts:
+        yield Patch(part.name, tuple(_some(patch.faces, part.rows)), constraint=patch.constraint)
+
+
+def _some(blocks: Sequence[Faces], rows: IntArray) -> Iterator[Faces]:
+    """Yield of each block some faces (R,), in ascending order, counted through all blocks."""
+    starts = np.cumsum([0, *map(len, blocks)])
+    groups = np.split(rows, np.searchsorted(rows, starts[1:-1]))
+    for start, block, group in zip(starts, blocks, groups, strict=False):
+        own = group - start
+        if len(own):
+            yield Cells(block.shape, block.nodes[own]) if isinstance(block, Cells) else taken(block, own)

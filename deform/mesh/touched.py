@@ -1,0 +1,267 @@
+"""The cells that a deformation may change: their quality, and the height of prism layers, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.compiled import compiled
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.threads import in_chunks
+from sdm_deflect.deform.mesh import polyhedra
+from sdm_deflect.deform.mesh.edges import rows_of
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra, Volume
+from sdm_deflect.deform.mesh.prisms import alone, prisms_on
+from sdm_deflect.deform.mesh.quality import POLYHEDRON, Quality, by_shape, check_most, inverted_of, judged, oriented
+
+BASES = {
+    "quad": (((0, 1), (3, 2)), ((1, 2), (0, 3)), ((2, 3), (1, 0)), ((3, 0), (2, 1))),
+    "wedge": (((0, 1, 2), (3, 4, 5)), ((3, 4, 5), (0, 1, 2))),
+    "hexahedron": (
+        ((0, 1, 2, 3), (4, 5, 6, 7)), ((4, 5, 6, 7), (0, 1, 2, 3)), ((0, 1, 5, 4), (3, 2, 6, 7)),
+        ((3, 2, 6, 7), (0, 1, 5, 4)), ((0, 3, 7, 4), (1, 2, 6, 5)), ((1, 2, 6, 5), (0, 3, 7, 4)),
+    ),
+}  # fmt: skip
+"""Faces (of plane cells: lines) that may lie on a wall, and the nodes opposite to them."""
+BLOCK = 1 << 16
+WEIGHT = 10
+"""Work on the nodes of one cell in kernel pairs, by which `in_chunks` shares it out."""
+FLAT, FLAT_POLYHEDRON = 0.2, 0.4
+"""Height over the longest edge on the wall, below which a cell counts as one of a layer. The layers of snappyHexMesh
+are 0.1 to 0.4 of that edge high, its other cells on a wall 0.6 and more."""
+THICK = 0.1
+"""The same, above which the heights of polyhedra follow the wall less closely."""
+
+
+class Judged(NamedTuple):
+    """Quality (C,) of cells, each by the measure of its type, and which (C,) are inverted."""
+
+    quality: FloatArray
+    inverted: BoolArray
+
+    def replaced(self, cells: BoolArray, found: Judged) -> Judged:
+        """Return the same with what was found of some cells, a mask (C,), in their place."""
+        quality, inverted = self.quality.copy(), self.inverted.copy()
+        quality[cells], inverted[cells] = found
+        return Judged(quality, inverted)
+
+
+@dataclass(frozen=True, eq=False)
+class TouchedCells:
+    """The cells that a deformation may change.
+
+    Attributes
+    ----------
+    mesh : The mesh before.
+    rows : For each block of cells, those with a node that may move.
+    orientation : For each block 1, or -1 if most of its cells are inverted: the file counts their nodes left-handed.
+    inverted : Number of inverted cells of each block of the whole mesh before.
+    """
+
+    mesh: Mesh
+    rows: tuple[IntArray, ...] = field(repr=False)
+    orientation: tuple[float, ...]
+    inverted: tuple[int, ...]
+
+    @classmethod
+    def of(cls, mesh: Mesh, inside: IntArray) -> TouchedCells:
+        """Find the cells that have a node of `inside` (K,), and judge all cells as they are."""
+        moved = np.zeros(len(mesh.points), dtype=bool)
+        moved[inside] = True
+        rows = tuple(touching(block, moved) for block in mesh.cells)
+        if mesh.whole:
+            return cls(mesh, rows, mesh.whole.orientation, mesh.whole.inverted)
+        judged = [oriented(mesh.points, block) for block in mesh.cells]
+        return cls(mesh, rows, tuple(sign for sign, _ in judged), tuple(count for _, count in judged))
+
+    @property
+    def count(self) -> int:
+        """Number of cells touched."""
+        return sum(len(rows) for rows in self.rows)
+
+    @cached_property
+    def before(self) -> Judged:
+        """The touched cells as they are in the undeflected mesh."""
+        return self.judged(self.mesh.points)
+
+    def judged(self, points: FloatArray) -> Judged:
+        """Judge the touched cells, block by block, with the nodes at `points` (N, 3)."""
+        parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
+        found = [judged(points, *part) for part in parts if len(part[1])]
+        quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
+        return Judged(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)]))
+
+    def newly_inverted(self, points: FloatArray) -> BoolArray:
+        """Return which touched cells (C,) are inverted with the nodes at `points` (N, 3), and were not before."""
+        parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
+        found = np.concatenate([np.empty(0, np.bool_), *(inverted_of(points, *part) for part in parts)])
+        return found & ~self.before.inverted if any(self.inverted) else found
+
+    def by_shape(self) -> Iterator[tuple[str, BoolArray]]:
+        """Yield each type of the touched cells, and which (C,) are of it."""
+        names = [getattr(block, "shape", POLYHEDRON) for block in self.mesh.cells]
+        for name in dict.fromkeys(name for name, rows in zip(names, self.rows, strict=True) if len(rows)):
+            yield name, np.repeat([one == name for one in names], [len(rows) for rows in self.rows])
+
+    def least(self, points: FloatArray) -> tuple[Least, ...]:
+        """Return, by type, the least quality at points (N, 3) of cells that were good before: not inverted, above 0."""
+        good, now = ~self.before.inverted & (self.before.quality > 0.0), self.judged(points).quality
+        own = [now[good & cells] for _, cells in self.by_shape()]
+        return tuple(Least(float(values.min(initial=np.inf)), len(values)) for values in own)
+
+    def quality(self, points: FloatArray) -> tuple[Quality, ...]:
+        """Return the quality of the touched cells of each type, with the nodes at `points` (N, 3)."""
+        parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
+        return by_shape(points, parts)
+
+    def check(self, allow: bool = False) -> None:
+        """Raise InputError if the mesh has inverted cells before anything moves, unless they are allowed.
+
+        More than half of all cells are never allowed (`check_most`).
+        """
+        check_most(self.mesh.name, sum(self.inverted), sum(self.mesh.cell_counts))
+        for block, size, count in zip(self.mesh.cells, self.mesh.cell_counts, self.inverted, strict=True):
+            if count and not allow:
+                shape = "polyhedra" if isinstance(block, Polyhedra) else f"cells ({block.shape})"
+                raise InputError(
+                    f"{self.mesh.name}: {count} of {size} {shape} are inverted in the file already; mend the "
+                    "mesh, or take it as it is (allow_inverted)"
+                )
+
+
+class Least(NamedTuple):
+    """Least quality of some cells, and their number; infinite of none."""
+
+    quality: float
+    cells: int
+
+
+@dataclass(frozen=True, slots=True)
+class Layers:
+    """Change of the first layer's height, which is the length of the edges that leave the wall.
+
+    Attributes
+    ----------
+    edges : number of these edges, as often as cells have them.
+    lowest : smallest height before.
+    largest, p99 : largest relative change, and the one that 99 % of the edges keep.
+    thick : whether half the edges or more are of polyhedra, and higher than a tenth of the cell's width.
+    """
+
+    edges: int
+    lowest: float
+    largest: float
+    p99: float
+    thick: bool = False
+
+
+class LayerEdges(NamedTuple):
+    """Edges that leave a wall, or a layer over it.
+
+    Attributes
+    ----------
+    starts, ends : (E,) nodes where they begin and end.
+    thick : (E,) which are of polyhedra that are higher than `THICK` of their longest edge on the wall.
+    """
+
+    starts: IntArray
+    ends: IntArray
+    thick: NDArray[np.bool_]
+
+
+def first_layer(touched: TouchedCells, walls: IntArray, points: FloatArray) -> Layers | None:
+    """Compare heights over the walls' nodes (W,) before and with the nodes at `points` (N, 3); None without prisms."""
+    edges = next(layers(touched, walls), None)
+    if edges is None:
+        return None
+    low, after = (np.linalg.norm(at[edges.ends] - at[edges.starts], axis=1) for at in (touched.mesh.points, points))
+    change, thick = np.abs(after / low - 1.0), bool(2 * np.count_nonzero(edges.thick) >= len(low))
+    return Layers(len(low), float(low.min()), float(change.max()), float(np.percentile(change, 99.0)), thick)
+
+
+def layers(touched: TouchedCells, walls: IntArray) -> Iterator[LayerEdges]:
+    """Yield, layer by layer from the nodes of walls (W,), the edges that leave them.
+
+    Edges are those of flat cells, as often as cells have them; the last layer is that without flat cells on it.
+    """
+    seen = np.zeros(len(touched.mesh.points), dtype=np.bool_)
+    seen[walls] = True
+    below = seen.copy()
+    parts = [
+        (alone(block, rows) if isinstance(block, Polyhedra) else block, rows)
+        for block, rows in zip(touched.mesh.cells, touched.rows, strict=True)
+        if isinstance(block, Polyhedra) or block.shape in BASES
+    ]
+    while True:
+        found = [
+            _edges(touched.mesh.points, base, top, isinstance(block, Polyhedra))
+            for block, rows in parts
+            for base, top in _first_cells(block, rows, below)
+        ]
+        if not found:
+            return
+        starts, ends, thick = (np.concatenate(part) for part in zip(*found, strict=True))
+        new = ~seen[ends]
+        if not new.any():
+            return
+        yield LayerEdges(starts[new], ends[new], thick[new])
+        below[:] = False
+        below[ends[new]] = seen[ends[new]] = True
+
+
+def touching(block: Volume, moved: NDArray[np.bool_]) -> IntArray:
+    """Return the rows of cells with a node in the mask `moved` (N,)."""
+    if isinstance(block, Polyhedra):
+        return polyhedra.touching(block, moved)
+    found = np.empty(len(block), dtype=np.bool_)
+
+    def chunk(start: int, stop: int) -> None:
+        _have_one(block.nodes[start:stop], moved, found[start:stop])
+
+    in_chunks(chunk, len(block), WEIGHT)
+    return np.flatnonzero(found)
+
+
+@compiled
+def _have_one(
+    nodes: IntArray, moved: NDArray[np.bool_], found: NDArray[np.bool_]
+) -> None:  # pragma: no cover - machine code
+    """Fill in which cells with nodes (R, k) have one in the mask `moved` (N,)."""
+    for i in range(len(nodes)):
+        one = False
+        for k in range(nodes.shape[1]):
+            one |= moved[nodes[i, k]]
+        found[i] = one
+
+
+def _first_cells(block: Volume, rows: IntArray, wall: NDArray[np.bool_]) -> list[tuple[IntArray, IntArray]]:
+    """Return nodes (C, k) on the wall and nodes (C, k) opposite, of cells with one face on the wall.
+
+    Of polyhedra the block has the rows alone.
+    """
+    if isinstance(block, Polyhedra):
+        return prisms_on(block, len(rows), wall)
+    found = []
+    for part in rows_of(len(rows), BLOCK):
+        nodes = block.nodes[rows[part]]
+        on = wall[nodes]
+        for base, top in BASES[block.shape]:
+            first = on[:, list(base)].all(axis=1) & ~on[:, list(top)].any(axis=1)
+            if first.any():
+                found.append((nodes[first][:, list(base)], nodes[first][:, list(top)]))
+    return found
+
+
+def _edges(points: FloatArray, base: IntArray, top: IntArray, polyhedra: bool) -> LayerEdges:
+    """Return the edges of flat cells, of nodes (C, k) on a wall and opposite: others over a wall are no layer."""
+    around = np.linalg.norm(points[base] - points[np.roll(base, 1, axis=1)], axis=2).max(axis=1)
+    height = np.linalg.norm(points[top] - points[base], axis=2).max(axis=1)
+    flat = height < (FLAT_POLYHEDRON if polyhedra else FLAT) * around
+    thick = np.repeat((height > THICK * around)[flat] & polyhedra, base.shape[1])
+    return LayerEdges(base[flat].ravel(), top[flat].ravel(), thick)

@@ -1,0 +1,152 @@
+"""What every job can be told, as values that load nothing: settings are read before any code is compiled."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, NamedTuple
+
+from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.schema import INLINE, ONLY_SET, Doc, Option, Range, Spelling, check_settings
+
+Strategy = Literal["squv", "mv"]
+RuleName = Literal["separated", "worst"]
+KernelName = Literal["tps", "mq", "wendland", "cubic"]
+Polynomial = Literal["linear", "constant", "none"]
+
+
+class Needs(NamedTuple):
+    """What a kernel needs for a solution that is unique.
+
+    Attributes
+    ----------
+    name : of the kernel, in words.
+    order : of its conditional positive definiteness: 2 needs the linear polynomial, 1 the constant, 0 none.
+    radius : whether it has one.
+    """
+
+    name: str
+    order: int
+    radius: bool
+
+
+KERNELS: dict[KernelName, Needs] = {
+    "tps": Needs("thin plate spline", 2, False),
+    "mq": Needs("multiquadric", 1, True),
+    "wendland": Needs("Wendland C2 function", 0, True),
+    "cubic": Needs("cubic", 2, False),
+}
+ORDERS: dict[Polynomial, int] = {"linear": 2, "constant": 1, "none": 0}
+"""Largest order of kernels that each polynomial serves."""
+RepairMode = Literal["auto", "off", "always"]
+LARGEST_ANGLE = 90.0
+"""Degrees: beyond, a surface has passed its parent."""
+ROUNDING = 1e-9
+"""A cell that was turned is as good as it was to this share of its quality."""
+
+
+def steps_of(value: object) -> object:
+    """Return the largest number of steps, which may be text; ``auto`` is the usual one."""
+    if not isinstance(value, str):
+        return value
+    if value != "auto" and not (value.isascii() and value.isdigit()):
+        raise InputError(f"{shortened(value)} must be auto or a whole number from 1")
+    return Fitting().max_steps if value == "auto" else int(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Fitting:
+    """How the displacement is interpolated: choice of centres (section 4), sites on the box, steps."""
+
+    # fmt: off
+    strategy: Annotated[Strategy, Doc("Accuracy", "squv: centres for each direction; mv: common ones.")] = "squv"
+    tolerance: Annotated[float, Range(0.0), Doc(
+        "Accuracy", "Largest error at a data site, a length; 0: 1 % of the surface's median edge.")] = 0.0
+    initial_surface: Annotated[int, Range(4), ONLY_SET, Doc(
+        "Accuracy", "Centres at the start on the moving surface.")] = 30
+    initial_hexahedron: Annotated[int, Range(1), ONLY_SET, Doc(
+        "Accuracy", "Centres at the start on all but the moving surface.")] = 30
+    n_add: Annotated[int, Range(1), ONLY_SET, Doc(
+        "Accuracy", "Largest number of centres added at a time (`rule` worst), or least size of a block.")] = 10
+    max_centers: Annotated[int, Range(8), ONLY_SET, Doc(
+        "Accuracy", "At most so many centres in each direction.")] = 5000
+    rule: Annotated[RuleName, ONLY_SET, Doc(
+        "Accuracy", "separated: add large blocks of sites that are no neighbours; worst: as the paper.")] = "separated"
+    spacing: Annotated[float, Range(0.0), ONLY_SET, Doc(
+        "Accuracy", "Distance of the sites on the box, a length; 0: from `spacing_edges`.")] = 0.0
+    spacing_edges: Annotated[float, Range(0.1), ONLY_SET, Doc(
+        "Accuracy", "Distance of the sites on the box in median edges of the surface.")] = 1.75
+    max_steps: Annotated[int, Range(1), Option("--steps", "auto|N"), Spelling(read=steps_of), Doc(
+        "Accuracy", "Most steps in which an angle is taken if cells invert.")] = 8
+    kernel: Annotated[KernelName, ONLY_SET, Doc(
+        "Accuracy", "tps: the thin plate spline; mq: the multiquadric; wendland: Wendland's C2 function with compact "
+        "support; cubic.")] = "tps"
+    kernel_radius: Annotated[float, Range(0.0), ONLY_SET, Doc(
+        "Accuracy", "Length where a multiquadric turns from a parabola into a cone, or Wendland's function ends; 0: "
+        "the surface's median edge, or the diagonal of the box.")] = 0.0
+    polynomial: Annotated[Polynomial, ONLY_SET, Doc(
+        "Accuracy", "Added to the kernels: every kernel may have linear, which tps and cubic need; constant is enough "
+        "for mq, none for wendland.")] = "linear"
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if self.max_centers < self.initial_surface + self.initial_hexahedron:
+            raise InputError(
+                f"max_centers = {self.max_centers} is fewer than the "
+                f"{self.initial_surface + self.initial_hexahedron} initial centres"
+            )
+        self._check_kernel()
+
+    def _check_kernel(self) -> None:
+        """Raise InputError if the kernel lacks what it needs, or is given what it has no use for."""
+        needs = KERNELS[self.kernel]
+        if self.kernel_radius and not needs.radius:
+            others = " or ".join(name for name, one in KERNELS.items() if one.radius)
+            raise InputError(
+                f"kernel_radius = {self.kernel_radius:g}: the {needs.name} has none; leave it out, or set "
+                f"kernel = {others}"
+            )
+        if ORDERS[self.polynomial] < needs.order:
+            enough = " or ".join(name for name, order in ORDERS.items() if order >= needs.order)
+            raise InputError(
+                f"polynomial = {self.polynomial}: the {needs.name} is conditionally positive definite of order "
+                f"{needs.order} and needs polynomial = {enough}"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Repair:
+    """When cells are mended that a deflection has spoiled: the settings ``repair`` and ``repair_share``."""
+
+    # fmt: off
+    mode: Annotated[RepairMode, Spelling("repair"), Doc(
+        "Quality", "auto: mend cells if one is inverted, or the least quality of its type fell below `repair_share` of "
+        "that before; always: if it fell at all.")] = "auto"
+    share: Annotated[float, Range(0.0, 1.0, above=True), Spelling("repair_share"), ONLY_SET, Doc(
+        "Quality", "Share of the undeflected mesh's least quality below which auto mends.")] = 0.9
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    @property
+    def wanted(self) -> float:
+        """Share of the least quality before, below which cells are mended: less than 1 by rounding."""
+        return min(1.0 if self.mode == "always" else self.share, 1.0 - ROUNDING)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobOptions:
+    """What a job and the settings of a user have in common."""
+
+    # fmt: off
+    fixed: Annotated[tuple[str, ...], Option(metavar="NAME"), Doc(
+        "What stays", "Patches that stay; wildcards such as 'wing*'.")] = ()
+    zones: Annotated[tuple[str, ...], Option("--zone", "NAME"), Doc(
+        "Box", "Further zones of the file that deform; '*' for all.")] = ()
+    near_wall: Annotated[bool, ONLY_SET, Doc(
+        "Box", "Whether the mesh near walls follows them rigidly, so that prism layers keep their heights.",
+        "Nodes of fixed patches that reach into the box are data sites then. Without it, as in the paper, the moving "
+        "surface and the box are the only data sites, and no other patch may reach into the box.")] = True
+    allow_inverted: Annotated[bool, Doc("Quality", "Take a mesh that has inverted cells already.")] = False
+    # fmt: on
+    fitting: Annotated[Fitting, INLINE] = field(default_factory=Fitting)
+    repair: Annotated[Repair, INLINE] = field(default_factory=Repair)

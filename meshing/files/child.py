@@ -1,0 +1,96 @@
+"""Work in a child process that ends at once when this process is interrupted or dies."""
+
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files import orphan
+from sdm_deflect.meshing.files.staged import written
+from sdm_deflect.meshing.files.temporary import scratch_folder
+
+Array = NDArray[np.generic]
+Arrays = Mapping[str, Array]
+
+QUESTION, ANSWER = "question.npz", "answer.npz"
+
+
+@dataclass(frozen=True, slots=True)
+class Pending:
+    """Work that a child process does while this process goes on."""
+
+    module: str
+    folder: Path
+    process: subprocess.Popen[bytes]
+
+    def answer(self, seconds: float) -> dict[str, Array]:
+        """Wait at most `seconds` for the child's arrays; MeshingError, with its last line, if it fails or is late."""
+        try:
+            _, complaint = self.process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            raise MeshingError(f"{self.module} took more than {seconds:g} s") from None
+        if self.process.returncode:
+            lines = complaint.decode(errors="replace").strip().splitlines() or ["no message"]
+            raise MeshingError(f"{self.module} ended with code {self.process.returncode}: {lines[-1]}")
+        with np.load(self.folder / ANSWER, allow_pickle=False) as stored:
+            return dict(stored)
+
+
+@contextmanager
+def started(module: str, arrays: Arrays) -> Iterator[Pending]:
+    """Start ``python -m module``, which calls `serve`, on arrays; however this context is left, the child is gone then.
+
+    Mesh generators run for minutes inside compiled code that no signal can stop; a process can be killed.
+    """
+    with scratch_folder() as folder:
+        with written(folder):
+            np.savez(folder / QUESTION, **arrays)  # type: ignore[arg-type]
+        files = (str(folder / QUESTION), str(folder / ANSWER))
+        # Its own session: the terminal's Ctrl-C reaches this process only, which then kills the child.
+        with subprocess.Popen(
+            [sys.executable, "-m", orphan.__name__, str(os.getpid()), module, *files],
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        ) as process:
+            try:
+                yield Pending(module, folder, process)
+            finally:
+                process.kill()
+                process.wait()
+
+
+def call(module: str, arrays: Arrays, seconds: float) -> dict[str, Array]:
+    """Run ``python -m module`` on arrays and return the arrays that it answers with, as `Pending.answer` does."""
+    with started(module, arrays) as pending:
+        return pending.answer(seconds)
+
+
+def serve(work: Callable[[Arrays], Arrays]) -> None:
+    """Be the child: read the question, work, write the answer, own peak memory (bytes) and processor seconds."""
+    with np.load(sys.argv[1], allow_pickle=False) as stored:
+        question = dict(stored)
+    answer = work(question)
+    used = {"peak_bytes": np.array(peak_bytes()), "processor_seconds": np.array(time.process_time())}
+    np.savez(sys.argv[2], **answer, **used)  # type: ignore[arg-type]
+
+
+def peak_bytes() -> int:
+    """The largest resident memory of this process so far."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        # Unlike ru_maxrss this does not start from the parent's memory at the time of the fork.
+        return 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM:")))
+    except (OSError, StopIteration):
+        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -1,0 +1,262 @@
+"""A study as CSV, as a table in Markdown and as a plot (figure 2 of the paper and its kin), ours beside the paper's."""
+
+from collections.abc import Iterator
+from math import isnan
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sdm_deflect.cases.report.pictures import write_png
+from sdm_deflect.cases.run.output import write_table
+from studies.measure import DEFAULT, GMRES, GROWN, REPETITIONS, Measured, Result
+from studies.paper import Row, Setting, Size, paper
+from studies.trends import TRENDS, listed, title
+
+SETTING = ("columns", "angle_deg", "initial_surface", "initial_hexahedron", "n_add")
+RESULTS = ("iterations", "centers", "seconds", "max_error")
+FIELDS = ("source", *SETTING, "sites", *RESULTS, "converged", "repetitions")
+COLOURS = {"x": "#0072b2", "y": "#d55e00", "z": "#009e73", "xyz": "0.6"}
+LOOP_COLOURS = {"grown": "#0072b2", "lapack": "#e69f00", "gmres": "#d55e00", "default": "#009e73"}
+PAPER = {"color": "black", "marker": "s", "ls": "--", "lw": 1.2, "ms": 4}
+
+
+def write_study(result: Result, folder: Path) -> None:
+    """Write <name>.csv, <name>.md and <name>.png into `folder`."""
+    name = result.name
+    write_csv(result, folder / f"{name}.csv")
+    alternative = write_plot(result, folder / f"{name}.png")
+    (folder / f"{name}.md").write_text(f"{markdown(result)}\n![{alternative}]({name}.png)\n", encoding="utf-8")
+
+
+def write_plot(result: Result, path: Path) -> str:
+    """Write the picture of a study; return its text alternative."""
+    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
+    alternative = DRAW[result.name](result, figure)
+    write_png(figure, path)
+    return alternative
+
+
+def write_csv(result: Result, path: Path) -> None:
+    """Write one line for every row of the paper and for every row measured here."""
+    rows: list[list[object]] = [list(FIELDS)]
+    for row in result.table.rows:
+        rows.append(["paper", *_setting(row.setting), "", *_results(row), "", ""])
+    for one in result.measured:
+        counted = (one.converged, one.repetitions)
+        rows.append([one.loop.name, *_setting(one.row.setting), one.sites, *_results(one.row), *counted])
+    write_table(path, rows)
+
+
+def markdown(result: Result) -> str:
+    """Return heading, sizes, tables, loops and trends."""
+    table = result.table
+    loops = [f"- `{loop.name}`: {loop.meaning}." for loop in result.loops]
+    parts = [
+        f"## Table {result.name[-1]}: {table.title}",
+        sizes(result),
+        counts(result),
+        f"Seconds by loop (wall time, median of up to {REPETITIONS} runs):\n\n" + "\n".join(loops),
+        seconds(result),
+        convergence(result),
+        "\n".join(verdicts(result)),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def sizes(result: Result) -> str:
+    """Say on what the study was carried out, ours and theirs, and how far the sites move."""
+    ground, theirs = result.ground, paper().size(result.table.case)
+    moved = "; ".join(f"{listed(one.values())} mm at {angle:+g}°" for angle, one in ground.largest_mm.items())
+    return (
+        f"Here (scale `{ground.scale}`): {_size(ground.size)}. The paper: {_size(theirs)}. "
+        f"Largest prescribed displacement in x, y, z: {moved}."
+    )
+
+
+def counts(result: Result) -> str:
+    """Return the Markdown table of iterations, centres and errors, the paper's and those of its rule here."""
+    heads = ["", "initial", "M_add", "t_end paper", "here", "N_c,end paper", "here", "max error, m"]
+    told = any(not isnan(row.max_error) for row in result.table.rows)
+    lines = [[*heads[:-1], "max error paper, m", "here"] if told else heads]
+    for theirs, ours in zip(result.table.rows, result.by(GROWN), strict=True):
+        figures = (theirs.iterations, ours.iterations, theirs.centers, ours.centers)
+        errors = [f"{row.max_error:.2e}" for row in ((theirs, ours) if told else (ours,))]
+        lines.append([*_named(theirs.setting), *map(str, figures), *errors])
+    return _table(lines)
+
+
+def seconds(result: Result) -> str:
+    """Return the Markdown table of times by loop; the loop of `sdm run` has centres of its own."""
+    loops = [loop for loop in result.loops if loop != DEFAULT]
+    lines = [
+        ["", "initial", "M_add", "paper", *(f"`{one.name}`" for one in loops), f"`{DEFAULT.name}`: t_end, N_c,end", "s"]
+    ]
+    ours = {(one.row.setting, one.loop): one.row for one in result.measured}
+    for theirs in result.table.rows:
+        setting = theirs.setting
+        times = [_seconds(theirs), *(_seconds(ours.get((setting, loop))) for loop in loops)]
+        own = ours[setting, DEFAULT]
+        lines.append([*_named(setting), *times, f"{own.iterations}, {own.centers}", _seconds(own)])
+    return _table(lines)
+
+
+def convergence(result: Result) -> str:
+    """Say how many adaptations reached the tolerance, how the centres compare, and which had nothing to do."""
+    reached, table = sum(one.converged for one in result.measured), result.table
+    ratios = [ours.centers / theirs.centers for ours, theirs in zip(result.by(GROWN), table.rows, strict=True)]
+    sentences = [
+        f"{reached} of {len(result.measured)} adaptations here reached the tolerance of {table.tolerance:g} m.",
+        f"The paper's rule ends here with {min(ratios):.2f} to {max(ratios):.2f} times as many centres as there.",
+    ]
+    return " ".join([*sentences, *small_motions(result)])
+
+
+def small_motions(result: Result) -> Iterator[str]:
+    """Say which directions move by less than the tolerance, and what they then cost."""
+    for angle, largest in result.ground.largest_mm.items():
+        for d, most_mm in largest.items():
+            rows = [row for row in result.by(GROWN) if row.setting.columns == d and row.setting.angle == angle]
+            if rows and most_mm < 1e3 * result.table.tolerance:
+                most = max(row.iterations for row in rows)
+                yield (
+                    f"At {angle:+g}° f_{d} is nowhere larger than {most_mm:.3g} mm, less than the "
+                    f"tolerance; it takes {most} iterations."
+                )
+
+
+def verdicts(result: Result) -> list[str]:
+    """Return one list item for each trend of the paper: whether it holds here, and the numbers."""
+    lines = []
+    for trend in TRENDS[result.name]:
+        found = result.findings(trend)
+        named = "`{}` " if trend.of_time else ""
+        judged = [f"{named.format(loop.name)}**{one.verdict}** ({one.evidence})" for loop, one in found.items()]
+        lines.append(f"- {trend.statement} Here: {'; '.join(judged) or 'these rows cannot tell'}.")
+    return lines
+
+
+def _size(size: Size) -> str:
+    zero = size.zero_sites
+    text = str(zero[0]) if len(set(zero)) == 1 else "{} / {} / {} (x / y / z)".format(*zero)
+    return f"{size.points:,} points, {size.cells:,} tetrahedra, {size.surface} sites on the surface and {text} at zero"
+
+
+def _setting(setting: Setting) -> list[object]:
+    return [setting.columns, f"{setting.angle:g}", *setting.initial, setting.n_add]
+
+
+def _results(row: Row) -> list[object]:
+    return [row.iterations, row.centers, f"{row.seconds:.6g}", f"{row.max_error:.6g}"]
+
+
+def _seconds(row: Row | None) -> str:
+    return "" if row is None else f"{row.seconds:.3g}"
+
+
+def _named(setting: Setting) -> list[str]:
+    what = f"{title(setting.columns)} at {setting.angle:+g}°"
+    return [what, "{} + {}".format(*setting.initial), str(setting.n_add)]
+
+
+def _table(lines: list[list[str]]) -> str:
+    """Return a Markdown table of a heading and rows; the first two columns are words."""
+    rule = ["---", "---", *["---:"] * (len(lines[0]) - 2)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (lines[0], rule, *lines[1:]))
+
+
+def table1(result: Result, figure: Figure) -> str:
+    """Figure 2: residual against centres, and against time with the uni-variate adaptations one after the other."""
+    loop = GMRES if result.by(GMRES) else GROWN
+    fewest = min(one.row.setting.initial for one in result.measured)
+    chosen = {
+        one.row.setting.columns: one
+        for one in result.measured
+        if one.loop == loop and one.row.setting.initial == fewest
+    }
+    left, right = figure.subplots(1, 2, sharey=True)
+    start = 0.0
+    for columns in ("xyz", "x", "y", "z"):
+        curve(left, chosen[columns])
+        seconds = [start + step.seconds for step in chosen[columns].history]
+        curve(right, chosen[columns], seconds)
+        start = 0.0 if columns == "xyz" else seconds[-1]
+    finish(left, result, "centres")
+    finish(right, result, f"time of {loop.name}, s (SQUV: x, y and z in turn)")
+    left.set_ylabel("largest residual, m")
+    left.legend(fontsize="small")
+    return "Largest residual against centres and against time for MV and for SQUV in x, y and z."
+
+
+def table2(result: Result, figure: Figure) -> str:
+    """Time and final centres against M_add."""
+    left, right = figure.subplots(1, 2)
+    theirs = result.table.rows
+    n_add = [row.setting.n_add for row in theirs]
+    left.plot(n_add, [row.seconds for row in theirs], label="paper", **PAPER)
+    right.plot(n_add, [row.centers for row in theirs], label="paper", **PAPER)
+    for loop in result.loops:
+        looks: dict[str, Any] = {"color": LOOP_COLOURS[loop.name], "label": f"here, {loop.name}", "marker": "o"}
+        left.plot(n_add, [row.seconds for row in result.by(loop)], ms=4, **looks)
+        if loop in (GROWN, DEFAULT):
+            right.plot(n_add, [row.centers for row in result.by(loop)], ms=4, **looks)
+    left.set(yscale="log", ylabel="time, s")
+    right.set(ylabel="final centres", ylim=(0, None))
+    for axes in (left, right):
+        axes.set_xlabel("centres added in an iteration, $M_{add}$")
+        axes.grid(alpha=0.3)
+    figure.legend(*left.get_legend_handles_labels(), fontsize="small", ncols=5, loc="outside upper center")
+    return "Time and final number of centres against M_add, the paper's and ours."
+
+
+def table3(result: Result, figure: Figure) -> str:
+    """Residual against centres for each angle."""
+    angles = sorted(result.ground.largest_mm, key=abs)
+    for angle, axes in zip(angles, figure.subplots(1, len(angles), sharey=True), strict=True):
+        for one in result.measured:
+            if one.loop == GROWN and one.row.setting.angle == angle:
+                curve(axes, one)
+        finish(axes, result, f"centres ({angle:+g} deg)")
+        axes.legend(fontsize="small")
+    figure.axes[0].set_ylabel("largest residual, m")
+    return "Largest residual against centres for f_x, f_y and f_z at each angle."
+
+
+def table4(result: Result, figure: Figure) -> str:
+    """Residual against centres, and where the paper ended."""
+    axes = figure.add_subplot()
+    for one in result.measured:
+        if one.loop == GROWN:
+            curve(axes, one)
+    for row in result.table.rows:
+        label = f"paper, ${title(row.setting.columns)}$"
+        axes.plot(row.centers, row.max_error, "s", color=COLOURS[row.setting.columns], mec="black", label=label)
+    finish(axes, result, "centres")
+    axes.set_ylabel("largest residual, m")
+    axes.legend(fontsize="small", ncols=2)
+    return "Largest residual against centres for f_x, f_y and f_z; squares mark where the paper's adaptations ended."
+
+
+DRAW = {"table1": table1, "table2": table2, "table3": table3, "table4": table4}
+
+
+def curve(axes: Axes, one: Measured, seconds: list[float] | None = None) -> None:
+    """Draw one adaptation's residuals against centres or times; MV as a wide line, so that f_z shows on top of it."""
+    columns = one.row.setting.columns
+    wide = {"lw": 6, "alpha": 0.6} if columns == "xyz" else {"lw": 1.8}
+    residuals = [step.max_residual for step in one.history]
+    marker = "o" if len(residuals) == 1 else ""
+    name = f"${title(columns)}$" if len(columns) == 1 else title(columns)
+    abscissa = seconds or [step.n_centers for step in one.history]
+    axes.semilogy(abscissa, residuals, color=COLOURS[columns], label=name, marker=marker, **wide)
+
+
+def finish(axes: Axes, result: Result, label: str) -> None:
+    """Mark the tolerance and label the abscissa."""
+    tolerance = result.table.tolerance
+    axes.axhline(tolerance, color="0.3", lw=1, ls=":")
+    looks: dict[str, Any] = {"ha": "right", "va": "top", "color": "0.3", "fontsize": "small"}
+    axes.annotate(f"tolerance {tolerance:g} m", (0.98, tolerance), xycoords=("axes fraction", "data"), **looks)
+    axes.set_xlabel(label)
+    axes.grid(alpha=0.3)

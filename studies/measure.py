@@ -1,0 +1,278 @@
+"""The paper's tables, measured row by row: adaptations, filter and evaluation with its settings, timed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from statistics import median
+from time import perf_counter
+from typing import Self
+
+import numpy as np
+
+from sdm_deflect.cases.aircraft.case import Case
+from sdm_deflect.cases.aircraft.job import job_of
+from sdm_deflect.cases.aircraft.pipeline import meshed
+from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.cases.run.progress import Stopwatch
+from sdm_deflect.deform.base.points import IndexArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.rbf.bases import DirectBasis
+from sdm_deflect.deform.rbf.factor import CholeskyBasis
+from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Iteration, Stop, adapt
+from sdm_deflect.deform.rbf.interpolant import krylov
+from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
+from sdm_deflect.deform.rbf.problem import Problem
+from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
+from sdm_deflect.deform.rbf.sites import DataSites
+from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.step import DIRECTIONS, GROUPINGS, initial_centers
+from sdm_deflect.meshing.mesh import TetMesh
+from studies.paper import Evaluation, Row, Setting, Size, Table, paper
+from studies.trends import Finding, Trend
+
+REPETITIONS = 7
+"""At most so many runs of one adaptation, of which the median time counts..."""
+ENOUGH_SECONDS = 1.0
+"""...and no further run once they have taken this long."""
+ALIKE = 1.5
+"""Time may fall short of the number of points by this factor: measured times vary that much."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """How the centres are chosen and how their coefficients are found: a short name, and the meaning in one phrase."""
+
+    name: str
+    meaning: str
+    rule: Rule
+    basis: Callable[[Problem, IndexArray], Basis] = CholeskyBasis.of
+
+
+GROWN = Loop("grown", "the paper's rule, with one factor for all directions that grows with the centres", Worst())
+LAPACK = Loop(
+    "lapack",
+    "the paper's rule, factorised again in every iteration by LAPACK, once for all directions",
+    Worst(look_ahead=1),
+    DirectBasis.of,
+)
+GMRES = Loop(
+    "gmres",
+    "the paper's loop: its rule, solved again in every iteration by GMRES, for each direction anew",
+    Worst(look_ahead=1),
+    partial(DirectBasis.of, solve=krylov()),
+)
+DEFAULT = Loop("default", "what `sdm run` does: blocks of separated sites, growing factor", Separated())
+ALL = (GROWN, LAPACK, GMRES, DEFAULT)
+DIRECT = (GROWN, LAPACK, DEFAULT)
+"""Without GMRES, which takes long where a problem is large."""
+LOOPS = {"table1": (ALL, DIRECT), "table2": (ALL, ALL), "table3": (DIRECT, DIRECT), "table4": (DIRECT, DIRECT)}
+"""Which loops to time for the rows of a table: for those with the fewest initial centres (figure 2), and for others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SiteGroups:
+    """The data sites of one deflection of a case.
+
+    Attributes
+    ----------
+    groups : by their directions: "x", "y", "z" for SQUV, "xyz" for MV (where all directions have the same sites).
+        Those on the control surface come first in every group.
+    plan : the hexahedron and what lies in it.
+    """
+
+    groups: dict[str, DataSites]
+    plan: Plan
+
+    def largest_mm(self) -> dict[str, float]:
+        """Return the largest prescribed displacement in x, y and z, millimetres."""
+        return {d: 1e3 * float(np.abs(self.groups[d].values).max()) for d in "xyz"}
+
+    def size(self, case: str, mesh: TetMesh) -> Size:
+        """Return the sizes of mesh and sites."""
+        x, y, z = (self.plan.sites.zero_sites(c) for c in range(3))
+        return Size(case, len(mesh.points), len(mesh.tets), len(self.plan.sites.moving), (x, y, z))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """A row measured here.
+
+    Attributes
+    ----------
+    row : as in the paper's table; its time is the median of `repetitions`.
+    sites : number of data sites.
+    converged : whether the tolerance was reached.
+    history : the residual in every iteration; empty where the row was read from a .csv.
+    """
+
+    row: Row
+    loop: Loop
+    sites: int
+    converged: bool
+    repetitions: int
+    history: tuple[Iteration, ...] = ()
+
+
+def sites_of(case: Case, mesh: TetMesh) -> SiteGroups:
+    """Collect the data sites of a case's first control surface at its whole angle, as the paper does in one step."""
+    flow = mesh.as_mesh(case.name)
+    plan = Plan.of(flow, job_of(case, flow, case.deflections[0]))
+    moving = DataSites(mesh.points[plan.sites.moving], plan.boundary.displacement(plan.job.amounts))
+    parts = [moving, *plan.sites.zero]
+    groups = [group for grouping in GROUPINGS.values() for group in grouping(parts)]
+    return SiteGroups({"".join(DIRECTIONS[c] for c in one.components): one for one in groups}, plan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """One adaptation to be timed: what `adapt` is given."""
+
+    setting: Setting
+    loop: Loop
+    group: DataSites
+    first: IndexArray
+    options: GreedyOptions
+
+    @classmethod
+    def of(cls, sites: SiteGroups, setting: Setting, demand: Table | Evaluation, loop: Loop) -> Self:
+        """Prepare a row; `demand` says when to stop."""
+        group = sites.groups[setting.columns]
+        tolerance, most = demand.tolerance, demand.max_centers
+        options = GreedyOptions(n_add=setting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=most)
+        return cls(setting, loop, group, initial_centers(group, len(sites.plan.sites.moving), setting.initial), options)
+
+    def run(self) -> Adaptation:
+        """Adapt the centres once."""
+        rule, basis = self.loop.rule, self.loop.basis
+        return adapt(self.group, ThinPlateSpline(), self.first, self.options, rule=rule, basis=basis)
+
+    def measured(self, fit: Adaptation, seconds: list[float]) -> Measured:
+        """Return the row of a fit that took these times."""
+        row = Row(self.setting, fit.history[-1].iteration, len(fit.chosen), median(seconds), fit.max_error)
+        return Measured(row, self.loop, len(self.group), fit.stop is Stop.CONVERGED, len(seconds), fit.history)
+
+
+def measure(tasks: Sequence[Task], progress: Progress = silent) -> tuple[Measured, ...]:
+    """Run all tasks in turn, several times where that is cheap: a busy moment of the machine then hits all alike."""
+    for loop in dict.fromkeys(task.loop for task in tasks):
+        first = next(task for task in tasks if task.loop == loop)
+        replace(first, options=replace(first.options, max_iterations=1)).run()  # loads compiled code: not timed
+    fits: dict[int, Adaptation] = {}
+    seconds: dict[int, list[float]] = {i: [] for i in range(len(tasks))}
+    for turn in range(REPETITIONS):
+        for i, task in enumerate(tasks):
+            if sum(seconds[i]) < ENOUGH_SECONDS:
+                text = f"f_{task.setting.columns} at {task.setting.angle:+g} deg, {task.loop.name}, run {turn + 1}"
+                progress(text, (turn * len(tasks) + i) / (REPETITIONS * len(tasks)))
+                fits[i] = task.run()
+                seconds[i].append(fits[i].history[-1].seconds)
+    return tuple(task.measured(fits[i], seconds[i]) for i, task in enumerate(tasks))
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """What a study was carried out on: sizes of mesh and sites, and how far the sites go in x, y, z at each angle."""
+
+    scale: str
+    size: Size
+    largest_mm: dict[float, dict[str, float]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """A study carried out on a mesh.
+
+    Attributes
+    ----------
+    name : of the paper's table.
+    measured : every row, once for each of its loops.
+    """
+
+    name: str
+    ground: Ground
+    measured: tuple[Measured, ...]
+
+    @property
+    def table(self) -> Table:
+        """The paper's table."""
+        return paper().tables[self.name]
+
+    def by(self, loop: Loop) -> list[Row]:
+        """Return the rows that one loop gave."""
+        return [one.row for one in self.measured if one.loop == loop]
+
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        """The loops that were timed, in a fixed order."""
+        return tuple(loop for loop in ALL if self.by(loop))
+
+    def findings(self, trend: Trend) -> dict[Loop, Finding]:
+        """Judge a trend: for time by every loop with the paper's rule, for centres by the first of them."""
+        alike = [loop for loop in self.loops if isinstance(loop.rule, Worst)]
+        judged = {loop: trend.test(self.by(loop), self.table) for loop in (alike if trend.of_time else alike[:1])}
+        return {loop: finding for loop, finding in judged.items() if finding is not None}
+
+
+def carry_out(name: str, case: Case, mesh: TetMesh, progress: Progress) -> Result:
+    """Measure every row of a table on the mesh of its case."""
+    table, (for_fewest, others) = paper().tables[name], LOOPS[name]
+    settings = [row.setting for row in table.rows]
+    fewest = min(one.initial for one in settings)
+    sites = {angle: sites_of(replace(case, angle=angle), mesh) for angle in dict.fromkeys(s.angle for s in settings)}
+    tasks = [
+        Task.of(sites[one.angle], one, table, loop)
+        for one in settings
+        for loop in (for_fewest if one.initial == fewest else others)
+    ]
+    first = next(iter(sites.values()))
+    ground = Ground(case.scale, first.size(case.name, mesh), {angle: one.largest_mm() for angle, one in sites.items()})
+    return Result(name, ground, measure(tasks, progress))
+
+
+def run_study(name: str, scale: str, watch: Stopwatch, cache: bool = True) -> Result:
+    """Mesh the case of a study (or take the mesh from the cache) and measure every row.
+
+    Raises ValueError if there is no such scale.
+    """
+    table = paper().tables[name]
+    case = replace(case_named(table.case, scale), angle=table.rows[0].setting.angle)
+    mesh, _ = meshed(case, watch, cache)
+    with watch.stage(name) as progress:
+        return carry_out(name, case, mesh, progress)
+
+
+def timed(theirs: Evaluation, case: Case, mesh: TetMesh) -> Evaluation:
+    """Find the interpolant as the paper did and time filter and evaluation, medians of several runs."""
+    sites = sites_of(replace(case, angle=theirs.setting.angle), mesh)
+    region, fit = sites.plan.region, Task.of(sites, theirs.setting, theirs, GROWN).run()
+    inside = mesh.points[region.inside]
+    return replace(
+        theirs,
+        centers=len(fit.chosen),
+        inside=len(inside),
+        filter_seconds=_median_seconds(lambda: region.hexahedron.contains(mesh.points)),
+        inside_seconds=_median_seconds(lambda: fit.interpolant(inside)),
+        whole_seconds=_median_seconds(lambda: fit.interpolant(mesh.points)),
+    )
+
+
+def savings(one: Evaluation, points: int) -> Finding:
+    """Judge whether confined evaluation is faster at least by the ratio of the numbers of points."""
+    time, share = one.whole_seconds / one.inside_seconds, points / one.inside
+    return Finding(time * ALIKE >= share, f"{time:.3g} times faster, {share:.3g} times fewer points")
+
+
+def filter_is_cheap(one: Evaluation) -> Finding:
+    """Judge whether filter and evaluation inside together take less time than evaluation on the whole mesh."""
+    confined = one.filter_seconds + one.inside_seconds
+    return Finding(confined < one.whole_seconds, f"{confined:.3g} s against {one.whole_seconds:.3g} s")
+
+
+def _median_seconds(work: Callable[[], object]) -> float:
+    work()  # loads compiled code
+    spent: list[float] = []
+    while len(spent) < REPETITIONS and sum(spent) < ENOUGH_SECONDS:
+        start = perf_counter()
+        work()
+        spent.append(perf_counter() - start)
+    return median(spent)
