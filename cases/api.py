@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
-from sdm_deflect.cases.keywords import Options
 from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON, angles_of, settings_of, tables_of
+from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.schema import described
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import Threads
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.schema import described
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.deflection import sweep as swept
 from sdm_deflect.deform.volume.excerpt import excerpt

@@ -46,9 +46,9 @@ __all__ = [
 _MODULES = {
     "cases.api": ("Result", "deflect", "plan", "read", "sweep"),
     "deform.checks": ("Check",),
-    "deform.errors": ("InputError",),
-    "deform.mesh": ("Cells", "Mesh", "Patch"),
-    "deform.quality": ("Quality",),
+    "deform.base.errors": ("InputError",),
+    "deform.mesh.mesh": ("Cells", "Mesh", "Patch"),
+    "deform.mesh.quality": ("Quality",),
     "deform.surface.blended": ("Blended",),
     "deform.surface.motions": ("Rotation", "Table"),
     "deform.surface.surface": ("Listed", "OnPatches", "TrailingEdge"),

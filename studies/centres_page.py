@@ -28,9 +28,9 @@ def why(page: Page) -> str:
         [
             f"## {TITLE}",
             f"The paper's rule ends here with {_ratios(page)} times as many centres as there. The paper does not "
-            "describe its unit of length, its boxes and its GMRES, so one thing was changed at a time (`sdm study "
-            f"reasons`, scale `{page.reasons.scale}`): the rows are the paper's, with its initial centres and its "
-            "M_add, and the numbers are centres in the end.",
+            "describe its unit of length, its boxes and its GMRES, so one thing was changed at a time (`python -m "
+            f"studies reasons`, scale `{page.reasons.scale}`): the rows are the paper's, with its initial centres and "
+            "its M_add, and the numbers are centres in the end.",
             f"### The tolerance by the size of the model\n\n{_tolerance_words(trials)}",
             _tolerance(trials),
             f"![Centres against the factor by which the tolerance is divided, for the rows of tables 1, 3 and 4; "

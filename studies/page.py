@@ -31,13 +31,14 @@ from studies.stored import FILE, REASONS, Counted, Reasons, Seen, Stored, read_j
 
 INTRODUCTION = """# The paper's section 5, measured here
 
-This page is made by `sdm study page --scale {scale} --out docs`; no sentence on it is written by hand that a
+This page is made by `python -m studies page --scale {scale} --out docs`; no sentence on it is written by hand that a
 measurement could contradict. Each verdict compares numbers: "holds" where the trend that the paper names is found in
 ours, "does not hold" where it is not. Every trend holds on the paper's own numbers by the same tests."""
 TERMS = """Our times are wall times on {threads} threads; the paper's are CPU times on {machine}.
 They can be compared within a column, not across. Geometry and meshes are our own (scale `{scale}`), so numbers of
 iterations and centres differ. The deformed meshes of the figures were made with the paper's settings and its rule of
-adding centres. What was measured is kept in `tables`; `sdm study page --again --out docs` writes the page from it."""
+adding centres. What was measured is kept in `tables`; `python -m studies page --again --out docs`
+writes the page from it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +158,7 @@ def _shown(figure: Figure, alternative: str, name: str, stored: Stored, folder: 
 def write_page(scale: str, folder: Path, display: Display, cache: bool = True, kept: Path | None = None) -> None:
     """Write paper.md, figures/ and tables/ into `folder`. A section that cannot be made says why in its place.
 
-    Reasons are taken from the tables/ of the folder `kept`, where `sdm study reasons` has put them.
+    Reasons are taken from the tables/ of the folder `kept`, where `python -m studies reasons` has put them.
     """
     for name in ("figures", "tables"):
         (folder / name).mkdir()

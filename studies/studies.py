@@ -26,7 +26,7 @@ def reasons(scale: str, folder: Path, watch: Stopwatch, cache: bool) -> str:
     found = measure_reasons(scale, watch.display, cache)
     write_json(found, folder / "tables" / REASONS)
     centres_page.draw(found.trials, folder / "figures" / centres_page.PICTURE)
-    return f"{len(found.trials)} adaptations, each with one thing changed; sdm study page quotes them"
+    return f"{len(found.trials)} adaptations, each with one thing changed; python -m studies page quotes them"
 
 
 def page(scale: str, folder: Path, kept: Path, watch: Stopwatch, cache: bool) -> str:

@@ -11,10 +11,10 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from sdm_deflect.cases.cli.options import settings_options
 from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON
-from sdm_deflect.deform.schema import GROUPS, Range, Setting, choices_of
+from sdm_deflect.deform.base.schema import GROUPS, Range, Setting, choices_of
 
 ROOT = Path(__file__).parents[1]
-KEYWORDS, GUIDE = ROOT / "cases" / "keywords.py", ROOT / "docs" / "settings.md"
+KEYWORDS, GUIDE = ROOT / "cases" / "settings" / "keywords.py", ROOT / "docs" / "settings.md"
 HEAD = '''"""The settings of a deflection as keywords with types, by `python -m tests.derived` from the schema."""
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ CONTRACTS = {
 }
 NUMERICS = "deform is pure numerics on arrays"
 ONE_WAY = "data flows one way: cases, then meshing, then geometry"
-ENGINE = "the engine in layers: checks, volume, surface, radial basis functions"
+ENGINE = "the engine in layers, from checks down to arrays"
 GENERAL = "what serves any mesh knows no case of the aircraft"
 CADQUERY = "only geometry knows CadQuery"
 PLANTED = [
@@ -29,7 +29,7 @@ PLANTED = [
     (NUMERICS, "deform/mesh/quality.py", "vtkmodules.vtkFiltersVerdict"),
     (ONE_WAY, "geometry/datum.py", "sdm_deflect.meshing.mesh"),
     (ONE_WAY, "meshing/formats/adapters.py", "sdm_deflect.cases.errors"),
-    (ENGINE, "deform/rbf/greedy.py", "sdm_deflect.deform.mesh.axis"),
+    (ENGINE, "deform/rbf/greedy.py", "sdm_deflect.deform.surface.motions"),
     (ENGINE, "deform/mesh/axis.py", "sdm_deflect.deform.volume.job"),
     (ENGINE, "deform/volume/step.py", "sdm_deflect.deform.checks"),
     (GENERAL, "cases/api.py", "sdm_deflect.cases.aircraft.case"),

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.schema import INLINE
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, Fitting, Repair, RepairMode, Strategy
-from sdm_deflect.deform.schema import INLINE
 from sdm_deflect.geometry.confinement import BlockParameters
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.geometry.quantity import check_quantities, quantity

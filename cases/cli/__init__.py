@@ -66,11 +66,11 @@ def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
     return options.code_of(all(one.well for one in found))
 
 
-def main() -> NoReturn:
-    """Carry out a command: a mistake is one line on stderr and a code that tells what went wrong; no traceback."""
+def main(commands: click.Command = cli, name: str = "sdm") -> NoReturn:
+    """Carry out a command: a mistake is one line on stderr and a code that says what went wrong; no traceback."""
     gc.set_threshold(OBJECTS)
     try:
-        code = _carried_out()
+        code = _carried_out(commands, name)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
         code = options.UNUSABLE
@@ -89,11 +89,11 @@ def main() -> NoReturn:
     sys.exit(code)
 
 
-def _carried_out() -> int:
+def _carried_out(commands: click.Command, name: str) -> int:
     """Carry out the command and return its code, or that of an operating system that refuses."""
     _prepare(sys.stdout)
     try:
-        code: int = cli(prog_name="sdm", standalone_mode=False) or 0
+        code: int = commands(prog_name=name, standalone_mode=False) or 0
         if sys.stdout:
             sys.stdout.flush()
     except SystemExit as end:  # with 1: click's answer if whoever reads the standard output has read enough

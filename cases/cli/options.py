@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from sdm_deflect.cases.settings.job_settings import FLAT
-from sdm_deflect.deform.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
+from sdm_deflect.deform.base.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.run.progress import Stopwatch

@@ -1,22 +1,13 @@
 """Commands on cases and finished runs: list, run, validate, report, compare, view, export, limit, geometry, study."""
 
-import csv
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from sdm_deflect.cases.cli import options
 from sdm_deflect.cases.settings.job_settings import FLAT
-
-if TYPE_CHECKING:
-    from sdm_deflect.cases.run.progress import Stopwatch
-
-TABLES = ("table1", "table2", "table3", "table4")
-PAGE, REASONS, FLOW, DONORS = "page", "reasons", "flow", "donors"
-OWN = {"again": (PAGE,), **dict.fromkeys(("case", "angles", "assignments"), (FLOW, DONORS))}
-"""Options of the studies named; the others are those of the flow alone."""
 
 
 @click.command("list")
@@ -250,122 +241,13 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
     options.print_either(as_json, {**figures, "limits": [asdict(one) for one in limits]}, table)
 
 
-@click.command()
-@click.argument("name", type=click.Choice((*TABLES, PAGE, REASONS, FLOW, DONORS)))
-@options.scale_option
-@click.option("--out", type=options.FILE, help="Output folder (default: runs/NAME).")
-@click.option("--again", is_flag=True, help="page: write it again from what is in the output folder.")
-@click.option("--case", type=options.CaseName(), help="flow, donors: the case.")
-@click.option("--angles", metavar="A,B,...", help="flow, donors: angles; at flow's first there are --fresh meshes.")
-@click.option("--mach", type=float, help="flow: Mach number of the free stream (0.6).")
-@click.option("--alpha", type=float, help="flow: angle of attack, degrees (0).")
-@click.option("--fresh", type=int, help="flow: meshes made anew around the deflected CAD, and as many undeflected (3).")
-@click.option("--iterations", type=int, help="flow: iterations of each flow (3000); more go on where it stopped.")
-@options.set_option
-@options.cache_option
-@options.json_option
-@options.progress_options
-def study(
-    name: str, scale: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, verbose: bool, **given: Any
-) -> int:
-    """Measure a table of the paper and write it as .csv, .md and .png; page: all tables and figures.
-
-    reasons: measure why the paper's numbers differ, for the page to quote; before it, into the same folder.
-
-    flow: compute the flow on the deflected mesh and on meshes made anew around the deflected CAD, with OpenFOAM, and
-    compare forces and moments. It takes hours, and goes on in its folder where it was stopped.
-
-    donors: count the nodes of a Chimera block, and of what surrounds it, that find no donor, over the angle.
-    """
-    given = {key: value for key, value in given.items() if not (value is None or value is False or value == ())}
-    if wrong := next((key for key in given if name not in OWN.get(key, (FLOW,))), None):
-        from sdm_deflect.deform.base.errors import InputError
-
-        owners, option = " and ".join(OWN.get(wrong, (FLOW,))), wrong.replace("assignments", "set")
-        raise InputError(f"--{option} belongs to sdm study {owners}, not to {name}; leave it out")
-    if name == FLOW:
-        return _flow(scale, out, cache, as_json, quiet, verbose, given)
-    if name == DONORS:
-        with options.watched(quiet or (as_json and not verbose), verbose) as watch:
-            return _donors(scale, out, cache, as_json, watch, given)
-
-    from sdm_deflect.cases.run.output import output_folder
-    from studies import studies
-
-    folder = out or Path("runs") / name
-    with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
-        if given:
-            text = studies.again(scratch, folder)
-        elif name == PAGE:
-            text = studies.page(scale, scratch, folder, watch, cache)
-        elif name == REASONS:
-            text = studies.reasons(scale, scratch, watch, cache)
-        else:
-            text = studies.table(name, scale, scratch, watch, cache)
-        tables = {path.stem: _rows(path) for path in sorted(scratch.rglob("*.csv"))}
-    if as_json:
-        options.print_json({"study": name, "scale": scale, "folder": folder, "tables": tables})
-    else:
-        click.echo(f"{text}\nresults in {folder}")
-    return 0
-
-
-def _flow(
-    scale: str, out: Path | None, cache: bool, as_json: bool, quiet: bool, verbose: bool, given: dict[str, Any]
-) -> int:
-    """Carry out ``sdm study flow``."""
-    if not cache:
-        from sdm_deflect.deform.base.errors import InputError
-
-        raise InputError("--no-cache: sdm study flow goes on with the meshes of the cache; name another --out instead")
-    from sdm_deflect.cases.aircraft.registry import resolve
-    from sdm_deflect.cases.flow.setup import FreeStream
-    from sdm_deflect.cases.settings.job_settings import angles_of
-    from studies.flow.members import study_of
-
-    changes = given.get("assignments", ())
-    case = resolve(given.pop("case", "aileron"), scale, assignments=changes)
-    angles = angles_of(given.pop("angles")) if "angles" in given else ()
-    stream = FreeStream(**{name: given.pop(name) for name in ("mach", "alpha") if name in given})
-    wanted = study_of(case, angles, stream, **given)
-
-    from studies.flow.page import figures_of, write_results
-    from studies.flow.solve import carried_out
-
-    folder = out or Path("runs") / f"flow-{wanted.case.name}"
-    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
-        members = carried_out(wanted, folder, watch)
-        results, text = write_results(wanted, members, folder)
-    options.print_either(as_json, figures_of(results), f"{text}\nresults in {folder}")
-    return options.code_of(results.passed)
-
-
-def _donors(scale: str, out: Path | None, cache: bool, as_json: bool, watch: "Stopwatch", given: dict[str, Any]) -> int:
-    """Carry out ``sdm study donors``."""
-    from sdm_deflect.cases.aircraft.registry import resolve
-    from sdm_deflect.cases.run.output import output_folder
-    from sdm_deflect.cases.settings.job_settings import angles_of
-    from studies.donors import ANGLES, donors_at, row_of, write_donors
-
-    case = resolve(given.get("case", "aileron-chimera"), scale, assignments=given.get("assignments", ()))
-    angles = angles_of(given["angles"]) if "angles" in given else ANGLES
-    folder = out or Path("runs") / f"donors-{case.name}"
-    with output_folder(folder, ()) as scratch:
-        found = donors_at(case, angles, watch, cache)
-        text = write_donors(case, found, scratch)
-    figures = {"case": case.name, "scale": scale, "folder": folder, "positions": [row_of(one) for one in found]}
-    options.print_either(as_json, figures, f"{text}\nresults in {folder}")
-    return options.code_of(all(one.passed for one in found))
-
-
-def _rows(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of a .csv by their headings, numbers as numbers."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return [{key: _number(text) for key, text in row.items()} for row in csv.DictReader(file)]
-
-
-def _number(text: str) -> float | str:
+@click.command(context_settings={"ignore_unknown_options": True, "help_option_names": []})
+@click.argument("words", nargs=-1, type=click.UNPROCESSED)
+def study(words: tuple[str, ...]) -> int:
+    """Measure a table of the paper, in a clone of the project: python -m studies --help."""
     try:
-        return float(text)
-    except ValueError:
-        return text
+        from studies.__main__ import study as studies
+    except ModuleNotFoundError:
+        raise click.ClickException("studies are run in a clone of the project: python -m studies --help") from None
+    code: int = studies(words, prog_name="sdm study", standalone_mode=False)
+    return code

@@ -9,7 +9,6 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdm_deflect.cases.keywords import Options
 from sdm_deflect.cases.run.deflect_file import Judged, Outcome, figures, judged, planned
 from sdm_deflect.cases.run.mesh_files import Targets, write_mesh
 from sdm_deflect.cases.run.metrics import Json
@@ -17,6 +16,7 @@ from sdm_deflect.cases.run.output import OutputError, output_files
 from sdm_deflect.cases.run.progress import Stopwatch, Told
 from sdm_deflect.cases.run.read_back import DIFFERS, check_points, check_written
 from sdm_deflect.cases.settings.job_settings import MOST_ANGLES, settings_of
+from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.reading import damaged

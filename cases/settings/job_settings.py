@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_che
 
 from sdm_deflect.cases.settings.conversion import Nested, assigned, read_toml, spelled, structured
 from sdm_deflect.deform.base.errors import InputError, nearest, shortened
+from sdm_deflect.deform.base.schema import ONLY_SET, Doc, Option, Range, Spelling, check_settings, settings_in
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, JobOptions
-from sdm_deflect.deform.schema import ONLY_SET, Doc, Option, Range, Spelling, check_settings, settings_in
 
 if TYPE_CHECKING:
     from sdm_deflect.deform.hexahedron import Hexahedron
@@ -243,7 +243,7 @@ class JobSettings(JobOptions):
 
     def job(self) -> "Job":
         """Return the job, files read; InputError if one cannot be, or a value does not fit or is missing."""
-        from sdm_deflect.cases.jobs import job_of
+        from sdm_deflect.cases.settings.jobs import job_of
 
         return job_of(self)
 

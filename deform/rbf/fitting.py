@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
 
 from sdm_deflect.deform.base.errors import InputError, shortened
-from sdm_deflect.deform.schema import INLINE, ONLY_SET, Doc, Option, Range, Spelling, check_settings
+from sdm_deflect.deform.base.schema import INLINE, ONLY_SET, Doc, Option, Range, Spelling, check_settings
 
 Strategy = Literal["squv", "mv"]
 RuleName = Literal["separated", "worst"]

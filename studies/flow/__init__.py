@@ -1,1 +1,1 @@
-"""`sdm study flow`: the flow on a deflected mesh beside that on meshes made anew around the deflected CAD."""
+"""`python -m studies flow`: the flow on a deflected mesh beside that on meshes made anew around the deflected CAD."""

@@ -105,7 +105,6 @@ def test_what_the_switches_may_be_is_what_there_is():
         ("sdm run tail --strategy m", {"mv"}),
         ("sdm export runs/tail --format ", {"su2", "cgns", "gmsh", "ugrid", "tau", "vtu", "openfoam"}),
         ("sdm export runs/tail --format su2 --which un", {"undeflected"}),
-        ("sdm study t", {"table1", "table2", "table3", "table4"}),
         ("sdm deflect wing.su2 --strategy ", {"squv", "mv"}),
         ("sdm deflect wing.su2 --motion b", {"blended"}),
     ],

@@ -18,7 +18,7 @@ from sdm_deflect.cases.cli.options import Deflection, settings_options
 from sdm_deflect.cases.settings.conversion import structured, table_of, to_toml
 from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON, JobSettings, job_settings, read_job
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.schema import GROUPS, Doc, Option, Range, Spelling, check_settings, described, settings_in
+from sdm_deflect.deform.base.schema import GROUPS, Doc, Option, Range, Spelling, check_settings, described, settings_in
 from tests.derived import GUIDE, KEYWORDS, ROOT, guide, keywords
 
 MISSPELT = """
@@ -99,7 +99,7 @@ def test_a_setting_may_have_another_name_in_files():
 def test_a_checker_of_types_finds_what_is_misspelt(tmp_path):
     """What else is imported is left out, so that it takes seconds."""
     (tmp_path / "snippet.py").write_text(MISSPELT)
-    parts = (ROOT / "sdm_deflect" / name for name in ("__init__.py", "cases/api.py", "cases/keywords.py"))
+    parts = (ROOT / "sdm_deflect" / name for name in ("__init__.py", "cases/api.py", "cases/settings/keywords.py"))
     words = ("--follow-imports=skip", "--ignore-missing-imports", "--cache-dir", tmp_path / "cache")
     checked = subprocess.run(
         [sys.executable, "-m", "mypy", *words, *parts, tmp_path / "snippet.py"],

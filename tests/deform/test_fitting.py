@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.schema import Range, settings_in
 from sdm_deflect.deform.rbf.fitting import Fitting
-from sdm_deflect.deform.schema import Range, settings_in
 
 LEAST = {name: setting.note(Range).low for name, setting in settings_in(Fitting).items() if setting.note(Range)}
 

@@ -25,8 +25,8 @@ from sdm_deflect.cases.cli import cli, main
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.cases.settings.job_settings import JobSettings
 from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
+from sdm_deflect.deform.base.schema import inline_in, settings_in
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.schema import inline_in, settings_in
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.cases.cpacs_wing import written

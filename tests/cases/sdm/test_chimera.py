@@ -13,7 +13,6 @@ from sdm_deflect.cases.aircraft.overset import has_donor, orphans
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.run_folder import read_run, undeflected_models
 from sdm_deflect.cases.aircraft.stored import judged
-from sdm_deflect.cases.cli import cli
 from sdm_deflect.cases.flow.setup import Setup
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.base.errors import InputError
@@ -21,6 +20,7 @@ from sdm_deflect.deform.volume.deflection import combined
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from studies.__main__ import study
 from studies.donors import donors_at, write_donors
 from tests.cases.sdm.deflected_cad import built
 
@@ -72,7 +72,7 @@ def test_a_hole_larger_than_the_block_leaves_orphans(chimera_run):
 
 def test_every_node_in_need_has_a_donor_at_each_angle(chimera_run, tmp_path, capsys):
     out = tmp_path / "donors"
-    assert cli(["study", "donors", "--angles", "-30,0,20", "--out", str(out), "--json"], standalone_mode=False) == 0
+    assert study(["donors", "--angles", "-30,0,20", "--out", str(out), "--json"], standalone_mode=False) == 0
     found = json.loads(capsys.readouterr().out)["positions"]
     assert [one["angle"] for one in found] == [-30.0, 0.0, 20.0]
     assert {one["faces_without"] + one["fringe_without"] for one in found} == {0}

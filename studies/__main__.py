@@ -1,0 +1,161 @@
+"""``python -m studies NAME``: the paper's tables and page, the flow study and the donors of the Chimera block."""
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sdm_deflect.cases.cli import main, options
+from sdm_deflect.cases.run.progress import Stopwatch
+
+TABLES = ("table1", "table2", "table3", "table4")
+Writer = Callable[[Path, Stopwatch], str]
+"""Writes the files of a study into a folder, and returns what to print."""
+
+out_option = click.option("--out", type=options.FILE, help="Output folder (default: runs/NAME).")
+angles_option = click.option("--angles", metavar="A,B,...", help="Angles in degrees.")
+
+
+def measured(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options of a study that measures at a scale."""
+    for option in (options.progress_options, options.json_option, options.cache_option, out_option):
+        command = option(command)
+    return options.scale_option(command)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+def study() -> None:
+    """Measure what the paper states, or the flow, and write tables and pictures."""
+
+
+def _written(name: str, scale: str, out: Path | None, as_json: bool, quiet: bool, verbose: bool, write: Writer) -> int:
+    """Write a study into its folder, and print its text, or its tables as JSON."""
+    from sdm_deflect.cases.run.output import output_folder
+
+    folder = out or Path("runs") / name
+    with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
+        text = write(scratch, watch)
+        tables = {path.stem: _rows(path) for path in sorted(scratch.rglob("*.csv"))}
+    figures = {"study": name, "scale": scale, "folder": folder, "tables": tables}
+    options.print_either(as_json, figures, f"{text}\nresults in {folder}")
+    return 0
+
+
+def _table(name: str) -> click.Command:
+    def command(scale: str, cache: bool, **given: Any) -> int:
+        from studies import studies
+
+        return _written(
+            name, scale, write=lambda folder, watch: studies.table(name, scale, folder, watch, cache), **given
+        )
+
+    return click.command(name, help=f"Measure {name} of the paper; write it as .csv, .md and .png.")(measured(command))
+
+
+for table in TABLES:
+    study.add_command(_table(table))
+
+
+@study.command()
+@click.option("--again", is_flag=True, help="Write the page from what is in the output folder.")
+@measured
+def page(again: bool, scale: str, cache: bool, out: Path | None, **given: Any) -> int:
+    """Measure all tables and figures of the paper, and write a page that compares them."""
+    from studies import studies
+
+    kept = out or Path("runs/page")
+
+    def write(folder: Path, watch: Stopwatch) -> str:
+        return studies.again(folder, kept) if again else studies.page(scale, folder, kept, watch, cache)
+
+    return _written("page", scale, out, write=write, **given)
+
+
+@study.command()
+@measured
+def reasons(scale: str, cache: bool, **given: Any) -> int:
+    """Measure why the paper's numbers differ, into the folder from which the page quotes them."""
+    from studies import studies
+
+    return _written("reasons", scale, write=lambda folder, watch: studies.reasons(scale, folder, watch, cache), **given)
+
+
+@study.command()
+@click.option("--case", type=options.CaseName(), default="aileron", help="The case.")
+@angles_option
+@click.option("--mach", type=float, help="Mach number of the free stream (0.6).")
+@click.option("--alpha", type=float, help="Angle of attack in degrees (0).")
+@click.option("--fresh", type=int, help="Meshes made around the deflected CAD, and as many undeflected ones (3).")
+@click.option("--iterations", type=int, help="Iterations of each flow (3000); more continue it.")
+@options.set_option
+@options.scale_option
+@out_option
+@options.json_option
+@options.progress_options
+def flow(case: str, angles: str | None, scale: str, assignments: tuple[str, ...], **given: Any) -> int:
+    """Compute the flow on the deflected mesh and on new meshes of the deflected CAD, with OpenFOAM; compare forces.
+
+    New meshes are made at the first angle. It takes hours, and continues in its folder where it was stopped.
+    """
+    from sdm_deflect.cases.aircraft.registry import resolve
+    from sdm_deflect.cases.flow.setup import FreeStream
+    from sdm_deflect.cases.settings.job_settings import angles_of
+    from studies.flow.members import study_of
+
+    out, as_json, quiet, verbose = (given.pop(name) for name in ("out", "as_json", "quiet", "verbose"))
+    given = {key: value for key, value in given.items() if value is not None}
+    stream = FreeStream(**{name: given.pop(name) for name in ("mach", "alpha") if name in given})
+    resolved = resolve(case, scale, assignments=assignments)
+    wanted = study_of(resolved, angles_of(angles) if angles else (), stream, **given)
+
+    from studies.flow.page import figures_of, write_results
+    from studies.flow.solve import carried_out
+
+    folder = out or Path("runs") / f"flow-{wanted.case.name}"
+    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
+        members = carried_out(wanted, folder, watch)
+        results, text = write_results(wanted, members, folder)
+    options.print_either(as_json, figures_of(results), f"{text}\nresults in {folder}")
+    return options.code_of(results.passed)
+
+
+@study.command()
+@click.option("--case", type=options.CaseName(), default="aileron-chimera", help="The case.")
+@angles_option
+@options.set_option
+@measured
+def donors(case: str, angles: str | None, scale: str, assignments: tuple[str, ...], **given: Any) -> int:
+    """Count the nodes of a Chimera block, and of what surrounds it, that have no donor, over the angle."""
+    from sdm_deflect.cases.aircraft.registry import resolve
+    from sdm_deflect.cases.run.output import output_folder
+    from sdm_deflect.cases.settings.job_settings import angles_of
+    from studies.donors import ANGLES, donors_at, row_of, write_donors
+
+    resolved = resolve(case, scale, assignments=assignments)
+    out, cache, as_json, quiet, verbose = (given[name] for name in ("out", "cache", "as_json", "quiet", "verbose"))
+    folder = out or Path("runs") / f"donors-{resolved.name}"
+    with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
+        positions = donors_at(resolved, angles_of(angles) if angles else ANGLES, watch, cache)
+        text = write_donors(resolved, positions, scratch)
+    figures = {"case": resolved.name, "scale": scale, "folder": folder, "positions": [row_of(at) for at in positions]}
+    options.print_either(as_json, figures, f"{text}\nresults in {folder}")
+    return options.code_of(all(at.passed for at in positions))
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    """Return the rows of a .csv by their headings, numbers as numbers."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return [{key: _number(text) for key, text in row.items()} for row in csv.DictReader(file)]
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+if __name__ == "__main__":
+    main(study, "python -m studies")
