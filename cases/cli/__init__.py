@@ -78,6 +78,12 @@ def main(commands: click.Command = cli, name: str = "sdm") -> NoReturn:
         code = _complain(error.format_message())
     except click.Abort as abort:  # click's word for an interruption, and for any end of a file
         raise abort.__cause__ or abort from None
+    except ModuleNotFoundError as error:
+        from sdm_deflect.cases.errors import missing
+
+        if not (sentence := missing(error)):
+            raise
+        code = _complain(sentence)
     except (ValueError, RuntimeError) as error:
         from sdm_deflect.cases.errors import is_reported
         from sdm_deflect.deform.base.errors import LostError

@@ -7,14 +7,12 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryFile
 
-import numpy as np
-
-from sdm_deflect.cases.report.offscreen import RenderError, rendered
-from sdm_deflect.cases.report.scene3d import View, plain
-from sdm_deflect.cases.run.surroundings import blas, usable_cores, versions
+from sdm_deflect.cases.errors import EXTRAS
+from sdm_deflect.cases.run.surroundings import LIBRARIES, blas, usable_cores, versions
 from sdm_deflect.deform.base.cache_folder import (
     CODE_VARIABLE,
     FOLDER_VARIABLE,
@@ -54,19 +52,28 @@ def examined(progress: Progress = silent) -> Iterator[Finding]:
 
 
 def libraries() -> Finding:
-    """Look whether all libraries are installed."""
-    found = versions()
-    missing = [name for name, version in found.items() if not version]
-    text = ", ".join(f"{name} {version or 'missing'}" for name, version in found.items())
+    """Look whether all libraries are installed that every command needs."""
+    installed = versions(LIBRARIES)
+    missing = [name for name, version in installed.items() if not version]
+    text = ", ".join(f"{name} {version or 'missing'}" for name, version in installed.items())
     return Finding("libraries", not missing, text, f"pip install {' '.join(missing)}" if missing else "")
 
 
+def extras() -> Finding:
+    """Say which extras are installed; none must be."""
+    absent = {extra: [name for name in modules if find_spec(name) is None] for extra, modules in EXTRAS.items()}
+    ready = [extra for extra, modules in absent.items() if not modules]
+    lacking = [f"{extra} lacks {', '.join(modules)}" for extra, modules in absent.items() if modules]
+    return Finding("extras", True, "; ".join([", ".join(ready) or "none is installed", *lacking]))
+
+
 def compiled() -> Finding:
-    """Load each compiled library in a process of its own, which may crash."""
+    """Load each compiled library that is installed in a process of its own, which may crash."""
+    present = [name for name in COMPILED if find_spec(name)]
     with ThreadPoolExecutor(usable_cores()) as pool:
-        complaints = dict(zip(COMPILED, pool.map(import_complaint, COMPILED), strict=True))
+        complaints = dict(zip(present, pool.map(import_complaint, present), strict=True))
     failed = [f"{name}: {complaint}" for name, complaint in complaints.items() if complaint]
-    text = "; ".join(failed) or f"{', '.join(COMPILED)} can be loaded"
+    text = "; ".join(failed) or f"{', '.join(present)} can be loaded"
     return Finding("system libraries", not failed, text, INSTALL if failed else "")
 
 
@@ -84,6 +91,13 @@ def import_complaint(module: str) -> str:
 
 def graphics() -> Finding:
     """Draw a triangle off-screen, in a process of its own, which may crash."""
+    if any(find_spec(name) is None for name in ("pyvista", "matplotlib")):
+        return Finding("graphics", True, "not looked at: pyvista and matplotlib are not installed")
+    import numpy as np
+
+    from sdm_deflect.cases.report.offscreen import RenderError, rendered
+    from sdm_deflect.cases.report.scene3d import View, plain
+
     corners = np.array([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
     triangle = plain(corners, np.array([[0, 1, 2]]), (255, 0, 0), ambient=1.0)
     try:
@@ -163,6 +177,7 @@ def memory() -> Finding:
 
 EXAMINATIONS: tuple[Callable[[], Finding], ...] = (
     libraries,
+    extras,
     compiled,
     graphics,
     threads,

@@ -1,20 +1,24 @@
 """What the program runs on: libraries and their versions, interpreter, machine."""
 
 import os
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from platform import machine, platform, python_version
 
 from threadpoolctl import threadpool_info  # type: ignore[import-untyped, unused-ignore]
 
-LIBRARIES = (
-    "numpy", "scipy", "numba", "cadquery", "cadquery-ocp", "gmsh", "pytetwild", "trimesh", "rtree", "vtk",
-    "pyvista", "meshio", "h5py", "matplotlib", "pillow", "plotly", "jinja2", "trame", "cattrs", "click", "rich",
+LIBRARIES = ("numpy", "scipy", "numba", "h5py", "cattrs", "click", "rich", "threadpoolctl", "tomli-w", "platformdirs")
+"""What every command needs."""
+OPTIONAL = (
+    "cadquery", "cadquery-ocp", "gmsh", "pytetwild", "trimesh", "rtree", "vtk", "pyvista", "meshio", "matplotlib",
+    "pillow", "plotly", "jinja2", "trame",
 )  # fmt: skip
+"""What extras bring."""
 
 
-def versions() -> dict[str, str]:
-    """Return the version of each library that the package uses, empty where it is missing."""
-    return {name: _version(name) for name in LIBRARIES}
+def versions(libraries: Sequence[str] = (*LIBRARIES, *OPTIONAL)) -> dict[str, str]:
+    """Return the version of each library, empty where it is missing."""
+    return {name: _version(name) for name in libraries}
 
 
 def surroundings() -> dict[str, str]:

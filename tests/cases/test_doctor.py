@@ -1,13 +1,19 @@
 """What ails a machine is found, named, and something helps."""
 
 import json
+import re
 import stat
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
 
-from sdm_deflect.cases.cli import doctor
+from sdm_deflect.cases.cli import doctor, main
 from sdm_deflect.cases.cli.console import findings
+from sdm_deflect.cases.errors import EXTRAS, missing
+from sdm_deflect.cases.report import offscreen
 from sdm_deflect.cases.report.offscreen import RenderError
 
 
@@ -16,19 +22,62 @@ def test_readme_and_doctor_ask_for_the_same_packages():
 
 
 def test_missing_library_is_named(monkeypatch):
-    monkeypatch.setattr(doctor, "versions", lambda: {"numpy": "2.0", "gmsh": ""})
+    monkeypatch.setattr(doctor, "versions", lambda names: dict.fromkeys(names, "2.0") | {"scipy": ""})
     found = doctor.libraries()
     assert not found.well
-    assert "gmsh missing" in found.text
-    assert found.remedy == "pip install gmsh"
+    assert "scipy missing" in found.text
+    assert found.remedy == "pip install scipy"
 
 
-def test_library_that_cannot_be_loaded_says_why(monkeypatch):
+def test_every_module_that_may_be_missing_is_of_its_extra():
+    project = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text("utf-8"))["project"]
+    wanted = {
+        extra: {re.split(r"[<>=\[]", line)[0] for line in lines}
+        for extra, lines in project["optional-dependencies"].items()
+    }
+    brought = packages_distributions()
+    for extra, modules in EXTRAS.items():
+        for module in modules:
+            names = {name.lower() for name in brought[module]}
+            others = {"trame_client", "pyvista", "vtkmodules", "dask"}  # come with those that are named
+            assert names & wanted[extra] or module in others, (extra, module)
+
+
+def test_a_missing_module_is_one_sentence_that_says_what_brings_it():
+    assert missing(ModuleNotFoundError("", name="trame.app")) == (
+        "this needs trame, which is not installed: pip install 'sdm-deflect[view]'"
+    )
+    assert missing(ModuleNotFoundError("", name="numpyy")) == ""
+
+
+def test_a_command_without_its_extra_ends_with_that_sentence(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    monkeypatch.delitem(sys.modules, "sdm_deflect.cases.view.serve", raising=False)
+    monkeypatch.setattr(sys, "argv", ["sdm", "view", "nowhere"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2
+    assert "sdm-deflect[view]" in capsys.readouterr().err
+
+
+def test_an_extra_that_is_not_installed_is_no_fault(monkeypatch):
+    monkeypatch.setattr(doctor, "find_spec", lambda name: None)
+    assert doctor.extras().well
+    assert "view lacks trame" in doctor.extras().text
+    assert doctor.compiled().well
+    assert doctor.graphics().well
+
+
+def test_library_that_cannot_be_loaded_says_why(monkeypatch, tmp_path):
+    (tmp_path / "broken_library.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
     assert doctor.import_complaint("json") == ""
-    monkeypatch.setattr(doctor, "COMPILED", ("json", "no_such_library"))
+    monkeypatch.setattr(doctor, "COMPILED", ("json", "broken_library", "no_such_library"))
     found = doctor.compiled()
     assert not found.well
-    assert "no_such_library: ModuleNotFoundError" in found.text
+    assert "broken_library: ImportError: libGL.so.1" in found.text
+    assert "no_such_library" not in found.text
     assert "json" not in found.text
     assert "apt-get install" in found.remedy
 
@@ -37,7 +86,7 @@ def test_missing_graphics_is_found(monkeypatch):
     def failing(views):
         raise RenderError("the child crashed")
 
-    monkeypatch.setattr(doctor, "rendered", failing)
+    monkeypatch.setattr(offscreen, "rendered", failing)
     found = doctor.graphics()
     assert not found.well
     assert "the child crashed" in found.text

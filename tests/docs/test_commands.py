@@ -17,7 +17,7 @@ ELSEWHERE = (
     (r"apt-get (update|install)", CI, "apt-get install"),
     (r"python3 -m venv \.venv", CI, "python3 -m venv"),
     (r"\.venv/bin/pip install -e '\.\[test\]'( pre-commit)?", CI, 'bash -euc "$install -q"'),
-    (r"(\.venv/bin/)?pip install \.$", CI, "pip install -q --no-deps --target"),
+    (r"(\.venv/bin/)?pip install ('\.\[all\]'|\.)$", CI, "pip install -q --no-deps --target"),
     (r"\. \.venv/bin/activate", CI, "python3 -m venv"),
     (r"\.venv/bin/pre-commit install", ".pre-commit-config.yaml", "repos:"),
     (r"\.venv/bin/python -m pytest -n 2 --dist loadfile", CI, ".venv/bin/python -m pytest"),
