@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 import click
 from click.shell_completion import CompletionItem
 
+from sdm_deflect.cases.settings.conversion import spelled
 from sdm_deflect.cases.settings.job_settings import FLAT
 from sdm_deflect.deform.base.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
 
@@ -64,7 +65,12 @@ def _option(setting: Setting) -> Grouped:
     value = {"type": of, "nargs": max(1, len(how.metavar.split())), "multiple": several, "metavar": how.metavar or None}
     flag = {"is_flag": True, "default": None}
     given: dict[str, Any] = flag if kind is bool else value
-    return Grouped([_flag(setting), setting.name], help=_help(setting), group=setting.doc.group, **given)
+
+    def read(ctx: click.Context, param: click.Parameter, text: Any) -> Any:
+        """Read a value that may be written in several ways before words without an option are complained of."""
+        return spelled(text, setting, setting.name) if text else text
+
+    return Grouped([_flag(setting), setting.name], help=_help(setting), group=setting.doc.group, callback=read, **given)
 
 
 def _flag(setting: Setting) -> str:
