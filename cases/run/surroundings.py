@@ -7,7 +7,7 @@ from platform import machine, platform, python_version
 
 from threadpoolctl import threadpool_info  # type: ignore[import-untyped, unused-ignore]
 
-LIBRARIES = ("numpy", "scipy", "numba", "h5py", "cattrs", "click", "rich", "threadpoolctl", "tomli-w", "platformdirs")
+LIBRARIES = ("numpy", "scipy", "numba", "h5py", "click", "rich", "threadpoolctl", "tomli-w", "platformdirs")
 """What every command needs."""
 OPTIONAL = (
     "cadquery", "cadquery-ocp", "gmsh", "pymeshlab", "pytetwild", "trimesh", "rtree", "vtk", "pyvista", "meshio",

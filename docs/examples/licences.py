@@ -15,8 +15,8 @@ from packaging.requirements import Requirement
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 LONGEST = 60
 """A longer text in `License` is the licence itself, and no name of one."""
-OURS = ("all", "notebook", "test")
-"""Extras that the list leaves out: the sum of the others, and what only developers and teachers install."""
+OURS = ("notebook", "test")
+"""Extras that the list leaves out: what only developers and teachers install."""
 BEGIN, END = "<!-- made by docs/examples/licences.py -->", "<!-- end -->"
 
 
