@@ -5,17 +5,15 @@ import re
 import stat
 import sys
 import tomllib
-from importlib import import_module
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
 
+from sdm_deflect.cases.cli import examination as doctor
 from sdm_deflect.cases.cli import main
 from sdm_deflect.cases.cli.console import findings
-from sdm_deflect.cases.errors import EXTRAS, missing
-
-doctor = import_module("sdm_deflect.cases.cli.doctor")  # the package has a command of that name
+from sdm_deflect.cases.run.surroundings import EXTRAS, missing
 
 
 def test_readme_and_doctor_ask_for_the_same_packages():

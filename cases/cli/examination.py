@@ -11,8 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from sdm_deflect.cases.errors import EXTRAS
-from sdm_deflect.cases.run.surroundings import LIBRARIES, blas, usable_cores, versions
+from sdm_deflect.cases.run.surroundings import EXTRAS, LIBRARIES, blas, usable_cores, versions
 from sdm_deflect.deform.base.cache_folder import (
     CODE_VARIABLE,
     FOLDER_VARIABLE,
@@ -26,7 +25,7 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
 INSTALL = f"on Debian or Ubuntu: apt-get install -y --no-install-recommends {PACKAGES}"
-COMPILED = ("cadquery", "gmsh", "pytetwild", "pyvista", "numba")
+COMPILED = ("cadquery", "gmsh", "pymeshlab", "pytetwild", "pyvista", "numba")
 """Libraries with compiled parts that need others of the system, by the names under which they are imported."""
 SECONDS = 120.0
 """An import that takes longer has failed."""
