@@ -212,12 +212,14 @@ class Result:
         -------
         The page, ``report.html``.
 
-        Raises InputError if the folder cannot be written, or holds other files than those of a report.
+        Raises InputError if the folder cannot be written, or holds other files than those of a report; if libraries are
+        not installed that the extra ``sdm-deflect[report]`` brings.
         """
         from sdm_deflect.cases.report.folder import write_run_folder
-        from sdm_deflect.cases.run.output import OutputError, output_folder
+        from sdm_deflect.cases.run.output import OutputError, check_report, output_folder
         from sdm_deflect.meshing.files.staged import permitted_as
 
+        check_report()
         place = _path(folder)
         try:
             if place.exists() and any(place.iterdir()) and not (place / "report.html").exists():
@@ -231,14 +233,17 @@ class Result:
     def plot(self) -> "Figure":
         """Draw the moving surface and what is near it: before, and after, coloured by the displacement.
 
-        It needs no display: pictures are drawn in another process.
+        It needs no display.
 
         Returns
         -------
         A matplotlib Figure, which a notebook shows; `savefig` writes it to a file.
 
-        Raises RenderError if this machine lacks the libraries to draw; the message names them.
+        Raises InputError if libraries are not installed that the extra ``sdm-deflect[report]`` brings.
         """
+        from sdm_deflect.cases.run.output import check_report
+
+        check_report()
         from sdm_deflect.cases.report.folder import data_of
         from sdm_deflect.cases.report.pictures import figure_of, moved
         from sdm_deflect.cases.report.slices import slices

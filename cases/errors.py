@@ -3,9 +3,9 @@
 from sdm_deflect.deform.base.errors import InputError, LostError
 
 EXTRAS = {
-    "report": ("jinja2", "markupsafe", "matplotlib", "PIL", "plotly"),
+    "report": ("jinja2", "markupsafe", "matplotlib", "PIL"),
     "view": ("trame", "trame_client", "trame_vtk", "trame_vuetify", "aiohttp", "pyvista", "vtkmodules"),
-    "aircraft": ("cadquery", "OCP", "gmsh", "meshio", "pytetwild", "rtree", "trimesh"),
+    "aircraft": ("cadquery", "OCP", "gmsh", "meshio", "pymeshlab", "pytetwild", "rtree", "trimesh"),
     "cluster": ("cryptography", "dask", "distributed"),
 }
 """Modules that an installation may lack, by the extra that brings them."""

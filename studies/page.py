@@ -14,7 +14,6 @@ from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.aircraft.pipeline import meshed, run_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.errors import is_reported
-from sdm_deflect.cases.report.offscreen import RenderError
 from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
 from sdm_deflect.cases.run.progress import Display, Stopwatch
 from sdm_deflect.deform.mesh.quality import mean_ratio
@@ -175,7 +174,7 @@ def _measured(title: str, measure: Measure, runs: Sources, stored: Stored, folde
     try:
         measure(runs, stored, folder)
     except (ValueError, RuntimeError) as error:
-        if not (isinstance(error, RenderError) or is_reported(error)):
+        if not is_reported(error):
             raise
         stored.missing[title] = str(error)
 

@@ -13,7 +13,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 
 ROOT = Path(__file__).parents[1]
-OWN_PICKLES = {"cases/run/cluster.py", "cases/report/offscreen.py", "cases/aircraft/reference.py"}
+OWN_PICKLES = {"cases/run/cluster.py", "cases/aircraft/reference.py"}
 """Modules that hand values to processes of the same command, or to the user's workers."""
 
 

@@ -341,7 +341,7 @@ def root_on_cylinder(shape: Shape, rigid: Faces, root: IntArray) -> Check:
 
 
 def distance_to_faces(points: FloatArray, faces: Faces) -> FloatArray:
-    """Distance (N,) of points (N, 3) from trimmed CAD faces, exact on planes."""
+    """Distance (N,) of points (N, 3) from trimmed CAD faces, exact on planes; trimesh, which made none, judges."""
     parts = [trimesh.Trimesh(face.points, face.triangles, process=False) for face in faces]
     _, distance, _ = trimesh.proximity.closest_point(trimesh.util.concatenate(parts), points)
     return np.asarray(distance, dtype=np.float64)

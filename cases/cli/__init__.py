@@ -56,7 +56,7 @@ def cache(clear: bool, as_json: bool) -> None:
 @options.json_option
 @options.progress_options
 def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
-    """Check libraries, graphics, threads, cache, disk and memory, and say what to install."""
+    """Check libraries, threads, cache, disk and memory, and say what to install."""
     from sdm_deflect.cases.cli.console import findings
     from sdm_deflect.cases.cli.doctor import examined
 

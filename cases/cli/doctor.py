@@ -26,7 +26,7 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
 INSTALL = f"on Debian or Ubuntu: apt-get install -y --no-install-recommends {PACKAGES}"
-COMPILED = ("cadquery", "gmsh", "pytetwild", "pyvista", "numba")
+COMPILED = ("cadquery", "gmsh", "pymeshlab", "pytetwild", "pyvista", "numba")
 """Libraries with compiled parts that need others of the system, by the names under which they are imported."""
 SECONDS = 120.0
 """An import that takes longer has failed."""
@@ -87,26 +87,6 @@ def import_complaint(module: str) -> str:
         return f"import took more than {SECONDS:g} s"
     lines = done.stderr.strip().splitlines() or [f"ended with code {done.returncode}"]
     return lines[-1] if done.returncode else ""
-
-
-def graphics() -> Finding:
-    """Draw a triangle off-screen, in a process of its own, which may crash."""
-    if any(find_spec(name) is None for name in ("pyvista", "matplotlib")):
-        return Finding("graphics", True, "not looked at: pyvista and matplotlib are not installed")
-    import numpy as np
-
-    from sdm_deflect.cases.report.offscreen import RenderError, rendered
-    from sdm_deflect.cases.report.scene3d import View, plain
-
-    corners = np.array([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
-    triangle = plain(corners, np.array([[0, 1, 2]]), (255, 0, 0), ambient=1.0)
-    try:
-        (image,) = rendered((View((triangle,), np.zeros(3), (1.0, 0.0, 0.0), 4.0, (40, 30)),))
-    except RenderError as error:
-        return Finding("graphics", False, f"reports have no pictures of the surface meshes: {error}", INSTALL)
-    drawn = image[15, 20].tolist() == [255, 0, 0]
-    text, remedy = ("off-screen drawing works", "") if drawn else ("a triangle was drawn wrongly", INSTALL)
-    return Finding("graphics", drawn, text, remedy)
 
 
 def threads() -> Finding:
@@ -179,7 +159,6 @@ EXAMINATIONS: tuple[Callable[[], Finding], ...] = (
     libraries,
     extras,
     compiled,
-    graphics,
     threads,
     cache,
     compiled_code,

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from sdm_deflect.meshing.formats.known import written
+
 if TYPE_CHECKING:
     from sdm_deflect.cases.run.progress import Stopwatch
 
@@ -18,7 +20,7 @@ FILE = click.Path(path_type=Path)
 SCALES = click.Choice(("small", "medium", "paper"))
 STRATEGIES = click.Choice(("squv", "mv"))
 REPAIRS = click.Choice(("auto", "off", "always"))
-FORMATS = click.Choice(("su2", "cgns", "gmsh", "ugrid", "tau", "vtu", "openfoam"))
+FORMATS = click.Choice(written())
 SOLVERS = click.Choice(("openfoam", "su2"))
 
 Command = Callable[..., Any]

@@ -46,11 +46,13 @@ def run(
     from sdm_deflect.cases.aircraft.metrics import summary
     from sdm_deflect.cases.aircraft.pipeline import run_case
     from sdm_deflect.cases.cli.console import outcome, verdict
-    from sdm_deflect.cases.run.output import output_folder
+    from sdm_deflect.cases.run.output import output_folder, report_lacks
 
-    folder = out or Path("runs") / resolved.name
+    folder, lacking = out or Path("runs") / resolved.name, report_lacks() if report else ""
     with output_folder(folder) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
-        result = run_case(resolved, watch, scratch, cache, report)
+        result = run_case(resolved, watch, scratch, cache, report and not lacking)
+    if lacking:
+        click.echo(f"note: there is no report.html: {lacking}", err=True)
     if as_json:
         click.echo((folder / "metrics.json").read_text(encoding="utf-8"), nl=False)
     else:
@@ -112,9 +114,12 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
 @options.progress_options
 def report(folder: Path, quiet: bool, verbose: bool) -> int:
     """Make report.html and figures/ of a finished run, or of a deflected mesh, anew from the files beside it."""
+    from sdm_deflect.cases.run.mesh_files import is_report
+    from sdm_deflect.cases.run.output import check_report
+
+    check_report()
     from sdm_deflect.cases.aircraft import report as sdm
     from sdm_deflect.cases.report import folder as deflected
-    from sdm_deflect.cases.run.mesh_files import is_report
 
     of_mesh = is_report(folder)
     with options.watched(quiet, verbose) as watch, watch.stage("report"):

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from sdm_deflect.cases.compare.runs import Run, alike
 from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, shape_of
 from sdm_deflect.cases.report.figures import panels
-from sdm_deflect.cases.report.offscreen import Image, RenderError, rendering
 from sdm_deflect.cases.report.pictures import PIXELS, Exhibit, close, saved, towards
+from sdm_deflect.cases.report.raster import Image, rendered
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE, View, framed
 from sdm_deflect.cases.report.slices import AXES, Plane, draw_slice, planes
 from sdm_deflect.deform.base.arrays import FloatArray
@@ -69,10 +69,7 @@ def drawn(runs: Sequence[Run], folder: Path) -> Shown:
     cut = range(2 if runs[0].data.mesh.cells else 0)
     overlays = [_sections(same, pair, row, folder) for pair in pairs for row in cut]
     if not runs[0].data.mesh.plane:
-        try:
-            overlays += _surface_views(same, pairs, folder)
-        except RenderError as error:
-            missing.append(f"the surface meshes could not be drawn: {error}")
+        overlays += _surface_views(same, pairs, folder)
     return Shown(tuple(histograms), tuple(overlays), tuple(missing))
 
 
@@ -167,21 +164,17 @@ def _section(data: ReportData, points: FloatArray, box: Box, plane: Plane, measu
 
 
 def _surface_views(runs: Sequence[Run], pairs: Sequence[Pair], folder: Path) -> list[Overlay]:
-    """Draw each surface in each state, seen from one place; RenderError if they cannot be drawn."""
-    states = [list(_states(runs, pair)) for pair in pairs]
-    views = [view for own in states for view in _views(own)]
+    """Draw each surface in each state, seen from one place."""
     overlays = []
-    with rendering(tuple(views)) as images:
-        rest = iter(images())
-        for own in states:
-            exhibits: dict[str, Exhibit] = {}
-            for name, _, _, _, moved in own:
-                turned = "" if name == BEFORE else f", {moved.turned}"
-                words = f"Surface mesh of {moved.name} and its surroundings, {name}{turned}, with the box."
-                place = f"{moved.name}_{len(exhibits)}"
-                exhibits[name] = saved(folder, "surface", place, _pasted(next(rest)), words)
-            name = own[0][4].name
-            overlays.append(Overlay(f"{name}: surface mesh", f"{name}, and the edges of the box.", exhibits))
+    for states in (list(_states(runs, pair)) for pair in pairs):
+        exhibits: dict[str, Exhibit] = {}
+        for (name, _, _, _, moved), image in zip(states, rendered(tuple(_views(states))), strict=True):
+            turned = "" if name == BEFORE else f", {moved.turned}"
+            words = f"Surface mesh of {moved.name} and its surroundings, {name}{turned}, with the box."
+            place = f"{moved.name}_{len(exhibits)}"
+            exhibits[name] = saved(folder, "surface", place, _pasted(image), words)
+        name = states[0][4].name
+        overlays.append(Overlay(f"{name}: surface mesh", f"{name}, and the edges of the box.", exhibits))
     return overlays
 
 

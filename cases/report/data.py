@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sdm_deflect.cases.report.near import with_near_cells
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.cases.run.output import text_of
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
@@ -32,6 +33,8 @@ RUN = "whole folder of a run"
 """What a folder is not whose files are damaged."""
 FLAT = 6.0
 """Quality of polyhedra is coloured times this: that of a cube is then 1."""
+AROUND = 0.13
+"""Margin around a box of what slices show, by its size."""
 LARGER = 3.0
 """Patches larger than this multiple of the moving and fixed ones together are hidden at first."""
 
@@ -215,6 +218,14 @@ class ReportData:
     checks: tuple[Check, ...] = ()
     figures: Json = field(default_factory=dict, repr=False)
 
+    @cached_property
+    def near(self) -> "ReportData":
+        """The same with those cells alone that touch a box, or that a slice through one can show."""
+        around = [_grown(one.hexahedron.corners) for one in self.boxes]
+        touched = with_near_cells(self.mesh, [one.touched for one in self.boxes], around)
+        boxes = tuple(replace(one, touched=own) for one, own in zip(self.boxes, touched, strict=True))
+        return replace(self, mesh=touched[0].mesh, boxes=boxes)
+
     @property
     def surfaces(self) -> tuple[MovedSurface, ...]:
         """The moving surfaces of all boxes."""
@@ -245,6 +256,13 @@ class ReportData:
     def judged(self, checks: tuple[Check, ...], figures: Json) -> "ReportData":
         """Return the data with the verdict and the content of metrics.json."""
         return replace(self, checks=checks, figures=figures)
+
+
+def _grown(corners: FloatArray) -> FloatArray:
+    """Return two corners (2, 3) of what slices show around a hexahedron (8, 3)."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    margin = AROUND * float((high - low).max())
+    return np.array([low - margin, high + margin])
 
 
 def unrepaired(points: FloatArray, moved: FloatArray | None) -> FloatArray | None:

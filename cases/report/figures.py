@@ -16,6 +16,8 @@ STYLES = (
     {"color": "#333333", "ls": ":", "marker": "^"},
 )
 """Of the directions x, y, z: told apart by dashes and markers, too."""
+MARGINS = 0.75, 0.12, 0.52, 0.32
+"""Inches to the left, to the right, below and above each panel."""
 SMALLEST = 1e-3
 """Residuals below this share of the tolerance are drawn there: an axis of logarithms has no zero."""
 
@@ -24,7 +26,14 @@ def panels(count: int) -> tuple[Figure, list[Axes]]:
     """Return a figure of so many axes, two in a row; a single one is wider."""
     columns = min(count, 2)
     rows = -(-count // columns)
-    figure = Figure(figsize=(9.2 if columns > 1 else 6.9, 3.5 * rows), layout="constrained")
+    left, right, low, top = MARGINS
+    width, height = (9.2 if columns > 1 else 6.9) / columns, 3.5
+    across, upwards = width - left - right, height - low - top
+    figure = Figure(figsize=(width * columns, height * rows))
+    figure.subplots_adjust(
+        left / (width * columns), low / (height * rows), 1.0 - right / (width * columns), 1.0 - top / (height * rows),
+        (left + right) / across, (low + top) / upwards,
+    )  # fmt: skip
     axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
     for spare in axes[count:]:
         spare.set_axis_off()

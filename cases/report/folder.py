@@ -24,11 +24,9 @@ from sdm_deflect.cases.report.data import (
     rows_of,
     unrepaired,
 )
-from sdm_deflect.cases.report.page import write_report
-from sdm_deflect.cases.report.pictures import drawn
+from sdm_deflect.cases.report.near import some_cells
 from sdm_deflect.cases.run.mesh_files import SETTINGS
 from sdm_deflect.cases.run.metrics import (
-    SHOWN_WHOLE,
     Json,
     deflection_figures,
     mesh_figures,
@@ -38,7 +36,14 @@ from sdm_deflect.cases.run.metrics import (
     travels,
     verdict_figures,
 )
-from sdm_deflect.cases.run.output import PAGE, moved_by_repair, output_folder, write_convergence, write_interpolants
+from sdm_deflect.cases.run.output import (
+    PAGE,
+    moved_by_repair,
+    output_folder,
+    report_lacks,
+    write_convergence,
+    write_interpolants,
+)
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
@@ -46,7 +51,7 @@ from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.checks import MIN_QUALITY, Check
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh, Patch, Polyhedra, Volume
+from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh, Patch, Polyhedra
 from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.rbf.fitting import Fitting
@@ -55,9 +60,10 @@ from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.meshing.formats.registry import ending, format_of
-from sdm_deflect.meshing.formats.shapes import turned
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
+SHOWN_WHOLE = 100_000
+"""Cells of meshes that deflected.vtu holds whole, those beyond the box as well."""
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
 
@@ -76,6 +82,8 @@ def write_run_folder(
     home: Path | None = None,
 ) -> ReportData:
     """Write settings.toml, metrics.json, deflected.vtu, convergence.csv, interpolant.npz, figures and report.html.
+
+    Figures and page are left out where their libraries are not installed (`report_lacks`).
 
     Parameters
     ----------
@@ -98,15 +106,24 @@ def write_run_folder(
     figures = metrics_of(one, checks, out, timings)
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     data = data_of(one, settings).judged(checks, figures)
-    write_report(data, drawn(data, folder / "figures"), folder)
+    if not report_lacks():
+        write_page(data, folder)
     return data
+
+
+def write_page(data: ReportData, folder: Path) -> None:
+    """Write figures and report.html; loads graphics libraries."""
+    from sdm_deflect.cases.report.page import write_report
+    from sdm_deflect.cases.report.pictures import drawn
+
+    write_report(data, drawn(data, folder / "figures"), folder)
 
 
 def report_of_folder(folder: Path) -> ReportData:
     """Make report.html and the figures anew; InputError if a file is missing or damaged, or the mesh is another."""
     data = report_data_of_folder(folder)
     with output_folder(folder, PAGE) as scratch:
-        write_report(data, drawn(data, scratch / "figures"), scratch)
+        write_page(data, scratch)
     return data
 
 
@@ -279,7 +296,7 @@ def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh
     """Return some rows of each block of cells and the faces with one of the nodes (K,), and their nodes (P,)."""
     chosen = np.zeros(len(mesh.points), dtype=bool)
     chosen[nodes] = True
-    cells = [_rows(block, own) for block, own in zip(mesh.cells, rows, strict=True)]
+    cells = [some_cells(block, own) for block, own in zip(mesh.cells, rows, strict=True)]
     faces = [[_with_node(block, chosen) for block in patch.faces] for patch in mesh.patches]
     used = [block.faces.nodes if isinstance(block, Polyhedra) else block.nodes.ravel() for block in cells]
     used += [block.nodes.ravel() for patch in faces for block in patch]
@@ -288,19 +305,6 @@ def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh
     named = zip(mesh.patches, faces, strict=True)
     patches = [Patch(patch.name, tuple(_numbered(block, place) for block in own)) for patch, own in named]
     return Mesh(mesh.points[node], tuple(_numbered(block, place) for block in cells), tuple(patches)), node
-
-
-def _rows(block: Volume, rows: IntArray) -> Volume:
-    if isinstance(block, Cells):
-        return Cells(block.shape, block.nodes[rows])
-    place = np.full(len(block), -1, dtype=np.intp)
-    place[rows] = np.arange(len(rows))
-    own, other = place[block.owner], np.full(len(block.owner), -1)
-    other[: len(block.neighbour)] = place[block.neighbour]
-    inner, outer = np.flatnonzero((own >= 0) & (other >= 0)), np.flatnonzero((own >= 0) != (other >= 0))
-    order = np.concatenate([inner, outer])
-    faces = turned(taken(block.faces, order), own[order] < 0)
-    return Polyhedra(faces, np.where(own < 0, other, own)[order], other[inner])
 
 
 def _with_node(block: Faces, chosen: np.ndarray) -> Faces:

@@ -3,6 +3,7 @@
 from base64 import b64encode
 from collections.abc import Iterable, Iterator
 from functools import partial
+from gzip import decompress
 from hashlib import sha256
 from importlib.resources import files
 from io import BytesIO
@@ -14,7 +15,7 @@ from PIL import Image
 
 from sdm_deflect.cases.report.data import ReportData, drawn_measure
 from sdm_deflect.cases.report.pictures import Exhibit, Gallery
-from sdm_deflect.cases.report.turnable import MOST_CELLS, encoded, packed, turnable
+from sdm_deflect.cases.report.turnable import MOST_CELLS, packed, turnable
 from sdm_deflect.cases.run.metrics import Json, face_rows, kernel_text
 from sdm_deflect.cases.run.surroundings import surroundings, versions
 from sdm_deflect.deform.base.errors import InputError
@@ -22,6 +23,8 @@ from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.mesh.quality import Quality
 
 HERE = "sdm_deflect.cases.report"
+LIBRARY = "plotly-gl3d.min.js.gz"
+"""plotly.js 4.1.1, the part that draws in three dimensions, as npm's plotly.js-gl3d-dist-min has it, compressed."""
 LARGEST = 4_000_000
 """Bytes of a page."""
 SHARES = (1.0, 0.7, 0.5, 0.35)
@@ -38,7 +41,8 @@ def page(data: ReportData, gallery: Gallery) -> str:
 
     Raises InputError if figures are missing that it shows.
     """
-    library, viewer = read("plotly", "package_data", "plotly.min.js"), read(HERE, "viewer.js")
+    data = data.near
+    library, viewer = files(HERE).joinpath(LIBRARY).read_bytes(), read(HERE, "viewer.js")
     loader = PackageLoader(HERE, ".")
     jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     jinja.filters |= {"pixels": pixels, "meaning": meaning, "kernel": kernel_text}
@@ -54,9 +58,9 @@ def page(data: ReportData, gallery: Gallery) -> str:
         "surroundings": surroundings(),
         "versions": versions(),
         "style": style(),
-        "library": encoded(library.encode()),
+        "library": b64encode(library).decode("ascii"),
         "viewer": viewer,
-        "policy": policy([library, viewer]),
+        "policy": policy([decompress(library).decode(), viewer]),
     }
     with damaged(Path("metrics.json"), "table of a run's figures"):
         shown["qualities"] = list(qualities(data))
@@ -104,13 +108,14 @@ def read(package: str, *name: str) -> Markup:
 
 
 def inline(exhibit: Exhibit, share: float = 1.0) -> str:
-    """Return a picture, of a share of its width, as the address of itself; without a loss if it is whole."""
+    """Return a picture, of a share of its width, as the address of itself; as it is if it is whole."""
+    if share == 1.0:
+        return "data:image/png;base64," + b64encode(exhibit.path.read_bytes()).decode("ascii")
     smaller = BytesIO()
     with Image.open(exhibit.path) as image:
         shown = image.convert("RGB")
-        if share < 1.0:
-            shown.thumbnail((share * image.width, share * image.height))
-        shown.save(smaller, "webp", lossless=share == 1.0)
+        shown.thumbnail((share * image.width, share * image.height))
+        shown.save(smaller, "webp")
     return "data:image/webp;base64," + b64encode(smaller.getvalue()).decode("ascii")
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -17,12 +18,14 @@ from PIL import Image as ImageFile
 
 from sdm_deflect.cases.report import figures, scene3d, slices
 from sdm_deflect.cases.report.data import METRES, Box, Length, MovedSurface, ReportData, round_length
-from sdm_deflect.cases.report.offscreen import Image, RenderError, rendered, rendering
+from sdm_deflect.cases.report.raster import Image, rendered
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.edges import polygons_of, rim, sharp_edges
 
 INCHES = 5.2
 """Width of one image."""
+TITLE = 0.35
+"""Inches above it."""
 
 
 class Drawing(Figure):
@@ -60,7 +63,7 @@ class Picture:
 
 
 def figure_of(picture: Picture) -> Drawing:
-    """Render the views and put them together; RenderError if they cannot be rendered."""
+    """Render the views and put them together."""
     return assembled(picture, rendered(picture.views))
 
 
@@ -68,8 +71,13 @@ def assembled(picture: Picture, images: Sequence[Image]) -> Drawing:
     """Put the images (H, W, 3) of a picture's views together."""
     rows = -(-len(images) // picture.columns)
     width, height = picture.views[0].pixels
-    across = INCHES * picture.columns + 1.0 * (picture.quality or picture.farthest > 0.0)
-    figure = Drawing(figsize=(across, rows * (INCHES * height / width + 0.35)), layout="constrained")
+    across, scaled = INCHES * picture.columns, picture.quality or picture.farthest > 0.0
+    size = across + 1.0 * scaled, rows * (INCHES * height / width + TITLE)
+    figure = Drawing(figsize=size, layout="constrained" if scaled or picture.legend else None)
+    if not figure.get_layout_engine():
+        figure.subplots_adjust(
+            0.004, 0.004, 0.996, 1.0 - TITLE / size[1], 0.02, TITLE * rows / (size[1] - TITLE * rows)
+        )
     axes = figure.subplots(rows, picture.columns, squeeze=False).ravel()
     for one, shown, view, title in zip(axes, images, picture.views, picture.titles, strict=True):
         one.imshow(shown)
@@ -170,10 +178,10 @@ LARGEST = 300_000
 """Bytes that a picture should not exceed."""
 LADDER = ((110, 1), (110, 4), (95, 4), (80, 4), (65, 4))
 """Dots per inch, and colours (0 to 255) rounded to multiples: the first that makes the file small enough counts."""
-SHARP, SHADES = 92, 256
-"""Dots per inch and colours of a picture for a page that may be printed."""
-ROUNDS = 3
-"""Rounds in which these colours are moved to the middle of those that they stand for: else some are visibly others."""
+SHARP = 92
+"""Dots per inch of a picture for a page that may be printed."""
+WHITE = 252
+"""Colours (0 to 255) from which on white was meant."""
 
 
 def write_png(figure: Figure, path: Path) -> None:
@@ -189,21 +197,18 @@ def write_png(figure: Figure, path: Path) -> None:
 
 
 def write_sharp_png(figure: Figure, path: Path) -> None:
-    """Write a figure with fine lines in the colours that represent it best."""
-    pixels = pixels_of(figure, SHARP)
-    data = BytesIO()
-    pixels.quantize(SHADES, ImageFile.Quantize.MAXCOVERAGE, kmeans=ROUNDS, dither=ImageFile.Dither.NONE).save(
-        data, "png"
-    )
-    path.write_bytes(data.getvalue())
+    """Write a figure with fine lines in the colours that represent it best; white stays white."""
+    pixels = pixels_of(figure, SHARP).quantize(method=ImageFile.Quantize.FASTOCTREE, dither=ImageFile.Dither.NONE)
+    pixels.putpalette([shade if shade < WHITE else 255 for shade in pixels.getpalette() or ()])
+    pixels.save(path, "png")
 
 
 def pixels_of(figure: Figure, dpi: int) -> ImageFile.Image:
     """Return a figure as coloured pixels."""
-    drawn = BytesIO()
-    figure.savefig(drawn, dpi=dpi, format="png")
-    with ImageFile.open(drawn) as full:
-        return full.convert("RGB")
+    figure.set_dpi(dpi)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    return ImageFile.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
 
 
 Drawn = tuple[str, str, Figure, str]
@@ -221,10 +226,9 @@ class Exhibit:
 
 @dataclass(frozen=True, slots=True)
 class Gallery:
-    """All pictures, and why some could not be drawn (empty if all were)."""
+    """All pictures."""
 
     exhibits: tuple[Exhibit, ...]
-    missing: str
 
     def of(self, part: str) -> list[Exhibit]:
         """Return the pictures of one part of the page."""
@@ -238,29 +242,21 @@ class Gallery:
 def drawn(data: ReportData, folder: Path) -> Gallery:
     """Draw every picture that needs no verdict into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    each = [(own, surface) for own in data.boxes for surface in own.surfaces if not data.mesh.plane]  # slices show all
-    pictures = [before_after(data, *one) for one in each]
-    missing = ""
-    with rendering(tuple(view for picture in pictures for view in picture.views)) as images:
-        exhibits = [saved(folder, *plot) for plot in plots(data)]
-        try:
-            rest = iter(images())
-            for (_, surface), picture in zip(each, pictures, strict=True):
-                figure = assembled(picture, [next(rest) for _ in picture.views])
-                exhibits.append(saved(folder, "before_after", surface.name, figure, picture.alternative))
-        except RenderError as error:
-            missing = str(error)
-    return Gallery(tuple(exhibits), missing)
+    return Gallery(tuple(saved(folder, *drawing) for drawing in plots(data.near)))
 
 
 def plots(data: ReportData) -> Iterator[Drawn]:
-    """Yield each plot that needs no graphics library."""
+    """Yield each picture that needs no verdict."""
     yield "convergence", "", *figures.convergence(data)
     if data.mesh.cells:
         yield "quality", "", *figures.quality(data)
         for own in data.boxes:
             for surface in own.surfaces:
                 yield "slices", surface.name, *slices.slices(data, own, surface)
+    for own in data.boxes if not data.mesh.plane else ():  # slices show all of a plane mesh
+        for surface in own.surfaces:
+            picture = before_after(data, own, surface)
+            yield "before_after", surface.name, figure_of(picture), picture.alternative
 
 
 def saved(folder: Path, part: str, name: str, figure: Figure, alternative: str) -> Exhibit:

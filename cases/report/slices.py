@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import chain
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,6 +17,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
 from sdm_deflect.deform.mesh.faces import FACES
 from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh, Volume
+from sdm_deflect.deform.mesh.polyhedra import corner_edges
 
 AXES = "xyz"
 AROUND = 0.06
@@ -140,10 +142,14 @@ def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane
     factor, unit, (right, up) = data.length.factor, data.length.shown, plane.across
     signed = zip(data.mesh.cells, box.touched.orientation, strict=True)
     found = [cut_cells(points, block, plane, sign) for block, sign in signed]
-    polygons = [factor * polygon for some, _ in found for polygon in some]
+    polygons = [polygon for some, _ in found for polygon in some]
     shades = np.concatenate([np.empty(0), *(own for _, own in found)])
-    shown = PolyCollection(polygons, array=shades, cmap=QUALITY_MAP, norm=QUALITY_RANGE, edgecolors="0.15", lw=0.25)
-    axes.add_collection(shown)
+    looks: dict[str, Any] = {"cmap": QUALITY_MAP, "norm": QUALITY_RANGE, "edgecolors": "0.15", "lw": 0.25}
+    sizes = np.array([len(polygon) for polygon in polygons])
+    for size in np.unique(sizes):  # an array of polygons is drawn much faster than a list
+        own = np.flatnonzero(sizes == size)
+        corners: Any = factor * np.array([polygons[i] for i in own])
+        axes.add_collection(PolyCollection(corners, array=shades[own], **looks))
     walls = factor * cut_walls(data.mesh, points, plane)
     axes.add_collection(LineCollection(list(walls), colors="black", linewidths=1.6))
     normal = np.eye(3)[plane.axis]
@@ -179,10 +185,13 @@ def cut_walls(mesh: Mesh, points: FloatArray, plane: Plane) -> FloatArray:
     if are_lines(faces):
         return np.asarray(points[faces.nodes.reshape(-1, 2)][:, :, plane.across])
     edges, face = edges_of(faces)
-    heights = points[:, plane.axis] - plane.station
-    crossing = (heights[edges[:, 0]] < 0.0) != (heights[edges[:, 1]] < 0.0)
-    parts = _cut(points, face[crossing], edges[crossing], len(faces), plane)
-    return np.array([part for part in parts if len(part) == 2]).reshape(-1, 2, 2)
+    above = points[:, plane.axis] >= plane.station
+    crossing = above[edges[:, 0]] != above[edges[:, 1]]
+    places, own = section(points, face[crossing], edges[crossing], plane.axis, plane.station)
+    straight = np.bincount(own, minlength=len(faces))[own] == 2
+    walls = places[straight][:, plane.across].reshape(-1, 2, 2)
+    low, high = plane.window[:, plane.across]
+    return np.asarray(walls[((walls.min(axis=1) <= high) & (walls.max(axis=1) >= low)).all(axis=1)])
 
 
 def _crossed(points: FloatArray, block: Volume, plane: Plane) -> IntArray:
@@ -210,14 +219,9 @@ def cell_edges(block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
     if isinstance(block, Cells):
         own = block.nodes[rows][:, EDGES[block.shape]]
         return np.repeat(np.arange(len(rows)), own.shape[1]), own.reshape(-1, 2)
-    place = np.full(len(block), -1, dtype=np.intp)
-    place[rows] = np.arange(len(rows))
-    edges, face = edges_of(block.faces)
-    inner = face < len(block.neighbour)
-    cell = np.concatenate([place[block.owner[face]], place[block.neighbour[face[inner]]]])
-    both = np.column_stack([cell, np.sort(np.concatenate([edges, edges[inner]]), axis=1)])
-    both = np.unique(both[cell >= 0], axis=0)
-    return both[:, 0], both[:, 1:]
+    first, last, cell = corner_edges(block, rows)
+    once = first < last
+    return cell[once], np.column_stack([first[once], last[once]])
 
 
 def _cut(points: FloatArray, cell: IntArray, edges: IntArray, count: int, plane: Plane) -> list[FloatArray]:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from sdm_deflect.cases.run.mesh_files import Targets, write_mesh, write_sensitivity
 from sdm_deflect.cases.run.metrics import (
-    SHOWN_WHOLE,
     Json,
     deflection_figures,
     farthest,
@@ -15,7 +14,7 @@ from sdm_deflect.cases.run.metrics import (
     notes_of,
     verdict_figures,
 )
-from sdm_deflect.cases.run.output import output_files
+from sdm_deflect.cases.run.output import output_files, report_lacks
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.run.read_back import check_written
 from sdm_deflect.deform.base.errors import InputError, printable
@@ -30,18 +29,13 @@ from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.files.staged import permitted_as
-from sdm_deflect.meshing.formats.registry import STORED, files_of, format_of, in_pieces, read, size_of
+from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.flow.flow_case import FlowCase
 
 LARGE = 1 << 25
 """Bytes of a file from which on it is read in pieces."""
-SENT = (
-    "CGNS files in HDF5 of one unstructured zone, binary UGRID files, binary Gmsh files of version 4.1, or OpenFOAM "
-    "cases in binary"
-)
-"""What workers can read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,21 +80,20 @@ class Outcome:
 def needed(wanted: Targets, job: Job, progress: Progress, runner: Runner = HERE) -> Mesh:
     """Read what a job needs of a mesh: of a large file an excerpt, if it can be read and written in pieces.
 
-    Meshes that a report shows whole are read whole, unless others than this process are to work on them. Raises
-    InputError if these cannot.
+    Raises InputError if others than this process are to work on it and it cannot.
     """
     if not runner.shares_memory:
         return _by_workers(wanted, job, progress, runner)
     if wanted.is_copy and size_of(wanted.source) >= LARGE:
         with in_pieces(wanted.source, progress) as large:
-            if large and not (wanted.reported and large.cell_count <= SHOWN_WHOLE):
+            if large:
                 return excerpt(large, job, wanted.angles, runner, progress)
     return read(wanted.source, progress)
 
 
 def _by_workers(wanted: Targets, job: Job, progress: Progress, runner: Runner) -> Mesh:
-    if format_of(wanted.source).name not in STORED:
-        raise InputError(f"{wanted.source}: workers need {SENT}; leave out --workers and --scheduler, or convert it")
+    if not format_of(wanted.source).for_workers:
+        raise InputError(f"{wanted.source}: workers need {_sent()}; leave out --workers and --scheduler, or convert it")
     if not wanted.is_copy:
         raise InputError(
             f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity or case"
@@ -108,7 +101,13 @@ def _by_workers(wanted: Targets, job: Job, progress: Progress, runner: Runner) -
     with in_pieces(wanted.source, progress) as mesh:
         if mesh:
             return excerpt(mesh, job, wanted.angles, runner, progress)
-    raise InputError(f"{wanted.source}: workers need {SENT}, and this file is none of them")
+    raise InputError(f"{wanted.source}: workers need {_sent()}, and this file is none of them")
+
+
+def _sent() -> str:
+    """Return what workers can read."""
+    *first, last = (form.for_workers for form in FORMATS.values() if form.for_workers)
+    return f"{', '.join(first)}, or {last}"
 
 
 def planned(wanted: Targets, job: Job, watch: Stopwatch, runner: Runner = HERE, angles: tuple[float, ...] = ()) -> Plan:
@@ -147,8 +146,6 @@ def _deflected(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float, 
     found: list[Judged] = []
     names: list[Path] = []
     lost: tuple[str, ...] = ()
-    if wanted.reported:
-        from sdm_deflect.cases.report.folder import write_run_folder  # loads graphics libraries
     with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
         results = sweep(plan, wanted.angles)
         for _ in wanted.angles:
@@ -162,6 +159,8 @@ def _deflected(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float, 
                 written, lost = write_angle(wanted, one, scratch / mesh.name, progress)
                 names += [wanted.out.with_name(name) for name in written]
             if wanted.reported:
+                from sdm_deflect.cases.report.folder import write_run_folder
+
                 with watch.stage("report") as progress:
                     place, seconds = scratch / wanted.report(one.angle).name, {**watch.seconds}
                     write_run_folder(place, one, found[-1].checks, mesh, seconds, min_quality)
@@ -172,7 +171,15 @@ def _deflected(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float, 
                     write_sensitivity(plan.mesh, one.points, one.sensitivity(), (arrays, picture), unit)
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
-    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost, flow=wanted.flow)
+    return Outcome(
+        plan, tuple(found), tuple(names), wanted.reports, lost, notes=_without_page(wanted), flow=wanted.flow
+    )
+
+
+def _without_page(wanted: Targets) -> tuple[str, ...]:
+    """Return a note if a report was asked for, and has no page."""
+    text = report_lacks() if wanted.reported else ""
+    return (f"there is no report.html: {text}",) if text else ()
 
 
 def write_angle(

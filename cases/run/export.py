@@ -14,8 +14,6 @@ from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.zones import joined
 
-WITH_ZONES = ("cgns",)
-"""Formats in which the background of a Chimera block is a second zone of the same file."""
 SPEED = 10.0
 """Speed (m/s) of the free stream along x."""
 VISCOSITY = 1.5e-5
@@ -62,14 +60,14 @@ def export_run(
     if not source.is_file():
         raise InputError(f"{run} is not the output folder of a run: it has no {which}.vtu")
     known = FORMATS[form]
-    suffix = "" if form == "openfoam" else known.suffixes[0]
+    suffix = "" if known.folder else known.suffixes[0]
     target = out or run.resolve().with_name(f"{run.resolve().name}-{which}{suffix}")
     if target.exists() and any(path.samefile(target) for path in run.iterdir()):
         raise InputError(f"--out {target} is a file of the run; export to another name")
     progress(f"reading {source.name}", 0.0)
     mesh = read_vtu(source).as_mesh()
     background = run / "background.vtu"
-    if background.is_file() and form in WITH_ZONES:
+    if background.is_file() and known.zoned:
         mesh = joined(("block", "background"), (mesh, read_vtu(background).as_mesh()))
     with permitted_as(run):
         if isinstance(known, OpenFoam):

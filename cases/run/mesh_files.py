@@ -12,13 +12,13 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, printable
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import HERE, Runner
 from sdm_deflect.deform.mesh.precision import DOUBLE, EVERY_BIT, Precision
-from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.mesh.unchanged import check_unchanged
-from sdm_deflect.meshing.formats.format import Format, only_rewritten
-from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN, ending, format_of
+from sdm_deflect.meshing.formats.format import only_rewritten
+from sdm_deflect.meshing.formats.layout import Format
+from sdm_deflect.meshing.formats.registry import FORMATS, ending, format_of
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.flow.flow_case import FlowCase
@@ -67,10 +67,10 @@ class Targets:
         chosen = out or _beside(source, FORMATS[flow.solver] if flow else format_of(source))
         if flow:
             flow.check_files(source, chosen)
-        named = _case_folder(chosen) if format_of(chosen).name == "openfoam" else chosen
+        named = format_of(chosen).place(chosen)
         if named.name in ("", "..") and not (named := named.resolve()).name:
             raise InputError(f"{chosen} is no place for a mesh; name a file or a folder in out")
-        if format_of(chosen).name not in WRITTEN:
+        if not format_of(chosen).written:
             if format_of(chosen) is not format_of(source):
                 raise only_rewritten(chosen)
             if ending(chosen).lower() != (own := ending(source)).lower():
@@ -120,20 +120,15 @@ class Targets:
 
     @property
     def tables(self) -> tuple[Path, ...]:
-        """Names of patches beside UGRID meshes, a file for each."""
-        if format_of(self.out).name != "ugrid":
-            return ()
-        from sdm_deflect.meshing.formats.ugrid import mapbc
-
-        return tuple(mapbc(self.mesh(angle)) for angle in self.angles)
+        """Files with names of patches beside the meshes, of a format that has such."""
+        form = format_of(self.out)
+        return tuple(table for angle in self.angles for table in form.named(self.mesh(angle)))
 
     def check_names(self, mesh: Mesh) -> None:
         """Refuse names that are there and are not those of the mesh that is to be written, with a MeshFileError."""
-        if self.tables and format_of(self.source).name != "ugrid":
-            from sdm_deflect.meshing.formats.ugrid import check_names
-
-            for angle in self.angles:
-                check_names(mesh, self.mesh(angle))
+        form = format_of(self.out)
+        for angle in self.angles if format_of(self.source) is not form else ():
+            form.check_named(mesh, self.mesh(angle))
 
     def keep_tables(self, scratch: Path) -> None:
         """Drop names of patches among new files where there are the same already, perhaps with conditions of a user."""
@@ -160,17 +155,14 @@ class Targets:
         for folder in self.reports:
             if folder.exists() and not is_report(folder):
                 raise InputError(f"{folder} exists already and is no earlier report; delete it, or choose another out")
-        if self._is_folder and self.out.resolve().is_relative_to(_case_folder(self.source).resolve()):
+        if self._is_folder and self.out.resolve().is_relative_to(format_of(self.source).place(self.source).resolve()):
             raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
 
     def _other_tables(self) -> list[Path]:
         """Return the tables whose place another one has."""
-        if not self.tables:
-            return []
-        from sdm_deflect.meshing.formats.ugrid import stands_otherwise
-        from sdm_deflect.meshing.formats.ugrid_file import SUFFIX
-
-        return [table for table in self.tables if stands_otherwise(self.source, table.with_suffix(SUFFIX))]
+        form = format_of(self.out)
+        meshes = [mesh for mesh in map(self.mesh, self.angles) if form.named_otherwise(self.source, mesh)]
+        return [table for mesh in meshes for table in form.named(mesh)]
 
     def _replaced(self, target: Path) -> bool:
         """Whether what is there may be replaced."""
@@ -184,7 +176,7 @@ class Targets:
 
     @property
     def _is_folder(self) -> bool:
-        return format_of(self.out).name == "openfoam"
+        return format_of(self.out).folder
 
 
 def is_report(folder: Path) -> bool:
@@ -212,12 +204,7 @@ def precision_of(source: Path | None, out: Path, mesh: Mesh) -> Precision:
     real = form.real(out, source if same else None)
     if real == DOUBLE:
         return EVERY_BIT
-    other = ".cgns"
-    if form.name == "ugrid":
-        other = ending(out).replace("4", "8")
-    elif form.name == "cgns":  # a folder is an OpenFOAM case
-        other = "" if any(isinstance(block, Polyhedra) for block in mesh.cells) else ".su2"
-    better = out.name.removesuffix(ending(out)) + other
+    better = out.name.removesuffix(form.ending(out)) + form.finer(out, mesh)
     copied = source is not None and _keeps_bytes(source, out)
     return Precision(real, not copied, f"write the mesh in double precision, such as {better}")
 
@@ -226,7 +213,7 @@ def _keeps_bytes(source: Path, out: Path) -> bool:
     """Whether `out` is a copy of the source but for coordinates: an encoding of UGRID may become another."""
     if format_of(out) is not format_of(source):
         return False
-    return format_of(out).name == "openfoam" or ending(out).lower() == ending(source).lower()
+    return format_of(out).folder or ending(out).lower() == ending(source).lower()
 
 
 def write_mesh(
@@ -248,15 +235,7 @@ def write_mesh(
         form.rewrite(source, points, out, progress)
         check_unchanged(mesh.files)
         return ()
-    moved = mesh.with_points(points)
-    if form.name == "vtu":
-        from sdm_deflect.meshing.formats.vtu import Vtu
-
-        quality = np.concatenate([np.empty(0), *(quality_of(points, block) for block in mesh.cells)])
-        lost = Vtu().write(moved, out, progress, {"displacement": points - mesh.points}, {"quality": quality})
-    else:
-        lost = form.write(moved, out, progress)
-    return tuple(map(printable, lost))
+    return tuple(map(printable, form.write_moved(mesh, points, out, progress)))
 
 
 def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tuple[Path, Path], unit: str) -> None:
@@ -270,23 +249,16 @@ def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tu
 
 def _beside(source: Path, form: Format) -> Path:
     """Return the name of a mesh of some format beside the source."""
-    if format_of(source).name == "openfoam":
-        folder = _case_folder(source)
+    if format_of(source).folder:
+        folder = format_of(source).place(source)
         named = folder if folder.name not in ("", "..") else folder.resolve()
         suffix, name = "", f"{named.name}-deflected"
     else:
         named, suffix = source, ending(source)
         name = f"{source.name.removesuffix(suffix)}-deflected"
-    if form.name == "openfoam":
+    if form.folder:
         return named.with_name(name.replace(".", "-") if Path(name).suffix[1:2].isalpha() else name)
     return named.with_name(name + (suffix if suffix.lower().endswith(form.suffixes) else form.suffixes[0]))
-
-
-def _case_folder(path: Path) -> Path:
-    """Return the folder of a case; all that reads cases is loaded by no other format's files."""
-    from sdm_deflect.meshing.formats.openfoam import case_folder
-
-    return case_folder(path)
 
 
 def _is_ours(path: Path) -> bool:

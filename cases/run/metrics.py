@@ -16,8 +16,6 @@ from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Json = dict[str, Any]
-SHOWN_WHOLE = 2_000_000
-"""Cells of meshes of which a report shows all, those beyond the box as well."""
 FACES = {
     "non_orthogonality_max": ("largest non-orthogonality, deg", ".2f"),
     "non_orthogonality_mean": ("mean non-orthogonality, deg", ".2f"),

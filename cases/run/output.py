@@ -3,6 +3,7 @@
 import csv
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,18 @@ RUN = (
 """Everything that a run folder may hold of ours."""
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
 """What text begins with that a spreadsheet runs, and our mark of it."""
+
+
+def report_lacks() -> str:
+    """Return a sentence on what a report needs and is not installed; empty if all is."""
+    absent = [name for name in ("jinja2", "matplotlib", "PIL") if find_spec(name) is None]
+    return f"a report needs {' and '.join(absent)}: pip install 'sdm-deflect[report]'" if absent else ""
+
+
+def check_report() -> None:
+    """Raise InputError if a library is missing that a report needs."""
+    if text := report_lacks():
+        raise InputError(text)
 
 
 @contextmanager

@@ -34,8 +34,9 @@ def check_written(mesh: Mesh, points: FloatArray, moved: IntArray, staged: Path,
     Raises MeshFileError, which names the file `out` that is to be, if it is another mesh or cannot be read.
     """
     try:
-        if mesh.whole and format_of(staged).name == "su2":
-            found = _text(mesh, points, staged)
+        text = format_of(staged).points_of_copy(staged, Path(mesh.source)) if mesh.whole else None
+        if text is not None:
+            found = _text(mesh, points, text)
         else:
             found = (_in_pieces if mesh.whole else _whole)(mesh, points, moved, staged)
     except (MeshFileError, InputError) as error:
@@ -57,13 +58,7 @@ def check_points(points: FloatArray, found: FloatArray, axes: int = 3) -> str:
 
 
 def _whole(mesh: Mesh, points: FloatArray, moved: IntArray, staged: Path) -> str:
-    form = format_of(staged)
-    if form.name == "plot3d":
-        from sdm_deflect.meshing.formats.plot3d import Plot3d
-
-        back = Plot3d().read(staged, source=Path(mesh.source))
-    else:
-        back = form.read(staged)
+    back = format_of(staged).read_copy(staged, Path(mesh.source))
     if found := check_points(points, back.points, 2 if mesh.plane else 3):
         return found
     if _alike(mesh.cells, back.cells):
@@ -75,12 +70,9 @@ def _whole(mesh: Mesh, points: FloatArray, moved: IntArray, staged: Path) -> str
     return "" if np.array_equal(own, other) else "its cells are others"
 
 
-def _text(mesh: Mesh, points: FloatArray, staged: Path) -> str:
-    from sdm_deflect.meshing.formats.su2_pieces import points_of_copy
-
+def _text(mesh: Mesh, points: FloatArray, stored: FloatArray) -> str:
     assert mesh.whole
-    found = points_of_copy(Path(mesh.source), staged)
-    return check_points(points, found[mesh.whole.nodes]) if len(found) == mesh.point_count else "it has other points"
+    return check_points(points, stored[mesh.whole.nodes]) if len(stored) == mesh.point_count else "it has other points"
 
 
 def _in_pieces(mesh: Mesh, points: FloatArray, moved: IntArray, staged: Path) -> str:

@@ -10,8 +10,8 @@ from threadpoolctl import threadpool_info  # type: ignore[import-untyped, unused
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "cattrs", "click", "rich", "threadpoolctl", "tomli-w", "platformdirs")
 """What every command needs."""
 OPTIONAL = (
-    "cadquery", "cadquery-ocp", "gmsh", "pytetwild", "trimesh", "rtree", "vtk", "pyvista", "meshio", "matplotlib",
-    "pillow", "plotly", "jinja2", "trame",
+    "cadquery", "cadquery-ocp", "gmsh", "pymeshlab", "pytetwild", "trimesh", "rtree", "vtk", "pyvista", "meshio",
+    "matplotlib", "pillow", "jinja2", "trame",
 )  # fmt: skip
 """What extras bring."""
 

@@ -45,32 +45,32 @@ class PeriodicPatches:
 
     def motions(self, points: FloatArray, patches: tuple[Patch, Patch]) -> Iterator[RigidMotion]:
         """Yield the motions that may lead from patch to patch; points (N, 3) are those of the mesh."""
-        nodes = patches[0].nodes, patches[1].nodes
+        sides = points[patches[0].nodes], points[patches[1].nodes]
         if self.translation is not None:
             yield np.eye(3), self.translation
         elif self.axis:
-            yield rotation_between(points, *nodes, self.axis)
+            yield rotation_between(*sides, self.axis)
         else:
-            yield translation_between(points, *nodes)
+            yield translation_between(*sides)
             for direction in np.eye(3):
                 try:
-                    yield rotation_between(points, *nodes, Axis(ORIGIN, direction))
+                    yield rotation_between(*sides, Axis(ORIGIN, direction))
                 except InputError:
                     continue
 
 
-def translation_between(points: FloatArray, first: IntArray, second: IntArray) -> RigidMotion:
-    """Return the translation from nodes `first` (K,) to nodes `second` (K,) of points (N, 3), in any order."""
-    return np.eye(3), points[second].mean(axis=0) - points[first].mean(axis=0)
+def translation_between(here: FloatArray, there: FloatArray) -> RigidMotion:
+    """Return the translation from points `here` (K, 3) to points `there`, in any order."""
+    return np.eye(3), there.mean(axis=0) - here.mean(axis=0)
 
 
-def rotation_between(points: FloatArray, first: IntArray, second: IntArray, axis: Axis) -> RigidMotion:
-    """Return the rotation about an axis that leads from nodes `first` (K,) to nodes `second` (K,), in any order.
+def rotation_between(here: FloatArray, there: FloatArray, axis: Axis) -> RigidMotion:
+    """Return the rotation about an axis that leads from points `here` (K, 3) to points `there`, in any order.
 
     Raises InputError if the centre of either lies on the axis, which leaves the angle open.
     """
-    here, there = (axis.radial(points[nodes].mean(axis=0)[None])[0] for nodes in (first, second))
-    size = np.abs(points[np.append(first, second)] - axis.point).max()
+    size = max(np.abs(side - axis.point).max() for side in (here, there))
+    here, there = (axis.radial(side.mean(axis=0)[None])[0] for side in (here, there))
     if min(np.linalg.norm(here), np.linalg.norm(there)) <= TOLERANCE * size:
         raise InputError("a periodic patch whose centre lies on the axis leaves the angle open: give the angle")
     angle = np.degrees(np.arctan2(axis.direction @ np.cross(here, there), here @ there))
@@ -153,10 +153,15 @@ def fitted(
     return found
 
 
-def _rotation(here: FloatArray, there: FloatArray) -> FloatArray:
+def nearest_rotation(here: FloatArray, there: FloatArray) -> FloatArray:
     """Return the rotation (3, 3) that leads from vectors (K, 3) to others, by least squares (Kabsch 1976)."""
     u, _, v = np.linalg.svd(here.T @ there)
-    turn = Rotation.from_matrix(v.T @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ u.T).as_rotvec()
+    return np.asarray(v.T @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ u.T)
+
+
+def _rotation(here: FloatArray, there: FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) that leads from vectors (K, 3) to others, about a coordinate axis if near one."""
+    turn = Rotation.from_matrix(nearest_rotation(here, there)).as_rotvec()
     flat = not (here[:, 2].any() or there[:, 2].any())
     direction = np.array([0.0, 0.0, 1.0]) if flat else turn / max(float(np.linalg.norm(turn)), SNAP)
     if np.abs(direction - np.round(direction)).max() < SNAP:

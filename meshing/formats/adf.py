@@ -51,6 +51,11 @@ class Stored:
     dtype: np.dtype[Any]
     pieces: tuple[tuple[int, int], ...]
 
+    @property
+    def size(self) -> int:
+        """How many numbers there are."""
+        return prod(self.shape)
+
     def __getitem__(self, everything: tuple[()]) -> NDArray[Any]:
         """Return all numbers; MeshFileError if the file ends before."""
         data = b"".join(self.tree.bytes_at(place, length) for place, length in self.pieces)

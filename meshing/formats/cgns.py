@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import io
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,25 +15,25 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats import adf
-from sdm_deflect.meshing.formats.cgns_nodes import Array
-from sdm_deflect.meshing.formats.cgns_packed import overwrite
 from sdm_deflect.meshing.formats.cgns_pieces import in_pieces
 from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_fit, read_base
 from sdm_deflect.meshing.formats.cgns_write import write_base
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
-from sdm_deflect.meshing.formats.hdf5 import damage
+from sdm_deflect.meshing.formats.hdf5 import Replaced, Replacement, Span, damage, spans
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
 
-@dataclass(frozen=True, slots=True)
-class Cgns:
+@registered("cgns", ".cgns")
+class Cgns(Format):
     """Zones with cells of every linear shape, polyhedra, or blocks of hexahedra; patches are the boundary conditions.
 
     Zones that fit together point by point, by the file's interfaces, are one zone of the mesh with one point at each
@@ -44,18 +41,22 @@ class Cgns:
     Coordinates in single precision stay in single precision, and a file in ADF stays one.
     """
 
-    name: str = "cgns"
-    suffixes: tuple[str, ...] = (".cgns",)
-
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
         with about(path), _opened(path) as file:
             return read_base(file, partial(progress, f"reading {path.name}")).mesh
 
-    def in_pieces(self, path: Path) -> MeshInPieces | None:
-        """See `registry.in_pieces`."""
+    for_workers = "CGNS files in HDF5 of one unstructured zone"
+    zoned = True
+
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+        """See `Format.layout`."""
         with about(path), _opened(path) as file:
             return in_pieces(path.resolve(), file)
+
+    def finer(self, out: Path, mesh: Mesh) -> str:
+        """See `Format.finer`."""
+        return "" if any(isinstance(block, Polyhedra) for block in mesh.cells) else ".su2"
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         """See `Format.real`."""
@@ -75,23 +76,8 @@ class Cgns:
                 found = read_base(file, lambda _: None)
                 index, first = found.index, found.first
             check_points(points, len(first))
-            _check_apart([axis for own in stored for axis in own])
-            moved = list(_moved(stored, points, index, first))
-            plain = [(_pieces(axis), new.tobytes()) for axis, new in moved if _pieces(axis)]
-            packed = {axis.name: new for axis, new in moved if not _pieces(axis)}
-        with fresh(out, source) as beside, about(source):
-            progress(f"writing {out.name}", 0.0)
-            shutil.copyfile(source, beside)
-            with beside.open("r+b") as copy:
-                for pieces, new in plain:
-                    begin = 0
-                    for place, length in pieces:
-                        copy.seek(place)
-                        copy.write(new[begin : begin + length])
-                        begin += length
-            if packed:
-                overwrite(beside, packed)
-            progress(f"writing {out.name}", 1.0)
+            new = Replaced.of(source, _changed(stored, points, index, first))
+        new.copy(source, out, progress)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; each patch is a family and a boundary condition that its family specifies."""
@@ -152,36 +138,32 @@ def _opened(path: Path) -> Iterator[Any]:
         yield opened
 
 
-def _check_apart(axes: Sequence[Any]) -> None:
-    """Refuse (MeshFileError) coordinates that share bytes: one cannot be replaced without the other."""
-    places = sorted(piece for axis in axes for piece in _pieces(axis))
-    shared = any(begin + size > after for (begin, size), (after, _) in pairwise(places))
-    packed = {h5py.h5o.get_info(axis.id).addr for axis in axes if not _pieces(axis)}
-    if shared or len(packed) < sum(not _pieces(axis) for axis in axes):
-        raise MeshFileError("coordinates of several axes or zones are one and the same data")
+def _spans(axis: Any) -> list[Span]:
+    """Return where the numbers of a coordinate are in the file; nothing if they are packed."""
+    if not isinstance(axis, adf.Stored):
+        return spans(axis)
+    size, found, first = axis.dtype.itemsize, [], 0
+    for begin, length in axis.pieces:
+        if length % size:
+            raise MeshFileError(f"a number of {axis.name} lies in two places; convert the file: cgnsconvert -h")
+        found.append((begin, first, first + length // size))
+        first += length // size
+    return found
 
 
-def _pieces(axis: Any) -> tuple[tuple[int, int], ...]:
-    """Place and length of the bytes that hold data in the file as they are; none if they are packed."""
-    if isinstance(axis, adf.Stored):
-        return axis.pieces
-    return ((axis.id.get_offset(), axis.nbytes),) if axis.id.get_offset() else ()
-
-
-def _moved(
+def _changed(
     stored: Sequence[Sequence[Any]], points: FloatArray, index: IntArray, first: IntArray
-) -> Iterator[tuple[Any, Array]]:
-    """Yield the data that change, and their new values; values that do not change keep their bits.
+) -> list[Replacement]:
+    """Return each array of coordinates with its new values, and which of them change; all others keep their bits.
 
     `index` and `first` are those of `Fitted`: points of several zones that are one get the same values.
     """
-    ends = np.cumsum([prod(own[0].shape) for own in stored])
+    ends, found = np.cumsum([prod(own[0].shape) for own in stored]), []
     for column in range(len(stored[0])):
-        old = [own[column][()] for own in stored]
-        before = np.concatenate([values.ravel() for values in old]).astype(np.float64, copy=False)[first]
-        new, changed = points[index, column], (before != points[:, column])[index]
-        parts = zip(stored, old, np.split(new, ends[:-1]), np.split(changed, ends[:-1]), strict=True)
-        for own, values, put, moved in parts:
-            if moved.any():
-                now = np.where(moved, put, values.ravel()).astype(values.dtype)
-                yield own[column], now.reshape(values.shape)
+        before = np.concatenate([own[column][()].ravel() for own in stored]).astype(np.float64, copy=False)[first]
+        new, moved = points[index, column], (before != points[:, column])[index]
+        parts = zip(stored, np.split(new, ends[:-1]), np.split(moved, ends[:-1]), strict=True)
+        for own, put, changed in parts:
+            axis = own[column]
+            found.append((axis, _spans(axis), put.reshape(axis.shape), changed.reshape(axis.shape)))
+    return found

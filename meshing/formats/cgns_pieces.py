@@ -49,7 +49,8 @@ def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
         return None
     border = zone_border(base.node, zone, faces, found[-1].last, count, base.dimension)
     patches = without(border.patches, {fault.patch for fault in border.faults})
-    pieces = TablePieces(str(path.resolve()), count, (PointRange(0, count, tuple(points)),), cells).oriented()
+    ranges = tuple(PointRange(0, count, table, i, i + 1) for i, table in enumerate(points))
+    pieces = TablePieces(str(path.resolve()), count, ranges, cells).oriented()
     return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, count),), notes_of({name: border.faults}))
 
 

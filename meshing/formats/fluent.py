@@ -19,9 +19,10 @@ from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.pairing import PeriodicPatches, pair_of
 from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas
-from sdm_deflect.meshing.files.staged import fresh
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits, only_rewritten
-from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
+from sdm_deflect.meshing.formats.hdf5 import Replaced, dataset, integers, member, number, opened, spans
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.polyhedra import check_cells, faces_by_cell
 from sdm_deflect.meshing.formats.shapes import oriented, polygons, turned
 
@@ -43,8 +44,8 @@ REFUSED = (("faces", "interface", INTERFACES), ("faces", "tree", ADAPTED), ("cel
 KIND = "a mesh of this name"
 
 
-@dataclass(frozen=True, slots=True)
-class Fluent:
+@registered("fluent", ".msh.h5", ".cas.h5", written=False)
+class Fluent(Format):
     """Polyhedra by their faces, in a plane triangles and quadrilaterals; patches are zones of faces, by name.
 
     Both layouts are read: that of meshing, which has a section of each array for each zone, and that of the solver, one
@@ -52,9 +53,6 @@ class Fluent:
     and results are no part of the mesh; a rewritten file keeps them. Coordinates in single precision stay in single
     precision. Faces of no cell, such as those of a geometry, are left out.
     """
-
-    name: str = "fluent"
-    suffixes: tuple[str, ...] = (".msh.h5", ".cas.h5")
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
@@ -71,18 +69,20 @@ class Fluent:
 
         Where they are packed, HDF5 packs them anew, and may put them elsewhere in the file.
         """
-        progress(f"writing {out.name}", 0.0)
         with about(source), opened(source, KIND) as file:
             stored = coordinates(_group(file))
             check_points(points, sum(map(len, stored)))
-            new = Replaced.of([(own.node, points[own.first - 1 : own.last, : own.node.shape[1]]) for own in stored])
-        with fresh(out, source) as beside, about(source):
-            new.copy(source, beside)
-            progress(f"writing {out.name}", 1.0)
+            values = [points[own.first - 1 : own.last, : own.node.shape[1]] for own in stored]
+            arrays = [
+                (own.node, spans(own.node), new, own.node[()] != new) for own, new in zip(stored, values, strict=True)
+            ]
+            new = Replaced.of(source, arrays)
+        new.copy(source, out, progress)
 
-    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
-        """Refuse it with a MeshFileError: a file of Fluent needs settings that no mesh has."""
-        raise only_rewritten(out)
+    def ending(self, path: Path) -> str:
+        """See `Format.ending`: ``.msh.h5``."""
+        own = Path(path.stem).suffix + path.suffix
+        return own if own.lower() in self.suffixes else path.suffix
 
 
 @dataclass(frozen=True, slots=True)

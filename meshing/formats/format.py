@@ -1,18 +1,16 @@
-"""What every mesh format can do, and errors that name the file."""
+"""Errors that name the file, and what else the formats share."""
 
 import errno
 import re
 from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import sentence
-from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.precision import DOUBLE
 
 FLUENT = (
@@ -29,39 +27,6 @@ class MeshFileError(RuntimeError):
 
     def __init__(self, message: str) -> None:
         super().__init__(sentence(message))
-
-
-class Format(Protocol):
-    """Reads, rewrites and writes the files of one format."""
-
-    @property
-    def name(self) -> str:
-        """What users call it, such as ``"su2"``."""
-
-    @property
-    def suffixes(self) -> tuple[str, ...]:
-        """The suffixes of its files, such as ``(".su2",)``; an OpenFOAM case is a folder."""
-
-    def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """Return the mesh in a file.
-
-        Raises MeshFileError if the file is missing, truncated, damaged, or not of this format.
-        """
-
-    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        """Return the type of the coordinates in a file `out`: of a copy of `source`, or of a mesh from elsewhere.
-
-        Of several types it is the one with the fewest bits. Numbers in text have all digits that they need.
-        """
-
-    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
-        """Write a copy of the file `source` with coordinates `points` (N, 3); all other bytes stay.
-
-        `out` appears whole or not at all, and is never `source`. Coordinates that did not change keep their bytes.
-        """
-
-    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
-        """Write a mesh that came from elsewhere; return a sentence for each thing that the format cannot hold."""
 
 
 @contextmanager

@@ -1,8 +1,8 @@
 """Gmsh meshes (.msh), versions 2.2 and 4.1, text and binary."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +10,24 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Periodic
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Periodic, Zone
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
-from sdm_deflect.meshing.formats.gmsh_file import GmshFile, nodes, opened, periodic
-from sdm_deflect.meshing.formats.periodic import Listed, unwritten, with_pairs, written_pairs
+from sdm_deflect.meshing.formats.gmsh_file import GmshFile, Nodes, gmsh_file, nodes, periodic
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format
+from sdm_deflect.meshing.formats.numbers import Placed, copy_text
+from sdm_deflect.meshing.formats.periodic import Listed, pairs_of, unwritten, written_pairs
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
-from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, places, simple_faces
+from sdm_deflect.meshing.formats.shapes import MIRRORED, mirrored, simple_faces
+from sdm_deflect.meshing.formats.tables import CellTable, Held, Joined, PointRange, TablePieces
 from sdm_deflect.meshing.mesh import VOLUME
 
+MOST = 10_000
+"""Parts of elements: files of more are read as a whole."""
 SOLIDS = {4: "tetra", 5: "hexahedron", 6: "wedge", 7: "pyramid"}
 FACES = {2: "triangle", 3: "quad"}
 KINDS = {3: (SOLIDS, FACES), 2: (FACES, {1: "line"})}
@@ -28,8 +35,8 @@ KINDS = {3: (SOLIDS, FACES), 2: (FACES, {1: "line"})}
 PHYSICAL = re.compile(rb'^[ \t]*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
 
 
-@dataclass(frozen=True, slots=True)
-class Gmsh:
+@registered("gmsh", ".msh")
+class Gmsh(Format):
     """Patches are the physical groups of dimension 2, by name; groups without a name are called ``surface_<tag>``.
 
     Faces in no group are called ``entity_<tag>`` by their surface of the geometry. Points, lines, groups of volumes,
@@ -40,15 +47,17 @@ class Gmsh:
     refused. A new file is of version 2.2 in text.
     """
 
-    name: str = "gmsh"
-    suffixes: tuple[str, ...] = (".msh",)
+    for_workers = "binary Gmsh files of version 4.1"
 
-    def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """See `Format.read`."""
-        with about(path):
-            file = opened(path.read_bytes())
-            progress(f"reading {path.name}", 0.2)
-            return _mesh(file)
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+        """See `Format.layout`; None for a file that is no binary one of version 4.1, with its nodes in order."""
+        with about(path), gmsh_file(path) as file:
+            return _layout(file, path, scratch is not None)
+
+    def stored(self, path: Path) -> TablePieces:
+        """See `Format.stored`."""
+        with gmsh_file(path) as file:
+            return _points(path, nodes(file))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         """See `Format.real`."""
@@ -56,15 +65,16 @@ class Gmsh:
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; in text, each coordinate that changed has as many digits as it needs."""
-        with about(source):
-            data = source.read_bytes()
-            file = opened(data)
-            _, old = nodes(file)
-            check_points(points, len(old.values))
-        progress(f"writing {out.name}", 0.5)
-        data = old.replaced(data, points, np.dtype(f"{file.order}f8") if file.order else None)
-        with fresh(out, source) as beside:
-            beside.write_bytes(data)
+        with about(source), gmsh_file(source) as file:
+            found = nodes(file)
+            check_points(points, found.count)
+        if not found.placed:
+            _points(source, found).rewrite(np.arange(len(points)), points, out, progress)
+            return
+        with fresh(out, source) as beside, about(source), source.open("rb") as text, beside.open("wb") as copy:
+            places = (np.concatenate([getattr(own, of) for own in found.placed]) for of in ("values", "begin", "end"))
+            copy_text(text, iter([(0, text.read(), Placed(*places))]), points.ravel(), copy)
+            progress(f"writing {out.name}", 1.0)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
@@ -73,26 +83,55 @@ class Gmsh:
             return write_mesh(mesh, beside)
 
 
-def _mesh(file: GmshFile) -> Mesh:
+def _points(path: Path, stored: Nodes) -> TablePieces:
+    """Return the points, without cells."""
+    ends = np.cumsum([0, *(table.rows for table in stored.points)]).tolist()
+    ranges = tuple(map(PointRange, ends[:-1], ends[1:], stored.points))
+    return TablePieces(str(path.resolve()), stored.count, ranges, ())
+
+
+def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
+    """Return the layout of a file; None if some of it would be in memory, and all must be `in_file`."""
     if "PartitionedEntities" in file.sections:
         raise MeshFileError("is partitioned; save it in one part: gmsh -save -part 0")
-    tags, found = nodes(file)
-    points = found.values
-    every = list(elements(file))
-    plane = len(points) and points[:, 2].min() == points[:, 2].max() and all(b.kind not in SOLIDS for b in every)
+    if in_file and not (file.order and file.version == 41):
+        return None
+    stored, every = nodes(file), list(elements(file))
+    solid = any(own.kind in SOLIDS for own in every)
+    if in_file and (stored.known is not None or len(every) > MOST or not solid):
+        return None
+    points = _points(path, stored)
+    plane = not solid and stored.count and not np.ptp(points.coordinates(0, stored.count)[:, 2])
+    if plane and in_file:
+        return None
     dimension = 2 if plane else 3
     solids, faces = KINDS[dimension]
     blocks: dict[int, list[Elements]] = {}
     for block in (block for block in (elements(file, 1) if plane else every) if block.kind in solids | faces):
         blocks.setdefault(block.kind, []).append(block)
-    rows = {kind: _indices(np.concatenate([b.nodes for b in parts]), tags) for kind, parts in blocks.items()}
-    inner = {kind: mirrored("wedge", r) if kind == 6 else r for kind, r in rows.items() if kind in solids}
-    own = {kind: (rows[kind], blocks[kind]) for kind in rows if kind in faces}
-    patches = group_patches(own, group_names(file, dimension - 1), faces)
-    mesh = Mesh(points, tuple(oriented(points, Cells(solids[kind], r)) for kind, r in inner.items()), patches)
-    check_faces(mesh)
-    listed, notes = pairs_listed(file, dimension - 1, lambda rows, what: _indices(rows, tags, what))
-    return with_pairs(mesh, listed, notes)
+    cells = tuple(_cells(solids[kind], parts, stored) for kind, parts in blocks.items() if kind in solids)
+    own = {kind: (_nodes(parts, stored), parts) for kind, parts in blocks.items() if kind in faces}
+    border = group_patches(own, group_names(file, dimension - 1), faces)
+    pieces = replace(points, cells=cells).oriented()
+    listed, notes = pairs_listed(file, dimension - 1, stored.index)
+    found = pairs_of(border, listed, pieces.places)
+    zones = (Zone("", 0, stored.count),)
+    return MeshInPieces(
+        path.resolve().name, pieces, found.patches, zones, (*notes, *found.notes), periodic=found.periodic
+    )
+
+
+def _cells(shape: str, parts: Sequence[Elements], stored: Nodes) -> CellTable:
+    """Return the cells of a shape: in the file if nodes are counted from 1, else in memory."""
+    order = MIRRORED["wedge"] if shape == "wedge" else ()
+    if stored.known is None:
+        return CellTable(shape, Joined(tuple(own.nodes for own in parts)), 1, order)
+    return CellTable(shape, Held(_nodes(parts, stored)), 0, order)
+
+
+def _nodes(parts: Iterable[Elements], stored: Nodes) -> IntArray:
+    """Return the nodes (M, k) of elements, counted from 0."""
+    return stored.index(np.concatenate([own.nodes.integers() for own in parts]))
 
 
 def pairs_listed(
@@ -108,14 +147,6 @@ def pairs_listed(
         return [], (f"{error}; the periodic pairs are left out",)
 
 
-def _indices(tags: IntArray, known: IntArray, what: str = "elements") -> IntArray:
-    """Index of each node, from its number; `known` (N,) are the numbers in the file's order."""
-    place, there = places(tags, known)
-    if missing := np.count_nonzero(~there.all(axis=1)):
-        raise MeshFileError(f"{missing} {what} name nodes that are not among the {len(known)}")
-    return place
-
-
 def group_names(file: GmshFile, wanted: int) -> dict[int, str]:
     """Return the names of the physical groups of a dimension."""
     found = PHYSICAL.findall(file.content("PhysicalNames")) if "PhysicalNames" in file.sections else []
@@ -128,7 +159,7 @@ def group_patches(
     """Return the patches in the order of their tags; groups of one name are one patch."""
     found: dict[tuple[bool, int, int], list[Cells]] = {}
     for kind, (rows, blocks) in blocks_of.items():
-        group, entity = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("group", "entity"))
+        group, entity = (np.concatenate([own.each(what) for own in blocks]) for what in ("group", "entity"))
         pairs = np.column_stack([group == 0, group, np.where(group == 0, entity, 0)])
         labels, index = np.unique(pairs, axis=0, return_inverse=True)
         for i, (free, physical, part) in enumerate(labels.tolist()):

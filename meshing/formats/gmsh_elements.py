@@ -1,7 +1,7 @@
 """Elements of Gmsh's files, versions 2.2 and 4.1."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,22 +10,27 @@ from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh_file import ByteCursor, Cursor, GmshFile, TextCursor
 from sdm_deflect.meshing.formats.numbers import Lines
+from sdm_deflect.meshing.formats.tables import Held, Table
 
 CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
 """Number of nodes of each type of element: point, line, triangle, quad, tetrahedron, hexahedron, prism, pyramid."""
 
 
-NONE = np.empty(0, dtype=np.intp)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Elements:
-    """Elements of one type (a key of `CORNERS`): numbers (M, k) of nodes, physical group (M,) or 0, and entity (M,)."""
+    """Elements of one type (a key of `CORNERS`): numbers (M, k) of nodes, physical group (M,) or 0, and entity (M,).
+
+    Group and entity are one number (1,) where they are the same for all.
+    """
 
     kind: int
-    nodes: IntArray = field(repr=False)
+    nodes: Table | Held = field(repr=False)
     group: IntArray = field(repr=False)
     entity: IntArray = field(repr=False)
+
+    def each(self, what: str) -> IntArray:
+        """Return the ``"group"`` or the ``"entity"`` (M,) of each."""
+        return np.broadcast_to(getattr(self, what), self.nodes.rows)
 
 
 def elements(file: GmshFile, boundary: int = 2) -> Iterator[Elements]:
@@ -56,25 +61,19 @@ def corner_count(kind: int, count: int) -> int:
 
 
 def _elements41(file: GmshFile, cursor: Cursor, boundary: int) -> Iterator[Elements]:
-    known = groups(file)
+    known = _groups(file)
     for _ in range(int(cursor.sizes(4)[0])):
         dimension, entity, kind = cursor.ints(3).tolist()
         count = int(cursor.sizes(1)[0])
-        width = 1 + corner_count(kind, count)
-        nodes = cursor.sizes(count * width).reshape(count, width)[:, 1:]
-        own, several = Elements(kind, nodes, NONE, np.full(count, entity)), known.get((dimension, entity), [])
-        yield from of_entity(file, own, several if dimension == boundary else several[:1])
+        nodes = cursor.columns(count, 1 + corner_count(kind, count), "i8", slice(1, None))
+        several = known.get((dimension, entity), [])[: None if dimension == boundary else 1]
+        size = 8 * nodes.rows * nodes.width * len(several)
+        check_unpacked(size, len(file.data), f"{count} elements in {len(several)} groups")
+        for group in several or [0]:
+            yield Elements(kind, nodes, np.array([abs(group)]), np.array([entity]))
 
 
-def of_entity(file: GmshFile, own: Elements, several: Sequence[int]) -> Iterator[Elements]:
-    """Yield elements of an entity, once for each of its groups; MeshFileError if that takes too much memory."""
-    count = len(own.nodes)
-    check_unpacked(own.nodes.nbytes * len(several), len(file.data), f"{count} elements in {len(several)} groups")
-    for group in several or [0]:
-        yield replace(own, group=np.full(count, abs(group)))
-
-
-def groups(file: GmshFile) -> dict[tuple[int, int], list[int]]:
+def _groups(file: GmshFile) -> dict[tuple[int, int], list[int]]:
     """Return the physical groups of each entity, by its dimension and number, of a file of version 4.1."""
     found: dict[tuple[int, int], list[int]] = {}
     if "Entities" not in file.sections:
@@ -111,7 +110,7 @@ def _lines22(words: Lines) -> Iterator[Elements]:
         at = first[rows]
         own = values[(at + 3 + tags[rows])[:, None] + np.arange(corners)]
         group, entity = (np.where(tags[rows] > i, values[at + 3 + i], 0) for i in (0, 1))
-        yield Elements(kind, own, np.abs(group), entity)
+        yield Elements(kind, Held(own), np.abs(group), entity)
 
 
 def _records22(cursor: ByteCursor) -> Iterator[Elements]:
@@ -124,7 +123,7 @@ def _records22(cursor: ByteCursor) -> Iterator[Elements]:
         width = 1 + tags + corner_count(kind, count)
         table = _alike(cursor, width) if count == 1 else cursor.ints(count * width).reshape(count, width)
         group, entity = (table[:, 1 + i] if tags > i else np.zeros(len(table), dtype=np.intp) for i in (0, 1))
-        yield Elements(kind, table[:, 1 + tags :], np.abs(group), entity)
+        yield Elements(kind, Held(table[:, 1 + tags :]), np.abs(group), entity)
         left -= len(table)
 
 
@@ -132,7 +131,7 @@ def _alike(cursor: ByteCursor, width: int) -> IntArray:
     """Records (M, width) that follow one another, each with the header that was just read: Gmsh writes many such."""
     cursor.at -= 12
     row = 3 + width
-    table = cursor.peek((len(cursor.content) - cursor.at) // (4 * row) * row).reshape(-1, row)
+    table = cursor.peek((cursor.end - cursor.at) // (4 * row) * row).reshape(-1, row)
     if not len(table):
         return cursor.ints(row)[None, 3:]  # says that the section has ended
     other = (table[:, :3] != table[0, :3]).any(axis=1)

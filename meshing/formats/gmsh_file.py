@@ -1,18 +1,29 @@
 """Gmsh's own files: their version, their sections, and the numbers and nodes in them."""
 
+import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from mmap import mmap
+from mmap import ACCESS_READ, mmap
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
 from sdm_deflect.meshing.formats.numbers import Lines, Placed, numbers
+from sdm_deflect.meshing.formats.shapes import places
+from sdm_deflect.meshing.formats.tables import Held, Table
 
-REAL = np.dtype("f8")
+REAL = "f8"
+HEAD = 4096
+"""Bytes in which the version stands."""
+ROWS = 1 << 20
+"""Numbers of nodes looked at at a time."""
 AFFINE = re.compile(rb"^[ \t]*Affine[^\n]*\n(?:[^\n]*\.[^\n]*\n)*", re.MULTILINE)
 """A transformation in version 2.2; Gmsh breaks its line after 255 letters where it copies it, within a number."""
 NAME = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
@@ -20,13 +31,14 @@ VERSIONS = {"2": 22, "2.0": 22, "2.1": 22, "2.2": 22, "4.1": 41}
 
 
 class TextCursor:
-    """Numbers of a section in text, one after another."""
+    """Numbers of a section in text, one after another; `placed` are those of the points, and where they are."""
 
     def __init__(self, content: bytes, offset: int, name: str) -> None:
         self.words: Lines = numbers(content, np.float64)
         if not np.isfinite(self.words.values).all():
             raise MeshFileError(f"section ${name} holds numbers that are not finite")
         self.offset, self.name, self.at = offset, name, 0
+        self.placed: list[Placed] = []
 
     def reals(self, count: int) -> Placed:
         """The next `count` numbers."""
@@ -44,42 +56,48 @@ class TextCursor:
 
     sizes = ints
 
+    def columns(self, count: int, width: int, kind: str, chosen: slice) -> Held:
+        """Columns of the next `count` rows of `width` numbers: points if their kind is real, else integers."""
+        found = self.reals(count * width)
+        begin, end = (own.reshape(count, width)[:, chosen] for own in (found.begin, found.end))
+        table = Placed(found.values.reshape(count, width)[:, chosen], begin, end)
+        if kind == REAL:
+            self.placed.append(table)
+            return Held(table.values)
+        with np.errstate(invalid="ignore"):
+            return Held(table.values.astype(np.intp))
+
 
 class ByteCursor:
-    """Numbers of a section in binary, one after another."""
+    """Numbers of a section in binary, one after another: bytes `at` to `end` - 1 of the file at `path`."""
 
-    def __init__(self, content: bytes | mmap, offset: int, name: str, order: str, at: int = 0) -> None:
-        self.content, self.offset, self.name, self.order, self.at = content, offset, name, order, at
+    def __init__(self, file: "GmshFile", name: str) -> None:
+        self.data, self.path, self.order, self.name = file.data, file.path, file.order, name
+        self.at, self.end = file.section(name)
 
     def line(self) -> int:
         """The integer on a line of text, as version 2.2 has them between binary data."""
-        end = self.content.find(b"\n", self.at) + 1
-        text, self.at = self.content[self.at : end], end or len(self.content)
+        end = self.data.find(b"\n", self.at, self.end) + 1 or self.end
+        text, self.at = self.data[self.at : end], end
         return int(text)
-
-    def raw(self, count: int, kind: str) -> np.ndarray[tuple[int, ...], np.dtype[np.void]]:
-        """The next `count` values of a NumPy type such as ``"i4,3f8"``, in the file's byte order."""
-        own = np.dtype(kind).newbyteorder(self.order)  # type: ignore[arg-type]
-        end = self.at + count * own.itemsize
-        if count < 0 or end > len(self.content):
-            raise _ended(self.name)
-        values = np.frombuffer(self.content[self.at : end], own)
-        self.at = end
-        return values
 
     def passed(self, size: int) -> int:
         """Pass by the next `size` bytes, and return where they begin."""
         begin = self.at
         self.at += size
-        if size < 0 or self.at > len(self.content):
+        if size < 0 or self.at > self.end:
             raise _ended(self.name)
         return begin
 
-    def reals(self, count: int) -> Placed:
-        """The next `count` numbers."""
-        at, values = self.at, self.raw(count, "f8")
-        begin = self.offset + at + REAL.itemsize * np.arange(count)
-        return Placed(values.astype(np.float64), begin, begin + REAL.itemsize)
+    def raw(self, count: int, kind: str) -> NDArray[Any]:
+        """The next `count` numbers of a type, in the file's byte order."""
+        own = np.dtype(kind).newbyteorder(self.order)  # type: ignore[arg-type]
+        begin = self.passed(count * own.itemsize)
+        return np.frombuffer(self.data[begin : self.at], own)
+
+    def reals(self, count: int) -> NDArray[Any]:
+        """The next `count` real numbers."""
+        return self.raw(count, REAL)
 
     def ints(self, count: int) -> IntArray:
         """The next `count` integers of 4 bytes."""
@@ -95,6 +113,12 @@ class ByteCursor:
         """The next `count` integers of 8 bytes."""
         return self.raw(count, "i8").astype(np.intp)
 
+    def columns(self, count: int, width: int, kind: str, chosen: slice) -> Table:
+        """Columns of the next `count` rows of `width` numbers of a type; they stay in the file."""
+        size = np.dtype(kind).itemsize
+        begin, (first, last, _) = self.passed(size * width * count), chosen.indices(width)
+        return Table(self.path, begin + size * first, f"{self.order}{kind}", count, last - first, size * width)
+
 
 Cursor = TextCursor | ByteCursor
 
@@ -109,34 +133,49 @@ class GmshFile:
 
     Parameters
     ----------
-    data : All bytes.
+    path : The file.
+    data : All its bytes.
     version : 22 or 41.
     order : ``"<"`` or ``">"`` for binary files, empty for text.
     sections : First and last byte (exclusive) of the content of each section, by name.
     """
 
+    path: Path
     data: bytes | mmap = field(repr=False)
     version: int
     order: str
     sections: dict[str, tuple[int, int]]
 
-    def content(self, name: str) -> bytes:
-        """Return the bytes of a section; MeshFileError if it is not there."""
+    def section(self, name: str) -> tuple[int, int]:
+        """Return the first and the last byte (exclusive) of a section; MeshFileError if it is not there."""
         if name not in self.sections:
             raise MeshFileError(f"there is no section ${name}; the file is truncated or holds no mesh")
-        begin, end = self.sections[name]
-        return self.data[begin:end]
+        return self.sections[name]
+
+    def content(self, name: str) -> bytes:
+        """Return the bytes of a section; MeshFileError if it is not there."""
+        return self.data[slice(*self.section(name))]
 
     def cursor(self, name: str) -> Cursor:
         """Read the numbers of a section one after another."""
-        content, (begin, _) = self.content(name), self.sections[name]
-        return ByteCursor(content, begin, name, self.order) if self.order else TextCursor(content, begin, name)
+        return ByteCursor(self, name) if self.order else TextCursor(self.content(name), self.section(name)[0], name)
 
 
-def opened(data: bytes) -> GmshFile:
+@contextmanager
+def gmsh_file(path: Path) -> Iterator[GmshFile]:
+    """Open a file, of which no more is read than is looked at; errors as of `opened`."""
+    with path.open("rb") as file:
+        if not os.fstat(file.fileno()).st_size:
+            yield opened(path, b"")
+            return
+        with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+            yield opened(path.resolve(), data)
+
+
+def opened(path: Path, data: bytes | mmap) -> GmshFile:
     """Find the sections of a file; MeshFileError if it is not of Gmsh, of a version that is not read, or truncated."""
     if not NAME.match(data):
-        if data.lstrip()[:1] == b"(":
+        if data[:HEAD].lstrip()[:1] == b"(":
             raise MeshFileError(f"is a mesh of Fluent, not of Gmsh; {FLUENT}")
         raise MeshFileError("is not a mesh of Gmsh: it does not begin with $MeshFormat")
     sections = _sections(data)
@@ -152,10 +191,10 @@ def opened(data: bytes) -> GmshFile:
     if words[2] != "8":
         raise MeshFileError(f"numbers of {words[2]} bytes are not read, only those of 8")
     order = "" if words[1] == "0" else "<" if one[:4] == b"\1\0\0\0" else ">"
-    return GmshFile(data, VERSIONS[words[0]], order, sections)
+    return GmshFile(path, data, VERSIONS[words[0]], order, sections)
 
 
-def _sections(data: bytes) -> dict[str, tuple[int, int]]:
+def _sections(data: bytes | mmap) -> dict[str, tuple[int, int]]:
     found: dict[str, tuple[int, int]] = {}
     at = 0
     while header := NAME.match(data, at):
@@ -170,44 +209,81 @@ def _sections(data: bytes) -> dict[str, tuple[int, int]]:
     return found
 
 
-def nodes(file: GmshFile) -> tuple[IntArray, Placed]:
-    """Return numbers (N,) and coordinates (N, 3) of the nodes, in the file's order.
+@dataclass(frozen=True, slots=True, eq=False)
+class Nodes:
+    """The numbers of nodes and their points, part by part; of text, where the points are.
 
-    MeshFileError if they are truncated, or two have the same number.
+    `known` (N,) are the numbers of all nodes in the file's order; None if they count from 1.
     """
+
+    points: Sequence[Table | Held]
+    known: IntArray | None
+    placed: Sequence[Placed] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of nodes."""
+        return sum(table.rows for table in self.points)
+
+    def index(self, numbers: IntArray, what: str = "elements") -> IntArray:
+        """Return the index of each node (M, k) from its number; MeshFileError, about `what`, if there is none."""
+        if self.known is None:
+            index = numbers - 1
+            there = (index >= 0) & (index < self.count)
+        else:
+            index, there = places(numbers, self.known)
+        if missing := np.count_nonzero(~there.all(axis=1)):
+            raise MeshFileError(f"{missing} {what} name nodes that are not among the {self.count}")
+        return index
+
+
+def nodes(file: GmshFile) -> Nodes:
+    """Return the nodes; MeshFileError if they are truncated, or two have the same number."""
     cursor = file.cursor("Nodes")
-    tags, points = _nodes22(cursor) if file.version == 22 else _nodes41(cursor)
-    if twice := len(tags) - len(distinct(tags)):
-        raise MeshFileError(f"{twice} of {len(tags)} nodes have the number of another")
-    return tags, points
+    parts = list(_nodes22(cursor) if file.version == 22 else _nodes41(cursor))
+    points = [own for _, own in parts]
+    placed = cursor.placed if isinstance(cursor, TextCursor) else ()
+    if _in_order([own for own, _ in parts]):
+        return Nodes(points, None, placed)
+    known = np.concatenate([np.empty(0, np.intp), *(own.integers()[:, 0] for own, _ in parts)])
+    if twice := len(known) - len(distinct(known)):
+        raise MeshFileError(f"{twice} of {len(known)} nodes have the number of another")
+    return Nodes(points, known, placed)
 
 
-def _nodes22(cursor: Cursor) -> tuple[IntArray, Placed]:
+def _in_order(tags: Sequence[Table | Held]) -> bool:
+    """Whether nodes are numbered from 1 on, as they stand in the file."""
+    first = 1
+    for table in tags:
+        for start in range(0, table.rows, ROWS):
+            part = table.read(start, min(start + ROWS, table.rows)).ravel()
+            if not np.array_equal(part, np.arange(first, first + len(part))):
+                return False
+            first += len(part)
+    return True
+
+
+def _nodes22(cursor: Cursor) -> Iterator[tuple[Table | Held, Table | Held]]:
     if isinstance(cursor, TextCursor):
-        count = int(cursor.ints(1)[0])
-        table = cursor.reals(4 * count)
-        with np.errstate(invalid="ignore"):
-            tags = table.values[::4].astype(np.intp)
-        return tags, _columns(table, 4, slice(1, 4))
+        count, at = int(cursor.ints(1)[0]), cursor.at
+        tags = cursor.columns(count, 4, "i4", slice(1))
+        cursor.at = at
+        yield tags, cursor.columns(count, 4, REAL, slice(1, 4))
+        return
     count = cursor.line()
-    first = cursor.offset + cursor.at + 4
-    records = cursor.raw(count, "i4,3f8")
-    begin = first + 28 * np.arange(count)[:, None] + 8 * np.arange(3)
-    return records["f0"].astype(np.intp), Placed(records["f1"].astype(np.float64), begin, begin + 8)
+    begin = cursor.passed(28 * count)
+    path, order = cursor.path, cursor.order
+    yield Table(path, begin, f"{order}i4", count, 1, 28), Table(path, begin + 4, f"{order}f8", count, 3, 28)
 
 
-def _nodes41(cursor: Cursor) -> tuple[IntArray, Placed]:
-    tags, found = [np.empty(0, dtype=np.intp)], []
+def _nodes41(cursor: Cursor) -> Iterator[tuple[Table | Held, Table | Held]]:
     for _ in range(int(cursor.sizes(4)[0])):
         dimension, _, parametric = cursor.ints(3).tolist()
         count = int(cursor.sizes(1)[0])
-        tags.append(cursor.sizes(count))
-        width = node_width(dimension, parametric)
-        found.append(_columns(cursor.reals(width * count), width, slice(3)))
-    none = np.empty((0, 3), dtype=np.intp)
-    begin, end = (np.concatenate([none, *(getattr(own, name) for own in found)]) for name in ("begin", "end"))
-    points = np.concatenate([np.empty((0, 3)), *(own.values for own in found)])
-    return np.concatenate(tags), Placed(points, begin, end)
+        tags = cursor.columns(count, 1, "i8", slice(1))
+        points = cursor.columns(count, node_width(dimension, parametric), REAL, slice(3))
+        if count:
+            yield tags, points
 
 
 def node_width(dimension: int, parametric: int) -> int:
@@ -215,12 +291,6 @@ def node_width(dimension: int, parametric: int) -> int:
     if not 0 <= dimension <= 3:
         raise MeshFileError(f"$Nodes has an entity of dimension {dimension}; the file is damaged")
     return 3 + (dimension if parametric else 0)
-
-
-def _columns(table: Placed, width: int, chosen: slice) -> Placed:
-    """Columns of a table of `width`: coordinates have a node's number before them, or parameters after them."""
-    begin, end = (places.reshape(-1, width)[:, chosen] for places in (table.begin, table.end))
-    return Placed(table.values.reshape(-1, width)[:, chosen], begin, end)
 
 
 def periodic(file: GmshFile, dimension: int) -> Iterator[tuple[str, IntArray]]:

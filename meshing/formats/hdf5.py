@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,16 +15,22 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.base.reading import check_unpacked
-from sdm_deflect.meshing.formats.cgns_packed import overwrite
 from sdm_deflect.meshing.formats.format import FULL, MeshFileError
+from sdm_deflect.meshing.formats.hdf5_packed import overwrite
+from sdm_deflect.meshing.formats.tables import Change, Table, rewritten
 
 DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, zlib.error)
 """What h5py raises for a damaged file."""
 FILTERS = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
 """What may be done to data as they are stored; each only once, and in this order."""
 Array = NDArray[Any]
+Span = tuple[int, int, int]
+"""Byte at which the numbers first to last - 1 of an array begin."""
+Replacement = tuple[Any, list[Span], FloatArray, BoolArray]
+"""An open array, where its numbers are, their new values in its shape, and which of them change."""
 
 
 @contextmanager
@@ -142,54 +147,69 @@ def number(node: Any, name: str) -> int:
     return int(values[0])
 
 
+def spans(stored: Any) -> list[Span]:
+    """Return where the numbers of a dataset are in its file as they are; nothing if HDF5 has packed them."""
+    if stored.file.userblock_size or (stored.chunks and (filters(stored) or stored.chunks[1:] != stored.shape[1:])):
+        return []
+    if not stored.chunks:
+        offset = stored.id.get_offset()
+        return [(offset, 0, stored.size)] if offset else []
+    chunks: list[Any] = []
+    stored.id.chunk_iter(chunks.append)
+    width, size = prod(stored.shape[1:]), prod(stored.chunks)
+    starts = [(chunk.byte_offset, chunk.chunk_offset[0] * width) for chunk in chunks]
+    return [(begin, first, min(first + size, stored.size)) for begin, first in starts]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Replaced:
-    """New data of some datasets of a file.
+    """New numbers in the arrays of a file.
 
     Parameters
     ----------
-    plain : Data by the byte at which they are stored as they are.
-    packed : Data by the name of the dataset, of all others.
+    changes : Those of arrays that are stored as they are.
+    packed : All numbers of the others by the name of the dataset, if one changes.
     """
 
-    plain: dict[int, Array] = field(default_factory=dict, repr=False)
+    changes: list[Change] = field(default_factory=list, repr=False)
     packed: dict[str, Array] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, pairs: Sequence[tuple[Any, FloatArray]]) -> Replaced:
-        """Take open datasets of real numbers, each with its new values; what does not change keeps its bits.
+    def of(cls, path: Path, arrays: Sequence[Replacement]) -> Replaced:
+        """Take open arrays of real numbers, each with where it is, its new values, and which of them changed.
 
-        MeshFileError if datasets share their data, or values are too large for their type.
+        What does not change keeps its bits. MeshFileError if arrays share their data, or values are too large.
         """
-        places = sorted((stored.id.get_offset(), stored.nbytes) for stored, _ in pairs if stored.id.get_offset())
-        shared = any(begin + size > after for (begin, size), (after, _) in pairwise(places))
-        if shared or len({h5py.h5o.get_info(stored.id).addr for stored, _ in pairs}) < len(pairs):
-            raise MeshFileError("several of the arrays of coordinates are one and the same data")
+        packed = [stored for stored, places, _, _ in arrays if not places]
+        places = sorted(
+            (at, at + (end - first) * stored.dtype.itemsize) for stored, own, _, _ in arrays for at, first, end in own
+        )
+        shared = any(end > begin for (_, end), (begin, _) in pairwise(places))
+        if shared or len({h5py.h5o.get_info(stored.id).addr for stored in packed}) < len(packed):
+            raise MeshFileError("coordinates of several axes or zones are one and the same data")
         found = cls()
-        for stored, values in pairs:
-            old = stored[()]
-            changed = old.astype(np.float64) != values
-            if changed.any():
-                with np.errstate(over="ignore"):
-                    new = np.where(changed, values, old).astype(old.dtype)
-                if bad := np.count_nonzero(~np.isfinite(new)):
-                    raise MeshFileError(f"{bad} coordinates are beyond single precision, in which the file has them")
-                at = stored.id.get_offset()
-                if at:
-                    found.plain[at] = new
-                else:
-                    found.packed[stored.name] = new
+        for stored, own, values, changed in arrays:
+            rows = np.flatnonzero(changed)
+            new = Change(Table(path, 0, stored.dtype.str, stored.size), rows, values.reshape(-1, 1)[rows])
+            new.check()
+            for at, first, end in own:
+                part = slice(*np.searchsorted(rows, (first, end)))
+                table = Table(path, at, stored.dtype.str, end - first)
+                found.changes.append(Change(table, rows[part] - first, new.values[part]))
+            if not own and len(rows):
+                found.packed[stored.name] = np.where(changed, values, stored[()]).astype(stored.dtype)
         return found
 
-    def copy(self, source: Path, out: Path) -> None:
-        """Write a copy of the file; all but these data stays as it is, but HDF5 may put packed data elsewhere in it."""
-        shutil.copyfile(source, out)
-        with out.open("r+b") as copy:
-            for place, new in self.plain.items():
-                copy.seek(place)
-                copy.write(new.tobytes())
+    def copy(self, source: Path, out: Path, progress: Progress) -> None:
+        """Write a copy of the file; all but these numbers stays as it is, but HDF5 may put packed data elsewhere in it.
+
+        HDF5 does that in a process of its own: it may crash as it closes a damaged file.
+        """
+        rewritten(source, self.changes, out, progress, after=self._pack)
+
+    def _pack(self, copy: Path) -> None:
         if self.packed:
-            overwrite(out, self.packed)
+            overwrite(copy, self.packed)
 
 
 def _named(group: Any, path: str) -> str:

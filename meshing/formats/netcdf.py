@@ -1,12 +1,14 @@
 """Variables of netCDF files: classic (CDF-1), with offsets of 64 bits (CDF-2), and in HDF5 (netCDF-4).
 
+SciPy's reader takes headers at their word: 80 of 900 with one wrong number made it ask for up to 2 GB, others left
+the file mapped. So they are read here.
 Source: file format specifications of netCDF, https://docs.unidata.ucar.edu/netcdf-c/current/file_format_specifications.html
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -19,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.hdf5 import check_stored, damage, filters
+from sdm_deflect.meshing.formats.hdf5 import Span, check_stored, damage, spans
+from sdm_deflect.meshing.formats.tables import Held, Table
 
 MAGIC = (b"CDF\1", b"CDF\2")
 CDF5, HDF5 = b"CDF\5", b"\x89HDF"
@@ -30,8 +33,6 @@ KINDS = {1: "i1", TEXT: "S1", 3: ">i2", 4: ">i4", 5: ">f4", 6: ">f8"}
 MANY = 1 << 16
 """More dimensions, attributes, variables or letters of a name than any header has."""
 Array = NDArray[Any]
-Place = tuple[int, int, int]
-"""Offset in the file of rows first to last - 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,21 +41,26 @@ class Variable:
 
     Parameters
     ----------
-    kind : type of its numbers, with their byte order.
+    dtype : type of its numbers, with their byte order.
     shape : lengths of its dimensions.
     begin : offset of its first byte.
     grows : whether its first dimension is unlimited, so that it lies in pieces at the end of the file.
     """
 
-    kind: np.dtype[Any]
+    dtype: np.dtype[Any]
     shape: tuple[int, ...]
     begin: int
     grows: bool
 
     @property
+    def size(self) -> int:
+        """How many numbers it has."""
+        return prod(self.shape)
+
+    @property
     def end(self) -> int:
         """Offset of the byte after its last one."""
-        return self.begin + prod(self.shape) * self.kind.itemsize
+        return self.begin + self.size * self.dtype.itemsize
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,25 +85,28 @@ class Classic:
 
     def array(self, name: str) -> Array:
         """Return a variable; MeshFileError if it is in pieces."""
-        found = self._plain(name)
+        found = self.stored(name)
         self.file.seek(found.begin)
-        data = self.file.read(found.end - found.begin)
-        return np.frombuffer(data, found.kind).reshape(found.shape)
+        return np.frombuffer(self.file.read(found.end - found.begin), found.dtype).reshape(found.shape)
 
-    def places(self, name: str) -> list[Place]:
-        """Return where the rows of a variable lie."""
-        found = self._plain(name)
-        return [(found.begin, 0, found.shape[0])]
+    def table(self, name: str) -> Table | Held:
+        """Return where the rows of a variable are; errors as of `array`."""
+        found = self.stored(name)
+        return Table(
+            Path(self.file.name).resolve(), found.begin, found.dtype.str, found.shape[0], prod(found.shape[1:])
+        )
 
-    def distinct(self, names: Sequence[str]) -> bool:
-        """Whether no two variables are one; here the header tells."""
-        return len(set(names)) == len(names)
-
-    def _plain(self, name: str) -> Variable:
+    def stored(self, name: str) -> Variable:
+        """Return a variable, of which nothing is read; MeshFileError if it is in pieces."""
         found = self.variables[name]
         if found.grows:
             raise MeshFileError(f"{name} has an unlimited dimension; fix its length with `nccopy -u IN OUT`")
         return found
+
+    def spans(self, name: str) -> list[Span]:
+        """Return where the numbers of a variable are."""
+        found = self.stored(name)
+        return [(found.begin, 0, found.size)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,26 +133,22 @@ class InHdf5:
 
     def array(self, name: str) -> Array:
         """Return a variable; MeshFileError if it is elsewhere, or the file holds only a part of it."""
-        return np.asarray(self._stored(name)[()])
+        return np.asarray(self.stored(name)[()])
 
-    def places(self, name: str) -> list[Place]:
-        """Return where the rows of a variable of one dimension lie; nothing if they are packed."""
-        stored = self._stored(name)
-        if stored.file.userblock_size or (stored.chunks and filters(stored)):
-            return []
-        if not stored.chunks:
-            offset = stored.id.get_offset()
-            return [(offset, 0, len(stored))] if offset else []
-        found: list[Any] = []
-        stored.id.chunk_iter(found.append)
-        rows = [(chunk.byte_offset, chunk.chunk_offset[0]) for chunk in found]
-        return [(begin, first, min(first + stored.chunks[0], len(stored))) for begin, first in rows]
+    def table(self, name: str) -> Table | Held:
+        """Return where the rows of a variable are; they are in memory if HDF5 has them in several places, or packed."""
+        stored, places = self.stored(name), self.spans(name)
+        width = prod(stored.shape[1:])
+        if len(places) != 1:
+            return Held(stored[()].reshape(-1, width))
+        return Table(Path(stored.file.filename).resolve(), places[0][0], stored.dtype.str, len(stored), width)
 
-    def distinct(self, names: Sequence[str]) -> bool:
-        """Whether no two variables are one and the same dataset."""
-        return len({h5py.h5o.get_info(self._stored(name).id).addr for name in names}) == len(names)
+    def spans(self, name: str) -> list[Span]:
+        """Return where the numbers of a variable are; nothing if they are packed."""
+        return spans(self.stored(name))
 
-    def _stored(self, name: str) -> Any:
+    def stored(self, name: str) -> Any:
+        """Return a variable; errors as of `array`."""
         found = self.file.get(name)
         if not isinstance(found, h5py.Dataset) or found.shape is None:
             raise MeshFileError(f"{name} holds no data; the file is damaged")

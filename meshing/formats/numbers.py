@@ -1,10 +1,10 @@
 """Numbers in text and bytes: found, read, and others put in their place."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -14,6 +14,10 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 SPACE = 32
 """Bytes up to this one separate numbers."""
 COMMENT = re.compile(rb"%[^\r\n]*")
+CHUNK = 1 << 18
+"""Bytes of text handled at a time."""
+ROWS = 1 << 15
+"""Lines written at a time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,3 +110,77 @@ def with_words(data: bytes, begin: IntArray, end: IntArray, words: Sequence[byte
     pieces[0::2] = [data[a:b] for a, b in zip([0, *last], [*first, len(data)], strict=True)]
     pieces[1::2] = words
     return b"".join(pieces)
+
+
+def chunks(file: BinaryIO, begin: int, end: int) -> Iterator[tuple[int, bytes]]:
+    """Read bytes begin to end - 1 as pieces of whole lines, each with the offset of its first byte."""
+    carried, at = [b""], begin
+    while at < end:
+        file.seek(at)  # another pass may have read in between
+        text = file.read(min(CHUNK, end - at))
+        if not text:
+            break
+        at += len(text)
+        cut = text.rfind(b"\n") + 1 if at < end else len(text)
+        carried.append(text[:cut])
+        if cut:
+            whole = b"".join(carried)
+            yield begin, whole
+            begin += len(whole)
+            carried.clear()
+        carried.append(text[cut:])
+    if any(carried):
+        yield begin, b"".join(carried)
+
+
+def copy_text(
+    file: BinaryIO,
+    pieces: Iterator[tuple[int, bytes, Placed]],
+    values: FloatArray,
+    out: BinaryIO,
+    word: Callable[[bytes, float], bytes] | None = None,
+) -> None:
+    """Copy a file of text with other numbers; only the characters of those that changed differ.
+
+    Parameters
+    ----------
+    pieces : Rising parts of the text: where each begins, its bytes, and the numbers in it that may change.
+    values : The new numbers (K,), in the order of those in the pieces.
+    word : Returns a number in place of a word; with all digits that it needs unless said otherwise.
+    """
+    at = done = 0
+    for begin, text, placed in pieces:
+        copy_bytes(file, at, begin, out)
+        new = values[done : done + placed.values.size].reshape(placed.values.shape)
+        done += new.size
+        changed = placed.values != new
+        first, last = (each[changed] for each in (placed.begin, placed.end))
+        if word is None:
+            out.write(with_numbers(text, first, last, new[changed]))
+        else:
+            spans = zip(first.tolist(), last.tolist(), new[changed].tolist(), strict=True)
+            out.write(with_words(text, first, last, [word(text[i:j], value) for i, j, value in spans]))
+        at = begin + len(text)
+    copy_bytes(file, at, file.seek(0, 2), out)
+
+
+def copy_bytes(file: BinaryIO, begin: int, end: int, out: BinaryIO) -> None:
+    """Copy bytes begin to end - 1 of a file."""
+    for at in range(begin, end, CHUNK):
+        file.seek(at)  # another pass may have read in between
+        out.write(file.read(min(CHUNK, end - at)))
+
+
+def table(prefix: str, rows: FloatArray | IntArray, number: int | None) -> Iterator[str]:
+    """Lines of a prefix, the rows' values (floats so that they read back exactly), and the row's number if wanted."""
+    words = [prefix] * bool(prefix) + ["%r"] * rows.shape[1] + ["%d"] * (number is not None)
+    line = " ".join(words) + "\n"
+    width = line.count("%")
+    for start in range(0, len(rows), ROWS):
+        own = rows[start : start + ROWS]
+        values: list[float] = [0] * (width * len(own))
+        for i, column in enumerate(own.T):
+            values[i::width] = column.tolist()
+        if number is not None:
+            values[width - 1 :: width] = range(number + start, number + start + len(own))
+        yield (line * len(own)) % tuple(values)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,9 +11,12 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files.staged import copied, fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, fewest_bits
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.openfoam_decomposed import Home, homes, is_part, move_points, read_parts, rewrite_parts
 from sdm_deflect.meshing.formats.openfoam_files import (
     MESH,
@@ -37,8 +40,8 @@ STALE = ("processor*",)
 BESIDE = "the parts of the case are neither read nor copied; name {} in place of the case to deflect them"
 
 
-@dataclass(frozen=True, slots=True)
-class OpenFoam:
+@registered("openfoam", ".foam")
+class OpenFoam(Format):
     """A case folder, its folder ``polyMesh``, or a file such as ``case.foam`` in the case folder.
 
     Cells are polyhedra, patches are polygons. Files may be text or binary (labels of 32 or 64 bits) and packed
@@ -51,8 +54,31 @@ class OpenFoam:
     rewritten as one mesh, see `openfoam_decomposed`.
     """
 
-    name: str = "openfoam"
-    suffixes: tuple[str, ...] = (".foam",)
+    folder = True
+    for_workers = "OpenFOAM cases in binary"
+
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+        """See `Format.layout`."""
+        from sdm_deflect.meshing.formats.openfoam_pieces import in_pieces
+
+        return in_pieces(path)
+
+    def files(self, path: Path) -> list[Path]:
+        """See `Format.files`: those in the folder of a case's mesh, and of those of its parts where these are read."""
+        case = case_folder(path)
+        folders = [*(home.folder for home in homes(case)), case / MESH] if has_parts(path) else [mesh_folder(path)]
+        return [file for folder in folders if folder.is_dir() for file in sorted(folder.iterdir()) if file.is_file()]
+
+    def size(self, path: Path) -> int:
+        """See `Format.size`; 0 if the case is decomposed. MeshFileError if there is none."""
+        if has_parts(path):
+            return 0
+        lists = ("points", "faces", "owner", "neighbour")
+        return sum(file.stat().st_size for name in lists for file in mesh_folder(path).glob(f"{name}*"))
+
+    def place(self, path: Path) -> Path:
+        """See `Format.place`: the folder of a case."""
+        return case_folder(path)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
@@ -151,23 +177,6 @@ def has_parts(path: Path) -> bool:
     case = case_folder(path)
     alone = not any((folder / name).is_file() for folder in (case / MESH, case) for name in ("points", "points.gz"))
     return (is_part(path) or alone) and bool(homes(case))
-
-
-def size_of(path: Path) -> int:
-    """Return the bytes of the mesh of a case; 0 if it is decomposed. MeshFileError if there is none."""
-    if has_parts(path):
-        return 0
-    folder = mesh_folder(path)
-    return sum(
-        file.stat().st_size for name in ("points", "faces", "owner", "neighbour") for file in folder.glob(f"{name}*")
-    )
-
-
-def files_of(path: Path) -> list[Path]:
-    """Return the files in the folder of a case's mesh, and of those of its parts where these are read."""
-    case = case_folder(path)
-    folders = [*(home.folder for home in homes(case)), case / MESH] if has_parts(path) else [mesh_folder(path)]
-    return [file for folder in folders if folder.is_dir() for file in sorted(folder.iterdir()) if file.is_file()]
 
 
 def parts_beside(case: Path) -> tuple[str, ...]:

@@ -6,14 +6,18 @@ translation.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.edges import polygons_of
 from sdm_deflect.deform.mesh.mesh import Constraint, Patch, Periodic, Polygons
+from sdm_deflect.deform.mesh.pairing import RigidMotion, nearest_rotation, rotation_between, translation_between
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
 
@@ -31,8 +35,6 @@ NEAR = 1e-5
 EXACT = 1e-12
 """Of the largest coordinate: lengths below are zero."""
 Places = Callable[[IntArray], FloatArray]
-Motion = tuple[FloatArray, FloatArray]
-"""A rotation (3, 3) and a shift (3,)."""
 Sides = tuple[IntArray, FloatArray, FloatArray]
 """Pairs of nodes (K, 2), and the motion from one to the other."""
 
@@ -89,20 +91,21 @@ def _pair(patch: FoamPatch, names: tuple[str, str], one: Polygons, other: Polygo
 
 def _motions(
     patch: FoamPatch, one: Polygons, other: Polygons, points: tuple[FloatArray, FloatArray], places: Places
-) -> Iterator[Motion]:
+) -> Iterator[RigidMotion]:
     """Yield what may bring one side to the other, the likeliest first; `points` are the nodes of both."""
     if patch.type in MATCHED and len(one) == len(other):
         yield from _in_order(one, other, places)
     axis, centre = (_vector(patch.entries.get(key, "")) for key in ("rotationAxis", "rotationCentre"))
     if axis is not None and axis.any():
-        yield _about(axis, np.zeros(3) if centre is None else centre, *points)
-    yield _moved(*points)
+        with suppress(InputError):  # a side whose centre is on the axis
+            yield rotation_between(*points, Axis(np.zeros(3) if centre is None else centre, axis))
+    yield translation_between(*points)
 
 
-def _in_order(one: Polygons, other: Polygons, places: Places) -> Iterator[Motion]:
+def _in_order(one: Polygons, other: Polygons, places: Places) -> Iterator[RigidMotion]:
     """Yield the motions that bring each face to the one at its place: a translation, else the best rotation."""
     centres, near = [_centres(side, places) for side in (one, other)], NEAR * np.ptp(places(other.nodes), axis=0).max()
-    found = [_moved(*centres)]
+    found = [translation_between(*centres)]
     if np.array_equal(one.offsets, other.offsets):
         first, size = (np.repeat(values, np.diff(one.offsets)) for values in (one.offsets[:-1], np.diff(one.offsets)))
         back = first - (np.arange(len(one.nodes)) - first)  # in opposite sense from the same corner on
@@ -112,11 +115,6 @@ def _in_order(one: Polygons, other: Polygons, places: Places) -> Iterator[Motion
         off = centres[0] @ rotation.T + shift - centres[1]
         if np.abs(off).max(initial=0.0) <= near:
             yield rotation, shift
-
-
-def _moved(points: FloatArray, others: FloatArray) -> Motion:
-    """Return the translation from the mean of points (K, 3) to that of others."""
-    return np.eye(3), others.mean(axis=0) - points.mean(axis=0)
 
 
 def _vector(text: str) -> FloatArray | None:
@@ -134,23 +132,11 @@ def _shift(points: FloatArray, others: FloatArray) -> FloatArray:
     return np.asarray(np.where(np.abs(shift) <= EXACT * np.abs(others).max(), 0.0, shift))
 
 
-def _rigid(points: FloatArray, others: FloatArray) -> Motion:
-    """Return the rotation and shift that bring points (K, 3) nearest to others, one by one (Kabsch)."""
+def _rigid(points: FloatArray, others: FloatArray) -> RigidMotion:
+    """Return the rotation and shift that bring points (K, 3) nearest to others, one by one."""
     start, end = points.mean(axis=0), others.mean(axis=0)
-    u, _, vt = np.linalg.svd((others - end).T @ (points - start))
-    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    rotation = nearest_rotation(points - start, others - end)
     return rotation, end - rotation @ start
-
-
-def _about(axis: FloatArray, centre: FloatArray, points: FloatArray, others: FloatArray) -> Motion:
-    """Return the rotation about an axis through a point that brings the mean of points (K, 3) to that of others."""
-    a = axis / np.linalg.norm(axis)
-    arms = [side.mean(axis=0) - centre for side in (points, others)]
-    first, last = (arm - (arm @ a) * a for arm in arms)
-    angle = np.arctan2(np.cross(first, last) @ a, first @ last)
-    cross = np.cross(np.eye(3), a)
-    rotation = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
-    return rotation, centre - rotation @ centre
 
 
 def _centres(faces: Polygons, places: Places) -> FloatArray:
@@ -211,6 +197,7 @@ def _wedge_sides(one: IntArray, other: IntArray, places: Places) -> Sides | None
     axis = np.where(np.abs(axis - np.round(axis)) < NEAR, np.round(axis), axis)
     centre = np.linalg.solve(np.vstack([n, m, axis]), np.array([n @ front.point, m @ back.point, 0.0]))
     size = np.abs(np.vstack(points)).max()
-    rotation, shift = _about(axis, np.where(np.abs(centre) < EXACT * size, 0.0, centre), *points)
+    hinge = Axis(np.where(np.abs(centre) < EXACT * size, 0.0, centre), axis)
+    rotation, shift = rotation_between(*points, hinge)
     rows = _matched(points[0] @ rotation.T + shift, points[1])
     return None if rows is None else (np.column_stack([one, other[rows]]), rotation, shift)

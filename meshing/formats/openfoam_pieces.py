@@ -32,7 +32,7 @@ from sdm_deflect.meshing.formats.openfoam import (
 from sdm_deflect.meshing.formats.openfoam_files import COMPACT, FoamFile, headed, located, parse
 from sdm_deflect.meshing.formats.openfoam_pairs import pairs_of
 from sdm_deflect.meshing.formats.polyhedra import FEWEST, check_labels, check_sides
-from sdm_deflect.meshing.formats.tables import PointRange, Table, TablePieces, copy_range
+from sdm_deflect.meshing.formats.tables import PointRange, Table, TablePieces, copy_range, items_of
 
 NAMES = ("points", "faces", "owner", "neighbour")
 """Files of lists; patches are in text, and in memory."""
@@ -133,7 +133,7 @@ class FoamPieces(TablePieces):
         """See `Pieces.rewrite`; errors as of `OpenFoam.rewrite`."""
         file = self.lists.points.path
         with case_copied(self.given, out, progress) as mesh, about(file):
-            items = [item for item in self.items(nodes, points, file) if item[2]]
+            items = [item for item in items_of(tuple(self.changes(nodes, points)), file) if item[2]]
             for i, _ in enumerate(runner.map(copy_range, (file, mesh / "points"), items), 1):
                 progress(f"writing {out.name}", 0.5 + 0.5 * i / len(items))
 
@@ -157,7 +157,7 @@ def in_pieces(path: Path) -> MeshInPieces | None:
         cells = lists.cells(np.concatenate(spans))
         patches = patches_of(boundary, lists.owner.rows, lists.neighbour.rows, lists.faces)
     count = lists.points.rows
-    ranges = (PointRange(0, count, (lists.points,)),)
+    ranges = (PointRange(0, count, lists.points),)
     pieces = FoamPieces(str(path.resolve()), count, ranges, (), path.absolute(), lists, cells, *spans)
     with about(folder):
         pairs = pairs_of(boundary, patches, pieces.places)

@@ -1,7 +1,7 @@
 """PLOT3D grids: blocks of hexahedra, or of quadrilaterals in a plane; text and binary."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from math import prod
 from pathlib import Path
@@ -17,14 +17,18 @@ from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.cgns_blocks import AXES, Plane, Size, cells, collapsed, faces
 from sdm_deflect.meshing.formats.cgns_interfaces import NEAR, meeting
 from sdm_deflect.meshing.formats.fitted import Fitted, Part, fitted
-from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits, only_rewritten
-from sdm_deflect.meshing.formats.plot3d_file import Plot3dFile, kind_of
-from sdm_deflect.meshing.formats.plot3d_map import ONE_TO_ONE, PATCHED, UNPROCESSED, WITHOUT, Entry, Range, map_of
+from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format
+from sdm_deflect.meshing.formats.numbers import copy_text
+from sdm_deflect.meshing.formats.plot3d_file import Plot3dFile, kind_of, styled
+from sdm_deflect.meshing.formats.plot3d_map import ONE_TO_ONE, PATCHED, UNPROCESSED, WITHOUT, Entry, Range, map_of, maps
 from sdm_deflect.meshing.formats.shapes import oriented
+from sdm_deflect.meshing.formats.tables import rewritten
 
 
-@dataclass(frozen=True, slots=True)
-class Plot3d:
+@registered("plot3d", ".p3d", ".p3dfmt", ".p2d", ".p2dfmt", ".xyz", ".x", ".g", ".ufmt", written=False)
+class Plot3d(Format):
     """Blocks of hexahedra, or of quadrilaterals in a plane, left- or right-handed; those that meet are one zone.
 
     How a file is stored follows from its counts and its length. Two faces of cells whose corners are at the very same
@@ -34,14 +38,17 @@ class Plot3d:
     part of the mesh; a rewritten file keeps it.
     """
 
-    name: str = "plot3d"
-    suffixes: tuple[str, ...] = (".p3d", ".p3dfmt", ".p2d", ".p2dfmt", ".xyz", ".x", ".g", ".ufmt")
+    def read(self, path: Path, progress: Progress = silent) -> Mesh:
+        """See `Format.read`; a damaged map is a MeshFileError, too."""
+        return _read(path, path, progress)
 
-    def read(self, path: Path, progress: Progress = silent, source: Path | None = None) -> Mesh:
-        """See `Format.read`; a damaged map is a MeshFileError, too. It may be that of the `source` of a copy."""
-        with about(path), path.open("rb") as file:
-            found = Plot3dFile.opened(file, partial(progress, f"reading {path.name}"))
-            return put_together(found.points(), found.sizes, map_of(source or path, found.sizes)).mesh
+    def read_copy(self, path: Path, source: Path) -> Mesh:
+        """See `Format.read_copy`; the map is that of the source."""
+        return _read(path, source)
+
+    def files(self, path: Path) -> Iterable[Path]:
+        """See `Format.files`."""
+        return path, *maps(path)
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         """See `Format.real`."""
@@ -55,17 +62,25 @@ class Plot3d:
         had one. Single precision stays single.
         """
         report = partial(progress, f"writing {out.name}")
+        with about(source), source.open("rb") as file:
+            stored = Plot3dFile.opened(file, report)
+            old = stored.points()
+            joined = put_together(old, stored.sizes, map_of(source, stored.sizes))
+            check_points(points, len(joined.first))
+            new, changed = points[joined.index], (points != old[joined.first])[joined.index]
+            changes = None if stored.values is not None else tuple(stored.changes(source, new, changed))
+        if changes is not None:
+            rewritten(source, changes, out, progress)
+            return
         with fresh(out, source) as beside, about(source), source.open("rb") as file, beside.open("wb") as copy:
-            found = Plot3dFile.opened(file, report)
-            old = found.points()
-            whole = put_together(old, found.sizes, map_of(source, found.sizes))
-            check_points(points, len(whole.first))
-            changed = (points != old[whole.first])[whole.index]
-            found.copy_moved(points[whole.index], changed, copy)
+            copy_text(file, replace(stored, file=file).placed(), stored.moved(new, changed), copy, styled)
 
-    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
-        """Refuse it with a MeshFileError: a mesh from elsewhere has no blocks."""
-        raise only_rewritten(out)
+
+def _read(path: Path, mapped: Path, progress: Progress = silent) -> Mesh:
+    """Return the mesh of a grid with the map beside a grid `mapped`."""
+    with about(path), path.open("rb") as file:
+        found = Plot3dFile.opened(file, partial(progress, f"reading {path.name}"))
+        return put_together(found.points(), found.sizes, map_of(mapped, found.sizes)).mesh
 
 
 def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[Entry]) -> Fitted:

@@ -8,11 +8,11 @@ Verification and Validation); the User's Manual is NASA TM 101067.
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import accumulate, product
 from math import prod
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -20,9 +20,9 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.meshing.formats.cgns_blocks import Size
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import Lines, numbers, with_words
-from sdm_deflect.meshing.formats.su2_read import CHUNK, chunks
-from sdm_deflect.meshing.formats.ugrid_file import EXACT, check_range
+from sdm_deflect.meshing.formats.numbers import Lines, Placed, chunks, numbers
+from sdm_deflect.meshing.formats.tables import Change, Table
+from sdm_deflect.meshing.formats.ugrid_file import EXACT
 
 MARKER = 4
 """Bytes of a Fortran record's length, before and after it, and of a whole number."""
@@ -136,28 +136,36 @@ class Plot3dFile:
             self.report(start / len(found))
         return found
 
-    def copy_moved(self, points: FloatArray, changed: BoolArray, copy: BinaryIO) -> None:
-        """Copy the file with those coordinates of `points` (F, 3) that are marked in `changed` (F, 3).
-
-        ValueError for coordinates beyond the range of single precision, if the file has it.
-        """
-        if self.values is not None:
-            self._copy_text(points, changed, copy)
-            return
-        real = self._real
-        check_range(points, real)
-        self.file.seek(0)
-        shutil.copyfileobj(self.file, copy, CHUNK)
+    def changes(self, path: Path, points: FloatArray, changed: BoolArray) -> Iterator[Change]:
+        """Yield the changes of a binary file that put coordinates of `points` (F, 3) where `changed` (F, 3) is true."""
         start = 0
         for begin, size in zip(self.layout.begins, self.layout.sizes, strict=False):
-            own = slice(start, start + prod(size))
+            count = prod(size)
             for axis in range(self.layout.axes):
-                if changed[own, axis].any():
-                    old = self._stored(begin, axis, prod(size))
-                    copy.seek(begin + axis * prod(size) * real.itemsize)
-                    copy.write(np.where(changed[own, axis], points[own, axis], old).astype(real).tobytes())
-            start += prod(size)
-            self.report(start / len(points))
+                rows = np.flatnonzero(changed[start : start + count, axis])
+                table = Table(path, begin + axis * count * self._real.itemsize, self._real.str, count)
+                yield Change(table, rows, points[start + rows, axis, None])
+            start += count
+
+    def moved(self, points: FloatArray, changed: BoolArray) -> FloatArray:
+        """Return all numbers of a text with coordinates of `points` (F, 3) where `changed` (F, 3) is true."""
+        assert self.values is not None
+        moved, start = self.values.copy(), 0
+        for begin, size in zip(self.layout.begins, self.layout.sizes, strict=False):
+            count = prod(size)
+            for axis in range(self.layout.axes):
+                rows = np.flatnonzero(changed[start : start + count, axis])
+                moved[begin + axis * count + rows] = points[start + rows, axis]
+            start += count
+        return moved
+
+    def placed(self) -> Iterator[tuple[int, bytes, Placed]]:
+        """Yield where a piece of text begins, the piece, and its numbers."""
+        done = 0
+        for at, text, lines in _words(self.file):
+            yield at, text, Placed(np.asarray(lines.values, np.float64), lines.begin, lines.end)
+            done += len(text)
+            self.report(done / self.file.seek(0, 2))
 
     @property
     def _real(self) -> np.dtype[Any]:
@@ -170,24 +178,6 @@ class Plot3dFile:
             return self.values[begin + axis * count :][:count]
         self.file.seek(begin + axis * count * self._real.itemsize)
         return np.frombuffer(self.file.read(count * self._real.itemsize), self._real)
-
-    def _copy_text(self, points: FloatArray, changed: BoolArray, copy: BinaryIO) -> None:
-        assert self.values is not None
-        wanted, marked = self.values.copy(), np.zeros(len(self.values), dtype=np.bool_)
-        start = 0
-        for begin, size in zip(self.layout.begins, self.layout.sizes, strict=False):
-            own = slice(start, start + prod(size))
-            for axis in range(self.layout.axes):
-                place = slice(begin + axis * prod(size), begin + (axis + 1) * prod(size))
-                wanted[place], marked[place] = points[own, axis], changed[own, axis]
-            start += prod(size)
-        for first, text, lines in _words(self.file):
-            own = slice(first, first + len(lines.values))
-            rows = np.flatnonzero(marked[own])
-            each = zip(lines.begin[rows].tolist(), lines.end[rows].tolist(), wanted[own][rows].tolist(), strict=True)
-            words = [styled(text[begin:end], value) for begin, end, value in each]
-            copy.write(with_words(text, lines.begin[rows], lines.end[rows], words))
-            self.report(own.stop / len(wanted))
 
 
 def kind_of(file: BinaryIO) -> list[np.dtype[Any]]:
@@ -206,14 +196,11 @@ def styled(word: bytes, value: float) -> bytes:
 
 
 def _words(file: BinaryIO) -> Iterator[tuple[int, bytes, Lines]]:
-    """Yield the number of words before a piece of text, the piece, and its numbers."""
-    first = 0
-    for _, text in chunks(file, 0, file.seek(0, 2)):
+    """Yield where a piece of text begins, the piece, and its numbers."""
+    for at, text in chunks(file, 0, file.seek(0, 2)):
         if b"*" in text:
             raise MeshFileError("numbers are repeated by counts such as 3*0.5; write the grid with a format of its own")
-        lines = numbers(text.translate(LIKE_FORTRAN), np.float64)
-        yield first, text, lines
-        first += len(lines.values)
+        yield at, text, numbers(text.translate(LIKE_FORTRAN), np.float64)
 
 
 def _read_text(file: BinaryIO, report: Callable[[float], None]) -> FloatArray:

@@ -1,101 +1,51 @@
 """The formats we know, by name and by suffix, and what to do with files of others."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.unchanged import states_of
 from sdm_deflect.meshing.files.temporary import scratch_folder
-from sdm_deflect.meshing.formats.format import FLUENT, Format, MeshFileError
+from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
+from sdm_deflect.meshing.formats.known import Entry, entries
+from sdm_deflect.meshing.formats.layout import Format
 
-GMSH = "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh"
-VTK = 'convert it with PyVista: pyvista.read("FILE").cast_to_unstructured_grid().save("mesh.vtu")'
-EXPORT = "export it from the mesher as CGNS or SU2"
-SURFACE = "it holds a surface or a geometry; a mesh with volume cells is needed"
 ADVICE = {
-    ".cas": FLUENT, ".h5": EXPORT, ".neu": "convert it to an OpenFOAM case: gambitToFoam",
-    ".ccm": "convert it to an OpenFOAM case: ccmToFoam", ".ccmg": "convert it to an OpenFOAM case: ccmToFoam",
-    ".med": GMSH, ".unv": GMSH, ".bdf": GMSH, ".nas": GMSH, ".inp": EXPORT,
-    ".vtk": VTK, ".pvtu": VTK, ".vtm": VTK, ".vtp": SURFACE, ".stl": SURFACE, ".obj": SURFACE, ".ply": SURFACE,
-    ".step": SURFACE, ".stp": SURFACE, ".igs": SURFACE, ".iges": SURFACE, ".brep": SURFACE,
-}  # fmt: skip
-"""By suffix, in lower case."""
-
-
-class Entry(NamedTuple):
-    """A format that is not loaded yet: its module here, its class there, and its suffixes."""
-
-    module: str
-    kind: str
-    suffixes: tuple[str, ...]
-
-
-ENTRIES = {
-    "su2": Entry("su2", "Su2", (".su2",)),
-    "cgns": Entry("cgns", "Cgns", (".cgns",)),
-    "gmsh": Entry("gmsh", "Gmsh", (".msh",)),
-    "ugrid": Entry("ugrid", "Ugrid", (".ugrid",)),
-    "tau": Entry("tau", "Tau", (".grid", ".taumesh", ".nc")),
-    "fluent": Entry("fluent", "Fluent", (".msh.h5", ".cas.h5")),
-    "plot3d": Entry("plot3d", "Plot3d", (".p3d", ".p3dfmt", ".p2d", ".p2dfmt", ".xyz", ".x", ".g", ".ufmt")),
-    "vtu": Entry("vtu", "Vtu", (".vtu",)),
-    "openfoam": Entry("openfoam", "OpenFoam", (".foam",)),
+    ".cas": FLUENT,
+    ".med": "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh",
+    ".vtk": 'convert it with PyVista: pyvista.read("FILE").cast_to_unstructured_grid().save("mesh.vtu")',
+    ".h5": "export it from the mesher as CGNS or SU2",
+    ".stl": "it holds a surface or a geometry; a mesh with volume cells is needed",
 }
-"""Every format by its name; a format is added here and nowhere else."""
-
-
-def _module(name: str) -> Any:
-    """Load a module of this folder: a command on one file needs but that of its format."""
-    return import_module(f"{__package__}.{name}")
-
-
-@cache
-def _loaded(name: str) -> Format:
-    known: Format = getattr(_module(ENTRIES[name].module), ENTRIES[name].kind)()
-    return known
+"""What to do with files that users are likely to have, by suffix in lower case."""
 
 
 class Formats(Mapping[str, Format]):
     """Formats by their names, each loaded when it is first asked for."""
 
     def __getitem__(self, name: str) -> Format:
-        return _loaded(name)
+        return _loaded(entries()[name])
 
     def __iter__(self) -> Iterator[str]:
-        return iter(ENTRIES)
+        return iter(entries())
 
     def __len__(self) -> int:
-        return len(ENTRIES)
+        return len(entries())
+
+
+@cache
+def _loaded(entry: Entry) -> Format:
+    known: Format = getattr(import_module(entry.module), entry.kind)()
+    return known
 
 
 FORMATS = Formats()
-WRITTEN = tuple(name for name in FORMATS if name not in ("fluent", "plot3d"))
-"""Formats in which meshes from elsewhere can be written; files of the others are only rewritten."""
-IN_PIECES: dict[str, Callable[[Path, Path, Progress], MeshInPieces | None]] = {
-    "cgns": lambda path, _, __: _module("cgns").Cgns().in_pieces(path),
-    "gmsh": lambda path, _, __: _module("gmsh_pieces").in_pieces(path),
-    "ugrid": lambda path, _, __: _module("ugrid_pieces").in_pieces(path),
-    "su2": lambda path, scratch, progress: _module("su2_pieces").in_pieces(path, scratch, progress),
-    "openfoam": lambda path, _, __: _module("openfoam_pieces").in_pieces(path),
-}
-"""By format, what returns a file's mesh in pieces, or None where it must be read as a whole; text goes to tables in an
-empty folder."""
-BESIDE: dict[str, Callable[[Path], Iterable[Path]]] = {
-    "ugrid": lambda path: (path, _module("ugrid").mapbc(path)),
-    "tau": lambda path: (path, *_module("tau").mappings(path)),
-    "plot3d": lambda path: (path, *_module("plot3d_map").maps(path)),
-    "openfoam": lambda path: _module("openfoam").files_of(path),
-}
-"""By format, what returns all files that are read for a mesh, where it is more than one."""
-STORED = ("cgns", "gmsh", "ugrid", "openfoam")
-"""Formats of these whose numbers stand in the file itself, where other processes can read them."""
 
 
 def read(path: str | Path, progress: Progress = silent) -> Mesh:
@@ -117,25 +67,20 @@ def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshInPieces 
 
     MeshFileError as for `read`.
     """
-    form = format_of(path).name
-    if form not in IN_PIECES:
-        yield None
-        return
     with scratch_folder() as scratch:
         files = states_of(files_of(path))
-        found = IN_PIECES[form](path, scratch, progress)
+        found = format_of(path).layout(path, scratch, progress)
         yield found and replace(found, pieces=replace(found.pieces, files=files))  # type: ignore[type-var]
 
 
 def files_of(path: Path) -> list[Path]:
     """Return every file that is read for a mesh; of a case those in the folders of its mesh and of its parts'."""
-    form = format_of(path).name
-    return list(BESIDE[form](path)) if form in BESIDE else [path]
+    return list(format_of(path).files(path))
 
 
 def size_of(path: Path) -> int:
     """Return the bytes of a mesh file, or of the mesh in an OpenFOAM case."""
-    return int(_module("openfoam").size_of(path) if format_of(path).name == "openfoam" else path.stat().st_size)
+    return format_of(path).size(path)
 
 
 def format_of(path: str | Path) -> Format:
@@ -149,7 +94,7 @@ def format_of(path: str | Path) -> Format:
     path = Path(path)
     if known := known_format(path):
         return known
-    suffixes = sorted(suffix for entry in ENTRIES.values() for suffix in entry.suffixes)
+    suffixes = sorted(suffix for entry in entries().values() for suffix in entry.suffixes)
     packed = path.suffix.lower() == ".gz"
     own = path.with_suffix("") if packed else path
     usual = "" if packed else f"known are {', '.join(suffixes)}"
@@ -163,15 +108,13 @@ def known_format(path: Path) -> Format | None:
     """Return the format as `format_of` does; None if there is none."""
     if path.is_dir() or not (path.is_file() or path.suffix[1:2].isalpha()):
         return FORMATS["openfoam"]
-    for name, entry in ENTRIES.items():
+    for name, entry in entries().items():
         if path.suffix and path.name.lower().endswith(entry.suffixes):
             return FORMATS[name]
-    return FORMATS["tau"] if path.is_file() and _module("tau").Tau().holds(path) else None
+    return tau if path.is_file() and (tau := FORMATS["tau"]).holds(path) else None
 
 
 def ending(path: Path) -> str:
     """Return the suffix of a mesh file, with the word before it that belongs to it: ``.b8.ugrid``, ``.msh.h5``."""
-    own = Path(path.stem).suffix + path.suffix
-    if own.lower() in ENTRIES["fluent"].suffixes:
-        return own
-    return str(_module("ugrid_file").ending(path)) if path.suffix.lower() in ENTRIES["ugrid"].suffixes else path.suffix
+    form = known_format(path)
+    return form.ending(path) if form else path.suffix

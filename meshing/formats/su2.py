@@ -1,9 +1,8 @@
 """SU2 meshes (.su2) in two and three dimensions."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
-from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -11,39 +10,61 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra, Zone
+from sdm_deflect.deform.mesh.pieces import HERE, MeshInPieces, Runner
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
-from sdm_deflect.meshing.formats.numbers import Placed, with_numbers
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format, whole
+from sdm_deflect.meshing.formats.numbers import CHUNK, copy_text, table
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import simple_faces
-from sdm_deflect.meshing.formats.su2_read import CHUNK, FACES, PARALLEL, SOLIDS, Su2File, read_zones
-from sdm_deflect.meshing.formats.zones import part
+from sdm_deflect.meshing.formats.su2_read import (
+    FACES,
+    PARALLEL,
+    SOLIDS,
+    Section,
+    Su2File,
+    notes_of,
+    patches_of,
+    points_of,
+    zone_of,
+    zones_of,
+)
+from sdm_deflect.meshing.formats.tables import TablePieces
+from sdm_deflect.meshing.formats.zones import joined, part
 
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}
-ROWS = 1 << 15
-"""Lines written at a time."""
 UNFIT = r"[\s(),%=]"
 """SU2 drops blanks, and its lists of markers are separated by commas and parentheses."""
 
 
-@dataclass(frozen=True, slots=True)
-class Su2:
+@registered("su2", ".su2")
+class Su2(Format):
     """Text with one line for each point, cell and boundary face; markers by name, several zones in one file.
 
     Points of other processes (markers SEND_RECEIVE), free-form boxes, periodic data and comments are no part of the
     mesh; a rewritten file keeps them. Cells are one block of each shape, in the file's order within the shape.
     """
 
-    name: str = "su2"
-    suffixes: tuple[str, ...] = (".su2",)
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+        """See `Format.layout`; None for a plane mesh, and for several zones."""
+        with about(path), path.open("rb") as file:
+            source = Su2File.opened(file, partial(progress, f"reading {path.name}"))
+            zones = zones_of(source.sections)
+            if source.dimension != 3 or len(zones) > 1:
+                return None
+            return _layout(path.resolve(), source, *zones.popitem(), scratch)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
         with about(path), path.open("rb") as file:
-            return read_zones(Su2File.opened(file, partial(progress, f"reading {path.name}")))
+            source = Su2File.opened(file, partial(progress, f"reading {path.name}"))
+            zones = zones_of(source.sections)
+            parts = [whole(_layout(path, source, name, own), lambda _: None) for name, own in zones.items()]
+            return replace(joined(list(zones), parts), notes=notes_of(source.sections))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         """See `Format.real`."""
@@ -52,7 +73,19 @@ class Su2:
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; each coordinate that changed is written with as many digits as it needs."""
         with fresh(out, source) as beside, about(source), source.open("rb") as file, beside.open("wb") as copy:
-            copy_moved(Su2File.opened(file, partial(progress, f"writing {out.name}")), points, copy)
+            text = Su2File.opened(file, partial(progress, f"writing {out.name}"))
+            sections = _points(text)
+            check_points(points, sum(section.count for section in sections))
+            copy_text(file, text.placed(sections), points[:, : text.dimension].ravel(), copy)
+
+    def points_of_copy(self, path: Path, source: Path) -> FloatArray:
+        """See `Format.points_of_copy`; cells are those of the source, then, and need not be made numbers of again."""
+        with about(path), path.open("rb") as new, source.open("rb") as old:
+            texts = [Su2File.opened(file, lambda _: None) for file in (new, old)]
+            for own, other in zip(*map(_around, texts), strict=True):
+                if not _same(new, old, own, other):
+                    raise MeshFileError("its text is other than that of the source, not in its points alone")
+            return points_of(texts[0], _points(texts[0]))
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
@@ -67,22 +100,55 @@ class Su2:
         return (*lost, *unwritten(mesh.periodic))
 
 
-def copy_moved(source: Su2File, points: FloatArray, out: BinaryIO) -> None:
-    """Copy a file with coordinates `points` (N, 3): only the characters of changed coordinates differ.
+class Su2Pieces(TablePieces):
+    """See `Pieces`: the numbers are in tables beside the text, which alone is needed for writing."""
 
-    MeshFileError or ValueError if the file is damaged, or has another number of points.
+    __slots__ = ()
+
+    def rewrite(
+        self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
+    ) -> None:
+        """See `Pieces.rewrite`."""
+        source = Path(self.source)
+        with about(source), source.open("rb") as file:
+            text = Su2File.opened(file, lambda _: None)
+            everything = points_of(text, _points(text))
+        everything[nodes] = points
+        Su2().rewrite(source, everything, out, progress)
+
+
+def _layout(
+    path: Path, source: Su2File, name: str, own: Sequence[Section], scratch: Path | None = None
+) -> MeshInPieces:
+    """Return a zone of a file.
+
+    MeshFileError or ValueError if a section is missing, damaged or contradicts another.
     """
-    tables = [section for section in source.sections if section.keyword == "NPOIN"]
-    check_points(points, sum(section.count for section in tables))
-    at = start = 0
-    for section in tables:
-        _copy(source.file, at, section.begin, out)
-        for text, table in source.points(section):
-            own = points[start : start + len(table.values), : source.dimension]
-            out.write(_moved(text, table, own))
-            start += len(table.values)
-        at = section.end
-    _copy(source.file, at, source.sections[-1].end, out)
+    found = zone_of(source, own, scratch)
+    pieces = Su2Pieces(str(path), found.points, found.ranges, found.cells)
+    patches = patches_of(source, own, found.points)
+    return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, found.points),), notes_of(source.sections))
+
+
+def _points(source: Su2File) -> list[Section]:
+    """Return the sections of the points of all zones."""
+    return [section for section in source.sections if section.keyword == "NPOIN"]
+
+
+def _around(source: Su2File) -> list[tuple[int, int]]:
+    """Return the bytes before, between and after the points."""
+    points = _points(source)
+    return list(
+        zip([0, *(own.end for own in points)], [*(own.begin for own in points), source.sections[-1].end], strict=True)
+    )
+
+
+def _same(new: BinaryIO, old: BinaryIO, own: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether bytes of one file are those of another."""
+    for file, (begin, _) in ((new, own), (old, other)):
+        file.seek(begin)
+    size = max(own[1] - own[0], other[1] - other[0])
+    return all(new.read(min(CHUNK, size - at)) == old.read(min(CHUNK, size - at)) for at in range(0, size, CHUNK))
 
 
 def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> dict[str, str]:
@@ -105,22 +171,6 @@ def write_mesh(mesh: Mesh, out: BinaryIO, report: Callable[[float], None]) -> di
     return renamed
 
 
-def _copy(file: BufferedReader, begin: int, end: int, out: BinaryIO) -> None:
-    file.seek(begin)
-    piece = memoryview(bytearray(min(CHUNK, end - begin)))
-    while count := file.readinto(piece[: end - begin]):
-        out.write(piece[:count])
-        begin += count
-
-
-def _moved(text: bytes, table: Placed, points: FloatArray) -> bytes:
-    changed = table.values[: len(points)] != points
-    if not changed.any():
-        return text
-    begin, end = (each[: len(points)][changed] for each in (table.begin, table.end))
-    return with_numbers(text, begin, end, points[changed])
-
-
 def _zone(mesh: Mesh, names: dict[str, str]) -> Iterator[tuple[str, float]]:
     """Text of one zone, and the fraction of it that is written."""
     dimension = 2 if mesh.plane else 3
@@ -139,18 +189,3 @@ def _zone(mesh: Mesh, names: dict[str, str]) -> Iterator[tuple[str, float]]:
         for block in simple_faces(patch):
             yield from ((text, 0.9) for text in table(f"{NUMBERS[block.shape]}", block.nodes, None))
     yield "", 1.0
-
-
-def table(prefix: str, rows: FloatArray | IntArray, number: int | None) -> Iterator[str]:
-    """Lines of a prefix, the rows' values (floats so that they read back exactly), and the row's number if wanted."""
-    words = [prefix] * bool(prefix) + ["%r"] * rows.shape[1] + ["%d"] * (number is not None)
-    line = " ".join(words) + "\n"
-    width = line.count("%")
-    for start in range(0, len(rows), ROWS):
-        own = rows[start : start + ROWS]
-        values: list[float] = [0] * (width * len(own))
-        for i, column in enumerate(own.T):
-            values[i::width] = column.tolist()
-        if number is not None:
-            values[width - 1 :: width] = range(number + start, number + start + len(own))
-        yield (line * len(own)) % tuple(values)

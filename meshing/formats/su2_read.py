@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from io import BufferedReader
-from typing import BinaryIO, TypeVar
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import COMMENT, Lines, Placed, numbers
-from sdm_deflect.meshing.formats.shapes import check_faces, oriented
-from sdm_deflect.meshing.formats.zones import joined
+from sdm_deflect.meshing.formats.numbers import COMMENT, Lines, Placed, chunks, numbers
+from sdm_deflect.meshing.formats.tables import CellTable, Held, PointRange, Table, TablePieces, gathered
 
-CHUNK = 1 << 18
-"""Bytes of text handled at a time."""
 LARGE = 1 << 24
 """Bytes of a section from which on compiled code is worth its loading."""
 SOLIDS = {10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
@@ -34,7 +31,7 @@ HALO = (
 )
 Blocks = list[tuple[str, IntArray]]
 Read = Callable[[bytes, type[np.float64 | np.int64]], Lines]
-Table = TypeVar("Table", Placed, Blocks)
+Rows = TypeVar("Rows", Placed, Blocks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,27 +73,6 @@ def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:
         at = text.find(b"=", end)
 
 
-def chunks(file: BinaryIO, begin: int, end: int) -> Iterator[tuple[int, bytes]]:
-    """Read bytes begin to end - 1 as pieces of whole lines, each with the offset of its first byte."""
-    carried, at = [b""], begin
-    while at < end:
-        file.seek(at)  # another pass may have read in between
-        text = file.read(min(CHUNK, end - at))
-        if not text:
-            break
-        at += len(text)
-        cut = text.rfind(b"\n") + 1 if at < end else len(text)
-        carried.append(text[:cut])
-        if cut:
-            whole = b"".join(carried)
-            yield begin, whole
-            begin += len(whole)
-            carried.clear()
-        carried.append(text[cut:])
-    if any(carried):
-        yield begin, b"".join(carried)
-
-
 @dataclass(frozen=True, slots=True)
 class Su2File:
     """An open file, where its sections lie, its dimension; `report` is told the fraction of it that has been read."""
@@ -120,12 +96,13 @@ class Su2File:
             raise MeshFileError(f"NDIME= {', '.join(map(str, dimensions))}; it must be 2 or 3, the same for all zones")
         return cls(file, found, dimensions[0], report)
 
-    def points(self, section: Section) -> Iterator[tuple[bytes, Placed]]:
-        """Yield the text of a section and the coordinates (R, d) on its lines, some at a time.
+    def placed(self, sections: Sequence[Section]) -> Iterator[tuple[int, bytes, Placed]]:
+        """Yield where a piece of the text of sections begins, the piece, and the coordinates (R, d) on its lines.
 
-        MeshFileError if a line has another number of coordinates; at the end if there are other than `section.count`.
+        MeshFileError if a line has another number of coordinates; after a section if it has other than its `count`.
         """
-        return self._tables(section, np.float64, partial(_coordinates, dimension=self.dimension))
+        for section in sections:
+            yield from self._tables(section, np.float64, partial(_coordinates, dimension=self.dimension))
 
     def elements(self, section: Section, shapes: Mapping[int, str], points: int) -> Iterator[tuple[str, IntArray]]:
         """Yield shapes and nodes (R, k) of elements, some at a time; the order within a shape is the file's.
@@ -133,29 +110,29 @@ class Su2File:
         MeshFileError if a type is not among the `shapes`, or a node is not below `points`; at the end if there are
         other than `section.count` elements.
         """
-        for _, blocks in self._tables(section, np.int64, partial(_blocks, shapes=shapes, points=points)):
+        for _, _, blocks in self._tables(section, np.int64, partial(_blocks, shapes=shapes, points=points)):
             yield from blocks
 
     def _tables(
-        self, section: Section, kind: type[np.float64 | np.int64], table_of: Callable[[Lines], Table]
-    ) -> Iterator[tuple[bytes, Table]]:
-        """Yield the text of a section, some at a time, and the table of the numbers on its lines."""
+        self, section: Section, kind: type[np.float64 | np.int64], rows_of: Callable[[Lines], Rows]
+    ) -> Iterator[tuple[int, bytes, Rows]]:
+        """Yield where a piece of the text of a section begins, the piece, and the rows of the numbers on its lines."""
         texts = (text for _, text in chunks(self.file, section.begin, section.end))
 
-        def work(text: bytes, read: Read = numbers) -> tuple[bytes, int, Table]:
+        def work(text: bytes, read: Read = numbers) -> tuple[bytes, int, Rows]:
             lines = read(text, kind)
-            return text, len(lines), table_of(lines)
+            return text, len(lines), rows_of(lines)
 
-        found: Iterator[tuple[bytes, int, Table]] = map(work, texts)
+        found: Iterator[tuple[bytes, int, Rows]] = map(work, texts)
         if section.end - section.begin > LARGE:
             from sdm_deflect.meshing.formats.plain_numbers import ahead, many_numbers  # loads the compiler
 
             found = ahead(partial(work, read=many_numbers), texts)
         total, at = 0, section.begin
-        for text, count, table in found:
+        for text, count, rows in found:
             total += count
+            yield at, text, rows
             at += len(text)
-            yield text, table
             self.report(at / self.sections[-1].end)
         if total != section.count:
             cause = "truncated or damaged" if total < section.count else "damaged"
@@ -185,16 +162,6 @@ def _blocks(lines: Lines, shapes: Mapping[int, str], points: int) -> Blocks:
     return found
 
 
-def read_zones(source: Su2File) -> Mesh:
-    """Return the mesh of an open file.
-
-    MeshFileError or ValueError if a section is missing, damaged or contradicts another.
-    """
-    zones = zones_of(source.sections)
-    mesh = joined(list(zones), [_zone(source, own) for own in zones.values()])
-    return replace(mesh, notes=notes_of(source.sections))
-
-
 def notes_of(found: Sequence[Section]) -> tuple[str, ...]:
     """Return a sentence if periodic markers have points beyond them, as SU2 made them before version 7."""
     moved = [own for own in found if own.keyword == "NPERIODIC" and own.value.split()[:1] not in ([], ["0"], ["1"])]
@@ -220,12 +187,14 @@ def zones_of(found: Sequence[Section]) -> dict[str, list[Section]]:
     return zones
 
 
-def _zone(source: Su2File, own: Sequence[Section]) -> Mesh:
-    points = points_of(source, only(own, "NPOIN"))
-    cells = _elements(source, only(own, "NELEM"), KINDS[source.dimension][0], len(points))
-    mesh = Mesh(points, tuple(oriented(points, block) for block in cells), patches_of(source, own, len(points)))
-    check_faces(mesh)
-    return mesh
+def zone_of(source: Su2File, own: Sequence[Section], scratch: Path | None) -> TablePieces:
+    """Return the points and cells of a zone in tables: of an empty folder, or in memory if it is None."""
+    points = points_of(source, [only(own, "NPOIN")])
+    place = gathered([("points", points)], lambda _: len(points), scratch)["points"]
+    kind = np.int32 if scratch and len(points) <= np.iinfo(np.int32).max else np.intp
+    found = elements_of(source, only(own, "NELEM"), KINDS[source.dimension][0], len(points), scratch, kind)
+    cells = tuple(CellTable(shape, table, 0) for shape, table in found.items())
+    return TablePieces("", len(points), (PointRange(0, len(points), place),), cells).oriented()
 
 
 def only(own: Sequence[Section], keyword: str) -> Section:
@@ -236,12 +205,12 @@ def only(own: Sequence[Section], keyword: str) -> Section:
     return found[0]
 
 
-def points_of(source: Su2File, section: Section) -> FloatArray:
-    """Return the points (N, 3) of a section."""
-    possible = (section.end - section.begin) // len("0 0") + 1
-    points = np.zeros((min(section.count, possible), 3))  # a damaged count may be any number
+def points_of(source: Su2File, sections: Sequence[Section]) -> FloatArray:
+    """Return the points (N, 3) of sections."""
+    possible = sum(min(own.count, (own.end - own.begin) // len("0 0") + 1) for own in sections)
+    points = np.zeros((possible, 3))  # a damaged count may be any number
     start = 0
-    for _, table in source.points(section):
+    for _, _, table in source.placed(sections):
         own = table.values[: len(points) - start]
         points[start : start + len(own), : source.dimension] = own
         start += len(own)
@@ -262,25 +231,28 @@ def patches_of(source: Su2File, own: Sequence[Section], points: int) -> tuple[Pa
         if own[i + 1 : i + 2] == [] or own[i + 1].keyword != "MARKER_ELEMS":
             raise MeshFileError(f"marker {name} has no MARKER_ELEMS= line; the file is truncated or damaged")
         try:
-            patches.append(Patch(name, _elements(source, own[i + 1], KINDS[source.dimension][1], points)))
+            faces = elements_of(source, own[i + 1], KINDS[source.dimension][1], points)
+            patches.append(Patch(name, tuple(Cells(shape, table.integers()) for shape, table in faces.items())))
         except MeshFileError as error:
             raise MeshFileError(f"marker {name}: {error}") from error
     return tuple(patches)
 
 
-def _elements(source: Su2File, section: Section, shapes: Mapping[int, str], points: int) -> tuple[Cells, ...]:
-    """One block of each shape, in the order in which shapes first appear; the order within a shape is the file's."""
-    found: dict[str, IntArray] = {}
-    filled: Counter[str] = Counter()
-    for shape, nodes in source.elements(section, shapes, points):
-        if shape not in found:  # its memory is taken as it is filled
-            possible = (section.end - section.begin) // (2 * CORNERS[shape] + 2) + 1
-            found[shape] = np.empty((min(section.count, possible), CORNERS[shape]), dtype=np.intp)
-        start = filled[shape]
-        own = nodes[: len(found[shape]) - start]
-        found[shape][start : start + len(own)] = own
-        filled[shape] += len(own)
-    return tuple(Cells(shape, nodes[: filled[shape]]) for shape, nodes in found.items())
+def elements_of(
+    source: Su2File,
+    section: Section,
+    shapes: Mapping[int, str],
+    points: int,
+    scratch: Path | None = None,
+    kind: type[np.signedinteger[Any]] = np.intp,
+) -> dict[str, Table | Held]:
+    """Return a table of each shape, in the order in which shapes first appear; within a shape it is the file's."""
+
+    def most(shape: str) -> int:
+        return min(section.count, (section.end - section.begin) // (2 * CORNERS[shape] + 2) + 1)
+
+    parts = ((shape, nodes.astype(kind, copy=False)) for shape, nodes in source.elements(section, shapes, points))
+    return gathered(parts, most, scratch)
 
 
 def _nodes(lines: Lines, rows: IntArray, shape: str, points: int) -> IntArray:

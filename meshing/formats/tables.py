@@ -2,7 +2,8 @@
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Self
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import CORNERS, Cells
+from sdm_deflect.deform.mesh.mesh import CORNERS, PLANE, Cells
 from sdm_deflect.deform.mesh.pieces import HERE, Runner
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
 from sdm_deflect.deform.mesh.unchanged import States, check_unchanged
@@ -26,6 +27,8 @@ WITHOUT_COPYING = (None, errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSU
 """What a system answers that cannot copy from file to file; None is no such function at all."""
 SMALL = 1 << 26
 """Bytes of a table that is read whole where some of its rows are wanted."""
+ROWS = 1 << 15
+"""Points or cells that are put into arrays at a time."""
 SHORTER = "the file has become shorter"
 Array = NDArray[Any]
 
@@ -91,12 +94,17 @@ class Table:
 class Joined:
     """Tables of as many numbers in each row, one after another."""
 
-    tables: tuple[Table, ...]
+    tables: tuple["Table | Held", ...]
 
     @property
     def rows(self) -> int:
         """Number of rows."""
         return sum(table.rows for table in self.tables)
+
+    @property
+    def width(self) -> int:
+        """Numbers in each row."""
+        return self.tables[0].width
 
     def read(self, start: int, stop: int) -> Array:
         """See `Table.read`."""
@@ -115,7 +123,7 @@ class Joined:
         back[order] = np.arange(len(order))
         return np.asarray(np.concatenate(found)[back])
 
-    def _parts(self, start: int, stop: int) -> Iterator[tuple[Table, int, int]]:
+    def _parts(self, start: int, stop: int) -> Iterator[tuple["Table | Held", int, int]]:
         end = 0
         for table in self.tables:
             low, high = max(start, end) - end, min(stop, end + table.rows) - end
@@ -124,19 +132,88 @@ class Joined:
             end += table.rows
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Held:
+    """Rows of numbers (rows, width) in memory: what stood in the file as text, or had to be put in order."""
+
+    values: Array = field(repr=False)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.values)
+
+    @property
+    def width(self) -> int:
+        """Numbers in each row."""
+        return int(self.values.shape[1])
+
+    @property
+    def kind(self) -> str:
+        """Type of the numbers."""
+        return self.values.dtype.str
+
+    def read(self, start: int, stop: int) -> Array:
+        """See `Table.read`."""
+        return self.values[start:stop]
+
+    def some(self, rows: IntArray) -> Array:
+        """See `Table.some`."""
+        return self.values[rows]
+
+    def integers(self) -> IntArray:
+        """See `Table.integers`."""
+        return self.values.astype(np.intp)
+
+
+def gathered(
+    parts: Iterable[tuple[str, Array]], most: Callable[[str], int], scratch: Path | None
+) -> dict[str, Table | Held]:
+    """Put the rows of several tables, which come in parts, into memory, or into files of a folder.
+
+    Parameters
+    ----------
+    parts : Name of a table, and some rows (K, width) of it.
+    most : Returns for a name more rows than come; their memory is taken as it is filled.
+    scratch : An empty folder; None: memory.
+    """
+    rows: dict[str, int] = {}
+    arrays: dict[str, Array] = {}
+    with ExitStack() as stack:
+        files: dict[str, BinaryIO] = {}
+        for name, part in parts:
+            done = rows.setdefault(name, 0)
+            if scratch:
+                with written(scratch):
+                    if name not in files:
+                        files[name] = stack.enter_context((scratch / name).open("wb"))
+                        arrays[name] = part[:0]
+                    files[name].write(part.tobytes())
+            else:
+                if name not in arrays:
+                    arrays[name] = np.empty((most(name), part.shape[1]), part.dtype)
+                part = part[: len(arrays[name]) - done]
+                arrays[name][done : done + len(part)] = part
+            rows[name] += len(part)
+    if not scratch:
+        return {name: Held(values[: rows[name]]) for name, values in arrays.items()}
+    return {name: Table(scratch / name, 0, own.dtype.str, rows[name], own.shape[1]) for name, own in arrays.items()}
+
+
 @dataclass(frozen=True, slots=True)
 class PointRange:
-    """Points start to stop - 1: a table of each coordinate, or one of all three."""
+    """Points start to stop - 1: coordinates `first` to `end` - 1 of each are a row of a table."""
 
     start: int
     stop: int
-    tables: tuple[Table, ...]
+    table: Table | Held
+    first: int = 0
+    end: int = 3
 
-    def columns(self) -> tuple[tuple[Table, slice], ...]:
-        """Return each table with the coordinates that it holds."""
-        if len(self.tables) == 1:
-            return ((self.tables[0], slice(0, 3)),)
-        return tuple((table, slice(i, i + 1)) for i, table in enumerate(self.tables))
+    @property
+    def axes(self) -> slice:
+        """Which coordinates they are."""
+        return slice(self.first, self.end)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +221,7 @@ class CellTable:
     """Cells of one shape: the table of their nodes, the number of the first point, and the order of VTK's nodes."""
 
     shape: str
-    table: Table | Joined
+    table: Table | Joined | Held
     first: int = 1
     order: tuple[int, ...] = ()
 
@@ -157,6 +234,36 @@ class CellTable:
         nodes = np.take(stored, self.order, axis=1) if self.order else stored
         own = np.intp if nodes.dtype.kind == "u" else nodes.dtype.newbyteorder("=")
         return np.asarray(nodes.astype(own, copy=False) - self.first)
+
+    def everything(self, points: int, report: Callable[[int], None] = lambda _: None) -> IntArray:
+        """Return nodes (M, k) of all cells; MeshFileError if one is not among so many points."""
+        held = self._held()
+        nodes = np.empty((self.table.rows, self.table.width), dtype=np.intp) if held is None else held
+        for start in range(0, len(nodes), ROWS):
+            part = nodes[start : start + ROWS]
+            if held is None:
+                part[:] = self.nodes(start, start + len(part))
+            if part.min() < 0 or part.max() >= points:
+                raise self.missing(points)
+            report(len(part))
+        return nodes
+
+    def _held(self) -> IntArray | None:
+        """Return the nodes (M, k) of all cells if they are in memory as they are to be; else None."""
+        if not isinstance(self.table, Held) or self.first or self.order or self.table.values.dtype != np.intp:
+            return None
+        return self.table.values
+
+    def missing(self, points: int) -> MeshFileError:
+        """Return the error of cells that name points that are not there; all cells are read to count them."""
+        bad = 0
+        for start in range(0, self.table.rows, SAMPLE):
+            nodes = self.nodes(start, min(start + SAMPLE, self.table.rows))
+            bad += int(np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1)))
+        last = points - 1 + self.first
+        return MeshFileError(
+            f"{bad} {self.shape} elements name points that are not among the {points} ({self.first} to {last})"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,13 +283,19 @@ class TablePieces:
 
     def coordinates(self, start: int, stop: int) -> FloatArray:
         """See `Pieces.coordinates`."""
-        check_unchanged(self.files, elsewhere=True)
         found = np.empty((stop - start, 3))
+        self.coordinates_into(found, start)
+        return found
+
+    def coordinates_into(self, found: FloatArray, start: int) -> None:
+        """Fill in the coordinates (K, 3) of the points from `start` on."""
+        check_unchanged(self.files, elsewhere=True)
+        stop = start + len(found)
         for own in self.ranges:
             low, high = max(start, own.start), min(stop, own.stop)
-            for table, columns in own.columns() if low < high else ():
-                found[low - start : high - start, columns] = table.read(low - own.start, high - own.start)
-        return found
+            if low < high:
+                with np.errstate(invalid="ignore"):  # what is no number is refused by whoever asks
+                    found[low - start : high - start, own.axes] = own.table.read(low - own.start, high - own.start)
 
     def places(self, nodes: IntArray) -> FloatArray:
         """See `Pieces.places`."""
@@ -190,8 +303,8 @@ class TablePieces:
         found = np.empty((len(nodes), 3))
         for own in self.ranges:
             rows = np.flatnonzero((nodes >= own.start) & (nodes < own.stop))
-            for table, columns in own.columns() if len(rows) else ():
-                found[rows, columns] = table.some(nodes[rows] - own.start)
+            if len(rows):
+                found[rows, own.axes] = own.table.some(nodes[rows] - own.start)
         return found
 
     def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
@@ -200,16 +313,19 @@ class TablePieces:
         return Cells(self.cells[block].shape, self.cells[block].nodes(start, stop))
 
     def oriented(self) -> Self:
-        """Return it with each block in VTK's order, whichever of the two orders the file used (`shapes.oriented`)."""
+        """Return it with each block in VTK's order, whichever of the two orders the file used (`shapes.oriented`).
+
+        Plane cells stay as they are: they are turned one by one.
+        """
         return replace(self, cells=tuple(self._oriented(own) for own in self.cells))
 
     def _oriented(self, cells: CellTable) -> CellTable:
-        if not cells.table.rows:
+        if not cells.table.rows or cells.shape in PLANE:
             return cells
         rows = np.arange(0, cells.table.rows, max(1, cells.table.rows // SAMPLE))
         nodes = cells.counted(cells.table.some(rows))[:, [0, *AXES[cells.shape]]]
         if nodes.min() < 0 or nodes.max() >= self.points:
-            raise MeshFileError(f"{cells.shape} elements name points that are not among the {self.points}")
+            raise cells.missing(self.points)
         corners = self.places(nodes.ravel()).reshape(-1, 4, 3)
         if not left_handed(corners):
             return cells
@@ -221,25 +337,45 @@ class TablePieces:
     ) -> None:
         """See `Pieces.rewrite`; MeshFileError for points that the file's numbers cannot hold."""
         source = Path(self.source)
-        with fresh(out, source) as beside, about(source):
-            items = self.items(nodes, points, source)
-            with written(out):
-                os.truncate(beside, source.stat().st_size)
-            for i, _ in enumerate(runner.map(copy_range, (source, beside), items), 1):
-                progress(f"writing {out.name}", i / len(items))
+        with about(source):
+            changes = tuple(self.changes(nodes, points))
+        rewritten(source, changes, out, progress, runner)
 
-    def items(self, nodes: IntArray, points: FloatArray, file: Path) -> list["Item"]:
-        """Return all bytes of the file of the points, range by range, with what is to stand there (`copy_range`)."""
-        changes, size = tuple(self._changes(nodes, points)), file.stat().st_size
-        return [item_of(changes, start, min(start + RANGE, size)) for start in range(0, size, RANGE)]
-
-    def _changes(self, nodes: IntArray, points: FloatArray) -> Iterator["Change"]:
+    def changes(self, nodes: IntArray, points: FloatArray) -> Iterator["Change"]:
+        """Yield what is to stand in each table once sorted nodes (K,) are at `points` (K, 3)."""
         for own in self.ranges:
+            assert isinstance(own.table, Table)
             first, end = np.searchsorted(nodes, (own.start, own.stop))
-            for table, columns in own.columns():
-                change = Change(table, nodes[first:end] - own.start, points[first:end, columns])
-                change.check()
-                yield change
+            yield Change(own.table, nodes[first:end] - own.start, points[first:end, own.axes])
+
+
+def rewritten(
+    source: Path,
+    changes: Sequence["Change"],
+    out: Path,
+    progress: Progress = silent,
+    runner: Runner = HERE,
+    after: Callable[[Path], None] = lambda _: None,
+) -> None:
+    """Write a copy of a file with other numbers in its tables; `after` may change the copy before it is in its place.
+
+    MeshFileError for numbers that they cannot hold.
+    """
+    with fresh(out, source) as beside, about(source):
+        items = items_of(changes, source)
+        with written(out):
+            os.truncate(beside, source.stat().st_size)
+        for i, _ in enumerate(runner.map(copy_range, (source, beside), items), 1):
+            progress(f"writing {out.name}", i / len(items))
+        after(beside)
+
+
+def items_of(changes: Sequence["Change"], file: Path) -> list["Item"]:
+    """Return all bytes of a file, range by range, with what is to stand there (`copy_range`)."""
+    for change in changes:
+        change.check()
+    size = file.stat().st_size
+    return [item_of(tuple(changes), start, min(start + RANGE, size)) for start in range(0, size, RANGE)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,8 +389,10 @@ class Change:
     def check(self) -> None:
         """Raise a ValueError if the table cannot hold the values."""
         kind = np.dtype(self.table.kind)
-        if np.abs(self.values).max(initial=0.0) > np.finfo(kind).max or not np.isfinite(self.values).all():
-            raise ValueError(f"coordinates are too large for numbers of {kind.itemsize} bytes")
+        if np.abs(self.values).max(initial=0.0) <= np.finfo(kind).max:  # false if one is no number
+            return
+        bad = np.count_nonzero(~(np.abs(self.values) <= np.finfo(kind).max))
+        raise ValueError(f"{bad} coordinates are too large for numbers of {kind.itemsize} bytes")
 
     def within(self, begin: int, end: int) -> "Change":
         """Return the part that changes bytes from `begin` to `end` - 1."""
@@ -273,8 +411,9 @@ class Change:
         shape = int(self.rows[-1]) - first + 1, table.width
         strides = table.step, np.dtype(table.kind).itemsize
         stored = np.ndarray(shape, table.kind, data, table.begin + first * table.step - start, strides)
-        before = stored[self.rows - first]
-        stored[self.rows - first] = np.where(before == self.values, before, self.values)
+        rows = slice(None) if len(stored) == len(self.rows) else self.rows - first
+        before = stored[rows]
+        stored[rows] = np.where(before == self.values, before, self.values)
 
 
 Item = tuple[int, int, tuple[Change, ...]]

@@ -1,10 +1,8 @@
 """Primary grids of DLR's TAU code (.grid, .taumesh, .nc) in netCDF."""
 
 import re
-import shutil
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +10,16 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch
-from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch, Zone
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.files.staged import fresh
-from sdm_deflect.meshing.formats.cgns_packed import overwrite
-from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
-from sdm_deflect.meshing.formats.hdf5 import DAMAGE
-from sdm_deflect.meshing.formats.netcdf import Array, NetCdf, opened
-from sdm_deflect.meshing.formats.shapes import check_faces, mirrored, oriented, refuse_plane
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
+from sdm_deflect.meshing.formats.hdf5 import DAMAGE, Replaced
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format
+from sdm_deflect.meshing.formats.netcdf import NetCdf, opened
+from sdm_deflect.meshing.formats.shapes import MIRRORED, refuse_plane
+from sdm_deflect.meshing.formats.tables import CellTable, Held, PointRange, TablePieces
 from sdm_deflect.meshing.formats.tau_write import AXES, FACES, MARKERS, SOLIDS, write_grid
 
 MAPPINGS = (".bmap", ".para")
@@ -31,8 +31,8 @@ MOST = 1 << 12
 NUMBER = re.compile(r"-?[0-9]{1,9}")
 
 
-@dataclass(frozen=True, slots=True)
-class Tau:
+@registered("tau", ".grid", ".taumesh", ".nc")
+class Tau(Format):
     """Cells of the four linear shapes, each one block; patches are the markers of triangles and quadrilaterals.
 
     Patches are named by a boundary mapping beside the grid (``wing.bmap``, or the parameters ``wing.para``, for
@@ -41,21 +41,20 @@ class Tau:
     offsets of 64 bits (CDF-2).
     """
 
-    name: str = "tau"
-    suffixes: tuple[str, ...] = (".grid", ".taumesh", ".nc")
+    def files(self, path: Path) -> Iterable[Path]:
+        """See `Format.files`."""
+        return path, *mappings(path)
 
-    def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """See `Format.read`."""
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+        """See `Format.layout`; None for netCDF-4 in several parts."""
         progress(f"reading {path.name}", 0.0)
         with about(path), opened(path) as file:
-            return read_grid(file, path)
+            return _layout(file, path, scratch is not None)
 
-    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
-        """See `Format.real`."""
-        if source is None:
-            return DOUBLE
-        with about(source), opened(source) as file:
-            return fewest_bits(values.dtype for values in coordinates(file))
+    def stored(self, path: Path) -> TablePieces:
+        """See `Format.stored`."""
+        with opened(path) as file:
+            return _points(file, path)
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; only the bytes of points_xc, points_yc and points_zc change.
@@ -64,25 +63,13 @@ class Tau:
         """
         with about(source), opened(source) as file:
             stored = coordinates(file)
-            check_points(points, len(stored[0]))
-            places = {axis: file.places(axis) for axis in AXES}
-            changed = {axis: _moved(old, new) for axis, old, new in zip(AXES, stored, points.T, strict=True)}
-            spans = [
-                (at, at + (last - first) * changed[axis].itemsize) for axis in AXES for at, first, last in places[axis]
+            check_points(points, stored[0].size)
+            arrays = [
+                (own, file.spans(axis), new, file.array(axis) != new)
+                for axis, own, new in zip(AXES, stored, points.T, strict=True)
             ]
-            if not file.distinct(AXES) or any(begin < end for (_, end), (begin, _) in pairwise(sorted(spans))):
-                raise MeshFileError("coordinates of several axes are one and the same data")
-        with fresh(out, source) as beside, about(source):
-            progress(f"writing {out.name}", 0.0)
-            shutil.copyfile(source, beside)
-            with beside.open("r+b") as copy:
-                for axis, values in changed.items():
-                    for begin, first, last in places[axis]:
-                        copy.seek(begin)
-                        copy.write(values[first:last].tobytes())
-            if packed := {axis: values for axis, values in changed.items() if not places[axis]}:
-                overwrite(beside, packed)
-            progress(f"writing {out.name}", 1.0)
+            new = Replaced.of(source, arrays)
+        new.copy(source, out, progress)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError."""
@@ -92,7 +79,7 @@ class Tau:
             return write_grid(mesh, file)
 
     def holds(self, path: Path) -> bool:
-        """Whether a file of any name is such a grid."""
+        """See `Format.holds`."""
         try:
             with opened(path) as file:
                 return AXES[0] in file
@@ -100,56 +87,61 @@ class Tau:
             return False
 
 
-def read_grid(file: NetCdf, path: Path) -> Mesh:
+def _points(file: NetCdf, path: Path) -> TablePieces:
+    """Return the points, without cells."""
+    count = coordinates(file)[0].size
+    ranges = tuple(PointRange(0, count, file.table(axis), i, i + 1) for i, axis in enumerate(AXES))
+    return TablePieces(str(path.resolve()), count, ranges, ())
+
+
+def _layout(file: NetCdf, path: Path, in_file: bool) -> MeshInPieces | None:
     """Return the mesh of an open file; names of patches may be in files beside `path`.
+
+    None if some of it would be in memory, and all must be `in_file`.
 
     MeshFileError or ValueError if variables are missing, damaged or contradict one another.
     """
-    points = np.stack(coordinates(file), axis=1).astype(np.float64, copy=False)
-    cells = [block for what, shape in SOLIDS.items() for block in _elements(file, what, shape, len(points))]
-    faces = [block for what, shape in FACES.items() for block in _elements(file, what, shape, len(points))]
+    points = _points(file, path)
+    cells = [_elements(file, what, shape) for what, shape in SOLIDS.items() if f"points_of_{what}" in file]
+    stored = (*(own.table for own in points.ranges), *(own.table for own in cells))
+    if in_file and any(isinstance(table, Held) for table in stored):
+        return None
+    tables = [_elements(file, what, shape) for what, shape in FACES.items() if f"points_of_{what}" in file]
     _check_count(file, "no_of_elements", cells)
-    _check_count(file, "no_of_surfaceelements", faces)
-    turned = [replace(b, nodes=mirrored("wedge", b.nodes)) if b.shape == "wedge" else b for b in cells]
+    _check_count(file, "no_of_surfaceelements", tables)
+    faces = [Cells(own.shape, own.everything(points.points)) for own in tables if own.table.rows]
     by_marker = _by_marker(file, faces)
     patches: dict[str, list[Cells]] = {}
     for marker, name in marker_names(file, path, list(by_marker)).items():
         patches.setdefault(name, []).extend(by_marker[marker])
+    pieces = replace(points, cells=tuple(own for own in cells if own.table.rows)).oriented()
     named = tuple(Patch(name, tuple(blocks)) for name, blocks in patches.items())
-    mesh = Mesh(points, tuple(oriented(points, block) for block in turned), named)
-    check_faces(mesh)
-    return mesh
+    return MeshInPieces(path.resolve().name, pieces, named, (Zone("", 0, points.points),))
 
 
-def coordinates(file: NetCdf) -> list[Array]:
-    """Return x, y and z (N,) as they are stored; MeshFileError if they are no real numbers of one length."""
+def coordinates(file: NetCdf) -> list[Any]:
+    """Return the variables x, y and z (N,); MeshFileError if they are no real numbers of one length."""
     if missing := [axis for axis in AXES if axis not in file]:
         raise MeshFileError(f"there is no variable {missing[0]}; this is no primary grid of TAU, or it is damaged")
-    found = [file.array(axis) for axis in AXES]
-    count = found[0].shape[0] if found[0].ndim else 0
-    for axis, values in zip(AXES, found, strict=True):
-        if values.dtype.kind != "f" or values.dtype.itemsize not in (4, 8) or values.shape != (count,):
-            raise MeshFileError(f"{axis} holds {values.shape} {values.dtype}, expected ({count},) real numbers")
+    found = [file.stored(axis) for axis in AXES]
+    count = found[0].shape[0] if found[0].shape else 0
+    for axis, own in zip(AXES, found, strict=True):
+        if own.dtype.kind != "f" or own.dtype.itemsize not in (4, 8) or own.shape != (count,):
+            raise MeshFileError(f"{axis} holds {own.shape} {own.dtype}, expected ({count},) real numbers")
     return found
 
 
-def _elements(file: NetCdf, what: str, shape: str, points: int) -> Iterator[Cells]:
-    """Yield the cells or faces of one shape, if there are any."""
-    name = f"points_of_{what}"
-    if name not in file:
-        return
-    nodes, corners = file.array(name), CORNERS[shape]
-    if nodes.dtype.kind not in "iu" or nodes.shape[1:] != (corners,):
-        raise MeshFileError(f"{name} holds {nodes.shape} {nodes.dtype}, expected (N, {corners}) whole numbers")
-    if missing := np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1)):
-        known = f"the {points} (0 to {points - 1})"
-        raise MeshFileError(f"{missing} of {len(nodes)} {what} name points that are not among {known}")
-    if len(nodes):
-        yield Cells(shape, nodes.astype(np.intp))
+def _elements(file: NetCdf, what: str, shape: str) -> CellTable:
+    """Return the cells or faces of one shape."""
+    name, corners = f"points_of_{what}", CORNERS[shape]
+    stored = file.stored(name)
+    if stored.dtype.kind not in "iu" or stored.shape[1:] != (corners,):
+        raise MeshFileError(f"{name} holds {stored.shape} {stored.dtype}, expected (N, {corners}) whole numbers")
+    return CellTable(shape, file.table(name), 0, MIRRORED[shape] if shape == "wedge" else ())
 
 
-def _check_count(file: NetCdf, dimension: str, blocks: Sequence[Cells]) -> None:
-    announced, found = file.length(dimension), sum(len(block) for block in blocks)
+def _check_count(file: NetCdf, dimension: str, blocks: Sequence[CellTable]) -> None:
+    announced, found = file.length(dimension), sum(block.table.rows for block in blocks)
     if announced is not None and announced != found:
         raise MeshFileError(f"{dimension} is {announced}, but {found} of the shapes that are supported are there")
 
@@ -221,12 +213,3 @@ def mapped_names(text: str) -> dict[int, str]:
             words = re.split(r"[\s,]+", values.get("Markers", ""))
             found |= {int(word): name for word in words if NUMBER.fullmatch(word)}
     return found
-
-
-def _moved(old: Array, new: FloatArray) -> Array:
-    """Return values that are stored; those that do not change keep their bits."""
-    with np.errstate(over="ignore"):
-        moved = np.where(old.astype(np.float64) != new, new.astype(old.dtype), old).astype(old.dtype, copy=False)
-    if bad := np.count_nonzero(~np.isfinite(moved)):
-        raise MeshFileError(f"{bad} coordinates are beyond single precision, in which the file has them")
-    return moved

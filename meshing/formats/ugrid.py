@@ -2,9 +2,9 @@
 
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,17 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch, Zone
+from sdm_deflect.deform.mesh.pieces import HERE, MeshInPieces, Runner
 from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits, fitting_names
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format
+from sdm_deflect.meshing.formats.numbers import copy_text
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
-from sdm_deflect.meshing.formats.shapes import MIRRORED, check_faces, oriented, refuse_plane, simple_faces
+from sdm_deflect.meshing.formats.shapes import MIRRORED, refuse_plane, simple_faces
+from sdm_deflect.meshing.formats.tables import CellTable, Held, PointRange, Table, TablePieces
 from sdm_deflect.meshing.formats.ugrid_file import (
     ENCODINGS,
     ORDER,
@@ -26,6 +31,7 @@ from sdm_deflect.meshing.formats.ugrid_file import (
     SUFFIX,
     SURFACE,
     UgridFile,
+    check_range,
     encoding_of,
     ending,
     written,
@@ -35,7 +41,6 @@ FACES, SOLIDS = ("triangle", "quad"), ("tetra", "pyramid", "wedge", "hexahedron"
 TO_VTK = {"pyramid": (1, 0, 3, 4, 2), "wedge": MIRRORED["wedge"]}
 """Where the nodes of VTK's cell stand in UGRID's: the apex of a pyramid is its third node."""
 FROM_VTK = {shape: tuple(np.argsort(order).tolist()) for shape, order in TO_VTK.items()}
-ELSEWHERE = "move it away, or choose another name"
 SURFACES = 10_000
 """More surfaces than a mesh has."""
 NUMBER, COUNT = re.compile(r"[1-9][0-9]{0,8}"), re.compile(r"[0-9]{1,9}")
@@ -46,7 +51,21 @@ all others are viscous walls."""
 
 
 @dataclass(frozen=True, slots=True)
-class Ugrid:
+class UgridPieces(TablePieces):
+    """See `Pieces`; a copy comes with the names of its surfaces, which are beside the file as it was `given`."""
+
+    given: Path
+
+    def rewrite(
+        self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
+    ) -> None:
+        """See `Pieces.rewrite`; MeshFileError as for `Ugrid.rewrite`."""
+        with names_copied(self.given, out):
+            TablePieces.rewrite(self, nodes, points, out, progress, runner)
+
+
+@registered("ugrid", ".ugrid")
+class Ugrid(Format):
     """Points, one block of cells of each shape, and boundary faces with surface ids.
 
     The word before the suffix says how numbers are stored (`ENCODINGS`); without one the file is text. Patches are
@@ -56,19 +75,35 @@ class Ugrid:
     of the mesh; a rewritten file keeps it.
     """
 
-    name: str = "ugrid"
-    suffixes: tuple[str, ...] = (SUFFIX,)
+    for_workers = "binary UGRID files"
 
-    def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """See `Format.read`; a damaged ``.mapbc`` is a MeshFileError, too."""
-        with about(path), path.open("rb") as file:
-            arrays = UgridFile.opened(file, encoding_of(path), partial(progress, f"reading {path.name}")).arrays()
-            return _mesh(arrays, surface_names(path))
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+        """See `Format.layout`; a damaged ``.mapbc`` is a MeshFileError, too."""
+        if scratch and not encoding_of(path):
+            return None
+        with about(path):
+            tables = _tables(path, partial(progress, f"reading {path.name}"))
+            count = tables[POINTS].rows
+            faces = [Cells(shape, CellTable(shape, tables[shape]).everything(count)) for shape in FACES]
+            border = patches(faces, tables[SURFACE].integers().ravel(), surface_names(path))
+            cells = tuple(
+                CellTable(name, tables[name], 1, TO_VTK.get(name, ())) for name in SOLIDS if tables[name].rows
+            )
+            pieces = replace(_pieces(path, tables), cells=cells).oriented()
+        return MeshInPieces(path.resolve().name, pieces, border, (Zone("", 0, count),))
+
+    def stored(self, path: Path) -> TablePieces:
+        """See `Format.stored`."""
+        return _pieces(path, _tables(path, lambda _: None))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         """See `Format.real`."""
         own = encoding_of(out)
         return fewest_bits([ENCODINGS[own].real] if own else [])
+
+    def finer(self, out: Path, mesh: Mesh) -> str:
+        """See `Format.finer`."""
+        return ending(out).replace("4", "8")
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; a file of another encoding has the same content but for what follows the cells.
@@ -76,6 +111,11 @@ class Ugrid:
         Of coordinates in text, each that changed is written with as many digits as it needs; single precision stays
         single.
         """
+        if encoding_of(out) == encoding_of(source) != "":
+            with about(source):
+                check_range(points, ENCODINGS[encoding_of(source)].real)
+            Format.rewrite(self, source, points, out, progress)
+            return
         report = partial(progress, f"writing {out.name}")
         with (
             names_copied(source, out),
@@ -84,12 +124,36 @@ class Ugrid:
             source.open("rb") as file,
             beside.open("wb") as copy,
         ):
-            found = UgridFile.opened(file, encoding_of(source), report)
-            if encoding_of(out) == encoding_of(source):
-                found.copy_moved(points, copy)
+            stored = UgridFile.opened(file, encoding_of(source), report)
+            check_points(points, stored.shapes[POINTS][0])
+            if encoding_of(out) or encoding_of(source):
+                arrays = {name: table.read(0, table.rows) for name, table in stored.tables(source).items()}
+                copy.writelines(written(arrays | {POINTS: points}, encoding_of(out)))
             else:
-                check_points(points, found.shapes[POINTS][0])
-                copy.writelines(written(found.arrays() | {POINTS: points}, encoding_of(out)))
+                copy_text(file, stored.placed(), points.ravel(), copy)
+
+    def files(self, path: Path) -> Iterable[Path]:
+        """See `Format.files`."""
+        return path, mapbc(path)
+
+    def ending(self, path: Path) -> str:
+        """See `Format.ending`."""
+        return ending(path)
+
+    def named(self, path: Path) -> tuple[Path, ...]:
+        """See `Format.named`."""
+        return (mapbc(path),)
+
+    def check_named(self, mesh: Mesh, out: Path) -> None:
+        """See `Format.check_named`."""
+        names = fitting_names(mesh.names, r"\s")
+        wanted = {number: names[name] for name, number in _ids(mesh).items()}
+        if mapbc(out).exists() and any(surface_names(out).get(i, str(i)) != name for i, name in wanted.items()):
+            raise _other_names(mapbc(out))
+
+    def named_otherwise(self, source: Path, out: Path) -> bool:
+        """See `Format.named_otherwise`."""
+        return stands_otherwise(source, out)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; polyhedra that are no usual cells, or faces of five corners, are a MeshFileError.
@@ -99,7 +163,7 @@ class Ugrid:
         """
         refuse_plane(mesh, "UGRID")
         progress(f"writing {out.name}", 0.0)
-        check_names(mesh, out)
+        self.check_named(mesh, out)
         ids, names, table = _ids(mesh), fitting_names(mesh.names, r"\s"), mapbc(out)
         named = any(str(number) != name for name, number in ids.items())
         with fresh(out) as beside:
@@ -135,19 +199,15 @@ def names_copied(source: Path, out: Path) -> Iterator[None]:
     MeshFileError if a ``.mapbc`` that is there says otherwise.
     """
     if stands_otherwise(source, out):
-        raise MeshFileError(f"{mapbc(out)}: is there and names other surfaces; {ELSEWHERE}")
+        raise _other_names(mapbc(out))
     yield
     if mapbc(source).is_file() and not mapbc(out).exists():
         with fresh(mapbc(out)) as table:
             shutil.copyfile(mapbc(source), table)
 
 
-def check_names(mesh: Mesh, out: Path) -> None:
-    """Refuse a ``.mapbc`` beside `out` with other names than a new file of this mesh has, with a MeshFileError."""
-    names = fitting_names(mesh.names, r"\s")
-    wanted = {number: names[name] for name, number in _ids(mesh).items()}
-    if mapbc(out).exists() and any(surface_names(out).get(i, str(i)) != name for i, name in wanted.items()):
-        raise MeshFileError(f"{mapbc(out)}: is there and names other surfaces; {ELSEWHERE}")
+def _other_names(table: Path) -> MeshFileError:
+    return MeshFileError(f"{table}: is there and names other surfaces; move it away, or choose another name")
 
 
 def surface_names(path: Path) -> dict[int, str]:
@@ -177,22 +237,15 @@ def surface_names(path: Path) -> dict[int, str]:
         return {int(row[0]): row[2] for row in rows if len(row) > 2}
 
 
-def _mesh(arrays: Mapping[str, Any], names: Mapping[int, str]) -> Mesh:
-    points = arrays[POINTS]
-    for shape in (*FACES, *SOLIDS):
-        count_from_zero(arrays[shape], shape, len(points))
-    cells = [Cells(shape, in_order(arrays[shape], shape, TO_VTK)) for shape in SOLIDS if len(arrays[shape])]
-    mesh = Mesh(points, tuple(oriented(points, block) for block in cells), patches(arrays, names))
-    check_faces(mesh)
-    return mesh
+def _tables(path: Path, report: Callable[[float], None]) -> dict[str, Table | Held]:
+    with path.open("rb") as file:
+        return UgridFile.opened(file, encoding_of(path), report).tables(path.resolve())
 
 
-def count_from_zero(nodes: IntArray, shape: str, points: int) -> None:
-    """Take one off all nodes (M, k); MeshFileError if some are not from 1 to `points`."""
-    if len(nodes) and (nodes.min() < 1 or nodes.max() > points):
-        bad = np.count_nonzero(((nodes < 1) | (nodes > points)).any(axis=1))
-        raise MeshFileError(f"{bad} {shape} elements name points that are not among the {points} (1 to {points})")
-    nodes -= 1
+def _pieces(path: Path, tables: Mapping[str, Table | Held]) -> UgridPieces:
+    """Return the points, without cells."""
+    count = tables[POINTS].rows
+    return UgridPieces(str(path.resolve()), count, (PointRange(0, count, tables[POINTS]),), (), path.absolute())
 
 
 def in_order(nodes: IntArray, shape: str, orders: Mapping[str, tuple[int, ...]]) -> IntArray:
@@ -200,21 +253,21 @@ def in_order(nodes: IntArray, shape: str, orders: Mapping[str, tuple[int, ...]])
     return np.take(nodes, orders[shape], axis=1) if shape in orders else nodes
 
 
-def patches(arrays: Mapping[str, Any], names: Mapping[int, str]) -> tuple[Patch, ...]:
-    """Patches in the order of their least ids."""
-    ids, index = np.unique(arrays[SURFACE].ravel(), return_inverse=True)
+def patches(faces: Sequence[Cells], labels: IntArray, names: Mapping[int, str]) -> tuple[Patch, ...]:
+    """Return the patches of triangles and quads with surface ids `labels` (F,), in the order of their least ids."""
+    ids, index = np.unique(labels, return_inverse=True)
     if len(ids) > SURFACES:
         raise MeshFileError(f"has {len(ids)} surface ids; more than {SURFACES} are not supported")
     given = set(names.values())
     found: dict[str, list[Cells]] = {}
-    parts = np.split(index, [len(arrays["triangle"])])
-    blocks = [_by_label(Cells(shape, arrays[shape]), own, len(ids)) for shape, own in zip(FACES, parts, strict=True)]
-    for number, *faces in zip(ids.tolist(), *blocks, strict=True):
+    parts = np.split(index, [len(faces[0])])
+    blocks = [_by_label(block, own, len(ids)) for block, own in zip(faces, parts, strict=True)]
+    for number, *several in zip(ids.tolist(), *blocks, strict=True):
         name = names.get(number, str(number))
         while number not in names and name in given:
             name += "_"
-        found.setdefault(name, []).extend(own for own in faces if len(own))
-    return tuple(Patch(name, tuple(faces)) for name, faces in found.items())
+        found.setdefault(name, []).extend(own for own in several if len(own))
+    return tuple(Patch(name, tuple(own)) for name, own in found.items())
 
 
 def _by_label(faces: Cells, labels: IntArray, count: int) -> list[Cells]:

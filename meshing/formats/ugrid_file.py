@@ -6,7 +6,6 @@ Source: UG_IO SimSys UGRID 3D Grid File Type and UG_IO File Names (encodings), M
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BufferedReader
@@ -14,13 +13,13 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.mesh import CORNERS
-from sdm_deflect.meshing.formats.format import MeshFileError, check_points
-from sdm_deflect.meshing.formats.numbers import Lines, numbers, with_numbers
-from sdm_deflect.meshing.formats.su2 import table
-from sdm_deflect.meshing.formats.su2_read import CHUNK, chunks
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.numbers import Lines, Placed, chunks, numbers, table
+from sdm_deflect.meshing.formats.tables import Held, Table
 
 SUFFIX = ".ugrid"
 POINTS, SURFACE = "points", "surface"
@@ -39,7 +38,7 @@ ROWS = 1 << 16
 HEADER = re.compile(rb"\s*(\d{1,18})" + rb"\s+(\d{1,18})" * 6 + rb"(?=\s|$)")
 HEAD = 4096
 """Bytes in which the counts of a text stand."""
-Array = FloatArray | IntArray
+Array = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,37 +150,28 @@ class UgridFile:
                     raise MeshFileError(f"the Fortran record of {length} bytes has another length; the file is damaged")
             at += 2 * MARKER.itemsize + length
 
-    def arrays(self) -> dict[str, Any]:
-        """Return all arrays: points (N, 3), and (M, k) whole numbers for each other shape, as they are in the file.
+    def tables(self, path: Path) -> dict[str, Table | Held]:
+        """Return where the arrays are: in the file at `path`, or in memory if it is text.
 
         MeshFileError if a text ends early or holds something else.
         """
-        found: dict[str, Any] = {
-            name: np.empty(shape, np.float64 if name == POINTS else np.intp) for name, shape in self.shapes.items()
-        }
-        if self.encoding:
-            self._read_binary(found)
-        else:
-            self._read_text(found)
+        if not self.encoding:
+            return {name: Held(values) for name, values in self._arrays().items()}
+        own = ENCODINGS[self.encoding]
+        found: dict[str, Table | Held] = {}
+        begin = own.begin
+        for name, (rows, width) in self.shapes.items():
+            found[name] = table = Table(path, begin, own.kind(name).str, rows, width)
+            begin += rows * table.step
         return found
 
-    def _read_binary(self, found: Mapping[str, Array]) -> None:
-        own, done = ENCODINGS[self.encoding], 0
-        room = memoryview(bytearray(8 * max(CORNERS.values()) * ROWS))  # one for all: new memory is slow at first
-        self.file.seek(own.begin)
-        for name, values in found.items():
-            for start in range(0, len(values), ROWS):
-                rows = values[start : start + ROWS]
-                data = room[: rows.size * own.kind(name).itemsize]
-                self.file.readinto(data)
-                with np.errstate(invalid="ignore"):  # `Mesh` refuses coordinates that are not finite
-                    rows.ravel()[:] = np.frombuffer(data, own.kind(name))
-                done += len(data)
-                self.report(done / own.body(self.shapes))
-
-    def _read_text(self, found: Mapping[str, Array]) -> None:
+    def _arrays(self) -> dict[str, Array]:
+        """Points (N, 3), and (M, k) whole numbers for each other shape, of a text."""
+        found: dict[str, Array] = {
+            name: np.empty(shape, np.dtype(float if name == POINTS else np.intp)) for name, shape in self.shapes.items()
+        }
         wanted = len(COUNTED) + sum(values.size for values in found.values())
-        for first, _, lines in self.words():
+        for first, _, _, lines in self._words():
             begin = len(COUNTED)
             for name, values in found.items():
                 own = slice(max(first - begin, 0), max(first + len(lines.values) - begin, 0))
@@ -191,56 +181,27 @@ class UgridFile:
                 begin += values.size
             self.report(min(1.0, (first + len(lines.values)) / wanted))
             if first + len(lines.values) >= wanted:
-                return
+                return found
         raise MeshFileError(f"{wanted} numbers should be there, but the file ends before them; it is truncated")
 
-    def words(self) -> Iterator[tuple[int, bytes, Lines]]:
-        """Yield the number of words before a piece of text, the piece, and its words."""
+    def placed(self) -> Iterator[tuple[int, bytes, Placed]]:
+        """Yield where a piece of text begins, the piece, and the coordinates in it; MeshFileError if it ends early."""
+        begin, end = len(COUNTED), len(COUNTED) + 3 * self.shapes[POINTS][0]
+        for first, at, text, lines in self._words():
+            own = slice(max(begin - first, 0), max(end - first, 0))
+            yield at, text, Placed(np.asarray(lines.values[own], np.float64), lines.begin[own], lines.end[own])
+            self.report(min(1.0, first / end))
+            if first + len(lines.values) >= end:
+                return
+        raise MeshFileError("the coordinates end too early; the file is truncated")
+
+    def _words(self) -> Iterator[tuple[int, int, bytes, Lines]]:
+        """Yield the number of words before a piece of text, where it begins, the piece, and its words."""
         first = 0
-        for _, text in chunks(self.file, 0, self.file.seek(0, 2)):
+        for at, text in chunks(self.file, 0, self.file.seek(0, 2)):
             lines = numbers(text, np.float64)
-            yield first, text, lines
+            yield first, at, text, lines
             first += len(lines.values)
-
-    def copy_moved(self, points: FloatArray, copy: BinaryIO) -> None:
-        """Copy the file with coordinates `points` (N, 3); those that did not change keep their bytes.
-
-        MeshFileError or ValueError for other numbers of points, and coordinates beyond the range of the encoding.
-        """
-        check_points(points, self.shapes[POINTS][0])
-        if not self.encoding:
-            self._copy_text(points.ravel(), copy)
-            return
-        own = ENCODINGS[self.encoding]
-        check_range(points, own.real)
-        self.file.seek(0)
-        shutil.copyfileobj(self.file, copy, CHUNK)
-        for start in range(0, len(points), ROWS):
-            new, place = points[start : start + ROWS], own.begin + start * 3 * own.real.itemsize
-            self.file.seek(place)
-            old = np.frombuffer(self.file.read(new.size * own.real.itemsize), own.real).reshape(new.shape)
-            copy.seek(place)
-            stored = new.astype(own.real)
-            with np.errstate(invalid="ignore"):
-                np.copyto(stored, old, where=old == new)
-            copy.write(stored.data)
-            self.report((start + len(new)) / len(points))
-
-    def _copy_text(self, points: FloatArray, copy: BinaryIO) -> None:
-        begin, size = len(COUNTED), 0
-        for first, text, lines in self.words():
-            own = slice(max(begin - first, 0), max(begin + len(points) - first, 0))
-            new = points[max(first - begin, 0) :][: len(lines.values[own])]
-            changed = lines.values[own] != new
-            copy.write(with_numbers(text, lines.begin[own][changed], lines.end[own][changed], new[changed]))
-            size += len(text)
-            self.report(min(1.0, first / (begin + len(points))))
-            if first + len(lines.values) >= begin + len(points):
-                break
-        else:
-            raise MeshFileError("the coordinates end too early; the file is truncated")
-        self.file.seek(size)
-        shutil.copyfileobj(self.file, copy, CHUNK)
 
 
 def check_range(points: FloatArray, kind: np.dtype[Any]) -> None:
@@ -250,7 +211,7 @@ def check_range(points: FloatArray, kind: np.dtype[Any]) -> None:
 
 
 def written(arrays: Mapping[str, Any], encoding: str) -> Iterator[bytes]:
-    """Yield the bytes of a file with arrays as `UgridFile.arrays` gives them.
+    """Yield the bytes of a file with arrays as `UgridFile.tables` has them.
 
     MeshFileError if there are more nodes than whole numbers can tell, or more data than a record can hold.
     """

@@ -14,8 +14,11 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
+from sdm_deflect.meshing.formats.known import registered
+from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import polyhedra
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented, polygons
@@ -39,8 +42,8 @@ LABELS = (
 NAMES = "patch_names"
 
 
-@dataclass(frozen=True, slots=True)
-class Vtu:
+@registered("vtu", ".vtu")
+class Vtu(Format):
     """Any linear cells and polyhedra; patches are labels of the faces among the cells.
 
     Labels are the cell array ``patch`` with the names in the field array ``patch_names``, as our runs write them; else
@@ -49,9 +52,6 @@ class Vtu:
     have one z, the faces are the cells of a plane mesh, and lines the faces on its boundary. Coordinates in single
     precision stay in single precision.
     """
-
-    name: str = "vtu"
-    suffixes: tuple[str, ...] = (".vtu",)
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
@@ -78,17 +78,19 @@ class Vtu:
         with fresh(out, source) as beside:
             beside.write_bytes(data)
 
-    def write(
-        self,
-        mesh: Mesh,
-        out: Path,
-        progress: Progress = silent,
-        point_data: Mapping[str, Array] | None = None,
-        cell_data: Mapping[str, Array] | None = None,
-    ) -> tuple[str, ...]:
-        """See `Format.write` and, for further arrays, `write_vtu`; zones become one grid."""
+    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+        """See `Format.write`; zones become one grid."""
+        return self._write(mesh, out, progress)
+
+    def write_moved(self, mesh: Mesh, points: FloatArray, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+        """See `Format.write_moved`; the point array ``displacement`` and the cell array ``quality`` show the change."""
+        quality = np.concatenate([np.empty(0), *(quality_of(points, block) for block in mesh.cells)])
+        arrays = {"displacement": points - mesh.points}, {"quality": quality}
+        return self._write(mesh.with_points(points), out, progress, *arrays)
+
+    def _write(self, mesh: Mesh, out: Path, progress: Progress, *arrays: Mapping[str, Array]) -> tuple[str, ...]:
         progress(f"writing {out.name}", 0.0)
-        write_vtu(out, mesh, point_data, cell_data)
+        write_vtu(out, mesh, *arrays)
         return (*(["its zones are one grid"] if len(mesh.zones) > 1 else []), *unwritten(mesh.periodic))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray
+from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
@@ -140,8 +141,9 @@ def _part(block: Cells | Polygons | Polyhedra) -> tuple[IntArray, IntArray, NDAr
         kinds = np.select([sizes == 3, sizes == 4], [TYPES["triangle"], TYPES["quad"]], POLYGON)
         return block.nodes, sizes, kinds.astype(np.uint8)
     faces, cell = faces_by_cell(block)
-    pairs = np.unique(np.column_stack([np.repeat(cell, np.diff(faces.offsets)), faces.nodes]), axis=0)
-    return pairs[:, 1], np.bincount(pairs[:, 0], minlength=len(block)), np.full(len(block), POLYHEDRON, np.uint8)
+    count = faces.nodes.max(initial=0) + 1
+    cell, nodes = np.divmod(distinct(np.repeat(cell, np.diff(faces.offsets)) * count + faces.nodes), count)
+    return nodes, np.bincount(cell, minlength=len(block)), np.full(len(block), POLYHEDRON, np.uint8)
 
 
 def _face_stream(block: Polyhedra) -> tuple[IntArray, IntArray]:

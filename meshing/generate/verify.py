@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
-from sdm_deflect.geometry.model import CadEdge, CadModel
+from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.attachment import Attachment, attach
+from sdm_deflect.meshing.generate.meshlab import meshlab_failures
 from sdm_deflect.meshing.generate.parameters import MeshParameters
-from sdm_deflect.meshing.generate.topology import boundary_failures, edges_of, encode
+from sdm_deflect.meshing.generate.topology import boundary_failures
 from sdm_deflect.meshing.mesh import FREE_FORM, TetMesh
 
 # Largest allowed distance in metres.
@@ -82,14 +83,13 @@ def verify(mesh: TetMesh, model: CadModel, parameters: MeshParameters) -> Verifi
     body = mesh.face >= 0
     triangles, face = mesh.triangles[body], mesh.face[body]
     attachment = attach(mesh.points, triangles, face, model)
-    broken = broken_chains(mesh.points, triangles, face, attachment, model)
     measured = exactness(mesh.points, attachment, model)
     far_distance = _far_distance(mesh)
     failures = [
         *_quality_failures(summary, parameters),
         *boundary_failures(mesh),
         *measured.failures(),
-        *(_place(index, model) + problem for index, problem in broken.items()),
+        *meshlab_failures(mesh, model),
     ]
     if len(attachment.lost):
         failures.append(f"{len(attachment.lost)} nodes touch faces that share no CAD edge")
@@ -138,14 +138,6 @@ def _quality_failures(summary: Quality, parameters: MeshParameters) -> Iterator[
         yield f"{summary.below_0_4:.3%} of the cells are below mean ratio 0.4"
 
 
-def _place(index: int, model: CadModel) -> str:
-    """Name the CAD edge that a message goes on to judge."""
-    if index < 0:
-        return ""
-    patches = sorted({model.faces[i].patch for i in model.edges[index].faces})
-    return f"the CAD edge {index} of {' and '.join(patches)} "
-
-
 def exactness(points: FloatArray, attachment: Attachment, model: CadModel) -> Exactness:
     """Measure all boundary nodes of points (N, 3)."""
     edge, away = 0.0, {True: 0.0, False: 0.0}
@@ -164,68 +156,3 @@ def exactness(points: FloatArray, attachment: Attachment, model: CadModel) -> Ex
 def _largest(vectors: FloatArray) -> float:
     """Largest length of vectors (N, 3); 0 for none."""
     return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
-
-
-def broken_chains(
-    points: FloatArray, triangles: IntArray, face: IntArray, attachment: Attachment, model: CadModel
-) -> dict[int, str]:
-    """What is wrong with the mesh edges along each CAD edge, by triangles (B, 3) and their CAD faces (B,).
-
-    Clean edges are left out. Mesh edges between triangles of two CAD faces belong to the nearest CAD edge between
-    these. They are clean if, sorted along the CAD edge, they lead from its first vertex to its last without gap, fold
-    or branch.
-    """
-    ends, pairs = _feature_edges(triangles, face)
-    node_of_vertex = np.full(len(model.vertices), -1)
-    on_vertex = attachment.vertex >= 0
-    node_of_vertex[attachment.vertex[on_vertex]] = attachment.nodes[on_vertex]
-    assigned = _assign(points, ends, pairs, model)
-    chains = ((cad, ends[assigned == index]) for index, cad in enumerate(model.edges))
-    found = enumerate(_problem(points, own, cad, node_of_vertex) for cad, own in chains)
-    problems = {index: problem for index, problem in found if problem}
-    for pair in sorted(set(map(tuple, pairs[assigned < 0].tolist()))):
-        problems[-1 - len(problems)] = f"faces {pair[0]} and {pair[1]} share mesh edges but no CAD edge"
-    return problems
-
-
-def _feature_edges(triangles: IntArray, face: IntArray) -> tuple[IntArray, IntArray]:
-    """Mesh edges (E, 2) between different CAD faces, and these faces (E, 2), low first."""
-    ends, index = edges_of(triangles)
-    low, high = np.full(len(ends), np.iinfo(np.intp).max), np.full(len(ends), -1)
-    np.minimum.at(low, index, face[:, None])
-    np.maximum.at(high, index, face[:, None])
-    feature = low != high
-    return ends[feature], np.stack([low, high], axis=1)[feature]
-
-
-def _assign(points: FloatArray, ends: IntArray, pairs: IntArray, model: CadModel) -> IntArray:
-    """The CAD edge (E,) nearest to each feature edge's middle, among those between its faces; -1 for none."""
-    middle = points[ends].mean(axis=1)
-    codes = encode(pairs)
-    assigned, nearest = np.full(len(ends), -1), np.full(len(ends), np.inf)
-    for index, cad in enumerate(model.edges):
-        rows = np.flatnonzero(codes == (min(cad.faces) << 32 | max(cad.faces)))
-        distance = np.linalg.norm(cad.project(middle[rows])[0] - middle[rows], axis=1)
-        better = rows[distance < nearest[rows]]
-        assigned[better], nearest[better] = index, distance[distance < nearest[rows]]
-    return assigned
-
-
-def _problem(points: FloatArray, ends: IntArray, cad: CadEdge, node_of_vertex: IntArray) -> str:
-    """What keeps mesh edges (E, 2) from being one chain along a CAD edge; empty where nothing does."""
-    if not len(ends):
-        return "has no mesh edge"
-    nodes = np.unique(ends)
-    _, parameter = cad.project(points[nodes])
-    chain = nodes[np.argsort(parameter, kind="stable")]
-    if (np.diff(np.sort(parameter)) <= 0.0).any():
-        return "has nodes that coincide"
-    start, end = node_of_vertex[list(cad.vertices)]
-    if cad.vertices[0] == cad.vertices[1]:
-        chain = np.append(chain, chain[0])
-    elif chain[0] != start or chain[-1] != end:
-        return "does not lead from vertex to vertex"
-    links = np.stack([chain[:-1], chain[1:]], axis=1)
-    if not np.array_equal(np.sort(encode(np.sort(links, axis=1))), np.sort(encode(ends))):
-        return "is not one chain of mesh edges"
-    return ""

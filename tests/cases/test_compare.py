@@ -18,7 +18,6 @@ from sdm_deflect.cases.compare.page import page, write_page
 from sdm_deflect.cases.compare.pictures import drawn
 from sdm_deflect.cases.compare.runs import alike, read_runs
 from sdm_deflect.cases.report.folder import folder_of, write_run_folder
-from sdm_deflect.cases.report.offscreen import RenderError
 from sdm_deflect.cases.report.pictures import Gallery
 from sdm_deflect.cases.run.mesh_files import write_mesh
 from tests.deform.plates import plate
@@ -42,7 +41,7 @@ def folders(tmp_path_factory, hybrid_wing):
     """Three deflections of one mesh, and one of a coarser mesh; by name."""
     home, coarse = tmp_path_factory.mktemp("runs"), wing(cells=3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sdm_deflect.cases.report.folder.drawn", lambda *_: Gallery((), ""))
+        patch.setattr("sdm_deflect.cases.report.pictures.drawn", lambda *_: Gallery(()))
         for name, one in (("wing.su2", hybrid_wing), ("coarse.su2", coarse)):
             write_mesh(None, one.mesh, one.mesh.points, home / name)
         own = {
@@ -147,7 +146,7 @@ def test_another_mesh_is_compared_by_figures_alone(folders, tmp_path):
 
 
 def test_a_plane_mesh_has_two_views_and_no_surface(tmp_path, monkeypatch):
-    monkeypatch.setattr("sdm_deflect.cases.report.folder.drawn", lambda *_: Gallery((), ""))
+    monkeypatch.setattr("sdm_deflect.cases.report.pictures.drawn", lambda *_: Gallery(()))
     mesh = plate()
     write_mesh(None, mesh, mesh.points, tmp_path / "plate.su2")
     own = []
@@ -161,16 +160,6 @@ def test_a_plane_mesh_has_two_views_and_no_surface(tmp_path, monkeypatch):
         f"hole: {what}, z = 0 mesh units" for what in ("the plane", "around the worst cell")
     ]
     assert "centres, z" not in rows_of(runs)
-
-
-def test_without_graphics_the_sections_are_there(runs, tmp_path, monkeypatch):
-    def fails(*_):
-        raise RenderError("no OpenGL")
-
-    monkeypatch.setattr(pictures, "rendering", fails)
-    found = drawn(runs[:2], tmp_path)
-    assert len(found.overlays) == 2
-    assert found.missing == ("the surface meshes could not be drawn: no OpenGL",)
 
 
 def test_surfaces_without_room_are_named(runs, tmp_path, monkeypatch):

@@ -13,8 +13,6 @@ import pytest
 from sdm_deflect.cases.cli import doctor, main
 from sdm_deflect.cases.cli.console import findings
 from sdm_deflect.cases.errors import EXTRAS, missing
-from sdm_deflect.cases.report import offscreen
-from sdm_deflect.cases.report.offscreen import RenderError
 
 
 def test_readme_and_doctor_ask_for_the_same_packages():
@@ -65,7 +63,6 @@ def test_an_extra_that_is_not_installed_is_no_fault(monkeypatch):
     assert doctor.extras().well
     assert "view lacks trame" in doctor.extras().text
     assert doctor.compiled().well
-    assert doctor.graphics().well
 
 
 def test_library_that_cannot_be_loaded_says_why(monkeypatch, tmp_path):
@@ -80,17 +77,6 @@ def test_library_that_cannot_be_loaded_says_why(monkeypatch, tmp_path):
     assert "no_such_library" not in found.text
     assert "json" not in found.text
     assert "apt-get install" in found.remedy
-
-
-def test_missing_graphics_is_found(monkeypatch):
-    def failing(views):
-        raise RenderError("the child crashed")
-
-    monkeypatch.setattr(offscreen, "rendered", failing)
-    found = doctor.graphics()
-    assert not found.well
-    assert "the child crashed" in found.text
-    assert "libegl1" in found.remedy
 
 
 def test_damaged_mesh_in_the_cache_is_found(monkeypatch, tmp_path):

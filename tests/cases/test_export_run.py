@@ -13,8 +13,9 @@ from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.run.export import export_run
 from sdm_deflect.deform.mesh.mesh import Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.known import written
 from sdm_deflect.meshing.formats.openfoam import MESH
-from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN
+from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import TetMesh
 
@@ -43,7 +44,7 @@ def run(tmp_path):
 
 
 @pytest.mark.parametrize("which", ["deflected", "undeflected"])
-@pytest.mark.parametrize("form", WRITTEN)
+@pytest.mark.parametrize("form", written())
 def test_every_format_holds_the_mesh(run, form, which):
     before = {path: path.read_bytes() for path in run.iterdir()}
     out, lost = export_run(run, form, which)

@@ -18,9 +18,9 @@ from sdm_deflect.cases.report.folder import part_of, report_of_folder, write_def
 from sdm_deflect.cases.report.page import page
 from sdm_deflect.cases.report.pictures import Gallery
 from sdm_deflect.cases.report.scene3d import by_size, triangles_of
-from sdm_deflect.cases.report.slices import Plane, cut_cells, cut_walls
+from sdm_deflect.cases.report.slices import Plane, cut_cells, cut_walls, planes
 from sdm_deflect.cases.report.turnable import TABLES, turnable
-from sdm_deflect.cases.run.output import RUN
+from sdm_deflect.cases.run.output import RUN, check_report
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
@@ -150,7 +150,7 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
         for figures in ({name: one for name, one in stored.items() if name != key}, stored | {key: "many"}):
             if key != "version" or key not in figures:
                 with pytest.raises(InputError, match=r"metrics\.json"):
-                    page(replace(data, figures=figures), Gallery((), ""))
+                    page(replace(data, figures=figures), Gallery(()))
     monkeypatch.setattr(folders, "SHOWN_WHOLE", 10)
     write_deflected(folder / "deflected.vtu", one)
     assert (folder / "deflected.vtu").stat().st_size < 0.8 * len(before["deflected.vtu"])
@@ -222,11 +222,42 @@ def test_names_of_a_mesh_cannot_inject_markup(coarse_wing, opened, tmp_path):
     patches = tuple(Patch(named.get(p.name, p.name), p.faces) for p in coarse_wing.mesh.patches)
     one = deflect(Plan.of(replace(coarse_wing.mesh, patches=patches, name=evil), blended(coarse_wing.hinge)), 3.0)
     data = write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
-    (tmp_path / "report.html").write_text(page(data, Gallery((), evil)), encoding="utf-8")
+    (tmp_path / "report.html").write_text(page(data, Gallery(())), encoding="utf-8")
     tab, _, complaints = opened(tmp_path / "report.html")
     assert tab.title().startswith(evil)
     assert tab.locator("script").count() == 5
     assert complaints == []
+
+
+@pytest.mark.parametrize("cells", [lambda mesh: mesh, polyhedral], ids=["as they are", "polyhedra"])
+def test_pictures_of_the_near_cells_are_those_of_all(cells, coarse_wing):
+    mesh = replace(cells(coarse_wing.mesh), zones=())
+    data = folders.data_of(deflect(Plan.of(mesh, blended(coarse_wing.hinge)), 3.0))
+    near = data.near
+    assert 0 < sum(map(len, near.mesh.cells)) < sum(map(len, mesh.cells))
+    one, other = turnable(near), turnable(data)
+    own, whole = ([np.frombuffer(b64decode(g["after"]), "<f4") for g in s.pop("cells")["groups"]] for s in (one, other))
+    assert one == other
+    for few, many in zip(own, whole, strict=True):
+        np.testing.assert_allclose(few, many, rtol=1e-6)
+    assert near.worst() == pytest.approx(data.worst(), rel=1e-12)
+    for plane_of in planes(data, data.boxes[0], data.surfaces[0]):
+        signed = [zip(one.mesh.cells, one.boxes[0].touched.orientation, strict=True) for one in (data, near)]
+        areas = [
+            sorted(area(p) for block, sign in own for p in cut_cells(data.points, block, plane_of, sign)[0])
+            for own in signed
+        ]
+        assert len(areas[0]) > 10
+        np.testing.assert_allclose(areas[1], areas[0], rtol=1e-12)
+
+
+def test_without_its_libraries_a_report_has_all_but_the_page(coarse_wing, tmp_path, monkeypatch):
+    monkeypatch.setattr("sdm_deflect.cases.run.output.find_spec", lambda name: None if name == "jinja2" else name)
+    one = deflect(Plan.of(coarse_wing.mesh, blended(coarse_wing.hinge)), 3.0)
+    write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
+    assert {path.name for path in tmp_path.iterdir()} == FILES - {"report.html"}
+    with pytest.raises(InputError, match=r"a report needs jinja2: pip install 'sdm-deflect\[report\]'"):
+        check_report()
 
 
 def test_far_field_is_not_drawn_at_first(coarse_wing):

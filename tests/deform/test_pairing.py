@@ -36,7 +36,7 @@ def two_sides(motion: RigidMotion, flat: bool = False) -> tuple[FloatArray, tupl
 def test_rotation_is_found_from_the_axis_alone_and_fitted_to_rounding(where: tuple[FloatArray, FloatArray]) -> None:
     axis = Axis(*map(np.asarray, where))
     points, patches, pairs = two_sides(about(axis, 37.0))
-    motion = rotation_between(points, patches[0].nodes, patches[1].nodes, axis)
+    motion = rotation_between(points[patches[0].nodes], points[patches[1].nodes], axis)
     np.testing.assert_allclose(motion[0], axis.matrix(37.0), atol=ROUNDING)
     assert np.array_equal(matched(points, patches, motion), pairs)
     pair = fitted(points, "turn", ("left", "right"), pairs)
@@ -46,7 +46,7 @@ def test_rotation_is_found_from_the_axis_alone_and_fitted_to_rounding(where: tup
 
 def test_translation_is_found_and_has_no_rotation_at_all() -> None:
     points, patches, pairs = two_sides((np.eye(3), np.array([0.0, 3.0, 0.0])))
-    motion = translation_between(points, patches[0].nodes, patches[1].nodes)
+    motion = translation_between(points[patches[0].nodes], points[patches[1].nodes])
     assert np.array_equal(matched(points, patches, motion), pairs)
     assert np.array_equal(fitted(points, "shift", ("left", "right"), pairs).rotation, np.eye(3))
 
@@ -71,7 +71,9 @@ def test_node_on_the_axis_is_its_own_image() -> None:
 def test_few_digits_of_a_file_are_allowed_for(digits: int) -> None:
     points, patches, pairs = two_sides(about(Axis(np.zeros(3), np.array([1.0, 0, 0])), -20.0))
     points = np.array([[float(f"{x:.{digits}g}") for x in row] for row in points])
-    motion = rotation_between(points, patches[0].nodes, patches[1].nodes, Axis(np.zeros(3), np.array([1.0, 0, 0])))
+    motion = rotation_between(
+        points[patches[0].nodes], points[patches[1].nodes], Axis(np.zeros(3), np.array([1.0, 0, 0]))
+    )
     assert np.array_equal(matched(points, patches, motion), pairs)
     assert np.array_equal(fitted(points, "p", ("left", "right"), pairs).nodes, pairs)
 
@@ -94,9 +96,7 @@ def test_what_does_not_match_is_refused_in_a_sentence() -> None:
     with pytest.raises(InputError, match="two nodes have the same image"):
         matched(points, patches, still, allowed=9.0)
     with pytest.raises(InputError, match="centre lies on the axis"):
-        rotation_between(
-            np.array([[1.0, 0, 0], [-1, 0, 0]]), np.array([0, 1]), np.array([0, 1]), Axis(np.zeros(3), np.eye(3)[1])
-        )
+        rotation_between(*[np.array([[1.0, 0, 0], [-1, 0, 0]])] * 2, Axis(np.zeros(3), np.eye(3)[1]))
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,8 @@ from sdm_deflect.cases.cli import cli
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.report.pictures import Exhibit, Gallery
 from sdm_deflect.meshing.files.cache import MeshCache
-from sdm_deflect.meshing.formats.registry import FORMATS, WRITTEN
+from sdm_deflect.meshing.formats.known import written
+from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from tests.meshing.formats.wing import wing
 
@@ -49,7 +50,7 @@ SLOW = {
     "geometry": ("sdm.cad.undeflected_cad",),
 }  # fmt: skip
 """Functions by command whose results are kept, because they take long and write nothing."""
-DRAWING = ("report.pictures.drawn", "report.folder.drawn", "sdm.report.drawn", "sdm.report.compared")
+DRAWING = ("report.pictures.drawn", "sdm.report.drawn", "sdm.report.compared")
 """Functions that draw into a folder, whose pictures are kept."""
 
 
@@ -126,7 +127,7 @@ class Work:
             for one, drawing in pictures:
                 (folder / one.path.name).write_bytes(drawing)
                 exhibits.append(Exhibit(one.part, folder / one.path.name, one.alternative))
-            return Gallery(tuple(exhibits), "") if isinstance(found, Gallery) else exhibits
+            return Gallery(tuple(exhibits)) if isinstance(found, Gallery) else exhibits
 
         return known
 
@@ -276,14 +277,14 @@ def ballast(folder: Path, room: int) -> None:
 def deflections(folder: Path, cells: int = 3) -> list[Work]:
     """Write a wing in every format, and return the commands that deflect it."""
     mesh, found, kept = wing(cells=cells).mesh, [], {}
-    for name in WRITTEN:
+    for name in written():
         known = FORMATS[name]
         source = folder / ("case" if name == "openfoam" else f"wing{known.suffixes[0]}")
         known.write(mesh, source)
         words = ("deflect", str(source), *TURN, *HINGE, "--repair", "off", "--no-report")
         found.append(Work(words, f"out{source.suffix}", not source.suffix, kept))
     su2 = found[0].words
-    suffixes = [FORMATS[name].suffixes[0] for name in WRITTEN if name not in ("su2", "openfoam")]
+    suffixes = [FORMATS[name].suffixes[0] for name in written() if name not in ("su2", "openfoam")]
     found += [Work(su2, f"out{suffix}", kept=kept) for suffix in suffixes]
     more = ((*su2, "--sensitivity"), (*su2[:-1], "--report", "--sensitivity"))
     return [*found, *(Work(words, "out.su2", kept=kept) for words in more)]
@@ -296,7 +297,7 @@ def runs(folder: Path) -> list[Work]:
         code, said = outcome(run.arguments(folder))
     assert code == 0, said
     exported = ("export", str(folder / "run"), "--quiet", "--format")
-    outs = {name: f"out{FORMATS[name].suffixes[0]}" for name in WRITTEN} | {"openfoam": "out"}
+    outs = {name: f"out{FORMATS[name].suffixes[0]}" for name in written()} | {"openfoam": "out"}
     exports = [Work((*exported, name), out, name == "openfoam") for name, out in outs.items()]
     others = [
         Work(("report", "--quiet"), "report", given=folder / "run"),

@@ -14,7 +14,6 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats import tables
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces, read
-from sdm_deflect.meshing.formats.ugrid_file import ENCODINGS
 from tests.meshing.formats.alike import content, replace_data, zone_of
 from tests.meshing.formats.examples import hybrid, with_gmsh
 from tests.meshing.formats.gmsh_files import gmsh_data
@@ -22,8 +21,8 @@ from tests.meshing.formats.test_cgns_errors import DAMAGE
 from tests.meshing.formats.test_gmsh import _by_gmsh
 from tests.meshing.formats.test_hostile import BYTES, SECONDS, changed
 
-SUFFIXES = [".cgns", ".su2", ".msh", *(f".{encoding}.ugrid" for encoding in ENCODINGS)]
-BINARY = [".cgns", ".msh", ".b8.ugrid", ".lr4.ugrid"]
+SUFFIXES = [".cgns", ".su2", ".msh", ".grid", ".b8.ugrid", ".lr4.ugrid", ".lb8l.ugrid"]
+BINARY = [".cgns", ".msh", ".grid", ".b8.ugrid", ".lr4.ugrid"]
 
 
 @pytest.fixture(autouse=True)

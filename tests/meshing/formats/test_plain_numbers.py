@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sdm_deflect.meshing.formats import numbers as words
 from sdm_deflect.meshing.formats import plain_numbers as module
 from sdm_deflect.meshing.formats import su2_read
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -156,7 +157,7 @@ def test_large_files_are_read_and_rewritten_as_small_ones(chunk, tmp_path, monke
     plain = []
     monkeypatch.setattr(module, "plain_numbers", lambda *given: plain.append(plain_numbers(*given)) or plain[-1])
     monkeypatch.setattr(su2_read, "LARGE", 0)
-    monkeypatch.setattr(su2_read, "CHUNK", chunk)
+    monkeypatch.setattr(words, "CHUNK", chunk)
     again = Su2().read(tmp_path / "mesh.su2")
     assert content(again) == content(whole)
     assert again.points.tobytes() == whole.points.tobytes()

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.registry import ENTRIES, FORMATS, WRITTEN, format_of, read
+from sdm_deflect.meshing.formats.known import entries, written
+from sdm_deflect.meshing.formats.registry import FORMATS, format_of, read
 from tests.meshing.formats.examples import hybrid
 
 
@@ -28,7 +29,8 @@ def test_suffixes(name, form):
 
 @pytest.mark.parametrize("form", FORMATS)
 def test_what_is_known_of_a_format_before_it_is_loaded(form):
-    assert (FORMATS[form].name, FORMATS[form].suffixes) == (form, ENTRIES[form].suffixes)
+    assert (FORMATS[form].name, FORMATS[form].suffixes) == (form, entries()[form].suffixes)
+    assert FORMATS[form].written == entries()[form].written
     assert FORMATS[form] is FORMATS[form]
 
 
@@ -43,8 +45,7 @@ print(*sys.modules)
 """
     loaded = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout.split()
     assert "sdm_deflect.meshing.formats.cgns" in loaded
-    others = {entry.module for name, entry in ENTRIES.items() if name != "cgns"}
-    assert not {f"sdm_deflect.meshing.formats.{name}" for name in others} & set(loaded)
+    assert not {entry.module for name, entry in entries().items() if name != "cgns"} & set(loaded)
 
 
 def test_any_folder_is_an_openfoam_case(tmp_path):
@@ -77,7 +78,7 @@ def test_a_missing_file_is_an_error_that_names_it(form, tmp_path):
         FORMATS[form].read(path if form != "openfoam" else tmp_path / "none")
 
 
-@pytest.mark.parametrize("form", WRITTEN)
+@pytest.mark.parametrize("form", written())
 def test_a_mesh_bears_the_name_of_its_file(form, tmp_path, monkeypatch):
     path = tmp_path / ("case" if form == "openfoam" else f"wing{FORMATS[form].suffixes[0]}")
     FORMATS[form].write(hybrid(), path)

@@ -116,7 +116,7 @@ def test_chunks_may_end_anywhere(kept, tmp_path, monkeypatch):
     moved = Su2().read(kept).points * 3.0
     Su2().rewrite(kept, moved, tmp_path / "whole.su2")
     for size in (1, 7, 40):
-        monkeypatch.setattr("sdm_deflect.meshing.formats.su2_read.CHUNK", size)
+        monkeypatch.setattr("sdm_deflect.meshing.formats.numbers.CHUNK", size)
         assert content(Su2().read(kept)) == whole
         Su2().rewrite(kept, moved, tmp_path / "pieces.su2")
         assert (tmp_path / "pieces.su2").read_bytes() == (tmp_path / "whole.su2").read_bytes()

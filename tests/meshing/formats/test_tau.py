@@ -137,14 +137,6 @@ def test_only_coordinates_that_change_differ(kind, tmp_path):
             assert new["points_xc"].compression == "gzip"
 
 
-def test_a_file_in_single_precision_refuses_what_it_cannot_hold(tmp_path):
-    path = written(hybrid(), tmp_path / "mesh.grid", "single")
-    with pytest.raises(MeshFileError, match="14 coordinates are beyond single precision"):
-        Tau().rewrite(path, np.full((14, 3), 1e39), tmp_path / "out.grid")
-    with pytest.raises(MeshFileError, match="has 14 points, but coordinates"):
-        Tau().rewrite(path, np.zeros((13, 3)), tmp_path / "out.grid")
-
-
 @pytest.mark.parametrize("kind", ["cdf1", "hdf5"])
 def test_a_deflection_is_that_of_the_same_mesh_in_su2(kind, tmp_path):
     made = wing(cells=3)
@@ -228,8 +220,8 @@ def changed(path, **values):
         ({"points_xc": np.zeros((14, 2))}, r"points_xc holds \(14, 2\) >f8, expected"),
         ({"points_xc": 1.0}, r"points_xc holds \(\) >f8, expected"),
         ({"points_zc": np.full(14, np.nan)}, "14 points are not finite"),
-        ({"points_of_pyramids": np.array([[1, 2, 6, 5, 14]], "i4")}, r"1 of 1 pyramids name .* the 14 \(0 to 13\)"),
-        ({"points_of_pyramids": np.array([[1, 2, 6, 5, -1]], "i4")}, "1 of 1 pyramids name points"),
+        ({"points_of_pyramids": np.array([[1, 2, 6, 5, 14]], "i4")}, r"1 pyramid elements name .* the 14 \(0 to 13\)"),
+        ({"points_of_pyramids": np.array([[1, 2, 6, 5, -1]], "i4")}, "1 pyramid elements name points"),
         ({"points_of_pyramids": np.array([[1, 2, 6, 5]], "i4")}, r"holds \(1, 4\) >i4, expected \(N, 5\) whole"),
         ({"points_of_pyramids": np.zeros((1, 5))}, "points_of_pyramids holds .* >f8, expected"),
         ({"points_of_pyramids": np.zeros((1, 5), "S1")}, r"points_of_pyramids holds .* \|S1, expected"),

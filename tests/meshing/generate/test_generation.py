@@ -1,4 +1,4 @@
-"""Whole meshes: the box without the body, named faces; MeshLab, which made none of it, judges one."""
+"""Whole meshes: the box without the body, named faces, the area and volume of the CAD."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,7 @@
-"""Packed coordinates replaced by HDF5 in a process of its own: it may crash as it closes a damaged file."""
+"""Packed coordinates replaced by HDF5 in a process of its own: it may crash as it closes a damaged file.
+
+That process loads this file alone, and little else.
+"""
 
 from pathlib import Path
 

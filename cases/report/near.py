@@ -1,0 +1,59 @@
+"""The cells of a mesh that pictures of a box can show; nodes keep their numbers."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polyhedra, Volume
+from sdm_deflect.deform.mesh.parts import taken
+from sdm_deflect.deform.mesh.touched import TouchedCells
+from sdm_deflect.meshing.formats.shapes import turned
+
+EVERY_SIDE = 0b111111
+
+
+def with_near_cells(mesh: Mesh, touched: Sequence[TouchedCells], boxes: Sequence[FloatArray]) -> list[TouchedCells]:
+    """Return touched cells as those of a mesh that has no cells but them, and those at boxes (2, 3) of two corners.
+
+    Of an excerpt no others are left: the rest of its cells are there for their centres, and may lack faces.
+    """
+    sides = [np.zeros(len(mesh.points), dtype=np.uint8) for _ in boxes] if mesh.whole is None else []
+    for bits, (low, high) in zip(sides, boxes, strict=False):
+        for axis, places in enumerate(mesh.points.T):
+            bits |= (places > low[axis]).astype(np.uint8) << axis
+            bits |= (places < high[axis]).astype(np.uint8) << (3 + axis)
+    rows = [
+        union(*(part.rows[i] for part in touched), *(_between(block, bits) for bits in sides))
+        for i, block in enumerate(mesh.cells)
+    ]
+    whole = mesh.whole and replace(mesh.whole, rows=tuple(map(np.take, mesh.whole.rows, rows)))
+    near = replace(mesh, cells=tuple(map(some_cells, mesh.cells, rows)), whole=whole)
+    return [replace(part, mesh=near, rows=tuple(map(np.searchsorted, rows, part.rows))) for part in touched]
+
+
+def _between(block: Volume, bits: np.ndarray) -> IntArray:
+    """Return the rows of cells not wholly on one side of a box: their nodes' bits (N,) are all there together."""
+    if isinstance(block, Cells):
+        return np.flatnonzero(np.bitwise_or.reduce([bits[column] for column in block.nodes.T]) == EVERY_SIDE)
+    face = np.bitwise_or.reduceat(bits[block.faces.nodes], block.faces.offsets[:-1])
+    cell = np.zeros(len(block), dtype=np.uint8)
+    np.bitwise_or.at(cell, block.owner, face)
+    np.bitwise_or.at(cell, block.neighbour, face[: len(block.neighbour)])
+    return np.flatnonzero(cell == EVERY_SIDE)
+
+
+def some_cells(block: Volume, rows: IntArray) -> Volume:
+    """Return cells of rising rows (R,); faces of polyhedra to others become those of a boundary."""
+    if isinstance(block, Cells):
+        return Cells(block.shape, block.nodes[rows])
+    place = np.full(len(block), -1, dtype=np.intp)
+    place[rows] = np.arange(len(rows))
+    own, other = place[block.owner], np.full(len(block.owner), -1)
+    other[: len(block.neighbour)] = place[block.neighbour]
+    inner, outer = np.flatnonzero((own >= 0) & (other >= 0)), np.flatnonzero((own >= 0) != (other >= 0))
+    order = np.concatenate([inner, outer])
+    faces = turned(taken(block.faces, order), own[order] < 0)
+    return Polyhedra(faces, np.where(own < 0, other, own)[order], other[inner])

@@ -1,0 +1,172 @@
+"""What a mesh format is: the layout of its files, and what follows from that."""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh
+from sdm_deflect.deform.mesh.pieces import MeshInPieces
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits, only_rewritten
+from sdm_deflect.meshing.formats.shapes import check_faces, oriented
+from sdm_deflect.meshing.formats.tables import ROWS, TablePieces
+
+
+class Format:
+    """Reads, rewrites and writes the files of one format.
+
+    A format says where the numbers of a file are (`layout`), and how a mesh is written (`write`). The rest follows, and
+    may be said otherwise where a file is no tables of numbers.
+
+    Attributes
+    ----------
+    name : what users call it, such as ``"su2"``; this and the next two are those of `registered`.
+    suffixes : the suffixes of its files, such as ``(".su2",)``.
+    written : whether a mesh from elsewhere can be written; files of the others are only rewritten.
+    folder : whether a mesh is a folder.
+    zoned : whether a file can hold zones that do not fit together.
+    for_workers : the files of which other processes can read parts, in words; empty: none.
+    """
+
+    name: ClassVar[str] = ""
+    suffixes: ClassVar[tuple[str, ...]] = ()
+    written: ClassVar[bool] = True
+    folder: ClassVar[bool] = False
+    zoned: ClassVar[bool] = False
+    for_workers: ClassVar[str] = ""
+
+    def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
+        """Return a mesh of which the boundary is read, and where its points and cells are.
+
+        Parameters
+        ----------
+        path : The file.
+        scratch : An empty folder: the mesh may be larger than memory, and numbers that stand in the file as text go to
+            tables in this folder. None: they may be held in memory.
+        progress : Called with what is being done.
+
+        Returns None where the file must be read as a whole. MeshFileError if it is damaged.
+        """
+        return None
+
+    def stored(self, path: Path) -> TablePieces | None:
+        """Return where the coordinates are, with less reading than `layout` if that is possible."""
+        found = self.layout(path)
+        return found.pieces if found and isinstance(found.pieces, TablePieces) else None
+
+    def read(self, path: Path, progress: Progress = silent) -> Mesh:
+        """Return the mesh in a file: all that its layout tells, put into arrays.
+
+        Raises MeshFileError if the file is missing, truncated, damaged, or not of this format.
+        """
+        with about(path):
+            found = self.layout(path, None, progress)
+            assert found is not None
+            return whole(found, partial(progress, f"reading {path.name}"))
+
+    def read_copy(self, path: Path, source: Path) -> Mesh:
+        """Return the mesh in a file that is a copy of another, beside which more of it may be."""
+        return self.read(path)
+
+    def points_of_copy(self, path: Path, source: Path) -> FloatArray | None:
+        """Return the points (N, 3) of a copy of a file of text that was read in pieces.
+
+        None for other formats. MeshFileError if more than the points differs.
+        """
+        return None
+
+    def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
+        """Return the type of the coordinates in a file `out`: of a copy of `source`, or of a mesh from elsewhere.
+
+        Of several types it is the one with the fewest bits. Numbers in text have all digits that they need.
+        """
+        if source is None:
+            return DOUBLE
+        with about(source):
+            found = self.stored(source)
+            return fewest_bits(np.dtype(own.table.kind) for own in found.ranges) if found else DOUBLE
+
+    def finer(self, out: Path, mesh: Mesh) -> str:
+        """Return the suffix of a file that keeps more digits of a mesh than `out` does."""
+        return ".cgns"
+
+    def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
+        """Write a copy of the file `source` with coordinates `points` (N, 3); all other bytes stay.
+
+        `out` appears whole or not at all, and is never `source`. Coordinates that did not change keep their bytes.
+        """
+        with about(source):
+            found = self.stored(source)
+            assert found is not None
+            check_points(points, found.points)
+        found.rewrite(np.arange(len(points)), points, out, progress)
+
+    def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+        """Write a mesh that came from elsewhere; return a sentence for each thing that the format cannot hold."""
+        raise only_rewritten(out)
+
+    def write_moved(self, mesh: Mesh, points: FloatArray, out: Path, progress: Progress = silent) -> tuple[str, ...]:
+        """Write a mesh that came from elsewhere with its points moved to `points` (N, 3)."""
+        return self.write(mesh.with_points(points), out, progress)
+
+    def files(self, path: Path) -> Iterable[Path]:
+        """Return every file that is read for a mesh."""
+        return (path,)
+
+    def size(self, path: Path) -> int:
+        """Return the bytes of a mesh."""
+        return path.stat().st_size
+
+    def holds(self, path: Path) -> bool:
+        """Whether a file of any name is of this format, as far as that can be told by what is in it."""
+        return False
+
+    def place(self, path: Path) -> Path:
+        """Return the file, or the folder, that a path means."""
+        return path
+
+    def ending(self, path: Path) -> str:
+        """Return the suffix of a file, with the word before it that belongs to it."""
+        return path.suffix
+
+    def named(self, path: Path) -> tuple[Path, ...]:
+        """Return the files beside a mesh that name its patches, and are written with it."""
+        return ()
+
+    def check_named(self, mesh: Mesh, out: Path) -> None:
+        """Refuse such a file that is there with other names than a new file of this mesh has, with a MeshFileError."""
+
+    def named_otherwise(self, source: Path, out: Path) -> bool:
+        """Whether such a file beside `out` is another than that of a mesh `source`."""
+        return False
+
+
+def whole(mesh: MeshInPieces, report: Callable[[float], None]) -> Mesh:
+    """Return a mesh with all its points and cells in memory.
+
+    Raises MeshFileError for cells of points that are not there, for a face of no cell and for no cells at all.
+    """
+    pieces = mesh.pieces
+    assert isinstance(pieces, TablePieces)
+    total, done = max(1, pieces.points + sum(count for _, count in pieces.blocks)), 0
+
+    def passed(count: int) -> None:
+        nonlocal done
+        done += count
+        report(done / total)
+
+    points, blocks = np.empty((pieces.points, 3)), []
+    for start in range(0, len(points), ROWS):
+        pieces.coordinates_into(points[start : start + ROWS], start)
+        passed(len(points[start : start + ROWS]))
+    for table in pieces.cells:
+        cells = Cells(table.shape, table.everything(len(points), passed))
+        blocks.append(oriented(points, cells) if table.shape in PLANE else cells)
+    found = Mesh(points, tuple(blocks), mesh.patches, mesh.zones, notes=mesh.notes, periodic=mesh.periodic)
+    check_faces(found)
+    return found
