@@ -46,7 +46,7 @@ class Example:
 
 def write_airfoil(path: Path) -> None:
     """Write an airfoil of chord 1 whose rear 30 % are the flap, in a plane."""
-    flat, quads = section(AROUND, OUTWARDS)  # type: ignore[no-untyped-call]
+    flat, quads = section(AROUND, OUTWARDS)
     first = np.arange(AROUND)
     lines = np.column_stack([first, (first + 1) % AROUND])
     behind = flat[lines, 0].mean(axis=1) > 0.7

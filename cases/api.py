@@ -1,19 +1,21 @@
 """The whole method from Python: read a mesh, deflect it, look at it, save it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
-from sdm_deflect.cases.settings.job_settings import angles_of, settings_of, tables_of
+from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON, angles_of, settings_of, tables_of
+from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.base.schema import described
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import Threads
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sdm_deflect.cases.run.mesh_files import Targets
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def read(path: str | PathLike[str], progress: Progress = silent) -> Mesh:
@@ -295,6 +299,15 @@ class Result:
         )
 
 
+def _with_settings(function: F) -> F:
+    """Put what every setting means into a docstring."""
+    settings = (setting for name, setting in FLAT.items() if name not in IN_PYTHON and name not in ("hinge", "angle"))
+    if function.__doc__:  # not with python -OO
+        function.__doc__ = function.__doc__.replace("{settings}", described(list(settings), " " * 8))
+    return function
+
+
+@_with_settings
 def deflect(
     mesh: Any,
     surfaces: str | Sequence[Any],
@@ -302,7 +315,7 @@ def deflect(
     angle: float | None = None,
     *,
     progress: Progress = silent,
-    **options: Any,
+    **options: Unpack[Options],
 ) -> Result:
     """Turn patches of a mesh about a hinge, and let the mesh around them follow inside a box.
 
@@ -320,73 +333,7 @@ def deflect(
     progress : Called with what is being done and the fraction done (0 to 1, or nan).
     **options : Settings by the names that they have in the TOML file of ``sdm deflect``.
 
-        What moves, and how:
-
-        - `motion`: ``"rigid"`` (default), ``"blended"`` between nodes that stay and nodes that follow, or a motion
-          such as `Rotation`, `Blended` or `Table`, which has its own hinge.
-        - `held`, `driven`: of a blended motion, the nodes that stay (default: those shared with `fixed` patches) and
-          those that follow (default ``"edges:40"``, the sharp edges far from the hinge): names of patches, node indices
-          (K,) counted from 0, a .txt file of them, or `OnPatches`, `TrailingEdge`, `Listed`.
-        - `strip`: of a blended motion, the width beside a closed rib as a share of the span, above 0, at most 1 (0.2).
-        - `cpacs`, `device`: a CPACS 3 file and the uID of a trailing edge device in it, instead of `hinge`; with
-          ``uID=step`` the angle is that of a step.
-        - `table`: a .csv or .npz file of displacements instead of a rotation.
-
-        - `select`: parts of patches that become patches of their own: ``{"flap": "wall#2"}`` or ``"flap=wall#2"``, the
-          second connected component of ``wall``; ``wall box:x,y,z,x,y,z`` and ``wall side:x,y,z,nx,ny,nz`` for faces
-          with their centre in a box or in front of a plane; ``wall sharp:40`` for ``flap~1``, ``flap~2``, ... between
-          edges that turn by more than 40 degrees; or the path of a .toml file with a table `select`. ``wall#2`` can
-          stand for a patch everywhere, without being selected.
-
-        What stays, and where:
-
-        - `fixed`: names of the patches that stay.
-        - `slide`: patches that stay on their shape: ``{"symmetry": "plane"}`` or ``"symmetry:plane"``; shapes are
-          ``plane`` and ``cylinder``, fitted to the patch's nodes and verified, and ``surface``, the patch as it is.
-        - `periodic`: two patches that are images of one another, ``("left", "right")``, or several such pairs, where
-          the file does not say so. The motion is the translation between them, or the rotation about x, y or z through
-          the origin, whichever fits node by node; for another axis or translation a dictionary: `patches`, and `axis`,
-          two points, or `translation` (3,).
-        - `box`: ``"auto"`` (default), a `Hexahedron`, its corners (8, 3), two opposite corners (2, 3) of a box along
-          the axes, or a .toml file with `corners`.
-        - `margin`: distance from the surface to an automatic box, a length; 0 (default): chosen.
-        - `open_faces`: faces of a given box without zero sites, of ``x-``, ``x+``, ``y-``, ``y+``, ``z-``, ``z+``.
-        - `section`: faces of an overlapping block that cut the box, a dictionary for each: `patch`, `point` (3,) of its
-          plane, `axis` ``"x"``, ``"y"`` or ``"z"`` along its normal, `slides` (True): whether nodes slide in it.
-        - `near_wall`: whether the mesh near walls follows them rigidly, so that prism layers keep their heights (True).
-          Without it, as in the paper, no patch but the moving surface may reach into the box.
-        - `zones`: further zones of the file that deform; ``"*"`` for all.
-
-        What is accepted:
-
-        - `allow_inverted`: whether a mesh that has inverted cells already is taken (False).
-        - `min_quality`: share of the undeflected mesh's least quality that the cells of each type must keep (0.1); 0:
-          no such check.
-
-        What is repaired:
-
-        - `repair`: ``"auto"`` (default): cells are mended if one is inverted, or the least quality of its type fell
-          below a share of the undeflected mesh's; ``"always"``: if it fell at all; ``"off"``.
-        - `repair_share`: that share (0.9).
-        - `repair_slide`: further patches whose nodes may slide while cells are mended, as for `slide`; moving ones too.
-
-        How it is interpolated:
-
-        - `strategy`: ``"squv"``, centres for each direction (default), or ``"mv"``, common ones.
-        - `tolerance`: largest error at a data site, a length; 0 (default): 1 % of the surface's median edge.
-        - `initial_surface`, `initial_hexahedron`: centres at the start, on the moving surface and on all else (30, 30).
-        - `n_add`: largest number of centres added at a time (`rule` ``"worst"``), or least size of a block (10).
-        - `max_centers`: at most so many for each direction (5000).
-        - `rule`: ``"separated"`` (default) adds large blocks of sites that are no neighbours; ``"worst"`` the paper's.
-        - `spacing`: distance of the sites on the box, a length; 0 (default): from `spacing_edges`, the same in
-          median edges of the surface (1.75).
-        - `max_steps`: largest number of steps in which the angle is taken if cells invert (8).
-        - `kernel`: ``"tps"``, the thin plate spline (default), ``"mq"``, the multiquadric, ``"wendland"``, Wendland's
-          C2 function with compact support, or ``"cubic"``.
-        - `kernel_radius`: of ``"mq"`` and ``"wendland"``, a length; 0 (default): the surface's median edge, and the
-          diagonal of the box.
-        - `polynomial`: ``"linear"`` (default), which every kernel may have and ``"tps"`` and ``"cubic"`` need,
-          ``"constant"``, which is enough for ``"mq"``, or ``"none"``, which is enough for ``"wendland"``.
+        {settings}
 
     Returns
     -------
@@ -417,7 +364,7 @@ def plan(
     angle: float | None = None,
     *,
     progress: Progress = silent,
-    **options: Any,
+    **options: Unpack[Options],
 ) -> Field:
     """Decide and fit a deflection, but move no node: a small value does, wherever the nodes are.
 
@@ -456,7 +403,7 @@ def sweep(
     angles: str | Sequence[float],
     *,
     progress: Progress = silent,
-    **options: Any,
+    **options: Unpack[Options],
 ) -> tuple[Result, ...]:
     """Deflect to several angles; centres and factors of the largest serve for all of them.
 

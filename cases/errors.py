@@ -2,14 +2,6 @@
 
 from sdm_deflect.deform.base.errors import InputError, LostError
 
-EXTRAS = {
-    "report": ("jinja2", "markupsafe", "matplotlib", "PIL"),
-    "view": ("trame", "trame_client", "trame_vtk", "trame_vuetify", "aiohttp", "pyvista", "vtkmodules"),
-    "aircraft": ("cadquery", "OCP", "gmsh", "meshio", "pymeshlab", "pytetwild", "rtree", "trimesh"),
-    "cluster": ("cryptography", "dask", "distributed"),
-}
-"""Modules that an installation may lack, by the extra that brings them."""
-
 
 def is_reported(error: Exception) -> bool:
     """True for errors whose message tells the user what is wrong; any other exception is a defect of ours."""
@@ -22,10 +14,3 @@ def is_reported(error: Exception) -> bool:
     from sdm_deflect.meshing.formats.format import MeshFileError
 
     return isinstance(error, OutputError | SolveError | CadError | MeshingError | MeshFileError)
-
-
-def missing(error: ModuleNotFoundError) -> str:
-    """Return which extra brings a module that is not installed, as a sentence; empty if none does."""
-    module = (error.name or "").partition(".")[0]
-    extra = next((name for name, modules in EXTRAS.items() if module in modules), "")
-    return extra and f"this needs {module}, which is not installed: pip install 'sdm-deflect[{extra}]'"

@@ -1,11 +1,12 @@
 """A case: one frozen value that says everything about a run."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.schema import INLINE
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, Fitting, Repair, RepairMode, Strategy
 from sdm_deflect.geometry.confinement import BlockParameters
 from sdm_deflect.geometry.parameters import Fighter
@@ -93,7 +94,7 @@ class Case:
     domain: Domain = "aircraft"
     angle: float = quantity(-12.0, "deg", -LARGEST_ANGLE, LARGEST_ANGLE, "deflection, positive is trailing edge down")
     scale: str = "small"
-    fighter: Fighter = field(default_factory=Fighter)
+    fighter: Annotated[Fighter, INLINE] = field(default_factory=Fighter)
     block: BlockParameters = field(default_factory=BlockParameters)
     mesh: MeshParameters = field(default_factory=lambda: SCALES["small"])
     background: MeshParameters = field(default_factory=lambda: SCALES["small"])

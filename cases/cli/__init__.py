@@ -58,7 +58,7 @@ def cache(clear: bool, as_json: bool) -> None:
 def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
     """Check libraries, threads, cache, disk and memory, and say what to install."""
     from sdm_deflect.cases.cli.console import findings
-    from sdm_deflect.cases.cli.doctor import examined
+    from sdm_deflect.cases.cli.examination import examined
 
     with options.watched(quiet, verbose) as watch, watch.stage("doctor") as progress:
         found = list(examined(progress))
@@ -79,7 +79,7 @@ def main(commands: click.Command = cli, name: str = "sdm") -> NoReturn:
     except click.Abort as abort:  # click's word for an interruption, and for any end of a file
         raise abort.__cause__ or abort from None
     except ModuleNotFoundError as error:
-        from sdm_deflect.cases.errors import missing
+        from sdm_deflect.cases.run.surroundings import missing
 
         if not (sentence := missing(error)):
             raise

@@ -27,7 +27,7 @@ from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.volume.deflection import Plan
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.cli.doctor import Finding
+    from sdm_deflect.cases.cli.examination import Finding
     from sdm_deflect.cases.run.deflect_file import Judged, Outcome
 
 WIDTH = 160

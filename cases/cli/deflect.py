@@ -1,6 +1,6 @@
 """Commands on any mesh file: deflect, quality."""
 
-from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,115 +8,97 @@ import click
 from click.core import ParameterSource
 
 from sdm_deflect.cases.cli import options
+from sdm_deflect.cases.settings.job_settings import (
+    FLAT,
+    JobSettings,
+    angles_of,
+    job_settings,
+    read_job,
+    selections_of,
+    with_options,
+)
+from sdm_deflect.deform.base.errors import InputError
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.flow.flow_case import FlowCase
+    from sdm_deflect.cases.run.deflect_file import Outcome
+    from sdm_deflect.cases.run.history import History
+    from sdm_deflect.cases.run.mesh_files import Targets
+    from sdm_deflect.cases.run.progress import Stopwatch
+    from sdm_deflect.deform.mesh.pieces import Runner
+    from sdm_deflect.deform.volume.deflection import Plan
 
 CASE = ("to_solver", "mach", "alpha", "far_field")
 """Options of a case for a flow solver."""
-IDLE_IN_TIME = ("angle", "angles", "sensitivity", "workers", "scheduler", "worker_memory", *CASE)
+HELPERS = ("workers", "scheduler", "worker_memory")
+"""Options of work that others do."""
+IDLE_IN_TIME = ("angle", "angles", "sensitivity", *HELPERS, *CASE)
 """Options that mean nothing beside a history."""
+moved = partial(click.option, cls=options.Grouped, group="What moves")
 
 
-@click.command(cls=options.WithHinge)
+@click.command(cls=options.Deflection, params=options.settings_options(FLAT.values()))
 @click.argument("mesh", type=options.FILE)
-@options.select_option
-@click.option(
-    "--surface",
-    "patches",
-    multiple=True,
-    metavar="NAME",
-    help="Patches that move; repeat, or use commas. wall#2: a part.",
-)
-@click.option(
-    "--hinge", nargs=2, type=options.Point(), metavar="x0,y0,z0 x1,y1,z1", help="Two points of the hinge line; or x,y."
-)
-@click.option("--angle", type=float, help="Degrees, right-handed from the first hinge point to the second.")
-@click.option("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")
-@click.option("--history", type=options.FILE, help="Many times: a .csv of time,angle; an OpenFOAM case that moves.")
-@click.option("--motion", type=click.Choice(("rigid", "blended")), help="Whole surface, or hinge to trailing edge.")
-@click.option("--held", help="blended: nodes that stay: patches, or a .txt of node indices (default: --fixed).")
-@click.option("--driven", help="blended: nodes that follow: edges[:DEG], patches, or a .txt (default: edges:40).")
-@click.option("--strip", type=float, help="blended: width beside a closed rib, as a share of the span (0.2).")
-@click.option("--table", help="Displacements instead of a hinge: .csv of x,y,z,dx,dy,dz, or .npz.")
-@click.option("--cpacs", metavar="FILE", help="CPACS file with the hinge line and the angle of --device.")
-@click.option("--device", metavar="UID[=STEP]", help="Trailing edge device of --cpacs; a step of its path.")
-@click.option("--fixed", multiple=True, metavar="NAME", help="Patches that stay; wildcards such as 'wing*'.")
-@click.option("--slide", multiple=True, metavar="NAME:plane|cylinder|surface", help="Patches that stay on their shape.")
-@click.option("--periodic", nargs=2, multiple=True, metavar="NAME NAME", help="Patches that are images; repeat.")
-@click.option("--zone", "zones", multiple=True, metavar="NAME", help="Further zones that deform; '*' for all.")
-@click.option("--box", metavar="auto|FILE", help="The box: auto, or a .toml with `corners`.")
-@click.option("--margin", type=float, help="Distance from the surface to an automatic box.")
-@click.option("--steps", metavar="auto|N", help="Most steps for an angle (auto: up to 8).")
-@click.option("--strategy", type=options.STRATEGIES, help="squv: centres for each direction; mv: common ones.")
-@click.option("--tolerance", type=float, help="Error at a data site (default: 1 % of the surface's median edge).")
-@click.option("--allow-inverted", is_flag=True, default=None, help="Take a mesh that has inverted cells already.")
-@click.option("--min-quality", type=float, help="Share of its least quality that a type of cell must keep (0.1).")
-@options.repair_option
-@options.set_option
-@click.option("--config", type=options.FILE, help="The same in a TOML file; several surfaces as [[surface]].")
-@click.option("--out", type=options.FILE, help="File to write (default: MESH-deflected); the suffix says the format.")
+@moved("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")
+@moved("--history", type=options.FILE, help="Many times: a .csv of time,angle; an OpenFOAM case that moves.")
+@options.output_option("--out", type=options.FILE, help="File (default: MESH-deflected); its suffix says the format.")
+@options.output_option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
 @options.flow_options
-@click.option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
-@click.option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
-@click.option("--workers", type=int, metavar="N", help="Let so many processes do the work, with Dask.")
-@click.option("--scheduler", metavar="ADDRESS|FILE", help="Let the workers of a Dask scheduler do it: tcp://HOST:PORT.")
-@click.option("--worker-memory", metavar="SIZE", help="Memory of each of the --workers, such as 2GB.")
 @options.report_option
+@options.output_option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @options.json_option
 @options.progress_options
+@options.cluster_option("--workers", type=int, metavar="N", help="Let so many processes do the work, with Dask.")
+@options.cluster_option(
+    "--scheduler", metavar="ADDRESS|FILE", help="Let the workers of a Dask scheduler do it: tcp://HOST:PORT."
+)
+@options.cluster_option("--worker-memory", metavar="SIZE", help="Memory of each of the --workers, such as 2GB.")
+@click.option("--config", type=options.FILE, help="Settings in a TOML file; several surfaces as [[surface]].")
+@options.set_option
 def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, report: bool, **given: Any) -> int:
     """Deflect marked surfaces of a mesh file, and let the mesh around them follow.
 
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
-    from sdm_deflect.cases.cli.console import plan_table, result_table
     from sdm_deflect.cases.run.cluster import Wanted, workers
-    from sdm_deflect.cases.run.deflect_file import deflect_file, figures, plan_figures, planned
-    from sdm_deflect.cases.run.mesh_files import Targets, inputs_of
-    from sdm_deflect.cases.settings.job_settings import angles_of, job_settings
+    from sdm_deflect.cases.run.deflect_file import planned
+    from sdm_deflect.cases.run.mesh_files import Targets
 
-    if history := given.pop("history"):
-        return _in_time(mesh, out, history, dry_run, {**given, "sensitivity": sensitivity})
-    text, as_json = given.pop("angles"), given.pop("as_json")
-    quiet, verbose = given.pop("quiet"), given.pop("verbose")
-    helpers = Wanted(*(given.pop(name) for name in ("workers", "scheduler", "worker_memory")))
-    flow = _flow([given.pop(name) for name in CASE])
-    many = angles_of(text) if text else ()
+    as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
+    helpers, flow = Wanted(*(given.pop(name) for name in HELPERS)), _flow([given.pop(name) for name in CASE])
+    path, history, many = _several(given.pop("history"), given.pop("angles"))
     if many:
         given["angle"] = max(many, key=abs)
-    nested, config = _tables(given), given["config"]
-    settings = job_settings(nested)
+    settings, inputs = _settings(given)
     job = settings.job()
-    wanted = Targets.of(mesh, out, many or (job.angle,), sensitivity, report, flow)
-    wanted.check((*inputs_of(nested, Path()), *([config] if config else ())))
+    angles = many or (job.angle,)
+    if history:
+        from sdm_deflect.cases.run.history import target_of
+
+        wanted = target_of(mesh, out, history)
+    else:
+        wanted = Targets.of(mesh, out, angles, sensitivity, report, flow)
+    wanted.check((*inputs, *path))
     with (
         options.watched(quiet or (as_json and not verbose), verbose) as watch,
         workers(helpers, watch, mesh, wanted.out.absolute().parent) as runner,
     ):
         if dry_run:
-            plan = planned(wanted, job, watch, runner)
+            plan = planned(wanted, job, watch, runner, angles)
         else:
-            done = deflect_file(wanted, job, watch, settings.min_quality, runner)
+            done, shown = _deflected(wanted, settings, history, watch, runner)
     if dry_run:
-        case = [flow.text(plan)] if flow else []
-        meshes = map(wanted.mesh, wanted.angles)
-        names = [str(path) for path in (*meshes, *wanted.configurations, *wanted.extra, *wanted.reports)]
-        figured = {**plan_figures(plan, flow), "files": names}
-        options.print_either(as_json, figured, plan_table(plan), *case, f"would write {', '.join(names)}")
-        return 0
-    options.print_either(as_json, figures(done, watch), result_table(done))
+        return _show_plan(wanted, plan, as_json)
+    options.print_either(as_json, *shown)
     return options.code_of(done.passed)
 
 
-@click.command()
+@click.command(params=options.settings_options([FLAT["select"]]))
 @click.argument("mesh", type=options.FILE)
-@options.select_option
 @options.json_option
 def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
     """Print points, cells, patches with their connected components, quality and inverted cells of a mesh file."""
     from sdm_deflect.cases.run.inspection import inspect, inspected
-    from sdm_deflect.cases.settings.selections import selections_of
 
     if as_json:
         options.print_json(inspected(mesh, selections_of(select)))
@@ -124,32 +106,44 @@ def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
         click.echo(inspect(mesh, selections_of(select)))
 
 
-def _in_time(mesh: Path, out: Path | None, path: Path, dry_run: bool, given: dict[str, Any]) -> int:
-    """Deflect to the angle of each time of a history."""
-    from sdm_deflect.cases.cli.console import plan_table, result_table
-    from sdm_deflect.cases.run.deflect_file import plan_figures, planned
-    from sdm_deflect.cases.run.history import History, deflect_in_time, target_of
-    from sdm_deflect.cases.run.mesh_files import inputs_of
-    from sdm_deflect.cases.settings.job_settings import job_settings
+def _several(path: Path | None, text: str | None) -> tuple[list[Path], "History | None", tuple[float, ...]]:
+    """Return the file of a history, the history, and the angles to deflect to; none for that of the job alone."""
+    if path is None:
+        return [], None, angles_of(text) if text else ()
+    from sdm_deflect.cases.run.history import History
 
-    _check_alone(given)
-    history, as_json = History.read(path), given.pop("as_json")
-    quiet, verbose = given.pop("quiet"), given.pop("verbose")
-    nested, config = _tables({**given, "angle": history.largest}), given["config"]
-    settings = job_settings(nested)
-    job, wanted = settings.job(), target_of(mesh, out, history)
-    wanted.check((path, *inputs_of(nested, Path()), *([config] if config else ())))
-    with options.watched(quiet or (as_json and not verbose), verbose) as watch:
-        if dry_run:
-            plan = planned(wanted, job, watch, angles=history.distinct)
-        else:
-            done = deflect_in_time(wanted, job, history, watch, settings.min_quality)
-    if dry_run:
-        figured = {**plan_figures(plan), "files": [str(wanted.out)]}
-        options.print_either(as_json, figured, plan_table(plan), f"would write {wanted.out}")
-        return 0
-    options.print_either(as_json, done.figures(watch), result_table(done.outcome))
-    return options.code_of(done.passed)
+    _check_alone()
+    history = History.read(path)
+    return [path], history, history.distinct
+
+
+def _deflected(
+    wanted: "Targets", settings: JobSettings, history: "History | None", watch: "Stopwatch", runner: "Runner"
+) -> tuple["Outcome", tuple[Any, ...]]:
+    """Deflect to all angles, or to those of a history; return what was done, and what is shown of it."""
+    from sdm_deflect.cases.cli.console import result_table
+    from sdm_deflect.cases.run.deflect_file import deflect_file, figures
+
+    if history is None:
+        done = deflect_file(wanted, settings.job(), watch, settings.min_quality, runner)
+        return done, (figures(done, watch), result_table(done))
+    from sdm_deflect.cases.run.history import deflect_in_time
+
+    moved = deflect_in_time(wanted, settings.job(), history, watch, settings.min_quality)
+    return moved.outcome, (moved.figures(watch), result_table(moved.outcome))
+
+
+def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:
+    """Print what would be done."""
+    from sdm_deflect.cases.cli.console import plan_table
+    from sdm_deflect.cases.run.deflect_file import plan_figures
+
+    flow, meshes = wanted.flow, map(wanted.mesh, wanted.angles)
+    names = [str(path) for path in (*meshes, *wanted.configurations, *wanted.extra, *wanted.reports)]
+    case = [flow.text(plan)] if flow else []
+    figured = {**plan_figures(plan, flow), "files": names}
+    options.print_either(as_json, figured, plan_table(plan), *case, f"would write {', '.join(names)}")
+    return 0
 
 
 def _flow(given: list[Any]) -> "FlowCase | None":
@@ -161,35 +155,21 @@ def _flow(given: list[Any]) -> "FlowCase | None":
     return FlowCase.of(*given)
 
 
-def _check_alone(given: dict[str, Any]) -> None:
-    """Refuse options that a history has no use for, and leave them out."""
-    from sdm_deflect.deform.base.errors import InputError
-
-    for name in IDLE_IN_TIME:
-        value = given.pop(name)
-        if value is not None and value is not False and value != ():
-            raise InputError(f"--{name.replace('_', '-')}: --history has no use for it; leave one of them out")
+def _check_alone() -> None:
+    """Refuse options that a history has no use for."""
     here = click.get_current_context()
-    if here.params["report"] and here.get_parameter_source("report") is ParameterSource.COMMANDLINE:
+    given = [name for name in here.params if here.get_parameter_source(name) is ParameterSource.COMMANDLINE]
+    for name in IDLE_IN_TIME:
+        if name in given:
+            raise InputError(f"--{name.replace('_', '-')}: --history has no use for it; leave one of them out")
+    if "report" in given and here.params["report"]:
         raise InputError("--report: --history makes none; leave one of them out")
 
 
-def _tables(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a configuration file with the options of the command line in their place."""
-    from sdm_deflect.cases.settings.job_settings import periodic_of, read_job, slides_of, with_options
-    from sdm_deflect.cases.settings.selections import selections_of
+def _settings(given: dict[str, Any]) -> tuple[JobSettings, tuple[Path, ...]]:
+    """Return the settings of a configuration file with options in their place, and the files that they name."""
+    from sdm_deflect.cases.run.mesh_files import inputs_of
 
-    own = dict(given)
-    config, assignments, steps = (own.pop(name) for name in ("config", "assignments", "steps"))
-    own["slide"], own["select"] = slides_of(own["slide"]), selections_of(own["select"])
-    own["periodic"] = periodic_of(own["periodic"]) or None
-    own["max_steps"] = None if steps in (None, "auto") else _steps(steps)
-    return with_options(read_job(config) if config else {}, own, assignments)
-
-
-def _steps(text: str) -> int:
-    from sdm_deflect.deform.base.errors import InputError
-
-    if not text.isascii() or not text.isdigit() or int(text) < 1:
-        raise InputError(f"--steps {text}: must be auto or a whole number from 1")
-    return int(text)
+    config, assignments = given.pop("config"), given.pop("assignments")
+    nested = with_options(read_job(config) if config else {}, given, assignments)
+    return job_settings(nested), (*inputs_of(nested, Path()), *([config] if config else ()))

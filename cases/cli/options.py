@@ -1,25 +1,29 @@
 """What the commands share: kinds of arguments, options of the same name, and how a result is printed."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import is_dataclass
+from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 import click
 from click.shell_completion import CompletionItem
 
+from sdm_deflect.cases.settings.conversion import spelled
+from sdm_deflect.cases.settings.job_settings import FLAT
+from sdm_deflect.deform.base.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
 from sdm_deflect.meshing.formats.known import written
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.run.progress import Stopwatch
 
+OUTPUT, CLUSTER = "Output", "Cluster"
 FAILED, UNUSABLE, PIPE_CLOSED = 1, 2, 141
 FILE = click.Path(path_type=Path)
 SCALES = click.Choice(("small", "medium", "paper"))
-STRATEGIES = click.Choice(("squv", "mv"))
-REPAIRS = click.Choice(("auto", "off", "always"))
 FORMATS = click.Choice(written())
 SOLVERS = click.Choice(("openfoam", "su2"))
 
@@ -38,25 +42,68 @@ class CaseName(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         return [CompletionItem(name, help=case.title) for name, case in CASES.items() if name.startswith(incomplete)]
 
 
-class Point(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """A point ``x,y,z``; of a plane mesh ``x,y``."""
+class Grouped(click.Option):
+    """An option that the help shows in a group."""
 
-    name = "x,y,z"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return its numbers; a next option in the place of a point is named."""
-        try:
-            point = tuple(float(number) for number in str(value).split(","))
-        except ValueError:
-            point = ()
-        if len(point) not in (2, 3):
-            hint = "the hinge needs two, such as 0.7,0,0 0.7,1,0; in a plane mesh one, such as 0.7,0"
-            self.fail(f"{value!r} is no point: {hint}", param, ctx)
-        return point
+    def __init__(self, *args: Any, group: str = "Options", **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.group = group
 
 
-class WithHinge(click.Command):
-    """A command whose ``--hinge`` takes two points, or one of a plane mesh."""
+output_option, cluster_option = (partial(click.option, cls=Grouped, group=group) for group in (OUTPUT, CLUSTER))
+
+
+def settings_options(settings: Iterable[Setting]) -> list[click.Parameter]:
+    """Return the options of settings; some have none."""
+    return [_option(setting) for setting in settings if setting.option.flag is not None]
+
+
+def _option(setting: Setting) -> Grouped:
+    how, kind, words = setting.option, kind_of(setting.kind), choices_of(setting.kind)
+    of = click.Choice(words) if words else kind if kind in (int, float) and not setting.spelling.read else str
+    inner = get_args(kind)[:1]
+    several = get_origin(kind) is dict or inner == (str,) or any(map(is_dataclass, inner))
+    value = {"type": of, "nargs": max(1, len(how.metavar.split())), "multiple": several, "metavar": how.metavar or None}
+    flag = {"is_flag": True, "default": None}
+    given: dict[str, Any] = flag if kind is bool else value
+
+    def read(ctx: click.Context, param: click.Parameter, text: Any) -> Any:
+        """Read a value that may be written in several ways before words without an option are complained of."""
+        return spelled(text, setting, setting.name) if text else text
+
+    return Grouped([_flag(setting), setting.name], help=_help(setting), group=setting.doc.group, callback=read, **given)
+
+
+def _flag(setting: Setting) -> str:
+    """Return the option of a setting; of one that has none its name."""
+    how = setting.option
+    return setting.name if how.flag is None else how.flag or f"--{setting.name.replace('_', '-')}"
+
+
+def _help(setting: Setting) -> str:
+    """Return what a setting means, with its default, and with options instead of the names of settings."""
+    words = setting.doc.text.split("`")
+    text = "".join(_flag(FLAT[word]) if i % 2 and word in FLAT else word for i, word in enumerate(words))
+    hidden = not setting.default or setting.default is True or not setting.shown
+    return text if hidden else f"{text.removesuffix('.')} (default: {setting.shown})."
+
+
+class Deflection(click.Command):
+    """A command with its options in groups, whose ``--hinge`` takes two points, or one of a plane mesh."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options by group, and name the settings without one."""
+        rows: dict[str, list[tuple[str, str]]] = {group: [] for group in (*GROUPS, OUTPUT, CLUSTER)}
+        for option in self.get_params(ctx):
+            record = option.get_help_record(ctx) if isinstance(option, click.Option) else None
+            if record:
+                rows.setdefault(getattr(option, "group", "Options"), []).append(record)
+        for group, records in filter(lambda row: row[1], rows.items()):
+            with formatter.section(group):
+                formatter.write_dl(records)
+        others = (setting.name for setting in FLAT.values() if setting.option == ONLY_SET)
+        formatter.write_paragraph()
+        formatter.write_text(f"Settings by --set alone, or in a file: {', '.join(others)}.")
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Give a hinge of one point that point twice."""
@@ -69,30 +116,26 @@ class WithHinge(click.Command):
 
 
 angle_option = click.option("--angle", type=float, help="Deflection in degrees; positive is trailing edge down.")
-select_option = click.option(
-    "--select", multiple=True, metavar="NAME=EXPR|FILE", help="Make a part of a patch a patch, as flap=wall#2; repeat."
-)
 set_option = click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Replace a setting; repeat.")
-repair_option = click.option("--repair", type=REPAIRS, help="auto (default), off or always: whether cells are mended.")
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON to the standard output, nothing else.")
+json_option = output_option("--json", "as_json", is_flag=True, help="Print JSON to the standard output, nothing else.")
 cache_option = click.option("--cache/--no-cache", default=True, help="Whether to use the mesh cache.")
-report_option = click.option("--report/--no-report", default=True, help="Whether to make report and pictures.")
+report_option = output_option("--report/--no-report", default=True, help="Whether to make report and pictures.")
 scale_option = click.option("--scale", type=SCALES, default="small", show_default=True, help="Size of the mesh.")
 
 
 def flow_options(command: Command) -> Command:
     """Give a command ``--to-solver`` and what belongs to it."""
-    solver = click.option("--to-solver", type=SOLVERS, help="Write a case that this flow solver can start as it is.")
-    mach = click.option("--mach", type=float, help="Of --to-solver: Mach number of the free stream (0.6).")
-    alpha = click.option("--alpha", type=float, help="Of --to-solver: angle of attack in degrees, nose up (0).")
-    far = click.option("--far-field", multiple=True, metavar="NAME", help="Of --to-solver: a far field; repeat.")
+    solver = output_option("--to-solver", type=SOLVERS, help="Write a case that this flow solver can start as it is.")
+    mach = output_option("--mach", type=float, help="Of --to-solver: Mach number of the free stream (0.6).")
+    alpha = output_option("--alpha", type=float, help="Of --to-solver: angle of attack in degrees, nose up (0).")
+    far = output_option("--far-field", multiple=True, metavar="NAME", help="Of --to-solver: a far field; repeat.")
     return solver(mach(alpha(far(command))))
 
 
 def progress_options(command: Command) -> Command:
     """Give a command ``--quiet`` and ``--verbose``; its function takes both."""
-    quiet = click.option("-q", "--quiet", is_flag=True, help="No progress.")
-    verbose = click.option("-v", "--verbose", is_flag=True, help="Progress as lines: all that is reported.")
+    quiet = output_option("-q", "--quiet", is_flag=True, help="No progress.")
+    verbose = output_option("-v", "--verbose", is_flag=True, help="Progress as lines: all that is reported.")
     return quiet(verbose(command))
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from sdm_deflect.cases.cli import options
+from sdm_deflect.cases.settings.job_settings import FLAT
 
 
 @click.command("list")
@@ -22,13 +23,11 @@ def list_cases(as_json: bool) -> None:
         click.echo(f"{one.name:<18}{one.angle:+6.1f} deg  {one.title}")
 
 
-@click.command()
+@click.command(params=options.settings_options([FLAT["strategy"], FLAT["repair"]]))
 @click.argument("case", default="", type=options.CaseName())
 @click.option("--scale", type=options.SCALES, help="Size of the mesh (default: small).")
 @options.angle_option
-@click.option("--strategy", type=options.STRATEGIES, help="squv: centres for each direction; mv: common ones.")
 @click.option("--out", type=options.FILE, help="Output folder (default: runs/CASE).")
-@options.repair_option
 @options.set_option
 @click.option("--config", type=options.FILE, help="Repeat a run from its case.toml.")
 @options.cache_option
@@ -210,13 +209,12 @@ def export(
         click.echo(f"{file}")
 
 
-@click.command()
+@click.command(params=options.settings_options([FLAT["repair"]]))
 @click.argument("case", type=options.CaseName())
 @options.scale_option
 @click.option("--quality", "threshold", default=0.2, show_default=True, help="Smallest acceptable mean ratio.")
 @click.option("--resolution", default=1.0, show_default=True, help="Degrees to which the limit is found.")
 @click.option("--out", type=options.FILE, help="Output folder (default: runs/CASE-limit).")
-@options.repair_option
 @options.set_option
 @options.json_option
 @options.progress_options

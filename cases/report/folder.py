@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from importlib.metadata import version
 from os.path import relpath
 from pathlib import Path
@@ -44,6 +44,7 @@ from sdm_deflect.cases.run.output import (
     write_convergence,
     write_interpolants,
 )
+from sdm_deflect.cases.settings.conversion import table_of
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
@@ -54,11 +55,12 @@ from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh, Patch, Polyhedra
 from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.deform.mesh.quality import quality_of
-from sdm_deflect.deform.rbf.fitting import Fitting
+from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.deform.volume.job import Sliding
 from sdm_deflect.meshing.formats.registry import ending, format_of
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
@@ -212,24 +214,24 @@ def metrics_of(one: Deflection, checks: tuple[Check, ...], out: Path | None, tim
 def settings_of(one: Deflection, home: Path, folder: Path) -> dict[str, Any]:
     """Return every setting as resolved, as a configuration in `home` has it; tables become files in `folder`."""
     plan, job = one.plan, one.plan.job
-    fitting = {item.name: getattr(job.fitting, item.name) for item in fields(Fitting)}
-    fitting |= {"tolerance": plan.sites.tolerance, "spacing": plan.sites.spacing, "kernel_radius": plan.sites.radius}
     source = plan.mesh.source
     surfaces = zip(job.surfaces, plan.boundary.surfaces, one.amounts, strict=True)
+
+    def shapes(slides: Sequence[Sliding], setting: str) -> dict[str, str]:
+        return {name: slide.shape for slide in slides for name in plan.mesh.named([slide.patch], setting)}
+
     return {
         **({"mesh": relpath(source, home)} if source else {}),
-        **({"select": {one.name: one.text for one in job.selections}} if job.selections else {}),
+        **({"select": {chosen.name: chosen.text for chosen in job.selections}} if job.selections else {}),
+        **table_of(job, JobOptions),
         "fixed": list(plan.boundary.fixed),
-        "slide": {name: one.shape for one in job.slides for name in plan.mesh.named([one.patch], "slide")},
+        "slide": shapes(job.slides, "slide"),
         "box": plan.region.hexahedron.corners.tolist(),
         "zones": [name for name in plan.region.zones if name],
-        "allow_inverted": job.allow_inverted,
-        "repair": job.repair.mode,
-        "repair_share": job.repair.share,
-        "repair_slide": {
-            name: one.shape for one in job.repair_slides for name in plan.mesh.named([one.patch], "repair_slide")
-        },
-        **fitting,
+        "repair_slide": shapes(job.repair_slides, "repair_slide"),
+        "tolerance": plan.sites.tolerance,
+        "spacing": plan.sites.spacing,
+        "kernel_radius": plan.sites.radius,
         "surface": [_surface(i, *surface, folder) for i, surface in enumerate(surfaces)],
     }
 

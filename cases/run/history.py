@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from sdm_deflect.cases.run.output import OutputError, output_files
 from sdm_deflect.cases.run.progress import Stopwatch, Told
 from sdm_deflect.cases.run.read_back import DIFFERS, check_points, check_written
 from sdm_deflect.cases.settings.job_settings import MOST_ANGLES, settings_of
+from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.reading import damaged
@@ -142,7 +143,7 @@ def deflect_history(
     out: str | PathLike[str] | None = None,
     *,
     progress: Progress = silent,
-    **options: Any,
+    **options: Unpack[Options],
 ) -> InTime:
     """Deflect a mesh file to the angle of each time, and write an OpenFOAM case with points and face sweeps.
 

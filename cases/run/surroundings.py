@@ -7,13 +7,20 @@ from platform import machine, platform, python_version
 
 from threadpoolctl import threadpool_info  # type: ignore[import-untyped, unused-ignore]
 
-LIBRARIES = ("numpy", "scipy", "numba", "h5py", "cattrs", "click", "rich", "threadpoolctl", "tomli-w", "platformdirs")
+LIBRARIES = ("numpy", "scipy", "numba", "h5py", "click", "rich", "threadpoolctl", "tomli-w", "platformdirs")
 """What every command needs."""
 OPTIONAL = (
     "cadquery", "cadquery-ocp", "gmsh", "pymeshlab", "pytetwild", "trimesh", "rtree", "vtk", "pyvista", "meshio",
     "matplotlib", "pillow", "jinja2", "trame",
 )  # fmt: skip
 """What extras bring."""
+EXTRAS = {
+    "report": ("jinja2", "markupsafe", "matplotlib", "PIL"),
+    "view": ("trame", "trame_client", "trame_vtk", "trame_vuetify", "aiohttp", "pyvista", "vtkmodules"),
+    "aircraft": ("cadquery", "OCP", "gmsh", "meshio", "pymeshlab", "pytetwild", "rtree", "trimesh"),
+    "cluster": ("cryptography", "dask", "distributed"),
+}
+"""Modules that an installation may lack, by the extra that brings them."""
 
 
 def versions(libraries: Sequence[str] = (*LIBRARIES, *OPTIONAL)) -> dict[str, str]:
@@ -49,3 +56,10 @@ def _version(name: str) -> str:
         return version(name)
     except PackageNotFoundError:
         return ""
+
+
+def missing(error: ModuleNotFoundError) -> str:
+    """Return which extra brings a module that is not installed, as a sentence; empty if none does."""
+    module = (error.name or "").partition(".")[0]
+    extra = next((name for name, modules in EXTRAS.items() if module in modules), "")
+    return extra and f"this needs {module}, which is not installed: pip install 'sdm-deflect[{extra}]'"

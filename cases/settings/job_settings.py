@@ -1,99 +1,152 @@
 """A job from text or keywords: the settings of `sdm deflect`, of its TOML file and of `deflect` are the same."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from math import inf, isnan
+from dataclasses import dataclass, field
+from math import floor, inf, isnan
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_checkable
 
-import numpy as np
-
-from sdm_deflect.cases.settings.conversion import Nested, assigned, names_of, read_toml, structured
-from sdm_deflect.cases.settings.selections import selection, selections_of
+from sdm_deflect.cases.settings.conversion import Nested, assigned, read_toml, spelled, structured
 from sdm_deflect.deform.base.errors import InputError, nearest, shortened
-from sdm_deflect.deform.checks import MIN_QUALITY
-from sdm_deflect.deform.hexahedron import Hexahedron
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.pairing import PeriodicPatches
-from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, Fitting, Repair, RepairMode
-from sdm_deflect.deform.surface.blended import Blended, Rib
-from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
-from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
-from sdm_deflect.deform.volume.box import Automatic, BoxRule, Given, Outline
-from sdm_deflect.deform.volume.job import Job, Section, Sliding
+from sdm_deflect.deform.base.schema import ONLY_SET, Doc, Option, Range, Spelling, check_settings, settings_in
+from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, JobOptions
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.hexahedron import Hexahedron
+    from sdm_deflect.deform.surface.motions import Motion
+    from sdm_deflect.deform.surface.surface import NodeSet
+    from sdm_deflect.deform.volume.box import BoxRule
+    from sdm_deflect.deform.volume.job import Job
+else:  # known by what they have: settings are read, and help is shown, before any code is compiled
+
+    def _with(name: str, *parts: str) -> Any:
+        return runtime_checkable(type(name, (Protocol,), dict.fromkeys(parts)))
+
+    Motion, NodeSet = _with("Motion", "unit", "axis", "law"), _with("NodeSet", "of")
+    BoxRule, Hexahedron = _with("BoxRule", "settings", "choose"), _with("Hexahedron", "corners", "contains")
+
 
 Point = tuple[float, float, float]
 Corner = tuple[float, ...]
 """A point, or two coordinates in a plane mesh."""
+Shape = Literal["plane", "cylinder", "surface"]
 MOST_ANGLES = 1000
-SAME = 1e-6  # two hinges nearer to one another, over a length of one, are one
+SELECTION = (
+    "NAME=PATCH, then what leaves some of its faces: #NUMBER, box:CORNERS, side:POINT,NORMAL, and last sharp:DEG"
+)
+SHAPES = "NAME:plane|cylinder|surface"
+
+
+@dataclass(frozen=True, slots=True)
+class Only:
+    """The motions that have a use for a setting of a surface: ``"rigid"``, ``"blended"``; others have their own."""
+
+    motions: tuple[str, ...]
+
+
+BLENDED, IN_WORDS = Only(("blended",)), Only(("rigid", "blended"))
+
+
+def points_of(value: Any) -> Any:
+    """Return points, texts ``x,y,z`` among them as numbers; of a point of a plane mesh alone a list."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if not isinstance(value, list | tuple):
+        return value
+    if len(value) == 2 and not any(isinstance(x, Iterable) for x in value):
+        return [value]
+    return [_point(item) if isinstance(item, str) else item for item in value]
+
+
+def _point(text: str) -> tuple[float, ...]:
+    try:
+        point = tuple(float(number) for number in text.split(","))
+    except ValueError:
+        point = ()
+    if len(point) not in (2, 3):
+        hint = "the hinge needs two, such as 0.7,0,0 0.7,1,0; in a plane mesh one, such as 0.7,0"
+        raise InputError(f"{shortened(text)} is no point: {hint}")
+    return point
+
+
+def shapes_of(value: Any) -> Any:
+    """Return ``NAME:SHAPE``, or several of them, as a table; tables as they are."""
+    if isinstance(value, Mapping) or not isinstance(value, str | list | tuple):
+        return value
+    out = {}
+    for text in value.split(",") if isinstance(value, str) else value:
+        name, colon, shape = str(text).rpartition(":")
+        if not colon or not name:
+            raise InputError(f"{text}: must be NAME:plane, NAME:cylinder or NAME:surface")
+        out[name.strip()] = shape.strip()
+    return out
+
+
+def pairs_of(value: Any) -> Any:
+    """Return a pair of names, or several pairs, as tables; tables as they are."""
+    if not isinstance(value, list | tuple):
+        return [value] if isinstance(value, Mapping) else value
+    pairs = [value] if value and all(isinstance(name, str) for name in value) else value
+    return [pair if isinstance(pair, Mapping) else {"patches": pair} for pair in pairs]
+
+
+def selections_of(value: Any) -> Any:
+    """Return ``NAME=EXPRESSION``, or files with a table `select`, one or several, as a table; tables as they are."""
+    if isinstance(value, Mapping) or not isinstance(value, str | Path | list | tuple):
+        return value
+    out: Nested = {}
+    for text in [value] if isinstance(value, str | Path) else value:
+        name, equals, expression = (part.strip() for part in str(text).partition("="))
+        new = {name: expression} if equals else _stored(Path(str(text)))
+        if twice := sorted(out.keys() & new.keys()):
+            raise InputError(f"{text}: {twice[0]} is selected twice")
+        out |= new
+    return out
+
+
+def _stored(path: Path) -> Nested:
+    if path.suffix != ".toml":
+        raise InputError(f"{path}: must be {SELECTION}, or a .toml file with a table select")
+    table = read_toml(path).get("select")
+    if not isinstance(table, Mapping):
+        raise InputError(f"{path}: the file has no table select, such as select = {{ flap = 'wall#2' }}")
+    return dict(table)
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceSettings:
-    """One moving surface: a table ``[[surface]]``.
+    """One moving surface: a table ``[[surface]]``."""
 
-    Attributes
-    ----------
-    patches : names or wildcards of the patches that move.
-    hinge : two points of the hinge line; one point, x and y, in a plane mesh.
-    angle : degrees, right-handed from the first point to the second; about one point counter-clockwise.
-    motion : the whole surface rigidly, or blended between nodes that stay and nodes that follow; or a `Motion`.
-    held : blended: nodes that stay: patches, a .txt of node indices, the indices, or a `NodeSet`; none: `fixed`.
-    driven : blended: nodes that follow: the same, or ``edges:DEG``.
-    strip : blended: width beside a closed rib, as a share of the span.
-    table : file of displacements instead of a rotation.
-    amount : share of the table.
-    cpacs : CPACS file with the hinge line, in the mesh's unit of length, and the angle where none is given.
-    device : uID of a trailing edge device in it; ``uID=step`` for the angle of a step, or between two.
-    """
+    # fmt: off
+    patches: Annotated[tuple[str, ...], Option("--surface", "NAME"), Doc(
+        "What moves", "Patches that move; repeat, or use commas. wall#2: a part.")]
+    hinge: Annotated[tuple[Corner, ...] | None, Option(metavar="x0,y0,z0 x1,y1,z1"), Spelling(read=points_of), Doc(
+        "What moves", "Two points of the hinge line; of a plane mesh one, x,y.")] = None
+    angle: Annotated[float | None, Doc(
+        "What moves", "Degrees, right-handed from the first hinge point to the second.",
+        "About one point counter-clockwise. At most 90 either way.")] = None
+    motion: Annotated[Literal["rigid", "blended"] | Motion, Doc(
+        "What moves", "Whole surface, or hinge to trailing edge.",
+        "Blended: between nodes that stay and nodes that follow. In Python also a motion such as `Rotation`, `Blended` "
+        "or `Table`, which has its own hinge.")] = "rigid"
+    held: Annotated[tuple[str | int, ...] | NodeSet, Spelling(file=".txt"), BLENDED, Doc(
+        "What moves", "blended: nodes that stay: patches, or a .txt of node indices (default: on `fixed` patches).",
+        "Or node indices (K,) counted from 0; in Python also `OnPatches`, `TrailingEdge` or `Listed`.")] = ()
+    driven: Annotated[tuple[str | int, ...] | NodeSet, Spelling(file=".txt"), BLENDED, Doc(
+        "What moves", "blended: nodes that follow: edges[:DEG], patches, or a .txt.",
+        "``edges:40`` are the sharp edges far from the hinge. Otherwise as `held`.")] = ("edges:40",)
+    strip: Annotated[float, Range(0.0, 1.0, above=True), BLENDED, Doc(
+        "What moves", "blended: width beside a closed rib, as a share of the span.")] = 0.2
+    table: Annotated[str | None, Spelling(file=""), IN_WORDS, Doc(
+        "What moves", "Displacements instead of a hinge: .csv of x,y,z,dx,dy,dz, or .npz.")] = None
+    amount: Annotated[float, ONLY_SET, Doc("What moves", "Share of the table; in Python it is the `angle`.")] = 1.0
+    cpacs: Annotated[str | None, Option(metavar="FILE"), Spelling(file=""), IN_WORDS, Doc(
+        "What moves", "CPACS file with the hinge line, in the mesh's unit, and the angle of `device`.")] = None
+    device: Annotated[str | None, Option(metavar="UID[=STEP]"), IN_WORDS, Doc(
+        "What moves", "Trailing edge device of `cpacs`, its uID; a step of its path, for the angle.")] = None
+    # fmt: on
 
-    patches: tuple[str, ...]
-    hinge: tuple[Corner, ...] | None = None
-    angle: float | None = None
-    motion: Literal["rigid", "blended"] | Motion = "rigid"
-    held: tuple[str | int, ...] | NodeSet = ()
-    driven: tuple[str | int, ...] | NodeSet = ("edges:40",)
-    strip: float = 0.2
-    table: str | None = None
-    amount: float = 1.0
-    cpacs: str | None = None
-    device: str | None = None
-
-    def moving(self, fixed: tuple[str, ...]) -> Moving:
-        """Return the patches with their motion; nodes on `fixed` patches are held if no others are named."""
-        if self.cpacs or self.device:
-            return self._of_cpacs().moving(fixed)
-        motion = self._motion(fixed)
-        amount = self.angle if motion.unit == "deg" else self.amount
-        if amount is None:
-            raise InputError(f"the angle of {', '.join(self.patches)} is missing: give it in degrees")
-        return Moving(self.patches, motion, amount)
-
-    def _of_cpacs(self) -> "SurfaceSettings":
-        """Return the same with hinge and angle of the device."""
-        if not self.cpacs or not self.device:
-            raise InputError("cpacs and device go together: a CPACS file, and the uID of a trailing edge device in it")
-        if self.hinge:
-            raise InputError(f"hinge = {self.hinge}: that of the device is taken; leave out hinge or cpacs")
-        from sdm_deflect.cases.settings.cpacs import hinge_and_angle
-
-        hinge, angle = hinge_and_angle(Path(self.cpacs), self.device, self.angle if self.table is None else 0.0)
-        return replace(self, hinge=hinge, angle=angle, cpacs=None, device=None)
-
-    def _motion(self, fixed: tuple[str, ...]) -> Motion:
-        if not isinstance(self.motion, str):
-            if self.hinge and not _is_along(self.motion.axis, _rotation(self.hinge).axis):
-                raise InputError(f"hinge = {self.hinge}: the motion has another one; leave hinge out")
-            return self.motion
-        hinge = _rotation(self.hinge) if self.hinge else None
-        base: Motion | None = Table.read(Path(self.table), hinge.axis if hinge else None) if self.table else hinge
-        if base is None:
-            raise InputError("the hinge is missing: give two points of it, such as 0.7,0,0 and 0.7,1,0; in a plane one")
-        if self.motion == "rigid":
-            return base
-        held = _nodes(self.held, "held") if self.held != () else OnPatches(fixed)
-        return Blended(base, held, _nodes(self.driven, "driven"), Rib(share=self.strip))
+    def __post_init__(self) -> None:
+        check_settings(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,10 +165,6 @@ class SectionSettings:
     point: Point
     axis: Literal["x", "y", "z"]
     slides: bool = True
-
-    def section(self) -> Section:
-        """Return it as the engine has it."""
-        return Section(self.patch, np.array(self.point), "xyz".index(self.axis), self.slides)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,101 +191,61 @@ class PeriodicSettings:
         if self.translation and len(self.translation) not in (2, 3):
             raise InputError(f"translation = {self.translation}: must be three numbers, or two in a plane mesh")
 
-    def pair(self) -> PeriodicPatches:
-        """Return it as the engine has it."""
-        try:
-            axis = _rotation(self.axis).axis if self.axis else None
-        except InputError as error:
-            raise InputError(f"periodic {' '.join(self.patches)}: {str(error).replace('hinge', 'axis')}") from None
-        shift = np.array([*self.translation, 0.0][:3]) if self.translation else None
-        return PeriodicPatches(self.patches[0], self.patches[1], axis, shift)
 
-
-@dataclass(frozen=True, slots=True)
-class JobSettings:
-    """What moves, what stays, what slides, and in which box.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobSettings(JobOptions):
+    """What moves, what stays, what slides, and in which box; and what every job can be told.
 
     Attributes
     ----------
     surface : the moving surfaces; angles of a sweep are those of the first one.
-    select : parts of patches that become patches by these names, before all else; see `selections.selection`.
-    fixed : names or wildcards of patches that stay.
-    slide : patches that stay on their shape.
-    periodic : pairs of patches that are images of one another, where the file does not say so.
-    box : ``"auto"``, a .toml file with `corners`, the corners, or a `BoxRule`.
-    margin : distance from the surface to an automatic box; 0: chosen.
-    open_faces : faces of a given box without zero sites, such as ``y-``.
-    section : faces of an overlapping block that cut the box (the paper's section 5.2).
-    near_wall : whether the mesh near walls follows them rigidly; False, as in the paper: the moving surface and the box
-        are the only data sites.
-    zones : further zones that deform; ``*`` for all.
-    allow_inverted : whether a mesh that has inverted cells is taken.
-    min_quality : share of the undeflected mesh's least quality that the touched cells of each type must keep; 0: no
-        such check.
-    repair : when spoiled cells are mended: ``"auto"``, ``"off"`` or ``"always"``.
-    repair_share : of the undeflected mesh's least quality, below which ``"auto"`` mends.
-    repair_slide : further patches whose nodes may slide while cells are mended, moving ones too.
-    fitting : how the displacement is interpolated; its names stand beside the others.
     """
 
+    # fmt: off
     surface: tuple[SurfaceSettings, ...] = ()
-    select: dict[str, str] = field(default_factory=dict)
-    fixed: tuple[str, ...] = ()
-    slide: dict[str, Literal["plane", "cylinder", "surface"]] = field(default_factory=dict)
-    periodic: tuple[PeriodicSettings, ...] = ()
-    box: str | tuple[Corner, ...] | BoxRule = "auto"
-    margin: float = 0.0
-    open_faces: tuple[str, ...] = ()
-    section: tuple[SectionSettings, ...] = ()
-    near_wall: bool = True
-    zones: tuple[str, ...] = ()
-    allow_inverted: bool = False
-    min_quality: float = MIN_QUALITY
-    repair: RepairMode = "auto"
-    repair_share: float = 0.9
-    repair_slide: dict[str, Literal["plane", "cylinder", "surface"]] = field(default_factory=dict)
-    fitting: Fitting = field(default_factory=Fitting)
+    select: Annotated[dict[str, str], Option(metavar="NAME=EXPR|FILE"), Spelling(read=selections_of), Doc(
+        "What moves", "Make a part of a patch a patch, as flap=wall#2; repeat.",
+        "``wall#2`` is the second connected component of ``wall``, and can stand for a patch everywhere without being "
+        "selected; ``wall box:x,y,z,x,y,z`` and ``wall side:x,y,z,nx,ny,nz`` are the faces with their centre in a box "
+        "or in front of a plane; ``wall sharp:40`` makes ``flap~1``, ``flap~2``, ... between edges that turn by more "
+        "than 40 degrees. Or the path of a .toml file with a table `select`.")] = field(default_factory=dict)
+    slide: Annotated[dict[str, Shape], Option(metavar=SHAPES), Spelling(read=shapes_of), Doc(
+        "What stays", "Patches that stay on their shape.",
+        "Planes and cylinders are fitted to the patch's nodes and verified; a surface is the patch as it is.",
+        )] = field(default_factory=dict)
+    periodic: Annotated[
+        tuple[PeriodicSettings, ...], Option(metavar="NAME NAME"), Spelling(read=pairs_of), Doc(
+        "What stays", "Patches that are images; repeat.",
+        "Where the file does not say so. The motion is the translation between the two, or the rotation about x, y or "
+        "z through the origin, whichever fits node by node; for another one a table: `patches`, and `axis`, two "
+        "points, or `translation` (3,).")] = ()
+    box: Annotated[
+        str | tuple[Corner, ...] | BoxRule | Hexahedron, Option(metavar="auto|FILE"), Spelling(file=".toml"), Doc(
+        "Box", "The box: auto, or a .toml with `corners`.",
+        "Or eight corners (8, 3), or two opposite ones (2, 3) of a box along the axes; in a plane mesh four or two, "
+        "without z; in Python also a `Hexahedron`.")] = "auto"
+    margin: Annotated[float, Doc("Box", "Distance from the surface to an automatic box; 0: chosen.")] = 0.0
+    open_faces: Annotated[tuple[str, ...], ONLY_SET, Doc(
+        "Box", "Faces of a given box without zero sites, of x-, x+, y-, y+, z-, z+.")] = ()
+    section: Annotated[tuple[SectionSettings, ...], ONLY_SET, Doc(
+        "Box", "Faces of an overlapping block that cut the box (section 5.2 of the paper).",
+        "For each a table: `patch`, `point` (3,) of its plane, `axis` ``x``, ``y`` or ``z`` along its normal, `slides` "
+        "(true): whether nodes slide in it.")] = ()
+    min_quality: Annotated[float, Range(0.0, 1.0), Doc(
+        "Quality", "Share of its least quality that a type of cell must keep; 0: no such check.")] = 0.1
+    repair_slide: Annotated[dict[str, Shape], ONLY_SET, Spelling(read=shapes_of), Doc(
+        "Quality", "Further patches, as `slide`, whose nodes may slide while cells are mended; moving ones too.",
+        )] = field(default_factory=dict)
+    # fmt: on
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.min_quality <= 1.0:
-            raise InputError(f"min_quality = {self.min_quality:g} must be a share between 0 and 1")
-        Repair(self.repair, self.repair_share)
+        check_settings(self)
 
-    def job(self) -> Job:
+    def job(self) -> "Job":
         """Return the job, files read; InputError if one cannot be, or a value does not fit or is missing."""
-        if not self.surface:
-            raise InputError("no surface to move: name its patches")
-        return Job(
-            surfaces=tuple(one.moving(self.fixed) for one in self.surface),
-            fixed=self.fixed,
-            slides=tuple(Sliding(patch, shape) for patch, shape in self.slide.items()),
-            box=self._box(),
-            sections=tuple(one.section() for one in self.section),
-            near_wall=self.near_wall,
-            zones=self.zones,
-            fitting=self.fitting,
-            repair=Repair(self.repair, self.repair_share),
-            repair_slides=tuple(Sliding(patch, shape) for patch, shape in self.repair_slide.items()),
-            allow_inverted=self.allow_inverted,
-            selections=tuple(selection(name, text) for name, text in self.select.items()),
-            periodic=tuple(one.pair() for one in self.periodic),
-        )
+        from sdm_deflect.cases.settings.jobs import job_of
 
-    def _box(self) -> BoxRule:
-        if isinstance(self.box, str):
-            box: BoxRule = Automatic(self.margin) if self.box == "auto" else _box_of(Path(self.box))
-        else:
-            box = _given(self.box) if isinstance(self.box, tuple) else self.box
-        if not self.open_faces:
-            return box
-        if not isinstance(box, Given):
-            raise InputError("open_faces needs a box given by its corners")
-        return Given(box.hexahedron, frozenset(self.open_faces))
-
-
-@dataclass(frozen=True, slots=True)
-class _BoxFile:
-    corners: tuple[Corner, ...]
+        return job_of(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,22 +253,17 @@ class _Angles:
     angles: tuple[float, ...]
 
 
+OF_SURFACE, OF_JOB = settings_in(SurfaceSettings), settings_in(JobSettings)
+FLAT = OF_SURFACE | {name: setting for name, setting in OF_JOB.items() if name != "surface"}
+"""All settings of a job with one surface."""
+IDLE = {name: only for name, setting in OF_SURFACE.items() if (only := setting.note(Only))}
+"""Settings of a surface that not every motion has a use for."""
 IN_PYTHON = {"surface": "surfaces", "patches": "surfaces", "amount": "angle"}
 """Settings of files that are arguments of another name."""
-IDLE = {
-    "rigid": ("held", "driven", "strip"),
-    "blended": (),
-    "own": ("table", "held", "driven", "strip", "cpacs", "device"),
-}
-"""Settings of a surface that a motion has no use for."""
-OF_SURFACE = tuple(one.name for one in fields(SurfaceSettings))
 
 
 def job_settings(nested: Mapping[str, Any]) -> JobSettings:
     """Return the settings that nested tables describe; InputError names the first that does not fit."""
-    surfaces = nested.get("surface")
-    if isinstance(surfaces, list | tuple):
-        nested = {**nested, "surface": [_with_point(one) for one in surfaces]}
     try:
         return structured(nested, JobSettings)
     except InputError as error:
@@ -283,19 +287,11 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
     """
     for name in IN_PYTHON.keys() & options.keys():
         raise InputError(f"unknown setting {name}; did you mean {IN_PYTHON[name]}?")
-    parts = _parted({"hinge": hinge, "angle": angle, **options})
-    own, rest = ({name: value for name, value in part.items() if value is not None} for part in parts)
+    given = {name: value for name, value in {"hinge": hinge, "angle": angle, **options}.items() if value is not None}
+    own, rest = _parted(given)
     several = tables_of(surfaces)
     if several and own:
         raise InputError(f"{min(own)} belongs to one surface: put it into the tables of surfaces")
-    if isinstance(rest.get("box"), Hexahedron):
-        rest["box"] = Given(rest["box"])
-    for kind in {"slide", "repair_slide"} & rest.keys():
-        rest[kind] = slides_of(rest[kind], kind)
-    if "periodic" in rest:
-        rest["periodic"] = periodic_of(rest["periodic"])
-    if "select" in rest:
-        rest["select"] = selections_of(rest["select"])
     share = {"amount": own["angle"]} if "angle" in own else {}
     tables = several or [{"patches": surfaces, **own, **share}]
     _check_use(tables, rest)
@@ -308,39 +304,20 @@ def settings_of(surfaces: Any, hinge: Any, angle: Any, options: Mapping[str, Any
 def tables_of(surfaces: Any) -> list[Nested]:
     """Return the tables if surfaces are given as tables, else none."""
     rows = surfaces if isinstance(surfaces, list | tuple) else [surfaces]
-    return [dict(one) for one in rows] if all(isinstance(one, Mapping) for one in rows) else []
-
-
-def slides_of(value: Any, setting: str = "slide") -> Any:
-    """Return ``NAME:SHAPE``, or several of them, as a table; tables as they are."""
-    if isinstance(value, Mapping) or not isinstance(value, str | list | tuple):
-        return value
-    out = {}
-    for text in value.split(",") if isinstance(value, str) else value:
-        name, colon, shape = str(text).rpartition(":")
-        if not colon or not name:
-            raise InputError(f"{setting} = {text}: must be NAME:plane, NAME:cylinder or NAME:surface")
-        out[name.strip()] = shape.strip()
-    return out
-
-
-def periodic_of(value: Any) -> Any:
-    """Return a pair of names, or several pairs, as tables; tables as they are."""
-    if not isinstance(value, list | tuple):
-        return [value] if isinstance(value, Mapping) else value
-    pairs = [value] if value and all(isinstance(one, str) for one in value) else value
-    return [one if isinstance(one, Mapping) else {"patches": one} for one in pairs]
+    return [dict(row) for row in rows] if all(isinstance(row, Mapping) for row in rows) else []
 
 
 def _check_use(surfaces: Sequence[Nested], rest: Nested) -> None:
     """Refuse settings that a motion or a box has no use for: they would change nothing."""
-    for own in surfaces:
-        motion = own.get("motion", "rigid")
-        for name in IDLE.get(motion, ()) if isinstance(motion, str) else IDLE["own"]:
-            if own.get(name) is not None:
-                kind = f"a {motion} motion has no use for it" if isinstance(motion, str) else "the motion has its own"
-                raise InputError(f"{name} = {shortened(own[name])}: {kind}")
-    if "margin" in rest and not (isinstance(rest.get("box", "auto"), str) and rest.get("box", "auto") == "auto"):
+    for surface in surfaces:
+        motion = surface.get("motion", "rigid")
+        word = motion if isinstance(motion, str) else ""
+        why = f"a {word} motion has no use for it" if word else "the motion has its own"
+        for name, only in IDLE.items() if word in ("", *IN_WORDS.motions) else ():
+            if word not in only.motions and surface.get(name) is not None:
+                raise InputError(f"{name} = {shortened(surface[name])}: {why}")
+    box = rest.get("box", "auto")
+    if "margin" in rest and not (isinstance(box, str) and box == "auto"):
         raise InputError(f"margin = {shortened(rest['margin'])}: only the automatic box has a margin")
 
 
@@ -349,10 +326,10 @@ def read_job(path: Path) -> Nested:
     nested = read_toml(path)
     nested.pop("mesh", None)  # of the settings beside a report, which the command names itself
     for table in (nested, *_tables(nested.get("surface"))):
-        for key in ("box", "table", "held", "driven", "cpacs"):
-            value = table.get(key)
-            if isinstance(value, str) and (key in ("table", "cpacs") or value.endswith((".toml", ".txt"))):
-                table[key] = str(path.parent / value)
+        for name in table.keys() & FLAT.keys():
+            value, ending = table[name], FLAT[name].spelling.file
+            if isinstance(value, str) and ending is not None and value.endswith(ending):
+                table[name] = str(path.parent / value)
     return nested
 
 
@@ -363,8 +340,11 @@ def with_options(nested: Nested, options: Mapping[str, Any], assignments: Sequen
     """
     given = {key: value for key, value in options.items() if value not in (None, ())}
     own, new = _parted({**given, **assigned(assignments)})
-    tables = {key: {**_table(nested.get(key)), **_table(new.pop(key, None))} for key in ("select", "slide")}
-    out = {**nested, **new, **{key: table for key, table in tables.items() if table}}
+    for name in ("select", "slide"):
+        old, added = (spelled(part.get(name, {}), OF_JOB[name], name) for part in (nested, new))
+        if name in new and isinstance(old, Mapping) and isinstance(added, Mapping):
+            new[name] = {**old, **added}
+    out = {**nested, **new}
     surfaces = _tables(nested.get("surface"))
     if "patches" in own:
         out["surface"] = [own]
@@ -377,30 +357,33 @@ def angles_of(wanted: Any) -> tuple[float, ...]:
     """Return the angles of ``first:last:step``, ends included, of a list with commas, or a sequence; or InputError."""
     if not isinstance(wanted, str):
         several = isinstance(wanted, Iterable) and not isinstance(wanted, Mapping)
-        if found := structured({"angles": list(wanted) if several else wanted}, _Angles).angles:
-            return found
+        if angles := structured({"angles": list(wanted) if several else wanted}, _Angles).angles:
+            return angles
         raise InputError("angles is empty: give at least one")
-    text = wanted
     try:
-        if ":" in text:
-            first, last, step = (float(part) for part in text.split(":"))
-            count = int(np.floor((last - first) / step + 1e-9)) + 1
-            angles = [round(first + i * step, 12) for i in range(min(count, MOST_ANGLES + 1))]
-        else:
-            angles = [float(part) for part in text.split(",")]
+        angles = _range(wanted) if ":" in wanted else tuple(float(part) for part in wanted.split(","))
     except (ValueError, ZeroDivisionError, OverflowError):
-        raise InputError(f"angles = {text}: must be first:last:step, such as -30:30:5, or a list with commas") from None
-    if not angles or len(angles) > MOST_ANGLES:
-        raise InputError(f"angles = {text}: must be 1 to {MOST_ANGLES} angles")
+        raise InputError(
+            f"angles = {wanted}: must be first:last:step, such as -30:30:5, or a list with commas"
+        ) from None
+    if not 1 <= len(angles) <= MOST_ANGLES:
+        raise InputError(f"angles = {wanted}: must be 1 to {MOST_ANGLES} angles")
     worst = max(angles, key=lambda angle: inf if isnan(angle) else abs(angle))
     if not abs(worst) <= LARGEST_ANGLE:
-        raise InputError(f"angles = {text}: {worst:g} deg is out of range: at most {LARGEST_ANGLE:g} deg either way")
+        raise InputError(f"angles = {wanted}: {worst:g} deg is out of range: at most {LARGEST_ANGLE:g} deg either way")
     return tuple(dict.fromkeys(angles))
+
+
+def _range(text: str) -> tuple[float, ...]:
+    """Return the numbers of ``first:last:step``, at most one more than may be."""
+    first, last, step = (float(part) for part in text.split(":"))
+    count = floor((last - first) / step + 1e-9) + 1
+    return tuple(round(first + i * step, 12) for i in range(min(count, MOST_ANGLES + 1)))
 
 
 def _parted(options: Mapping[str, Any]) -> tuple[Nested, Nested]:
     """Return the settings of the surface, and those of the job; InputError for one that is neither."""
-    known = (*names_of(JobSettings), *OF_SURFACE)
+    known = (*OF_JOB, *OF_SURFACE)
     for name in options:
         if name not in (*known, "fitting"):
             raise InputError(f"unknown setting {name}; {nearest(name, known)}")
@@ -408,12 +391,8 @@ def _parted(options: Mapping[str, Any]) -> tuple[Nested, Nested]:
     return own, {name: value for name, value in options.items() if name not in own}
 
 
-def _table(value: Any) -> dict[str, Any]:
-    return dict(value) if isinstance(value, Mapping) else {}
-
-
 def _tables(value: Any) -> list[dict[str, Any]]:
-    return [one for one in value if isinstance(one, dict)] if isinstance(value, list) else []
+    return [table for table in value if isinstance(table, dict)] if isinstance(value, list) else []
 
 
 def _in_proportion(surfaces: list[dict[str, Any]], angle: float | None) -> list[dict[str, Any]]:
@@ -421,67 +400,11 @@ def _in_proportion(surfaces: list[dict[str, Any]], angle: float | None) -> list[
     first = surfaces[0].get("angle")
     if angle is None or first is None or angle == first:
         return surfaces[1:]
-    if first == 0 and any(one.get("angle") for one in surfaces[1:]):
+    if first == 0 and any(table.get("angle") for table in surfaces[1:]):
         raise InputError(
             f"angle = {angle:g}: the first surface has angle 0, so that the others cannot be in proportion to it; put "
             "a surface that moves first"
         )
-    return [{**one, "angle": one["angle"] * angle / first} if one.get("angle") else one for one in surfaces[1:]]
-
-
-def _nodes(value: tuple[str | int, ...] | NodeSet, name: str) -> NodeSet:
-    """Return a node set: ``edges:40``, a .txt file of node indices, a list of them, or patches."""
-    if not isinstance(value, tuple):
-        return value
-    names = [one for one in value if isinstance(one, str)]
-    if not names:
-        return Listed(np.array(value, dtype=np.intp))
-    if len(names) < len(value):
-        raise InputError(f"{name} must be patches, or indices of nodes, not both")
-    word, _, degrees = names[0].partition(":")
-    if word == "edges":
-        try:
-            return TrailingEdge(float(degrees or 40.0))
-        except ValueError:
-            raise InputError(f"{name} = {names[0]}: must be edges:DEG, such as edges:40") from None
-    return Listed.read(Path(names[0])) if names[0].endswith(".txt") else OnPatches(tuple(names))
-
-
-def _with_point(surface: Any) -> Any:
-    """Return the table of a surface with a hinge of one point as a list of points."""
-    hinge = surface.get("hinge") if isinstance(surface, Mapping) else None
-    hinge = hinge.tolist() if isinstance(hinge, np.ndarray) else hinge
-    one = isinstance(hinge, list | tuple) and len(hinge) == 2 and not any(isinstance(x, Iterable) for x in hinge)
-    return {**surface, "hinge": [hinge]} if one else surface
-
-
-def _rotation(hinge: tuple[Corner, ...]) -> Rotation:
-    """Return the rotation about two points, or about one of two numbers, which may be there twice."""
-    single = len(hinge[0]) == 2 and hinge[1:] in ((), hinge[:1])
-    if not single and len(hinge) != 2:
-        raise InputError(f"hinge = {shortened(hinge)}: must be two points, or one of two numbers in a plane mesh")
-    return Rotation.about(*hinge[: 1 if single else 2])
-
-
-def _is_along(axis: Axis | None, hinge: Axis) -> bool:
-    """Return whether an axis is the hinge, in its direction."""
-    if axis is None:
-        return False
-    ends = np.stack([hinge.point, hinge.point + hinge.direction])
-    return bool(np.abs(axis.radial(ends)).max() <= SAME and hinge.direction @ axis.direction > 0.0)
-
-
-def _given(corners: tuple[Corner, ...]) -> BoxRule:
-    """Return the box with these corners; a quadrilateral if they have two coordinates."""
-    try:
-        return (Outline if len(corners[:1][0]) == 2 else Given).at(np.array(corners))
-    except (IndexError, ValueError) as error:
-        raise InputError(f"the box: {error}") from None
-
-
-def _box_of(path: Path) -> BoxRule:
-    """Read the corners of a box."""
-    try:
-        return _given(structured(read_toml(path), _BoxFile).corners)
-    except InputError as error:
-        raise InputError(f"box = {path}: {error}") from None
+    return [
+        {**table, "angle": table["angle"] * angle / first} if table.get("angle") else table for table in surfaces[1:]
+    ]

@@ -2,39 +2,18 @@
 
 import re
 import shlex
-from collections.abc import Mapping
 from math import isnan
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.settings.conversion import read_toml
+from sdm_deflect.cases.settings.job_settings import SELECTION
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.mesh.selection import Before, Component, Condition, Selection, Within
 
 Point = tuple[float, float, float]
-FORM = "NAME=PATCH, then what leaves some of its faces: #NUMBER, box:CORNERS, side:POINT,NORMAL, and last sharp:DEG"
 SHARP = "sharp"
 NUMBERS = {"box": "two opposite corners, box:x,y,z,x,y,z", "side": "a point and a normal, side:x,y,z,nx,ny,nz"}
-
-
-def selections_of(value: Any) -> Any:
-    """Return ``NAME=EXPRESSION``, or files with a table `select`, one or several, as a table; tables as they are.
-
-    Raises InputError for text that is neither, and for a name that is given twice.
-    """
-    if isinstance(value, Mapping) or not isinstance(value, str | Path | list | tuple):
-        return value
-    out: dict[str, Any] = {}
-    for text in [value] if isinstance(value, str | Path) else value:
-        name, equals, expression = (part.strip() for part in str(text).partition("="))
-        new = {name: expression} if equals else _stored(Path(str(text)))
-        if twice := sorted(out.keys() & new.keys()):
-            raise InputError(f"select = {text}: {twice[0]} is selected twice")
-        out |= new
-    return out
 
 
 def selection(name: str, text: str) -> Selection:
@@ -46,18 +25,9 @@ def selection(name: str, text: str) -> Selection:
     except ValueError:
         raise InputError(f"select.{name} = {text}: a quotation mark is not closed") from None
     if not words:
-        raise InputError(f"select.{name} is empty; it must be {FORM}")
+        raise InputError(f"select.{name} is empty; it must be {SELECTION}")
     sharp = _degrees(name, words.pop()) if words[-1].startswith(f"{SHARP}:") and len(words) > 1 else None
     return Selection(name, words[0], tuple(_condition(name, word) for word in words[1:]), sharp, text)
-
-
-def _stored(path: Path) -> dict[str, Any]:
-    if path.suffix != ".toml":
-        raise InputError(f"select = {path}: must be {FORM}, or a .toml file with a table select")
-    table = read_toml(path).get("select")
-    if not isinstance(table, Mapping):
-        raise InputError(f"select = {path}: the file has no table select, such as select = {{ flap = 'wall#2' }}")
-    return dict(table)
 
 
 def _condition(name: str, word: str) -> Condition:
@@ -66,7 +36,7 @@ def _condition(name: str, word: str) -> Condition:
         return Component(int(word[1:]))
     if kind not in NUMBERS:
         last = f"; {SHARP}: must come last" if kind == SHARP else ""
-        raise InputError(f"select.{name}: {shortened(word)} is unknown{last}; it must be {FORM}")
+        raise InputError(f"select.{name}: {shortened(word)} is unknown{last}; it must be {SELECTION}")
     numbers = _numbers(rest)
     if len(numbers) not in (4, 6):
         raise InputError(f"select.{name}: {word} must be {NUMBERS[kind]}; of a plane mesh without z")

@@ -1,15 +1,13 @@
-"""Numbers of the interpolation, as a value that loads nothing: settings are read before any code is compiled."""
+"""What every job can be told, as values that load nothing: settings are read before any code is compiled."""
 
-from dataclasses import dataclass
-from math import inf
-from typing import Literal, NamedTuple
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, NamedTuple
 
-from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.base.schema import INLINE, ONLY_SET, Doc, Option, Range, Spelling, check_settings
 
 Strategy = Literal["squv", "mv"]
-STRATEGIES: tuple[Strategy, ...] = ("squv", "mv")
 RuleName = Literal["separated", "worst"]
-RULES: tuple[RuleName, ...] = ("separated", "worst")
 KernelName = Literal["tps", "mq", "wendland", "cubic"]
 Polynomial = Literal["linear", "constant", "none"]
 
@@ -38,62 +36,58 @@ KERNELS: dict[KernelName, Needs] = {
 ORDERS: dict[Polynomial, int] = {"linear": 2, "constant": 1, "none": 0}
 """Largest order of kernels that each polynomial serves."""
 RepairMode = Literal["auto", "off", "always"]
-REPAIR_MODES: tuple[RepairMode, ...] = ("auto", "off", "always")
 LARGEST_ANGLE = 90.0
 """Degrees: beyond, a surface has passed its parent."""
-LEAST: dict[str, float] = dict.fromkeys(("tolerance", "spacing", "kernel_radius"), 0.0)
-LEAST |= {"initial_surface": 4, "initial_hexahedron": 1, "n_add": 1, "max_centers": 8}
-LEAST |= {"spacing_edges": 0.1, "max_steps": 1}
-"""Smallest value of each number of `Fitting`."""
 ROUNDING = 1e-9
 """A cell that was turned is as good as it was to this share of its quality."""
 
 
+def steps_of(value: object) -> object:
+    """Return the largest number of steps, which may be text; ``auto`` is the usual one."""
+    if not isinstance(value, str):
+        return value
+    if value != "auto" and not (value.isascii() and value.isdigit()):
+        raise InputError(f"{shortened(value)} must be auto or a whole number from 1")
+    return Fitting().max_steps if value == "auto" else int(value)
+
+
 @dataclass(frozen=True, slots=True)
 class Fitting:
-    """How the displacement is interpolated: choice of centres (section 4), sites on the box, steps.
+    """How the displacement is interpolated: choice of centres (section 4), sites on the box, steps."""
 
-    Attributes
-    ----------
-    strategy : ``"squv"``, centres for each direction, or ``"mv"``, common ones (section 4).
-    tolerance : Tol_add and Tol_stop: largest error at a data site, a length; 0: 1 % of the surface's median edge.
-    initial_surface, initial_hexahedron : initial centres on the moving surface, and on all else.
-    n_add : largest number of centres added per iteration (``"worst"``), or least size of a block.
-    max_centers : limit for each direction.
-    rule : ``"separated"`` adds large blocks of sites that are no neighbours; ``"worst"`` is the paper's rule.
-    spacing : distance of the sites on the box, a length; 0: from `spacing_edges`.
-    spacing_edges : the same in median edges of the surface.
-    max_steps : largest number of steps in which an angle is taken when cells invert.
-    kernel : ``"tps"``, the thin plate spline; ``"mq"``, the multiquadric; ``"wendland"``, Wendland's C2 function with
-        compact support; ``"cubic"``.
-    kernel_radius : a length: of a multiquadric where it turns from a parabola into a cone, of Wendland's function
-        where it ends; 0: chosen by the box.
-    polynomial : added to the kernels: ``"linear"``, ``"constant"`` or ``"none"``; at least what the kernel needs.
-    """
-
-    strategy: Strategy = "squv"
-    tolerance: float = 0.0
-    initial_surface: int = 30
-    initial_hexahedron: int = 30
-    n_add: int = 10
-    max_centers: int = 5000
-    rule: RuleName = "separated"
-    spacing: float = 0.0
-    spacing_edges: float = 1.75
-    max_steps: int = 8
-    kernel: KernelName = "tps"
-    kernel_radius: float = 0.0
-    polynomial: Polynomial = "linear"
+    # fmt: off
+    strategy: Annotated[Strategy, Doc("Accuracy", "squv: centres for each direction; mv: common ones.")] = "squv"
+    tolerance: Annotated[float, Range(0.0), Doc(
+        "Accuracy", "Largest error at a data site, a length; 0: 1 % of the surface's median edge.")] = 0.0
+    initial_surface: Annotated[int, Range(4), ONLY_SET, Doc(
+        "Accuracy", "Centres at the start on the moving surface.")] = 30
+    initial_hexahedron: Annotated[int, Range(1), ONLY_SET, Doc(
+        "Accuracy", "Centres at the start on all but the moving surface.")] = 30
+    n_add: Annotated[int, Range(1), ONLY_SET, Doc(
+        "Accuracy", "Largest number of centres added at a time (`rule` worst), or least size of a block.")] = 10
+    max_centers: Annotated[int, Range(8), ONLY_SET, Doc(
+        "Accuracy", "At most so many centres in each direction.")] = 5000
+    rule: Annotated[RuleName, ONLY_SET, Doc(
+        "Accuracy", "separated: add large blocks of sites that are no neighbours; worst: as the paper.")] = "separated"
+    spacing: Annotated[float, Range(0.0), ONLY_SET, Doc(
+        "Accuracy", "Distance of the sites on the box, a length; 0: from `spacing_edges`.")] = 0.0
+    spacing_edges: Annotated[float, Range(0.1), ONLY_SET, Doc(
+        "Accuracy", "Distance of the sites on the box in median edges of the surface.")] = 1.75
+    max_steps: Annotated[int, Range(1), Option("--steps", "auto|N"), Spelling(read=steps_of), Doc(
+        "Accuracy", "Most steps in which an angle is taken if cells invert.")] = 8
+    kernel: Annotated[KernelName, ONLY_SET, Doc(
+        "Accuracy", "tps: the thin plate spline; mq: the multiquadric; wendland: Wendland's C2 function with compact "
+        "support; cubic.")] = "tps"
+    kernel_radius: Annotated[float, Range(0.0), ONLY_SET, Doc(
+        "Accuracy", "Length where a multiquadric turns from a parabola into a cone, or Wendland's function ends; 0: "
+        "the surface's median edge, or the diagonal of the box.")] = 0.0
+    polynomial: Annotated[Polynomial, ONLY_SET, Doc(
+        "Accuracy", "Added to the kernels: every kernel may have linear, which tps and cubic need; constant is enough "
+        "for mq, none for wendland.")] = "linear"
+    # fmt: on
 
     def __post_init__(self) -> None:
-        if self.strategy not in STRATEGIES:
-            raise InputError(f"strategy = {self.strategy!r} must be {' or '.join(STRATEGIES)}")
-        if self.rule not in RULES:
-            raise InputError(f"rule = {self.rule!r} must be {' or '.join(RULES)}")
-        for name, low in LEAST.items():
-            value = getattr(self, name)
-            if not low <= value < inf:
-                raise InputError(f"{name} = {value} must be a number of at least {low:g}")
+        check_settings(self)
         if self.max_centers < self.initial_surface + self.initial_hexahedron:
             raise InputError(
                 f"max_centers = {self.max_centers} is fewer than the "
@@ -103,9 +97,6 @@ class Fitting:
 
     def _check_kernel(self) -> None:
         """Raise InputError if the kernel lacks what it needs, or is given what it has no use for."""
-        for name, known in (("kernel", KERNELS), ("polynomial", ORDERS)):
-            if getattr(self, name) not in known:
-                raise InputError(f"{name} = {getattr(self, name)!r} must be one of {', '.join(known)}")
         needs = KERNELS[self.kernel]
         if self.kernel_radius and not needs.radius:
             others = " or ".join(name for name, one in KERNELS.items() if one.radius)
@@ -123,25 +114,39 @@ class Fitting:
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """When cells are mended that a deflection has spoiled.
+    """When cells are mended that a deflection has spoiled: the settings ``repair`` and ``repair_share``."""
 
-    Attributes
-    ----------
-    mode : ``"auto"``: if a cell is inverted, or the least quality of its type fell below `share` of that before;
-        ``"always"``: if it fell at all; ``"off"``.
-    share : of the undeflected mesh's least quality.
-    """
-
-    mode: RepairMode = "auto"
-    share: float = 0.9
+    # fmt: off
+    mode: Annotated[RepairMode, Spelling("repair"), Doc(
+        "Quality", "auto: mend cells if one is inverted, or the least quality of its type fell below `repair_share` of "
+        "that before; always: if it fell at all.")] = "auto"
+    share: Annotated[float, Range(0.0, 1.0, above=True), Spelling("repair_share"), ONLY_SET, Doc(
+        "Quality", "Share of the undeflected mesh's least quality below which auto mends.")] = 0.9
+    # fmt: on
 
     def __post_init__(self) -> None:
-        if self.mode not in REPAIR_MODES:
-            raise InputError(f"repair = {self.mode!r} must be {', '.join(REPAIR_MODES[:-1])} or {REPAIR_MODES[-1]}")
-        if not 0.0 < self.share <= 1.0:
-            raise InputError(f"repair_share = {self.share} must be a share above 0, at most 1")
+        check_settings(self)
 
     @property
     def wanted(self) -> float:
         """Share of the least quality before, below which cells are mended: less than 1 by rounding."""
         return min(1.0 if self.mode == "always" else self.share, 1.0 - ROUNDING)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobOptions:
+    """What a job and the settings of a user have in common."""
+
+    # fmt: off
+    fixed: Annotated[tuple[str, ...], Option(metavar="NAME"), Doc(
+        "What stays", "Patches that stay; wildcards such as 'wing*'.")] = ()
+    zones: Annotated[tuple[str, ...], Option("--zone", "NAME"), Doc(
+        "Box", "Further zones of the file that deform; '*' for all.")] = ()
+    near_wall: Annotated[bool, ONLY_SET, Doc(
+        "Box", "Whether the mesh near walls follows them rigidly, so that prism layers keep their heights.",
+        "Nodes of fixed patches that reach into the box are data sites then. Without it, as in the paper, the moving "
+        "surface and the box are the only data sites, and no other patch may reach into the box.")] = True
+    allow_inverted: Annotated[bool, Doc("Quality", "Take a mesh that has inverted cells already.")] = False
+    # fmt: on
+    fitting: Annotated[Fitting, INLINE] = field(default_factory=Fitting)
+    repair: Annotated[Repair, INLINE] = field(default_factory=Repair)

@@ -9,7 +9,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pairing import PeriodicPatches, paired
 from sdm_deflect.deform.mesh.selection import Selection, selected
 from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
-from sdm_deflect.deform.rbf.fitting import Fitting, Repair
+from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import OnPatches
@@ -53,40 +53,26 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
-    """What moves, what stays, what slides, and in which box.
+class Job(JobOptions):
+    """What moves, what stays, what slides, and in which box; also what `JobOptions` holds.
 
     Attributes
     ----------
     surfaces : the moving surfaces; in a sweep the first one's amount is the angle, the others keep their ratio to it.
-    fixed : patches that do not move; wildcards allowed.
     slides : patches that stay on a plane, a cylinder, or their own surface.
     box : rule for the confining hexahedron.
     sections : faces of an overlapping block that cut the box.
-    near_wall : whether fixed patches may reach into the box, their nodes are data sites, and the mesh near every wall
-        follows it rigidly, so that prism layers keep their heights. Without it, as in the paper, the moving surface
-        and the box are the only data sites, and no other patch may reach into the box.
-    zones : zones that deform beside those with a moving surface; ``("*",)`` for all.
-    fitting : numbers of the interpolation.
-    repair : when spoiled cells are mended.
     repair_slides : further patches whose nodes may slide while cells are mended: moving ones too, where they then are.
         A ``"plane"`` is each plane face of the patch.
-    allow_inverted : whether a mesh that has inverted cells is taken.
     selections : parts of patches that become patches, before all else.
     periodic : patches that are images of one another, where the file does not say so.
     """
 
     surfaces: tuple[Moving, ...]
-    fixed: tuple[str, ...] = ()
     slides: tuple[Sliding, ...] = ()
     box: BoxRule = field(default_factory=Automatic)
     sections: tuple[Section, ...] = ()
-    near_wall: bool = True
-    zones: tuple[str, ...] = ()
-    fitting: Fitting = field(default_factory=Fitting)
-    repair: Repair = field(default_factory=Repair)
     repair_slides: tuple[Sliding, ...] = ()
-    allow_inverted: bool = False
     selections: tuple[Selection, ...] = ()
     periodic: tuple[PeriodicPatches, ...] = ()
 

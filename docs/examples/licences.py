@@ -15,12 +15,17 @@ from packaging.requirements import Requirement
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 LONGEST = 60
 """A longer text in `License` is the licence itself, and no name of one."""
+OURS = ("notebook", "test")
+"""Extras that the list leaves out: what only developers and teachers install."""
 BEGIN, END = "<!-- made by docs/examples/licences.py -->", "<!-- end -->"
 
 
 def direct() -> list[str]:
-    """Return the names that this package asks for, without extras."""
-    return [named(text) for text in tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["dependencies"]]
+    """Return the names that this package and the extras of users ask for."""
+    project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
+    extras = [lines for extra, lines in project["optional-dependencies"].items() if extra not in OURS]
+    names = {named(text) for lines in (project["dependencies"], *extras) for text in lines}
+    return sorted(names - {project["name"]})
 
 
 def named(requirement: str) -> str:

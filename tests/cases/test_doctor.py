@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.cases.cli import doctor, main
+from sdm_deflect.cases.cli import examination as doctor
+from sdm_deflect.cases.cli import main
 from sdm_deflect.cases.cli.console import findings
-from sdm_deflect.cases.errors import EXTRAS, missing
+from sdm_deflect.cases.run.surroundings import EXTRAS, missing
 
 
 def test_readme_and_doctor_ask_for_the_same_packages():

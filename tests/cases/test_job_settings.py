@@ -169,7 +169,7 @@ def test_files_may_be_paths(tmp_path):
         (("a", HINGE, 5), {"strategy": "both"}, "strategy = 'both' is not one of squv, mv"),
         (("a", HINGE, 5), {"max_steps": 1.5}, "max_steps = 1.5 is not a whole number"),
         (("a", HINGE, 5), {"max_centers": 3}, "max_centers = 3 must be a number of at least 8"),
-        (("a", HINGE, 5), {"min_quality": 2}, "min_quality = 2 must be a share between 0 and 1"),
+        (("a", HINGE, 5), {"min_quality": 2}, "min_quality = 2 must be a number from 0 to 1"),
         (("a", HINGE, 5), {"min_quality": "none"}, "min_quality = 'none' is not a number"),
         (("a", HINGE, 5), {"allow_inverted": "false"}, "allow_inverted = 'false' is neither true nor false"),
         (("a", HINGE, 5), {"box": 5}, "box = 5 is not a list"),

@@ -11,8 +11,8 @@ import sdm_deflect
 from sdm_deflect.cases import cli
 from sdm_deflect.cases.report.folder import read_folder
 from sdm_deflect.cases.run.inspection import inspect, inspected
-from sdm_deflect.cases.settings.job_settings import job_settings
-from sdm_deflect.cases.settings.selections import selection, selections_of
+from sdm_deflect.cases.settings.job_settings import job_settings, selections_of
+from sdm_deflect.cases.settings.selections import selection
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch

@@ -14,9 +14,10 @@ from sdm_deflect.cases import cli
 from sdm_deflect.cases.aircraft.registry import case_named, resolve
 from sdm_deflect.cases.api import deflect, read, sweep
 from sdm_deflect.cases.cli.deflect import deflect as command
-from sdm_deflect.cases.settings.conversion import INLINE, names_of, to_toml
-from sdm_deflect.cases.settings.job_settings import OF_SURFACE, JobSettings, SectionSettings, read_job
+from sdm_deflect.cases.settings.conversion import to_toml
+from sdm_deflect.cases.settings.job_settings import FLAT, SectionSettings, read_job
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.schema import inline_in, settings_in
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.formats.registry import FORMATS
 
@@ -59,7 +60,7 @@ def faults(attempt, values):
     return found
 
 
-@pytest.mark.parametrize("name", [*names_of(JobSettings), *OF_SURFACE, "surfaces", "fitting", "nosuch"])
+@pytest.mark.parametrize("name", [*FLAT, "surface", "surfaces", "fitting", "nosuch"])
 def test_a_keyword_of_python(name, block):
     blended = {"motion": "blended", "held": [0, 1, 2], "driven": [120, 121]}
     base = blended if name in ("held", "driven", "strip") else {}
@@ -181,11 +182,11 @@ def test_an_option_of_deflect(option, sdm, folder):
 
 def keys(value, place=""):
     """Yield every setting of a dataclass by its place in a file."""
-    for one in fields(value):
-        inner, name = getattr(value, one.name), place if one.name in INLINE else f"{place}{one.name}"
-        if is_dataclass(inner):
-            yield from keys(inner, name if one.name in INLINE else f"{name}.")
-        yield name if name != place else f"{place}{one.name}"
+    yield from inline_in(type(value))
+    for name, setting in settings_in(type(value)).items():
+        yield f"{place}{name}"
+        if is_dataclass(setting.of(value)):
+            yield from keys(setting.of(value), f"{place}{name}.")
 
 
 def test_a_setting_of_a_case():

@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.rbf.fitting import LEAST, Fitting
+from sdm_deflect.deform.base.schema import Range, settings_in
+from sdm_deflect.deform.rbf.fitting import Fitting
+
+LEAST = {name: setting.note(Range).low for name, setting in settings_in(Fitting).items() if setting.note(Range)}
 
 
 @pytest.mark.parametrize("name", LEAST)
 def test_a_number_below_its_least_or_not_finite_is_named(name):
     for value in (LEAST[name] - 1, np.nan, np.inf):
-        with pytest.raises(InputError, match=f"{name} = {value} must be a number of at least {LEAST[name]:g}"):
+        with pytest.raises(InputError, match=f"{name} = {value:g} must be a number of at least {LEAST[name]:g}"):
             Fitting(**{name: value})
 
 

@@ -57,7 +57,7 @@ def pulled(mesh, amount, repair):
     way = np.zeros((len(nodes), 3))
     way[nodes == _at(mesh.points, PULLED), :2] = 0.13 * amount
     moving = Moving(("flap",), Table(mesh.points[nodes], way), 1.0)
-    return Job((moving,), ("wall", "far"), box=BOX, repair=Repair(repair), allow_inverted=True)
+    return Job((moving,), fixed=("wall", "far"), box=BOX, repair=Repair(repair), allow_inverted=True)
 
 
 def inverted(mesh, points):

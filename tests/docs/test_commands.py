@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from sdm_deflect.cases.cli import cli, main
-from sdm_deflect.cases.cli.doctor import PACKAGES
+from sdm_deflect.cases.cli.examination import PACKAGES
 from tests.docs.commands import ROOT, lines_of, mentioned, pages, shown
 
 CI = ".ci/run"

@@ -21,7 +21,7 @@ FORMATS = "*/meshing/formats/*"
 """Of these files the coverage is measured."""
 LOADED = (
     "h5py", "pyvista", "meshio", "sdm_deflect.cases.cli", "sdm_deflect.cases.run.deflect_file",
-    "sdm_deflect.cases.cli.doctor", "sdm_deflect.cases.run.inspection", "sdm_deflect.cases.settings.job_settings",
+    "sdm_deflect.cases.cli.examination", "sdm_deflect.cases.run.inspection", "sdm_deflect.cases.settings.job_settings",
     "sdm_deflect.cases.report.folder", "sdm_deflect.cases.aircraft.pipeline", "sdm_deflect.cases.aircraft.report",
     "studies.page", "sdm_deflect.cases.view.page", "sdm_deflect.geometry.errors", "sdm_deflect.meshing.errors",
     "tests.fuzz.targets",

@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from random import Random
 from types import SimpleNamespace
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 from unittest.mock import patch
 
 import click
@@ -25,6 +25,7 @@ from sdm_deflect.cases.cli import cli, main
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.cases.settings.job_settings import JobSettings
 from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
+from sdm_deflect.deform.base.schema import inline_in, settings_in
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.registry import FORMATS
@@ -46,7 +47,7 @@ SKIPPED = {
     "sdm_deflect.cases.aircraft.pipeline": ("run_case", "meshed"),
     "studies.studies": ("table", "page", "reasons"),
     "sdm_deflect.cases.view.page": ("Page",),
-    "sdm_deflect.cases.cli.doctor": ("examined",),
+    "sdm_deflect.cases.cli.examination": ("examined",),
     "sdm_deflect.cases.report.folder": ("write_page",),
     "sdm_deflect.cases.aircraft.report": ("drawn",),
 }
@@ -218,14 +219,11 @@ def made_settings(random: Random, known: Sequence[Input]) -> Input:
 
 def keys_of(kind: Any, before: str = "") -> Iterator[str]:
     """Yield the names of all settings of a dataclass, those of tables with a point."""
-    hints = get_type_hints(kind)
-    for one in fields(kind):
-        inner = [part for part in (hints[one.name], *getattr(hints[one.name], "__args__", ())) if is_dataclass(part)]
-        if one.name in ("fitting", "fighter"):
-            yield from keys_of(inner[0], before)
-        yield f"{before}{one.name}"
-        for part in inner:
-            yield from keys_of(part, f"{before}{one.name}.")
+    yield from (f"{before}{name}" for name in inline_in(kind))
+    for name, setting in settings_in(kind).items():
+        yield f"{before}{name}"
+        for part in filter(is_dataclass, (setting.kind, *get_args(setting.kind))):
+            yield from keys_of(part, f"{before}{name}.")
 
 
 KEYS = {True: tuple(keys_of(JobSettings)), False: tuple(keys_of(Case))}

@@ -45,7 +45,9 @@ def digest(path: Path) -> Any:
             return {name: hashlib.sha256(arrays[name].tobytes()).hexdigest()[:16] for name in sorted(arrays)}
     content = path.read_bytes()
     if path.name == "convergence.csv":
-        content = b"\n".join(line.rpartition(b",")[0] for line in content.splitlines())
+        rows = [line.split(b",") for line in content.splitlines()]
+        clock = rows[0].index(b"seconds")
+        content = b"\n".join(b",".join([*row[:clock], *row[clock + 1 :]]) for row in rows)
     return hashlib.sha256(content).hexdigest()[:16]
 
 

@@ -11,8 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from sdm_deflect.cases.errors import EXTRAS
-from sdm_deflect.cases.run.surroundings import LIBRARIES, blas, usable_cores, versions
+from sdm_deflect.cases.run.surroundings import EXTRAS, LIBRARIES, blas, usable_cores, versions
 from sdm_deflect.deform.base.cache_folder import (
     CODE_VARIABLE,
     FOLDER_VARIABLE,

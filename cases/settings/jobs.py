@@ -1,0 +1,169 @@
+"""What users set becomes a job of the engine: files are read, and words become motions, nodes and boxes."""
+
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from sdm_deflect.cases.settings.conversion import read_toml, structured
+from sdm_deflect.cases.settings.job_settings import (
+    Corner,
+    JobSettings,
+    PeriodicSettings,
+    SectionSettings,
+    SurfaceSettings,
+)
+from sdm_deflect.cases.settings.selections import selection
+from sdm_deflect.deform.base.errors import InputError, shortened
+from sdm_deflect.deform.hexahedron import Hexahedron
+from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.pairing import PeriodicPatches
+from sdm_deflect.deform.rbf.fitting import JobOptions
+from sdm_deflect.deform.surface.blended import Blended, Rib
+from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
+from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, TrailingEdge
+from sdm_deflect.deform.volume.box import Automatic, BoxRule, Given, Outline
+from sdm_deflect.deform.volume.job import Job, Section, Sliding
+
+SAME = 1e-6  # two hinges nearer to one another, over a length of one, are one
+
+
+@dataclass(frozen=True, slots=True)
+class _BoxFile:
+    corners: tuple[Corner, ...]
+
+
+def job_of(settings: JobSettings) -> Job:
+    """Return the job, files read; InputError if one cannot be, or a value does not fit or is missing."""
+    if not settings.surface:
+        raise InputError("no surface to move: name its patches")
+    return Job(
+        surfaces=tuple(_moving(surface, settings.fixed) for surface in settings.surface),
+        slides=tuple(Sliding(patch, shape) for patch, shape in settings.slide.items()),
+        box=_box(settings),
+        sections=tuple(_section(section) for section in settings.section),
+        repair_slides=tuple(Sliding(patch, shape) for patch, shape in settings.repair_slide.items()),
+        selections=tuple(selection(name, text) for name, text in settings.select.items()),
+        periodic=tuple(_pair(pair) for pair in settings.periodic),
+        **{option.name: getattr(settings, option.name) for option in fields(JobOptions)},
+    )
+
+
+def _moving(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Moving:
+    """Return the patches with their motion; nodes on `fixed` patches are held if no others are named."""
+    surface = _of_cpacs(surface) if surface.cpacs or surface.device else surface
+    motion = _motion(surface, fixed)
+    amount = surface.angle if motion.unit == "deg" else surface.amount
+    if amount is None:
+        raise InputError(f"the angle of {', '.join(surface.patches)} is missing: give it in degrees")
+    return Moving(surface.patches, motion, amount)
+
+
+def _of_cpacs(surface: SurfaceSettings) -> SurfaceSettings:
+    """Return the same with hinge and angle of the device."""
+    if not surface.cpacs or not surface.device:
+        raise InputError("cpacs and device go together: a CPACS file, and the uID of a trailing edge device in it")
+    if surface.hinge:
+        raise InputError(f"hinge = {surface.hinge}: that of the device is taken; leave out hinge or cpacs")
+    from sdm_deflect.cases.settings.cpacs import hinge_and_angle
+
+    angle = surface.angle if surface.table is None else 0.0
+    hinge, angle = hinge_and_angle(Path(surface.cpacs), surface.device, angle)
+    return replace(surface, hinge=hinge, angle=angle, cpacs=None, device=None)
+
+
+def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:
+    if not isinstance(surface.motion, str):
+        if surface.hinge and not _is_along(surface.motion.axis, _rotation(surface.hinge).axis):
+            raise InputError(f"hinge = {surface.hinge}: the motion has another one; leave hinge out")
+        return surface.motion
+    hinge = _rotation(surface.hinge) if surface.hinge else None
+    base: Motion | None = hinge
+    if surface.table:
+        base = Table.read(Path(surface.table), hinge.axis if hinge else None)
+    if base is None:
+        raise InputError("the hinge is missing: give two points of it, such as 0.7,0,0 and 0.7,1,0; in a plane one")
+    if surface.motion == "rigid":
+        return base
+    held = _nodes(surface.held, "held") if surface.held != () else OnPatches(fixed)
+    return Blended(base, held, _nodes(surface.driven, "driven"), Rib(share=surface.strip))
+
+
+def _rotation(hinge: tuple[Corner, ...]) -> Rotation:
+    """Return the rotation about two points, or about one of two numbers, which may be there twice."""
+    single = len(hinge[0]) == 2 and hinge[1:] in ((), hinge[:1])
+    if not single and len(hinge) != 2:
+        raise InputError(f"hinge = {shortened(hinge)}: must be two points, or one of two numbers in a plane mesh")
+    return Rotation.about(*hinge[: 1 if single else 2])
+
+
+def _is_along(axis: Axis | None, hinge: Axis) -> bool:
+    """Return whether an axis is the hinge, in its direction."""
+    if axis is None:
+        return False
+    ends = np.stack([hinge.point, hinge.point + hinge.direction])
+    return bool(np.abs(axis.radial(ends)).max() <= SAME and hinge.direction @ axis.direction > 0.0)
+
+
+def _nodes(value: tuple[str | int, ...] | NodeSet, name: str) -> NodeSet:
+    """Return a node set: ``edges:40``, a .txt file of node indices, a list of them, or patches."""
+    if not isinstance(value, tuple):
+        return value
+    names = [item for item in value if isinstance(item, str)]
+    if not names:
+        return Listed(np.array(value, dtype=np.intp))
+    if len(names) < len(value):
+        raise InputError(f"{name} must be patches, or indices of nodes, not both")
+    word, _, degrees = names[0].partition(":")
+    if word == "edges":
+        try:
+            return TrailingEdge(float(degrees or 40.0))
+        except ValueError:
+            raise InputError(f"{name} = {names[0]}: must be edges:DEG, such as edges:40") from None
+    return Listed.read(Path(names[0])) if names[0].endswith(".txt") else OnPatches(tuple(names))
+
+
+def _section(given: SectionSettings) -> Section:
+    return Section(given.patch, np.array(given.point), "xyz".index(given.axis), given.slides)
+
+
+def _pair(given: PeriodicSettings) -> PeriodicPatches:
+    try:
+        axis = _rotation(given.axis).axis if given.axis else None
+    except InputError as error:
+        raise InputError(f"periodic {' '.join(given.patches)}: {str(error).replace('hinge', 'axis')}") from None
+    shift = np.array([*given.translation, 0.0][:3]) if given.translation else None
+    return PeriodicPatches(given.patches[0], given.patches[1], axis, shift)
+
+
+def _box(settings: JobSettings) -> BoxRule:
+    rule = _rule(settings.box, settings.margin)
+    if not settings.open_faces:
+        return rule
+    if not isinstance(rule, Given):
+        raise InputError("open_faces needs a box given by its corners")
+    return Given(rule.hexahedron, frozenset(settings.open_faces))
+
+
+def _rule(box: str | tuple[Corner, ...] | BoxRule | Hexahedron, margin: float) -> BoxRule:
+    """Return the rule that a setting names: automatic, corners or a file of them, or a rule itself."""
+    if isinstance(box, Hexahedron):
+        return Given(box)
+    if isinstance(box, tuple):
+        return _at(box)
+    if not isinstance(box, str):
+        return box
+    if box == "auto":
+        return Automatic(margin)
+    try:
+        return _at(structured(read_toml(Path(box)), _BoxFile).corners)
+    except InputError as error:
+        raise InputError(f"box = {box}: {error}") from None
+
+
+def _at(corners: tuple[Corner, ...]) -> BoxRule:
+    """Return the box with these corners; a quadrilateral if they have two coordinates."""
+    try:
+        return (Outline if len(corners[:1][0]) == 2 else Given).at(np.array(corners))
+    except (IndexError, ValueError) as error:
+        raise InputError(f"the box: {error}") from None

@@ -1,0 +1,55 @@
+"""The settings of a deflection as keywords with types, by `python -m tests.derived` from the schema."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Literal, TypedDict
+
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.hexahedron import Hexahedron
+    from sdm_deflect.deform.surface.motions import Motion
+    from sdm_deflect.deform.surface.surface import NodeSet
+    from sdm_deflect.deform.volume.box import BoxRule
+
+
+class Options(TypedDict, total=False):
+    """What `deflect`, `sweep` and `plan` take beside the mesh, the surfaces, the hinge and the angle."""
+
+    motion: Literal["rigid", "blended"] | Motion
+    held: ArrayLike | NodeSet
+    driven: ArrayLike | NodeSet
+    strip: float
+    table: str | PathLike[str]
+    cpacs: str | PathLike[str]
+    device: str | PathLike[str]
+    fixed: str | Sequence[str]
+    zones: str | Sequence[str]
+    near_wall: bool
+    allow_inverted: bool
+    select: str | Sequence[str] | Mapping[str, str]
+    slide: str | Sequence[str] | Mapping[str, str]
+    periodic: Mapping[str, Any] | Sequence[Any]
+    box: str | PathLike[str] | ArrayLike | BoxRule | Hexahedron
+    margin: float
+    open_faces: str | Sequence[str]
+    section: Sequence[Mapping[str, Any]]
+    min_quality: float
+    repair_slide: str | Sequence[str] | Mapping[str, str]
+    strategy: Literal["squv", "mv"]
+    tolerance: float
+    initial_surface: int
+    initial_hexahedron: int
+    n_add: int
+    max_centers: int
+    rule: Literal["separated", "worst"]
+    spacing: float
+    spacing_edges: float
+    max_steps: int
+    kernel: Literal["tps", "mq", "wendland", "cubic"]
+    kernel_radius: float
+    polynomial: Literal["linear", "constant", "none"]
+    repair: Literal["auto", "off", "always"]
+    repair_share: float

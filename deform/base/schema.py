@@ -1,0 +1,216 @@
+"""Settings as annotated fields of dataclasses: the one place where each is written.
+
+    tolerance: Annotated[float, Doc("Accuracy", "Largest error at a data site, a length."), Range(0.0)] = 0.0
+
+From the annotations are made the options of commands, what files of settings may hold, the keywords of Python with
+their types and their documentation, and the guide's table.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import MISSING, Field, dataclass, fields, replace
+from functools import cache
+from math import inf
+from textwrap import fill
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from sdm_deflect.deform.base.errors import InputError, shortened
+
+N = TypeVar("N")
+
+Group = Literal["What moves", "What stays", "Box", "Quality", "Accuracy"]
+GROUPS: tuple[Group, ...] = get_args(Group)
+"""Groups of settings, in the order in which they are shown."""
+INLINE = "inline"
+"""Annotation of a dataclass within another one whose settings stand beside those of the outer one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Doc:
+    """What a setting means.
+
+    Attributes
+    ----------
+    group : where it is shown.
+    text : a sentence or two, for the command line.
+    more : further sentences, for the documentation of Python and the guide.
+    """
+
+    group: Group
+    text: str
+    more: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """The values that a number may have.
+
+    Attributes
+    ----------
+    low, high : the smallest and the largest.
+    above : whether `low` itself is too small.
+    """
+
+    low: float = -inf
+    high: float = inf
+    above: bool = False
+
+    def __str__(self) -> str:
+        if self.high == inf:
+            return f"a number {'above' if self.above else 'of at least'} {self.low:g}"
+        return f"a number {'above' if self.above else 'from'} {self.low:g} to {self.high:g}"
+
+    def holds(self, value: float) -> bool:
+        """Return whether a finite number is in the range."""
+        return self.low <= value <= self.high and abs(value) < inf and not (self.above and value == self.low)
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """How a setting is given on the command line.
+
+    Attributes
+    ----------
+    flag : the option; empty: as the setting, with two dashes; None: there is none, but ``--set``.
+    metavar : what stands for the value in the help; empty: its type.
+    """
+
+    flag: str | None = ""
+    metavar: str = ""
+
+
+ONLY_SET = Option(None)
+
+
+@dataclass(frozen=True, slots=True)
+class Spelling:
+    """How else a setting may be written.
+
+    Attributes
+    ----------
+    name : of the setting, where it is not that of the field.
+    read : makes the value of what a user writes; InputError says what follows the setting's name and ``=``.
+    file : ending of text that names a file, relative to the file of settings that holds it; None: it never does.
+    """
+
+    name: str = ""
+    read: Callable[[Any], Any] | None = None
+    file: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One setting of a dataclass, or of a dataclass that stands inline within it.
+
+    Attributes
+    ----------
+    name : as users write it.
+    path : the fields that lead to the value.
+    kind : the type of the value.
+    default : the value where none is given; `dataclasses.MISSING` if one must be.
+    notes : the annotations.
+    """
+
+    name: str
+    path: tuple[str, ...]
+    kind: Any
+    default: Any
+    notes: tuple[Any, ...]
+
+    def note(self, kind: type[N]) -> N | None:
+        """Return the annotation of that class, if there is one."""
+        return next((note for note in self.notes if isinstance(note, kind)), None)
+
+    @property
+    def spelling(self) -> Spelling:
+        """How it may be written."""
+        return self.note(Spelling) or Spelling()
+
+    @property
+    def doc(self) -> Doc:
+        """What it means; nothing is said of tables of surfaces."""
+        return self.note(Doc) or Doc("What moves", "")
+
+    @property
+    def option(self) -> Option:
+        """How it is given on the command line."""
+        return self.note(Option) or Option()
+
+    @property
+    def shown(self) -> str:
+        """The default, if there is one, as it is shown."""
+        if self.default is MISSING or self.default in (None, (), {}):
+            return ""
+        return ", ".join(self.default) if isinstance(self.default, tuple) else str(self.default)
+
+    def of(self, instance: Any) -> Any:
+        """Return its value in a dataclass."""
+        for name in self.path:
+            instance = getattr(instance, name)
+        return instance
+
+
+def _settings(kind: Any) -> dict[str, Setting]:
+    flat: dict[str, Setting] = {}
+    inner: dict[str, Setting] = {}
+    for field, of, notes in _annotated(kind):
+        if INLINE in notes:
+            for name, setting in settings_in(of).items():
+                inner[name] = replace(setting, path=(field.name, *setting.path))
+        else:
+            default = field.default if field.default_factory is MISSING else field.default_factory()
+            setting = Setting(field.name, (field.name,), of, default, notes)
+            name = setting.spelling.name or field.name
+            flat[name] = replace(setting, name=name)
+    return flat | inner
+
+
+settings_in: Callable[[Any], dict[str, Setting]] = cache(_settings)
+"""The settings of a dataclass by their names; those of inline dataclasses last."""
+
+
+def inline_in(kind: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass that are dataclasses inline."""
+    return {field.name: of for field, of, notes in _annotated(kind) if INLINE in notes}
+
+
+def _annotated(kind: Any) -> list[tuple[Field[Any], Any, tuple[Any, ...]]]:
+    """Return the fields of a dataclass with their types and annotations."""
+    hints = get_type_hints(kind, include_extras=True)
+    parts = {name: get_args(hint) if get_origin(hint) is Annotated else (hint,) for name, hint in hints.items()}
+    return [(field, parts[field.name][0], parts[field.name][1:]) for field in fields(kind) if field.init]
+
+
+def check_settings(instance: Any) -> None:
+    """Check the values of a dataclass, for its ``__post_init__``; InputError names the first that is out of range."""
+    for name, setting in settings_in(type(instance)).items():
+        within, value, choices = setting.note(Range), setting.of(instance), choices_of(setting.kind)
+        if choices and isinstance(value, str) and value not in choices:
+            raise InputError(f"{name} = {shortened(value)} must be {' or '.join(choices)}")
+        if within and not within.holds(value):
+            raise InputError(f"{name} = {value:g} must be {within}")
+
+
+def kind_of(kind: Any) -> Any:
+    """Return a type, or of a union the first: what text becomes."""
+    return get_args(kind)[0] if get_origin(kind) in (Union, UnionType) else kind
+
+
+def choices_of(kind: Any) -> tuple[str, ...]:
+    """Return the words of which a setting is one, if it is text."""
+    return get_args(kind_of(kind)) if get_origin(kind_of(kind)) is Literal else ()
+
+
+def described(settings: Iterable[Setting], indent: str) -> str:
+    """Return what settings mean, by group, as a docstring has it."""
+    parts = []
+    for group in GROUPS:
+        lines = [_line(setting) for setting in settings if setting.doc.group == group]
+        items = (fill(line, 118, initial_indent=f"{indent}- ", subsequent_indent=f"{indent}  ") for line in lines)
+        parts.append("\n".join([f"{indent}{group}:", "", *items]) if lines else "")
+    return "\n\n".join(filter(None, parts)).lstrip()
+
+
+def _line(setting: Setting) -> str:
+    default = f" Default: ``{setting.shown}``." if setting.shown else ""
+    return f"`{setting.name}`: {setting.doc.text} {setting.doc.more}".rstrip() + default

@@ -1,0 +1,92 @@
+"""What is written out of the schema of settings: the types of keywords, and the guide's table. Write them anew by
+
+python -m tests.derived
+"""
+
+from collections.abc import Iterable
+from dataclasses import is_dataclass
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+from sdm_deflect.cases.cli.options import settings_options
+from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON
+from sdm_deflect.deform.base.schema import GROUPS, Range, Setting, choices_of
+
+ROOT = Path(__file__).parents[1]
+KEYWORDS, GUIDE = ROOT / "cases" / "settings" / "keywords.py", ROOT / "docs" / "settings.md"
+HEAD = '''"""The settings of a deflection as keywords with types, by `python -m tests.derived` from the schema."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Literal, TypedDict
+
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from sdm_deflect.deform.hexahedron import Hexahedron
+    from sdm_deflect.deform.surface.motions import Motion
+    from sdm_deflect.deform.surface.surface import NodeSet
+    from sdm_deflect.deform.volume.box import BoxRule
+
+
+class Options(TypedDict, total=False):
+    """What `deflect`, `sweep` and `plan` take beside the mesh, the surfaces, the hinge and the angle."""
+
+'''
+ABOUT = """# Settings of a deflection
+
+Each setting has one name: in Python it is a keyword of `deflect`, `sweep` and `plan`, in a file of settings a key, and
+`--set NAME=VALUE` sets it on the command line, as its option does where it has one. The settings of a surface, the
+first table, stand in a table `[[surface]]` of a file.
+"""
+
+
+def source(kind: Any, spelled: bool) -> str:
+    """Return the types that a keyword may have, as Python writes them."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return " | ".join(dict.fromkeys(source(part, spelled) for part in inner if part is not NoneType))
+    if origin is Literal:
+        return "Literal[" + ", ".join(f'"{word}"' for word in inner) + "]"
+    if origin is dict:
+        return "str | Sequence[str] | Mapping[str, str]"
+    if origin is tuple:
+        if is_dataclass(inner[0]):
+            return "Mapping[str, Any] | Sequence[Any]" if spelled else "Sequence[Mapping[str, Any]]"
+        return "str | Sequence[str]" if inner[0] is str else "ArrayLike"
+    return "str | PathLike[str]" if kind is str else kind.__name__
+
+
+def keywords(settings: Iterable[Setting]) -> str:
+    """Return the module with the types of keywords."""
+    given = [one for one in settings if one.name not in (*IN_PYTHON, "hinge", "angle")]
+    return HEAD + "".join(f"    {one.name}: {source(one.kind, one.spelling.read is not None)}\n" for one in given)
+
+
+def row(setting: Setting) -> str:
+    """Return what the guide says of a setting."""
+    options = settings_options([setting])
+    words, within = choices_of(setting.kind), setting.note(Range)
+    values = ", ".join(f"`{word}`" for word in words) or str(within or "")
+    shown = f"`{setting.shown}`" if setting.shown else ""
+    option = f"`{options[0].opts[0]}`" if options else ""
+    text = f"{setting.doc.text} {setting.doc.more}".rstrip().replace("|", "\\|")
+    return f"| `{setting.name}` | {option} | {values} | {shown} | {text} |\n"
+
+
+def guide(settings: Iterable[Setting]) -> str:
+    """Return the page with the table of settings."""
+    known, page = list(settings), ABOUT
+    for group in GROUPS:
+        rows = [row(one) for one in known if one.doc.text and one.doc.group == group]
+        head = "| setting | option | values | default | meaning |\n| --- | --- | --- | --- | --- |\n"
+        page += f"\n## {group}\n\n{head}{''.join(rows)}"
+    return page
+
+
+if __name__ == "__main__":
+    KEYWORDS.write_text(keywords(FLAT.values()), encoding="utf-8")
+    GUIDE.write_text(guide(FLAT.values()), encoding="utf-8")
