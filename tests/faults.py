@@ -9,6 +9,7 @@ missing check, nodes in another order, a name that is lost, a file that is not b
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -46,8 +47,8 @@ class Fault:
 
 
 FAULTS = (
-    Fault("a rotation of the other sign", "[[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]",
-          "[[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]", "tests/deform/surface"),
+    Fault("a rotation of the other sign", "versine = 2.0 * np.sin(0.5 * angle) ** 2",
+          "versine = -2.0 * np.sin(0.5 * angle) ** 2", "tests/deform/surface"),
     Fault("a coefficient of a series", "0.6666666666655285", "0.6666666676655285", "tests/deform/rbf/test_kernels.py"),
     Fault("the adaptation ends too soon", "if last.max_residual < options.tol_stop:",
           "if last.max_residual < 10.0 * options.tol_stop:", "tests/deform/rbf/test_greedy.py"),
@@ -86,7 +87,7 @@ FAULTS = (
     Fault("a file is not brought to the disk", "os.fsync(handle)", "_ = handle", "tests/meshing/test_files.py"),
     Fault("the mesh that is read may be written over",
           "if source is not None and out.exists() and out.samefile(source):", "if source is None and out is None:",
-          "tests/meshing/formats/test_su2.py tests/cases/test_deflect_command.py tests/cases/test_mesh_files.py"),
+          "tests/meshing/formats/test_pieces.py"),
     Fault("a copy may be nearly what was judged", "same = points[:, :axes] == found[:, :axes]",
           "same = np.isclose(points[:, :axes], found[:, :axes])", "tests/cases/test_judged_as_written.py"),
     Fault("others may read a copy", "shared = path.stat().st_mode & 0o066", "shared = path.stat().st_mode | 0o066",
@@ -110,22 +111,30 @@ FAULTS = (
 
 
 def caught(fault: Fault, root: Path) -> str:
-    """Plant a fault in a copy of the program, and return the first test that fails; nothing if none does."""
+    """Plant a fault in a copy of the program; return a test that fails then and not before, nothing if none does."""
     path = fault.file(root)
     before = path.read_text()
     path.write_text(before.replace(fault.old, fault.new))
-    words = ["-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header", *fault.tests.split()]
-    environment = os.environ | {"PYTHONPATH": str(root), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
-        done = subprocess.run([sys.executable, *words], cwd=root, env=environment, capture_output=True, text=True)
+        failing = failed(fault.tests.split(), root)
     finally:
         path.write_text(before)
-    named = [line.split()[1] for line in done.stdout.splitlines() if line.startswith(("FAILED ", "ERROR "))]
-    return named[0] if named else ""
+    anyway = failed(failing, root) if failing else []
+    return next((test for test in failing if test not in anyway), "")
+
+
+def failed(tests: Sequence[str], root: Path) -> list[str]:
+    """Return the first tests that fail in a copy of the program."""
+    words = ["-m", "pytest", "--maxfail=3", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header", *tests]
+    environment = os.environ | {"PYTHONPATH": str(root), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run([sys.executable, *words], cwd=root, env=environment, capture_output=True, text=True)
+    lines = (line.partition(" - ")[0].partition(" ") for line in done.stdout.splitlines())
+    return [test for word, _, test in lines if word in ("FAILED", "ERROR") and "::" in test]
 
 
 def main(numbers: Sequence[int]) -> int:
     """Plant faults, print what caught each, and return the exit code."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # else a run in the background hands on that it is ignored
     missed = 0
     with tempfile.TemporaryDirectory() as folder:
         root = Path(shutil.copytree(ROOT, Path(folder) / "program", symlinks=True, ignore=NOT_COPIED))

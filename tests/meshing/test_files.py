@@ -310,6 +310,22 @@ def test_without_a_private_register_all_works_and_nothing_is_cleared(register, t
     assert left.exists()
 
 
+def test_a_file_is_on_the_disk_before_it_takes_its_place(tmp_path: Path, monkeypatch) -> None:
+    flushed, flush = [], os.fsync
+
+    def noted(handle):
+        flushed.append(Path(f"/proc/self/fd/{handle}").readlink())
+        flush(handle)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    with fresh(tmp_path / "mesh.su2") as beside:
+        beside.write_text("a mesh")
+    assert beside in flushed
+    with replacing_folder(tmp_path / "run", STALE) as folder:
+        put(folder, NEW)
+    assert {folder / name for name in NEW} <= set(flushed)
+
+
 def test_a_signal_waits_until_a_target_is_replaced(tmp_path: Path, monkeypatch) -> None:
     told = []
     monkeypatch.setattr(files, "watchers", [lambda path, whole: told.append((path.name, whole))])
