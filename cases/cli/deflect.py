@@ -65,8 +65,8 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     from sdm_deflect.cases.run.mesh_files import Targets
 
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
-    helpers, flow = Wanted(*(given.pop(name) for name in HELPERS)), _flow([given.pop(name) for name in CASE])
     path, history, many = _several(given.pop("history"), given.pop("angles"))
+    helpers, flow = Wanted(*(given.pop(name) for name in HELPERS)), _flow([given.pop(name) for name in CASE])
     if many:
         given["angle"] = max(many, key=abs)
     settings, inputs = _settings(given)

@@ -17,7 +17,7 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 OPTIONS = {"fastmath": True, "error_model": "numpy", "nogil": True}
 PACKAGE = __name__.partition(".")[0]
-MARK = b"rbf.compiled import"
+MARK = b"base.compiled import"
 """What stands in every source whose functions are compiled, and here."""
 
 

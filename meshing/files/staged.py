@@ -22,7 +22,7 @@ from typing import Any
 
 from sdm_deflect.meshing.files.temporary import clear, is_temporary, registered, staging, unused
 from sdm_deflect.meshing.files.watchers import watchers
-from sdm_deflect.meshing.formats.format import MeshFileError, about
+from sdm_deflect.meshing.formats.format import MeshFileError, WriteError, about
 
 HELD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that wait while targets are replaced."""
@@ -321,12 +321,12 @@ def _flush(path: Path) -> None:
 def written(out: Path) -> Iterator[None]:
     """Name `out` in errors of writing it.
 
-    MeshFileError in place of an OSError, as ``"out: cannot be written: why"``.
+    WriteError in place of an OSError, as ``"out: cannot be written: why"``.
     """
     try:
         yield
     except OSError as error:
-        raise MeshFileError(f"{out}: cannot be written: {error.strerror or error}") from error
+        raise WriteError(f"{out}: cannot be written: {error.strerror or error}") from error
 
 
 @contextmanager

@@ -29,12 +29,16 @@ class MeshFileError(RuntimeError):
         super().__init__(sentence(message))
 
 
+class WriteError(MeshFileError):
+    """A file cannot be written; the message names it."""
+
+
 @contextmanager
 def about(path: Path) -> Iterator[None]:
     """Name the file in every error that its content causes in the block.
 
     Raises MeshFileError: in place of a MeshFileError, a ValueError, a MemoryError or an OSError, as ``"file: what is
-    wrong"``; an OSError of a full disk passes, because it is of another file.
+    wrong"``; a WriteError and an OSError of a full disk pass, because they are of another file.
     """
     try:
         yield
@@ -42,6 +46,8 @@ def about(path: Path) -> Iterator[None]:
         if error.errno in FULL:
             raise
         raise MeshFileError(f"{path}: {error.strerror or error}") from error
+    except WriteError:
+        raise
     except MemoryError as error:
         raise MeshFileError(f"{path}: its data need more memory than there is") from error
     except (MeshFileError, ValueError) as error:

@@ -304,7 +304,8 @@ class TablePieces:
         for own in self.ranges:
             rows = np.flatnonzero((nodes >= own.start) & (nodes < own.stop))
             if len(rows):
-                found[rows, own.axes] = own.table.some(nodes[rows] - own.start)
+                with np.errstate(invalid="ignore"):  # as above
+                    found[rows, own.axes] = own.table.some(nodes[rows] - own.start)
         return found
 
     def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:

@@ -53,7 +53,7 @@ def sdm(capsys, monkeypatch, tmp_path):
         (["quality", "missing.vtu"], "missing.vtu is not a file"),
         (["limit", "aileron", "--quality", "2"], "--quality 2 must be between 0 and 1"),
         (["limit", "aileron", "--resolution", "nan"], "--resolution nan must be between 0 and 30"),
-        (["export", "runs/aileron", "--format", "fluent"], "'fluent' is not one of 'su2', 'cgns', 'gmsh'"),
+        (["export", "runs/aileron", "--format", "fluent"], "'fluent' is not one of 'cgns', 'gmsh', 'openfoam'"),
         (["study", "table5"], "table5"),
         (["validate", "nowhere"], "nowhere is not the output folder of a run"),
         (["fly"], "fly"),

@@ -100,7 +100,7 @@ def test_nothing_is_overwritten_and_nothing_is_left_behind(run, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--format", "stl"], "'stl' is not one of 'su2', 'cgns', 'gmsh', 'ugrid', 'tau', 'vtu', 'openfoam'"),
+        (["--format", "stl"], "'stl' is not one of 'cgns', 'gmsh', 'openfoam', 'su2', 'tau', 'ugrid', 'vtu'"),
         (["--format", "su2", "--which", "bent"], "'bent' is not one of 'deflected', 'undeflected'"),
     ],
 )

@@ -297,7 +297,7 @@ def put(path: Path, block: int, row: int, values) -> None:
 
 def put_point(path: Path, value: float) -> None:
     with in_pieces(path) as found:
-        put_row(found.pieces.ranges[0].tables[0], 7, lambda own: np.full_like(own, value))
+        put_row(found.pieces.ranges[0].table, 7, lambda own: np.full_like(own, value))
 
 
 def put_row(table: tables.Table, row: int, values) -> None:

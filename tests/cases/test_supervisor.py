@@ -21,7 +21,8 @@ def begun(work: str, ignored: tuple[signal.Signals, ...] = ()) -> "subprocess.Po
     script = f"""
 import ctypes, os, sys, time
 from pathlib import Path
-from sdm_deflect.cases import cli, supervisor
+from sdm_deflect.cases import cli
+from sdm_deflect.cases.cli import supervisor
 from sdm_deflect.meshing.files.watchers import watchers
 
 def work():

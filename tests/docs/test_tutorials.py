@@ -49,7 +49,8 @@ def test_a_notebook_is_one_and_needs_no_more_than_the_package(page):
     nbformat.validate(notebook)
     assert not [cell for cell in notebook.cells if "```{" in cell.source]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    known = {re.split(r"[^\w-]", need)[0] for need in project["dependencies"]}
+    needs = [*project["dependencies"], *(need for lines in project["optional-dependencies"].values() for need in lines)]
+    known = {re.split(r"[^\w-]", need)[0] for need in needs}
     known |= {"sdm_deflect", *sys.stdlib_module_names}
     wanted = {name for cell in code(page) for name in imported(cell.source)}
     assert {MODULES.get(name, name) for name in wanted} <= known
