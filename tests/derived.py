@@ -1,4 +1,4 @@
-"""What is written out of the schema of settings: the types of keywords, and the guide's table. Write them anew by
+"""What is written out of the schema of settings: the types of keywords, and the guide's table. Write them again by
 
 python -m tests.derived
 """

@@ -1,1 +1,1 @@
-"""`python -m studies flow`: the flow on a deflected mesh beside that on meshes made anew around the deflected CAD."""
+"""`python -m studies flow`: the flow on a deflected mesh beside that on new meshes around the deflected CAD."""
