@@ -4,10 +4,10 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.base.vectors import Vector, cross, dot, minus, norm, plus, row_of
 
 TINY = 1e-150
 """OpenFOAM adds this to divisors that may be 0, and takes a face of a smaller area for one of no area."""
-Vector = tuple[float, float, float]
 
 
 @compiled_exactly
@@ -19,21 +19,34 @@ def measure_faces(
     `spans` (F, 2) says where the nodes of each begin and end.
     """
     for i in range(len(spans)):
-        start, end = spans[i, 0], spans[i, 1]
-        mean = (0.0, 0.0, 0.0)
-        for k in range(start, end):
-            mean = _plus(mean, 1.0 / (end - start), _row(points, nodes[k], 0))
-        normal, moment, weight = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
-        for k in range(start, end):
-            a, b = _row(points, nodes[k], 0), _row(points, nodes[k + 1 if k + 1 < end else start], 0)
-            n = _cross(_minus(b, a), _minus(mean, a))
-            size = _size(n)
-            normal, weight = _plus(normal, 1.0, n), weight + size
-            moment = _plus(moment, size, _plus(_plus(a, 1.0, b), 1.0, mean))
-        flat = weight < TINY
+        centre, area = face_centre(points, nodes, spans[i, 0], spans[i, 1])
         for c in range(3):
-            faces[i, c] = mean[c] if flat else moment[c] / (3.0 * weight)
-            faces[i, 3 + c] = 0.0 if flat else 0.5 * normal[c]
+            faces[i, c], faces[i, 3 + c] = centre[c], area[c]
+
+
+@compiled_exactly
+def face_centre(
+    points: FloatArray, nodes: IntArray, start: int, end: int
+) -> tuple[Vector, Vector]:  # pragma: no cover - machine code
+    """Return centre and area vector of the face of nodes start to end - 1.
+
+    Lengths are taken from the mean corner, so that thin faces far from the origin lose no digits.
+    """
+    mean = (0.0, 0.0, 0.0)
+    for k in range(start, end):
+        mean = plus(mean, 1.0, row_of(points, nodes[k], 0))
+    mean = plus((0.0, 0.0, 0.0), 1.0 / (end - start), mean)
+    area, moment, weight = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
+    a = minus(row_of(points, nodes[end - 1], 0), mean)
+    for k in range(start, end):
+        b = minus(row_of(points, nodes[k], 0), mean)
+        normal = cross(a, b)
+        size = norm(normal)
+        area, weight = plus(area, 0.5, normal), weight + size
+        moment = plus(moment, size, plus(a, 1.0, b))
+        a = b
+    centre = mean if weight < TINY else plus(mean, 1.0 / (3.0 * weight), moment)
+    return centre, area if weight >= TINY else (0.0, 0.0, 0.0)
 
 
 @compiled_exactly
@@ -61,6 +74,21 @@ def measure_cells(
 
 
 @compiled_exactly
+def smallest_pyramids(
+    owner: IntArray, neighbour: IntArray, faces: FloatArray, cells: FloatArray, smallest: FloatArray
+) -> None:  # pragma: no cover - machine code
+    """Fill in the volume (C,) of the smallest pyramid of each cell, on one of its faces with the tip at its centre."""
+    smallest[:] = np.inf
+    for i in range(len(owner)):
+        for k in range(2 if i < len(neighbour) else 1):
+            cell = neighbour[i] if k else owner[i]
+            if cell >= 0:
+                height = minus(row_of(faces, i, 0), row_of(cells, cell, 0))
+                volume = (1.0 - 2.0 * k) * dot(row_of(faces, i, 3), height) / 3.0
+                smallest[cell] = min(smallest[cell], volume)
+
+
+@compiled_exactly
 def _add_areas(
     side: IntArray, sign: float, faces: FloatArray, means: FloatArray, cells: FloatArray
 ) -> None:  # pragma: no cover - machine code
@@ -83,7 +111,7 @@ def _add_volumes(
     for i in range(len(side)):
         cell = side[i]
         if cell >= 0:
-            volume = sign * _dot(_row(faces, i, 3), _minus(_row(faces, i, 0), _row(means, cell, 0)))
+            volume = sign * dot(row_of(faces, i, 3), minus(row_of(faces, i, 0), row_of(means, cell, 0)))
             cells[cell, 3] += volume
             for c in range(3):
                 cells[cell, c] += volume * (0.75 * faces[i, c] + 0.25 * means[cell, c])
@@ -108,20 +136,20 @@ def judge_faces(
     """
     for i in range(len(sides)):
         face, ahead = sides[i, 0], sides[i, 2]
-        behind, centre, area = _row(cells, sides[i, 1], 0), _row(faces, face, 0), _row(faces, face, 3)
-        off, size = _minus(centre, behind), _size(area)
+        behind, centre, area = row_of(cells, sides[i, 1], 0), row_of(faces, face, 0), row_of(faces, face, 3)
+        off, size = minus(centre, behind), norm(area)
         if ahead >= 0:
-            line, least = _minus(_row(cells, ahead, 0), behind), 0.2
-            judged[i, 0] = _dot(line, area) / (_size(line) * size + TINY)
+            line, least = minus(row_of(cells, ahead, 0), behind), 0.2
+            judged[i, 0] = dot(line, area) / (norm(line) * size + TINY)
         else:
-            normal = _plus((0.0, 0.0, 0.0), 1.0 / (size + TINY), area)
-            line, least = _plus((0.0, 0.0, 0.0), _dot(normal, off), normal), 0.4
+            normal = plus((0.0, 0.0, 0.0), 1.0 / (size + TINY), area)
+            line, least = plus((0.0, 0.0, 0.0), dot(normal, off), normal), 0.4
             judged[i, 0] = 1.0
-        skew = _plus(off, -_dot(area, off) / (_dot(area, line) + TINY), line)
-        distance, extent = _size(skew), least * _size(line) + TINY
+        skew = plus(off, -dot(area, off) / (dot(area, line) + TINY), line)
+        distance, extent = norm(skew), least * norm(line) + TINY
         for k in range(spans[face, 0], spans[face, 1]):
-            arm = _minus(_row(points, nodes[k], 0), centre)
-            extent = max(extent, abs(_dot(skew, arm)) / (distance + TINY))
+            arm = minus(row_of(points, nodes[k], 0), centre)
+            extent = max(extent, abs(dot(skew, arm)) / (distance + TINY))
         judged[i, 1], judged[i, 2] = distance / extent, size
 
 
@@ -143,33 +171,3 @@ def judge_cells(
         if solid:
             aspect = max(aspect, total / (6.0 * max(cells[cell, 3], TINY) ** (2.0 / 3.0)))
         judged[i, 0], judged[i, 1] = aspect, openness
-
-
-@compiled_exactly
-def _row(values: FloatArray, i: int, first: int) -> Vector:  # pragma: no cover - machine code
-    return values[i, first], values[i, first + 1], values[i, first + 2]
-
-
-@compiled_exactly
-def _minus(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@compiled_exactly
-def _plus(a: Vector, factor: float, b: Vector) -> Vector:  # pragma: no cover - machine code
-    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
-
-
-@compiled_exactly
-def _dot(a: Vector, b: Vector) -> float:  # pragma: no cover - machine code
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@compiled_exactly
-def _cross(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@compiled_exactly
-def _size(a: Vector) -> float:  # pragma: no cover - machine code
-    return float(np.sqrt(_dot(a, a)))

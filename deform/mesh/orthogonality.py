@@ -15,11 +15,12 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.threads import in_chunks
-from sdm_deflect.deform.mesh.compiled_faces import judge_cells, judge_faces, measure_cells, measure_faces
+from sdm_deflect.deform.mesh.compiled_faces import judge_cells, judge_faces
 from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of, rows_of
 from sdm_deflect.deform.mesh.faces import face_keys, node_keys
 from sdm_deflect.deform.mesh.images import THIN, is_thin
 from sdm_deflect.deform.mesh.mesh import Mesh, Periodic, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.polyhedra import PARTS, ROWS, WEIGHT, measured_cells, spans_of
 from sdm_deflect.deform.mesh.quality import oriented
 from sdm_deflect.deform.mesh.touched import TouchedCells
 
@@ -32,10 +33,6 @@ NO_AREA = 1e-300
 """It finds fault with a face of a smaller area."""
 LARGEST_ANGLE = 85.0
 """Non-orthogonality (degrees) up to which a deflected mesh passes, unless it had a larger one before."""
-WEIGHT = 40
-"""Work on one face in kernel pairs, by which `in_chunks` shares it out."""
-ROWS, PARTS = 1 << 18, 8
-"""Cells measured at a time, so that temporaries stay small; but in so many parts at most: each looks at all faces."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +221,7 @@ class Ring:
         needed, count = _faces_of(cells, near), int(np.count_nonzero(near))
         place = np.where(near, np.cumsum(near) - 1, -1)
         owner, neighbour = place[cells.owner[needed]], place[cells.neighbour[needed[: len(cells.neighbour)]]]
-        spans = np.column_stack([cells.faces.offsets[:-1][needed], cells.faces.offsets[1:][needed]])
+        spans = spans_of(cells.faces, needed)
         faces, numbers = np.flatnonzero(wanted[needed]), np.flatnonzero(wanted)
         ahead, inner = np.full(len(faces), -1), np.searchsorted(faces, len(neighbour))
         ahead[:inner] = neighbour[faces[:inner]]
@@ -237,19 +234,13 @@ class Ring:
 
     def measured(self, points: FloatArray) -> State:
         """Measure the faces and cells that are meant, with the nodes at points (N, 3)."""
-        pairs, faces, judged = self.couples, np.empty((len(self.spans), 6)), np.empty((len(self.sides), 3))
-        cells, of_cells = np.empty((self.count + len(pairs.faces), 10)), np.empty((len(self.rows), 2))
-
-        def measure(low: int, high: int) -> None:
-            measure_faces(points, self.nodes, self.spans[low:high], faces[low:high])
+        pairs, judged, of_cells = self.couples, np.empty((len(self.sides), 3)), np.empty((len(self.rows), 2))
+        count = self.count + len(pairs.faces)
+        faces, cells = measured_cells(points, self.nodes, self.spans, self.owner, self.neighbour, self.sign, count)
 
         def judge(low: int, high: int) -> None:
             judge_faces(points, self.nodes, self.spans, faces, cells, self.sides[low:high], judged[low:high])
 
-        in_chunks(measure, len(self.spans), WEIGHT)
-        if self.sign < 0.0:
-            faces[:, 3:] *= -1.0
-        measure_cells(self.owner, self.neighbour, faces, cells[: self.count])
         centres = cells[pairs.partners, :3]
         cells[self.count :, :3] = np.einsum("kij,kj->ki", pairs.rotations, centres) + pairs.shifts
         in_chunks(judge, len(self.sides), WEIGHT)

@@ -11,15 +11,19 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.sets import union
-from sdm_deflect.deform.mesh.edges import edges_of, polygons_of, rows_of
+from sdm_deflect.deform.base.threads import in_chunks
+from sdm_deflect.deform.mesh.compiled_faces import measure_cells, measure_faces, smallest_pyramids
+from sdm_deflect.deform.mesh.edges import polygons_of, rows_of
 from sdm_deflect.deform.mesh.mesh import Polygons, Polyhedra
 from sdm_deflect.deform.mesh.parts import taken
 
 SMALLEST_PYRAMID = -1e-15
 """checkMesh finds fault with a face pyramid of a smaller volume, in the mesh's unit of length cubed."""
 TINY = np.finfo(np.float64).tiny
-ROWS, PARTS = 1 << 14, 16
+ROWS, PARTS = 1 << 18, 8
 """Cells measured at a time, so that temporaries stay small; but in so many parts at most: each looks at all faces."""
+WEIGHT = 40
+"""Work on one face in kernel pairs, by which `in_chunks` shares it out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,46 +62,63 @@ def pyramids_of(
         -1 if the normals of the faces point into their owners, else 1.
     """
     some = np.arange(len(cells)) if rows is None else rows
-    parts = [
-        _measured(points, cells, some[part], orientation)
-        for part in rows_of(len(some), max(ROWS, -(-len(some) // PARTS)))
-    ]
-    smallest, volume = (
-        np.concatenate([np.empty(0), *(getattr(part, name) for part in parts)]) for name in ("smallest", "volume")
-    )
+    smallest, volume = np.empty((2, len(some)))
+    for part in rows_of(len(some), max(ROWS, -(-len(some) // PARTS))):
+        numbers, owner, neighbour = sides_of(cells, some[part])
+        spans = spans_of(cells.faces, numbers)
+        faces, measured = measured_cells(
+            points, cells.faces.nodes, spans, owner, neighbour, orientation, len(some[part])
+        )
+        smallest_pyramids(owner, neighbour, faces, measured, smallest[part])
+        volume[part] = measured[:, 3]
     return Pyramids(smallest, volume)
 
 
-def _measured(points: FloatArray, cells: Polyhedra, rows: IntArray, orientation: float) -> Pyramids:
-    faces, face, cell, sign = _sides(cells, rows)
-    count = len(rows)
-    centres, areas = face_centres_and_areas(points, faces)
-    centre, area = centres[face], (orientation * sign)[:, None] * areas[face]
-    estimate = _sums(cell, centre, count) / np.maximum(np.bincount(cell, minlength=count), 1)[:, None]
-    volume = _dots(area, centre - estimate[cell]) / 3.0
-    volumes = _sums(cell, volume, count)
-    moments = _sums(cell, volume[:, None] * (0.75 * centre + 0.25 * estimate[cell]), count)
-    solid = np.abs(volumes) > TINY
-    middle = np.where(solid[:, None], moments / np.where(solid, volumes, 1.0)[:, None], estimate)
-    smallest = np.full(count, np.inf)
-    np.minimum.at(smallest, cell, _dots(area, centre - middle[cell]) / 3.0)
-    return Pyramids(smallest, volumes)
+def measured_cells(
+    points: FloatArray,
+    nodes: IntArray,
+    spans: IntArray,
+    owner: IntArray,
+    neighbour: IntArray,
+    orientation: float,
+    count: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Return what `measure_faces` says of faces (F, 6), and `measure_cells` of so many cells (C, 10)."""
+    faces, cells = np.empty((len(spans), 6)), np.empty((count, 10))
+
+    def measure(low: int, high: int) -> None:
+        measure_faces(points, nodes, spans[low:high], faces[low:high])
+
+    in_chunks(measure, len(spans), WEIGHT)
+    if orientation < 0.0:
+        faces[:, 3:] *= -1.0
+    measure_cells(owner, neighbour, faces, cells)
+    return faces, cells
 
 
 def face_centres_and_areas(points: FloatArray, faces: Polygons) -> tuple[FloatArray, FloatArray]:
     """Return the centres (F, 3) and area vectors (F, 3) of faces, cut into triangles around their mean corner."""
-    if not len(faces):
-        return np.empty((0, 3)), np.empty((0, 3))
-    edges, face = edges_of(faces)
-    starts = faces.offsets[:-1]
-    first, second = points[edges[:, 0]], points[edges[:, 1]]
-    mean = np.add.reduceat(first, starts, axis=0) / np.diff(faces.offsets)[:, None]
-    normals = np.cross(second - first, mean[face] - first)
-    weights = np.linalg.norm(normals, axis=1)
-    weight = np.add.reduceat(weights, starts)[:, None]
-    moments = np.add.reduceat(weights[:, None] * (first + second + mean[face]), starts, axis=0)
-    centres = np.where(weight > TINY, moments / (3.0 * np.maximum(weight, TINY)), mean)
-    return centres, 0.5 * np.add.reduceat(normals, starts, axis=0)
+    out = np.empty((len(faces), 6))
+    measure_faces(points, faces.nodes, spans_of(faces, slice(None)), out)
+    return out[:, :3], out[:, 3:]
+
+
+def sides_of(cells: Polyhedra, rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Return the faces (F,) of rows of cells, and the cells behind (F,) and ahead (I,) of them.
+
+    Cells are counted as the rows are, -1 for all others; the first faces have a neighbour.
+    """
+    place = np.full(len(cells), -1, dtype=np.intp)
+    place[rows] = np.arange(len(rows))
+    owner, neighbour = place[cells.owner], place[cells.neighbour]
+    wanted = owner >= 0
+    wanted[: len(neighbour)] |= neighbour >= 0
+    return np.flatnonzero(wanted), owner[wanted], neighbour[wanted[: len(neighbour)]]
+
+
+def spans_of(faces: Polygons, rows: IntArray | BoolArray | slice) -> IntArray:
+    """Return where the nodes of some faces begin and end (F, 2)."""
+    return np.column_stack([faces.offsets[:-1][rows], faces.offsets[1:][rows]])
 
 
 def corner_edges(cells: Polyhedra, rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
@@ -186,27 +207,8 @@ def _padded(cells: Polyhedra) -> IntArray:
 
 def _sides(cells: Polyhedra, rows: IntArray) -> tuple[Polygons, IntArray, IntArray, FloatArray]:
     """Return the faces of the rows, and for each side of one of them its face, its row and the sign of its normal."""
-    place = np.full(len(cells), -1, dtype=np.intp)
-    place[rows] = np.arange(len(rows))
-    inner = len(cells.neighbour)
-    own, other = place[cells.owner], place[cells.neighbour]
-    wanted = own >= 0
-    wanted[:inner] |= other >= 0
-    own, other = own[wanted], other[wanted[:inner]]
-    behind, front = np.flatnonzero(own >= 0), np.flatnonzero(other >= 0)
+    numbers, owner, neighbour = sides_of(cells, rows)
+    behind, front = np.flatnonzero(owner >= 0), np.flatnonzero(neighbour >= 0)
     sign = np.repeat([1.0, -1.0], [len(behind), len(front)])
-    sizes = np.diff(cells.faces.offsets)
-    nodes = cells.faces.nodes[np.repeat(wanted, sizes)]
-    faces = Polygons(nodes, np.concatenate([[0], np.cumsum(sizes[wanted])]).astype(np.intp))
-    return faces, np.concatenate([behind, front]), np.concatenate([own[behind], other[front]]), sign
-
-
-def _sums(cell: IntArray, values: FloatArray, count: int) -> FloatArray:
-    """Add up values (K,) or (K, 3) by cell (K,)."""
-    columns = values.reshape(len(values), -1).T
-    sums = [np.bincount(cell, weights=column, minlength=count) for column in columns]
-    return np.asarray(np.column_stack(sums).reshape(count, *values.shape[1:]), dtype=np.float64)
-
-
-def _dots(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("ij,ij->i", a, b))
+    cell = np.concatenate([owner[behind], neighbour[front]])
+    return taken(cells.faces, numbers), np.concatenate([behind, front]), cell, sign

@@ -13,15 +13,15 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.base.vectors import cross, dot, minus, norm, plus, row_of
+from sdm_deflect.deform.mesh.compiled_faces import face_centre
 from sdm_deflect.deform.mesh.mesh import Polygons, Polyhedra
-from sdm_deflect.deform.mesh.parts import taken
-from sdm_deflect.deform.mesh.polyhedra import TINY, touching
+from sdm_deflect.deform.mesh.polyhedra import TINY, measured_cells, sides_of, spans_of, touching
 
 CONSERVED = 1e-12
 """Largest gap between what the faces of a cell sweep and how its volume changes, as a share of what is added up."""
 ROUNDED = np.finfo(np.float64).eps / CONSERVED
 """Share of the products of lengths, of which flat cells' volumes are differences, that counts as added up, too."""
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,11 +79,6 @@ def swept_volumes(faces: Polygons, before: FloatArray, after: FloatArray, moved:
     return out
 
 
-def volumes_of(cells: Polyhedra, points: FloatArray, rows: IntArray | None = None) -> FloatArray:
-    """Return the volume of all cells (C,), or of R rows of them, as `polyhedra.pyramids_of` does."""
-    return _measured(cells, points, np.arange(len(cells)) if rows is None else rows)[0]
-
-
 def gained(cells: Polyhedra, swept: FloatArray) -> FloatArray:
     """Return the sum (C,) of what the faces of each cell sweep (F,): its owner's plus, its neighbour's minus."""
     owned, other = _by_side(cells, swept)
@@ -92,13 +87,12 @@ def gained(cells: Polyhedra, swept: FloatArray) -> FloatArray:
 
 def _measured(cells: Polyhedra, points: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
     """Volume (R,) of some cells, and the products of lengths of which it is a sum: some cubes of their widths."""
-    place, sides = np.full(len(cells), -1, dtype=np.intp), np.full((len(cells.faces), 2), -1, dtype=np.intp)
-    place[rows] = np.arange(len(rows))
-    sides[:, 0], sides[: len(cells.neighbour), 1] = place[cells.owner], place[cells.neighbour]
-    wanted = np.flatnonzero((sides >= 0).any(axis=1))
-    faces, sides = taken(cells.faces, wanted), sides[wanted]
-    tips = _middles(points, faces.nodes, faces.offsets, sides, len(rows))
-    return _pyramids(points, faces.nodes, faces.offsets, sides, tips)
+    numbers, owner, neighbour = sides_of(cells, rows)
+    spans, cubes = spans_of(cells.faces, numbers), np.zeros(len(rows))
+    faces, measured = measured_cells(points, cells.faces.nodes, spans, owner, neighbour, 1.0, len(rows))
+    _add_cubes(points, cells.faces.nodes, spans, owner, faces, measured, cubes)
+    _add_cubes(points, cells.faces.nodes, spans, neighbour, faces, measured, cubes)
+    return measured[:, 3], cubes
 
 
 def _by_side(cells: Polyhedra, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -114,100 +108,38 @@ def _sweep(
 ) -> None:  # pragma: no cover - machine code
     """Fill in what faces with a marked node sweep."""
     for f in range(len(out)):
-        face = nodes[offsets[f] : offsets[f + 1]]
-        if not moved[face].any():
+        start, end = offsets[f], offsets[f + 1]
+        if not moved[nodes[start:end]].any():
             continue
-        old, new = _centre(before, face)[0], _centre(after, face)[0]
-        total, way = 0.0, _less(new, old)
-        for i in range(len(face)):
-            a, b = face[i - 1], face[i]
-            u0, u1 = _less(_at(before, a), old), _less(_at(after, a), new)
-            v0, v1 = _less(_at(before, b), old), _less(_at(after, b), new)
-            steps = _plus(way, _plus(_less(_at(after, a), _at(before, a)), _less(_at(after, b), _at(before, b))))
-            mean = _dot(steps, _cross(_plus(u0, u1), _plus(v0, v1)))
-            total += (3.0 * mean + _dot(steps, _cross(_less(u1, u0), _less(v1, v0)))) / 72.0
+        old, new = face_centre(before, nodes, start, end)[0], face_centre(after, nodes, start, end)[0]
+        total, way = 0.0, minus(new, old)
+        a0, a1 = row_of(before, nodes[end - 1], 0), row_of(after, nodes[end - 1], 0)
+        for k in range(start, end):
+            b0, b1 = row_of(before, nodes[k], 0), row_of(after, nodes[k], 0)
+            u0, u1, v0, v1 = minus(a0, old), minus(a1, new), minus(b0, old), minus(b1, new)
+            steps = plus(way, 1.0, plus(minus(a1, a0), 1.0, minus(b1, b0)))
+            mean = dot(steps, cross(plus(u0, 1.0, u1), plus(v0, 1.0, v1)))
+            total += (3.0 * mean + dot(steps, cross(minus(u1, u0), minus(v1, v0)))) / 72.0
+            a0, a1 = b0, b1
         out[f] = total
 
 
 @compiled_exactly
-def _middles(
-    points: FloatArray, nodes: IntArray, offsets: IntArray, sides: IntArray, count: int
-) -> FloatArray:  # pragma: no cover - machine code
-    """Mean (R, 3) of the centres of each cell's faces; `sides` (F, 2) are the cells behind and before each, or -1."""
-    sums, faces = np.zeros((count, 3)), np.zeros((count, 1))
-    for f in range(len(sides)):
-        centre, _ = _centre(points, nodes[offsets[f] : offsets[f + 1]])
-        for cell in sides[f]:
-            if cell >= 0:
-                faces[cell, 0] += 1.0
-                for k in range(3):
-                    sums[cell, k] += centre[k]
-    return sums / faces
-
-
-@compiled_exactly
-def _pyramids(
-    points: FloatArray, nodes: IntArray, offsets: IntArray, sides: IntArray, tips: FloatArray
-) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - machine code
-    """Volume (R,) of each cell, that of the pyramids on its faces, and the products of lengths that are in it."""
-    volumes, cubes = np.zeros((2, len(tips)))
-    for f in range(len(sides)):
-        face = nodes[offsets[f] : offsets[f + 1]]
-        centre, area = _centre(points, face)
-        square = 0.0
-        for node in face:
-            arm = _less(_at(points, node), centre)
-            square += _dot(arm, arm)
-        for k in range(2):
-            cell = sides[f, k]
-            if cell >= 0:
-                height = _less(centre, _at(tips, cell))
-                volumes[cell] += (1.0 - 2.0 * k) * _dot(area, height) / 3.0
-                cubes[cell] += square * np.sqrt(_dot(height, height)) / 3.0
-    return volumes, cubes
-
-
-@compiled_exactly
-def _centre(points: FloatArray, face: IntArray) -> tuple[Vector, Vector]:  # pragma: no cover - machine code
-    """Centre and area vector of a face: see `polyhedra.face_centres_and_areas`."""
-    x, y, z, size = 0.0, 0.0, 0.0, 1.0 / len(face)
-    for node in face:
-        x, y, z = x + points[node, 0], y + points[node, 1], z + points[node, 2]
-    mean = x * size, y * size, z * size
-    weight, moment, area = 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for i in range(len(face)):
-        a, b = _less(_at(points, face[i - 1]), mean), _less(_at(points, face[i]), mean)
-        normal = _cross(a, b)
-        own = np.sqrt(_dot(normal, normal))
-        weight, area, arm = weight + own, _plus(area, normal), _plus(a, b)
-        moment = _plus(moment, (own * arm[0], own * arm[1], own * arm[2]))
-    area = 0.5 * area[0], 0.5 * area[1], 0.5 * area[2]
-    if weight <= TINY:
-        return mean, area
-    share = 1.0 / (3.0 * weight)
-    return _plus(mean, (share * moment[0], share * moment[1], share * moment[2])), area
-
-
-@compiled_exactly
-def _at(points: FloatArray, node: int) -> Vector:  # pragma: no cover - machine code
-    return points[node, 0], points[node, 1], points[node, 2]
-
-
-@compiled_exactly
-def _plus(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@compiled_exactly
-def _less(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@compiled_exactly
-def _cross(a: Vector, b: Vector) -> Vector:  # pragma: no cover - machine code
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@compiled_exactly
-def _dot(a: Vector, b: Vector) -> float:  # pragma: no cover - machine code
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _add_cubes(
+    points: FloatArray,
+    nodes: IntArray,
+    spans: IntArray,
+    side: IntArray,
+    faces: FloatArray,
+    cells: FloatArray,
+    cubes: FloatArray,
+) -> None:  # pragma: no cover - machine code
+    """Add the products of lengths that are in the pyramids of the cells (C,) on a side of the faces."""
+    for f in range(len(side)):
+        cell, square = side[f], 0.0
+        if cell >= 0:
+            centre = row_of(faces, f, 0)
+            for k in range(spans[f, 0], spans[f, 1]):
+                arm = minus(row_of(points, nodes[k], 0), centre)
+                square += dot(arm, arm)
+            cubes[cell] += square * norm(minus(centre, row_of(cells, cell, 0))) / 3.0

@@ -14,7 +14,8 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Polyhedra
-from sdm_deflect.deform.mesh.swept import Swept, volumes_of
+from sdm_deflect.deform.mesh.polyhedra import pyramids_of
+from sdm_deflect.deform.mesh.swept import Swept
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.openfoam import OpenFoam, case_folder, has_parts, mesh_folder
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch, open_foam, parse, vectors
@@ -138,7 +139,7 @@ def write_face_sweeps(case: Path, times: Times, progress: Progress = silent) -> 
     cells, patches = _faces_of(case)
     names, values = times.names, times.values
     after = read_points(case, names[0])
-    volumes = volumes_of(cells, after)
+    volumes = pyramids_of(after, cells).volume
     found = []
     for i in range(1, len(names)):
         progress(f"time {names[i]}", i / len(names))

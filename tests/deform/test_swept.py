@@ -7,7 +7,7 @@ import pytest
 
 from sdm_deflect.deform.mesh.mesh import Polygons, Polyhedra
 from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas, pyramids_of
-from sdm_deflect.deform.mesh.swept import CONSERVED, Swept, gained, swept_volumes, volumes_of
+from sdm_deflect.deform.mesh.swept import CONSERVED, Swept, gained, swept_volumes
 from sdm_deflect.deform.volume.deflection import Plan, sweep
 from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.jobs import blended, job, turn
@@ -107,16 +107,6 @@ def test_a_wrong_sign_or_side_is_a_gap(wrong):
         faces *= 0.5
     change = pyramids_of(one.points, cells).volume - pyramids_of(mesh.points, cells).volume
     assert np.abs(gained(sides, faces) - change).max() > 1e6 * np.abs(good.gaps).max() > 0.0
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_volumes_are_those_that_judge_cells(shape):
-    mesh = body_in(shape, 6)
-    cells, points = bounded(mesh).cells, turn(mesh).points
-    expected = pyramids_of(points, cells).volume
-    np.testing.assert_allclose(volumes_of(cells, points), expected, rtol=1e-13)
-    rows = np.random.default_rng(5).permutation(len(cells))[:50]
-    np.testing.assert_array_equal(volumes_of(cells, points, rows), volumes_of(cells, points)[rows])
 
 
 def test_a_face_that_is_carried_along_sweeps_its_area_times_the_way():
