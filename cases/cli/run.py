@@ -254,5 +254,7 @@ def study(words: tuple[str, ...]) -> int:
         from studies.__main__ import study as studies
     except ModuleNotFoundError:
         raise click.ClickException("studies are run in a clone of the project: python -m studies --help") from None
+    if not words:
+        raise click.UsageError(f"name a study: {', '.join(studies.commands)}")
     code: int = studies(words, prog_name="sdm study", standalone_mode=False)
     return code

@@ -19,6 +19,8 @@ from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Periodic
 
 TOLERANCE = 1e-5
 """Default distance of a node from an image, as a share of the largest coordinate of both: files with six digits."""
+LARGEST = 1e100
+"""Products of larger coordinates are no numbers."""
 SNAP = 1e-6
 """An axis nearer to a coordinate axis than this is that axis, so that the coordinate along it keeps its bits."""
 RigidMotion = tuple[FloatArray, FloatArray]
@@ -141,6 +143,8 @@ def fitted(
         raise InputError(f"periodic pair {name}: a node has two images")
     allowed = tolerance(points, *nodes.T) if allowed is None else allowed
     here, there = points[nodes[:, 0]], points[nodes[:, 1]]
+    if (largest := max(np.abs(here).max(), np.abs(there).max())) > LARGEST:
+        raise InputError(f"periodic pair {name}: its nodes lie at up to {largest:.3g}; {LARGEST:g} is the limit")
     centre, target = here.mean(axis=0), there.mean(axis=0)
     rotation = np.eye(3)
     if np.abs(there - here - (target - centre)).max() > allowed:

@@ -185,7 +185,8 @@ def whole_points(points: Sequence[FloatArray], places: Sequence[IntArray]) -> Fl
     count = _count(index, "points")
     found = np.empty((count, 3))
     found[index[::-1]] = given[::-1]  # that of the first part remains
-    apart = np.abs(found[index] - given).max(axis=1, initial=0.0)
+    with np.errstate(invalid="ignore"):  # coordinates that are not finite are refused with the mesh
+        apart = np.abs(found[index] - given).max(axis=1, initial=0.0)
     if far := np.count_nonzero(apart > APART * np.abs(given).max(initial=0.0)):
         raise MeshFileError(f"{far} points that parts share lie up to {apart.max():.3g} apart; {FIT}")
     return found

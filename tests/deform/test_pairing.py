@@ -90,6 +90,9 @@ def test_what_does_not_match_is_refused_in_a_sentence() -> None:
         matched(moved, patches, still)
     with pytest.raises(InputError, match=r"no rigid motion leads to all images, the best one is 0\.0"):
         fitted(moved, "p", ("left", "right"), pairs)
+    moved[pairs[7, 1]] = 1e200
+    with pytest.raises(InputError, match=r"its nodes lie at up to 1e\+200; 1e\+100 is the limit"):
+        fitted(moved, "p", ("left", "right"), pairs)
     with pytest.raises(InputError, match="a node has two images"):
         fitted(points, "p", ("left", "right"), pairs[[0, 0]])
     points[pairs[3, 0]] = points[pairs[4, 0]]

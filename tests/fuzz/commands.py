@@ -180,7 +180,10 @@ def made_options(random: Random, known: Sequence[Input]) -> Input:
 
 def option(random: Random, command: click.Command) -> list[str]:
     """Return a random option of a command with as many values as it takes, mostly."""
-    one = random.choice([param for param in command.params if isinstance(param, click.Option)])
+    options = [param for param in command.params if isinstance(param, click.Option)]
+    if not options:
+        return [random.choice(TEXTS)]
+    one = random.choice(options)
     name = random.choice((*one.opts, *one.secondary_opts))
     count = 0 if one.is_flag else one.nargs
     return [name, *(random.choice(TEXTS) for _ in range(count if random.random() < 0.95 else count + 1))]

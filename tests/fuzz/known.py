@@ -355,6 +355,7 @@ def options(sound: Sound) -> Iterator[Input]:
     ):
         yield Input(files, (*words, "-q"))
     yield Input(files, ("report", "x" * 5000, "-q"))
+    yield Input(files, ("study",))
 
 
 def settings(sound: Sound) -> Iterator[Input]:
