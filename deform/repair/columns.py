@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.base.vectors import dot, minus, norm, plus, row_of
 from sdm_deflect.deform.mesh.touched import TouchedCells, layers
 
 
@@ -45,64 +46,71 @@ class Columns:
         return np.flatnonzero(mark)
 
 
-class Level(NamedTuple):
-    """Nodes of one layer: rows (K,), those of the nodes below (-1: one that stays, at `fixed`), arms (K, 3) between."""
-
-    rows: IntArray
-    below: IntArray
-    fixed: FloatArray
-    arms: FloatArray
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Heights:
-    """The heights of layers, kept while nodes of them move.
+    """The heights of layers, kept while K nodes of them move; from the wall outwards.
 
     Attributes
     ----------
-    levels : from the wall outwards.
+    rows, below : (K,) rows of the nodes, and of those below them; -1 for one that stays.
+    fixed : (K, 3) where the nodes below are if they stay.
+    arms : (K, 3) from the nodes below to the nodes, to begin with.
     """
 
-    levels: tuple[Level, ...] = field(repr=False)
+    rows: IntArray = field(repr=False)
+    below: IntArray = field(repr=False)
+    fixed: FloatArray = field(repr=False)
+    arms: FloatArray = field(repr=False)
 
     @classmethod
     def of(cls, columns: Columns, points: FloatArray, nodes: IntArray) -> Heights:
         """Take the heights over nodes (U,) that move, at points (N, 3)."""
         place = np.full(len(points), -1, dtype=np.intp)
         place[nodes] = np.arange(len(nodes))
-        levels = []
-        for pairs in columns.levels:
-            above, below = pairs[place[pairs[:, 0]] >= 0].T
-            if len(above):
-                levels.append(Level(place[above], place[below], points[below], points[above] - points[below]))
-        return cls(tuple(levels))
+        pairs = np.concatenate([np.empty((0, 2), dtype=np.intp), *columns.levels])
+        above, below = pairs[place[pairs[:, 0]] >= 0].T
+        return cls(place[above], place[below], points[below], points[above] - points[below])
 
-    def keep(self, places: FloatArray) -> list[FloatArray]:
-        """Move places (U, 3) along the line from the node below; return the arms (K, 3) of each level before.
+    def keep(self, places: FloatArray) -> FloatArray:
+        """Move places (U, 3) along the line from the node below; return the arms (K, 3) before.
 
         Nodes whose arm is as it was keep their bits.
         """
-        arms = []
-        for one in self.levels:
-            foot = np.where((one.below >= 0)[:, None], places[one.below], one.fixed)
-            arm = places[one.rows] - foot
-            moved = np.any(arm != one.arms, axis=1)
-            places[one.rows[moved]] = (foot + _stretch(one.arms, arm) * arm)[moved]
-            arms.append(arm)
+        arms = np.empty_like(self.arms)
+        _keep(self.rows, self.below, self.fixed, self.arms, places, arms)
         return arms
 
-    def pull(self, arms: list[FloatArray], gradient: FloatArray) -> None:
+    def pull(self, arms: FloatArray, gradient: FloatArray) -> None:
         """Turn the gradient (U, 3) by the places kept into that by the places before, given the arms of `keep`."""
-        for one, arm in zip(reversed(self.levels), reversed(arms), strict=True):
-            outward = arm / np.linalg.norm(arm, axis=1, keepdims=True)
-            whole = gradient[one.rows]
-            across = whole - np.sum(whole * outward, axis=1, keepdims=True) * outward
-            own = _stretch(one.arms, arm) * across
-            moves = one.below >= 0
-            np.add.at(gradient, one.below[moves], (whole - own)[moves])
-            gradient[one.rows] = own
+        _pull(self.rows, self.below, self.arms, arms, gradient)
 
 
-def _stretch(arms: FloatArray, arm: FloatArray) -> FloatArray:
-    """Return (K, 1) what gives an arm the length of those before."""
-    return np.asarray(np.linalg.norm(arms, axis=1, keepdims=True) / np.linalg.norm(arm, axis=1, keepdims=True))
+@compiled_exactly
+def _keep(
+    rows: IntArray, below: IntArray, fixed: FloatArray, arms: FloatArray, places: FloatArray, out: FloatArray
+) -> None:  # pragma: no cover - machine code
+    for k in range(len(rows)):
+        foot = row_of(places, below[k], 0) if below[k] >= 0 else row_of(fixed, k, 0)
+        before, arm = row_of(arms, k, 0), minus(row_of(places, rows[k], 0), foot)
+        for c in range(3):
+            out[k, c] = arm[c]
+        if arm != before:
+            stretch = norm(before) / norm(arm)
+            for c in range(3):
+                places[rows[k], c] = foot[c] + stretch * arm[c]
+
+
+@compiled_exactly
+def _pull(
+    rows: IntArray, below: IntArray, before: FloatArray, arms: FloatArray, gradient: FloatArray
+) -> None:  # pragma: no cover - machine code
+    for k in range(len(rows) - 1, -1, -1):
+        arm, whole = row_of(arms, k, 0), row_of(gradient, rows[k], 0)
+        length = norm(arm)
+        outward = (arm[0] / length, arm[1] / length, arm[2] / length)
+        across = plus(whole, -dot(whole, outward), outward)
+        stretch = norm(row_of(before, k, 0)) / length
+        for c in range(3):
+            gradient[rows[k], c] = stretch * across[c]
+            if below[k] >= 0:
+                gradient[below[k], c] += whole[c] - stretch * across[c]

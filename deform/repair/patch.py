@@ -77,7 +77,7 @@ class Chart:
 
     def pulled(self, way: FloatArray, gradient: FloatArray) -> FloatArray:
         """Return the gradient (U, 3) by the way, given that by the places."""
-        if self.heights.levels:
+        if len(self.heights.rows):
             self.heights.pull(self._placed(way)[1], gradient)
         for rows, shape in self.slides:
             gradient[rows] = shape.rate(self.base[rows], way[rows], gradient[rows])  # a symmetric derivative
@@ -86,8 +86,8 @@ class Chart:
         gradient[rows] = along[:, None] * tracks.tangent
         return self.images.projected(gradient)
 
-    def _placed(self, way: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-        """Return the places (U, 3), and the arms of the layers' nodes."""
+    def _placed(self, way: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the places (U, 3), and the arms (K, 3) of the layers' nodes."""
         out = self.base + self.images.projected(way)
         for rows, shape in self.slides:
             out[rows] = self.base[rows] + shape.projected(self.base[rows], way[rows])
