@@ -64,7 +64,7 @@ def repaired(
     found = start = goal.judged(points)
     here, steps = points, 0
     everything = (len(points),)
-    for level in (*(level for level in LEVELS if level < share), share, *(level for level in BEYOND if level > share)):
+    for level in _levels(share):
         sizes = (*RINGS, *everything) if level <= share else RINGS[:NEAR]
         there, other, count = _raised(here, found, tetrahedra, freedom, goal, Level(level, sizes, progress))
         steps += count
@@ -93,6 +93,11 @@ class Level(NamedTuple):
     progress: Progress
 
 
+def _levels(share: float) -> list[float]:
+    """Return the shares of their floor that cells are brought to one after another, `share` among them, rising."""
+    return [*(level for level in LEVELS if level < share), share, *(level for level in BEYOND if level > share)]
+
+
 def _raised(
     points: FloatArray, found: Judged, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Level
 ) -> tuple[FloatArray, Judged, int]:
@@ -110,7 +115,7 @@ def _raised(
     while below.any() and size < len(sizes) and vain < VAIN:
         unknown = freedom.closed(_around(tetrahedra, below, movable, sizes[size]), len(points))
         count = int(below.sum())
-        if len(unknown) <= LARGER * last or (sizes[size] < len(points) and count > MANY * len(unknown)):
+        if _is_small(unknown, count, last, sizes[size] < len(points)):
             size += 1
             continue
         if level and len(unknown) > max(FAR * count, SMALL):
@@ -126,15 +131,24 @@ def _raised(
             continue
         after = found.replaced(patch.cells, patch.goal.judged(new))
         steps, left = steps + taken, goal.missed(after, level)
-        gain = goal.least(after) - goal.least(found)
-        fewer = int(left.sum()) < count
-        better = (fewer and gain >= -LOSS) or gain > GAIN if level else fewer
-        size = 0 if better and left.sum() <= FEWER * count else size + 1
+        gain, remaining = goal.least(after) - goal.least(found), int(left.sum())
+        if _is_better(remaining < count, gain, level):
+            points, found, below, vain = new, after, left, 0
+            size = 0 if remaining <= FEWER * count else size + 1
+        else:
+            size, vain = size + 1, vain + 1
         last = len(unknown) if size else 0
-        vain = 0 if better else vain + 1
-        if better:
-            points, found, below = new, after, left
     return points, found, steps
+
+
+def _is_small(unknown: IntArray, count: int, last: int, rings: bool) -> bool:
+    """Return whether a patch of nodes (U,) is hardly larger than the last one, or has `rings` full of spoiled cells."""
+    return len(unknown) <= LARGER * last or (rings and count > MANY * len(unknown))
+
+
+def _is_better(fewer: bool, gain: float, level: float) -> bool:
+    """Return whether a patch is kept: fewer cells are below the level, or the worst one gained, and lost nothing."""
+    return (fewer and gain >= -LOSS) or gain > GAIN if level else fewer
 
 
 def _around(tetrahedra: Tetrahedra, spoiled: BoolArray, movable: BoolArray, rings: int) -> IntArray:

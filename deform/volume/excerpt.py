@@ -43,18 +43,15 @@ def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runne
     boundary = Boundary.of(job.prepared(border), job)
     zones, box = confined(boundary, job.ends(tuple(angles) or (job.angle,)))
     frame = _framed(mesh, border, box.hexahedron, zones, boundary.mesh.numbers(boundary.nodes))
-    if runner.shares_memory and (pieces.points <= HELD or frame.is_scattered):
-        frame = frame.holding()
+    frame = _in_memory(frame) if runner.shares_memory else frame
     inside, places = _nodes_inside(frame, runner, progress)
     found, frame = _cells(mesh, frame, runner, progress)
-    for block, some in enumerate(found):
-        some += _around(frame, block, some, runner)
     known = union(frame.boundary, inside)
     beyond = np.setdiff1d(union(*(one.cells.nodes for block in found for one in block)), known, assume_unique=True)
     nodes = union(known, beyond)
     points = np.empty((len(nodes), 3))
-    for own, at in ((frame.boundary, border.points), (inside, places), (beyond, gathered(pieces, beyond))):
-        points[np.searchsorted(nodes, own)] = at
+    for some, at in ((frame.boundary, border.points), (inside, places), (beyond, gathered(pieces, beyond))):
+        points[np.searchsorted(nodes, some)] = at
     blocks = [_block(shape, own, nodes) for (shape, _), own in zip(pieces.blocks, found, strict=True)]
     bad = tuple(sum(one.inverted for one in block) for block in found)
     whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), frame.sign, bad)
@@ -101,6 +98,11 @@ def _framed(mesh: MeshInPieces, border: Mesh, box: Hexahedron, zones: Sequence[Z
     return Frame(mesh.pieces, box, spans, moving, border.whole.nodes, keys, faces, sign)
 
 
+def _in_memory(frame: Frame) -> Frame:
+    """Return the frame with all points held in memory, if these are few, or if cells need them in no order."""
+    return frame.holding() if frame.pieces.points <= HELD or frame.is_scattered else frame
+
+
 def _nodes_inside(frame: Frame, runner: Runner, progress: Progress) -> tuple[IntArray, FloatArray]:
     """Return the nodes (M,) in the box and their coordinates (M, 3); InputError for coordinates that are no numbers."""
     count = frame.pieces.points
@@ -133,7 +135,7 @@ def _cells(
                 own, frame = mirrored, other
         for one in own:
             seen[one.faces] = True
-        found.append(own)
+        found.append(own + _around(frame, block, own, runner))
     if not seen.all():
         _refuse_loose(mesh, frame, frame.faces[~seen])
     return found, frame
