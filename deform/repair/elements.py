@@ -31,7 +31,7 @@ HANGING = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Elements:
+class PatchElements:
     """Tetrahedra at the corners of some cells, and which of their nodes are unknown.
 
     Attributes
@@ -53,7 +53,7 @@ class Elements:
     corners: IntArray = field(repr=False)
 
     @classmethod
-    def of(cls, tetrahedra: Tetrahedra, unknown: IntArray, points: FloatArray, weights: FloatArray) -> Elements:
+    def of(cls, tetrahedra: Tetrahedra, unknown: IntArray, points: FloatArray, weights: FloatArray) -> PatchElements:
         """Take the tetrahedra that have one of the `unknown` nodes (U,), with their targets.
 
         Nodes and elements are ordered along a curve that fills space: neighbours stay together in memory.

@@ -11,11 +11,11 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.touched import Judged, TouchedCells
+from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
 from sdm_deflect.deform.repair.elements import Tetrahedra
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Goal, Repaired
-from sdm_deflect.deform.repair.patch import Patch, mended
+from sdm_deflect.deform.repair.patch import RepairPatch, mended
 
 RINGS = (3, 6, 12, 24)
 """Rings of cells around spoiled ones whose nodes move; then all that may."""
@@ -66,7 +66,7 @@ def repaired(
     everything = (len(points),)
     for level in _levels(share):
         sizes = (*RINGS, *everything) if level <= share else RINGS[:NEAR]
-        there, other, count = _raised(here, found, tetrahedra, freedom, goal, Level(level, sizes, progress))
+        there, other, count = _raised(here, found, tetrahedra, freedom, goal, Target(level, sizes, progress))
         steps += count
         reached = not goal.missed(other, level).any()
         if reached or goal.least(other) >= goal.least(found):
@@ -74,7 +74,7 @@ def repaired(
         if not reached:
             break
     if goal.least(found) < POOR and len(freedom.nodes) < SMALL:
-        whole = Level(share, everything, progress)
+        whole = Target(share, everything, progress)
         there, other, count = _raised(points, start, tetrahedra, freedom, goal, whole)
         steps += count
         if goal.rank(other) > goal.rank(found):
@@ -85,7 +85,7 @@ def repaired(
     return replace(made, steps=steps, seconds=perf_counter() - begin)
 
 
-class Level(NamedTuple):
+class Target(NamedTuple):
     """A share of their floor that cells shall reach, the sizes of patches in rings that are tried, and who is told."""
 
     share: float
@@ -99,8 +99,8 @@ def _levels(share: float) -> list[float]:
 
 
 def _raised(
-    points: FloatArray, found: Judged, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Level
-) -> tuple[FloatArray, Judged, int]:
+    points: FloatArray, found: CellScores, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Target
+) -> tuple[FloatArray, CellScores, int]:
     """Bring all cells to a level if that can be done; return all points (N, 3), their cells, and the steps.
 
     The patch is as small as it may be for the number of cells below the level. It grows while that number does not
@@ -121,7 +121,7 @@ def _raised(
         if level and len(unknown) > max(FAR * count, SMALL):
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
-        patch = Patch.of(points, tetrahedra, unknown, freedom, goal)
+        patch = RepairPatch.of(points, tetrahedra, unknown, freedom, goal)
         new, taken = mended(patch, level, REST if size else 0.0)
         beyond = freedom.left_by(points, new)
         if beyond:

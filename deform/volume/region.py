@@ -14,7 +14,7 @@ from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Zone
 from sdm_deflect.deform.volume.boundary import SAME, Amounts, Boundary
-from sdm_deflect.deform.volume.box import Chosen, Scene
+from sdm_deflect.deform.volume.box import BoxScene, Chosen
 from sdm_deflect.deform.volume.job import Section
 
 POSES = 4  # positions between rest and the full angle that the box has to hold
@@ -123,7 +123,7 @@ def _inside(mesh: Mesh, zones: tuple[Zone, ...], hexahedron: Hexahedron) -> IntA
     return np.concatenate(parts)
 
 
-def _scene(boundary: Boundary, zones: tuple[Zone, ...], all_amounts: Sequence[Amounts]) -> Scene:
+def _scene(boundary: Boundary, zones: tuple[Zone, ...], all_amounts: Sequence[Amounts]) -> BoxScene:
     moving = boundary.mesh.points[boundary.nodes]
     shares = [k / POSES for k in range(1, POSES + 1)]
     poses = dict.fromkeys(tuple(share * one for one in amounts) for amounts in all_amounts for share in shares)
@@ -132,7 +132,7 @@ def _scene(boundary: Boundary, zones: tuple[Zone, ...], all_amounts: Sequence[Am
     track = np.vstack([moving + move for move in moves])
     axes = (surface.motion.axis for surface in boundary.job.surfaces)
     hinge = next((axis for axis in axes if axis is not None), None)
-    return Scene(moving, track, largest, hinge, boundary.mesh.points[_obstacles(boundary, zones)])
+    return BoxScene(moving, track, largest, hinge, boundary.mesh.points[_obstacles(boundary, zones)])
 
 
 def _obstacles(boundary: Boundary, zones: tuple[Zone, ...]) -> IntArray:
