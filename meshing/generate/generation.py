@@ -15,7 +15,7 @@ from sdm_deflect.meshing.generate.parameters import FAR_EDGE, MeshParameters
 from sdm_deflect.meshing.generate.refine import refined
 from sdm_deflect.meshing.generate.sizing import SizeField, background, size_field
 from sdm_deflect.meshing.generate.sources import sources
-from sdm_deflect.meshing.generate.surface import SurfaceMesh, mesh_surface
+from sdm_deflect.meshing.generate.surface import InputSurface, mesh_surface
 from sdm_deflect.meshing.generate.verify import Verification, verify
 from sdm_deflect.meshing.generate.volume import PADDING, fill
 
@@ -100,7 +100,7 @@ def harder(parameters: MeshParameters, attempt: int) -> MeshParameters:
 
 def prepare(
     model: CadModel, parameters: MeshParameters, finer: Finer | None = None
-) -> tuple[SizeField, Box, SurfaceMesh]:
+) -> tuple[SizeField, Box, InputSurface]:
     """The target sizes, the box to fill and the surface mesh: all that attempts have in common.
 
     MeshingError where the surface cannot be meshed.

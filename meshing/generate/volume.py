@@ -12,7 +12,7 @@ from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.files import child
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.sizing import SizeField, background, seeds
-from sdm_deflect.meshing.generate.surface import SurfaceMesh
+from sdm_deflect.meshing.generate.surface import InputSurface
 
 # fTetWild gains nothing from more.
 MOST_THREADS = 8
@@ -31,7 +31,7 @@ class Filling:
 
 
 def fill(
-    surface: SurfaceMesh, field: SizeField, box: tuple[FloatArray, FloatArray], parameters: MeshParameters
+    surface: InputSurface, field: SizeField, box: tuple[FloatArray, FloatArray], parameters: MeshParameters
 ) -> Filling:
     """Fill the box from `low` (3,) to `high` (3,) with tetrahedra that respect the surface.
 
