@@ -10,22 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.cases.cli import cli, main
+from sdm_deflect.cases.cli import cli
 
 
 @pytest.fixture
-def sdm(capsys, monkeypatch, tmp_path):
-    """Run `sdm` in this process in an empty folder; return exit code, standard output and error."""
+def sdm(sdm, monkeypatch, tmp_path):
+    """`sdm` in an empty folder."""
     monkeypatch.chdir(tmp_path)
 
-    def call(*words: str):
-        monkeypatch.setattr(sys, "argv", ["sdm", *words])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        captured = capsys.readouterr()
-        return stop.value.code, captured.out, captured.err
-
-    return call
+    return sdm
 
 
 @pytest.mark.parametrize(

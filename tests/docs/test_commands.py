@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.cases.cli import cli, main
+from sdm_deflect.cases.cli import cli
 from sdm_deflect.cases.cli.examination import PACKAGES
+from tests.calls import sdm
 from tests.docs.commands import ROOT, lines_of, mentioned, pages, shown
 
 CI = ".ci/run"
@@ -86,10 +87,7 @@ def run(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
         python = f'python() {{ {shlex.quote(sys.executable)} "$@"; }}; '
         return subprocess.run(["bash", "-c", python + command], cwd=folder, stdout=subprocess.DEVNULL).returncode
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(sys, "argv", shlex.split(command))
-    with pytest.raises(SystemExit) as stop:
-        main()
-    return int(stop.value.code or 0)
+    return int(sdm(*shlex.split(command)[1:]) or 0)
 
 
 @pytest.mark.parametrize("path", [path for _, path, _ in ELSEWHERE])
