@@ -29,7 +29,7 @@ ELSEWHERE = (
     (r"sdm run rudder$", "tests/cases/view/test_run.py", 'case_named("rudder")'),
     (r"sdm run all$", "tests/cases/view/test_run.py", 'case_named("all")'),
     (r"(blockMesh|surfaceFeatureExtract|snappyHexMesh) -case sdm-case", "tests/docs/test_meshers.py", "snappyHexMesh"),
-    (r"sdm validate", "tests/cases/test_finished.py", "validate_folder(folder)"),
+    (r"sdm validate", "tests/cases/test_cli.py", 'sdm("validate", '),
     (r"sdm limit aileron", "tests/cases/sdm/test_limit.py", "limit"),
     (r"python -m studies flow", "tests/cases/test_flow_study.py", '"flow"'),
     (r"python -m studies", "tests/cases/test_studies.py", "study"),
