@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import single_threaded_blas
-from sdm_deflect.deform.rbf.bases import with_values
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
@@ -69,7 +68,7 @@ class Evaluation:
         components, wanted = problem.sites.components, np.zeros_like(problem.values)
         wanted[: len(values)] = values[:, components]
         with single_threaded_blas():
-            alpha, beta = with_values(self.basis, wanted).coefficients()
+            alpha, beta = self.basis.with_values(wanted).coefficients()
             if self.kernel is None:
                 centers = problem.points[self.basis.chosen]
                 found = kernel_sum(problem.scaled_kernel, self.at, centers, beta, alpha)
