@@ -7,6 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
+from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.points import farthest
@@ -30,8 +31,6 @@ from sdm_deflect.deform.volume.sites import REACH, Sites
 
 DIRECTIONS = ("x", "y", "z")
 NO_NODES = np.empty((0, 3))
-SENT, SENT_PAIRS = 1 << 18, 1 << 28
-"""Points sent at a time to be evaluated elsewhere, and pairs with centres from which on they are sent at all."""
 ROUNDS = 8  # of putting nodes on several shapes, one after another
 RULES: dict[RuleName, Rule] = {"separated": Separated(), "worst": Worst()}
 GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]] = {
@@ -242,9 +241,10 @@ def solve(state: StepState, move: FloatArray, fit: Fit, runner: Runner = HERE) -
 
 def evaluated(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
     """Evaluate at points (M, 3); the bits do not depend on how they are shared out."""
-    if runner.shares_memory or len(points) * len(interpolant.centers) < SENT_PAIRS:
+    if runner.shares_memory or len(points) * len(interpolant.centers) < limits.LIMITS.sent_pairs:
         return interpolant(points)
-    parts = [points[start : start + SENT] for start in range(0, len(points), SENT)]
+    size = limits.LIMITS.sent
+    parts = [points[start : start + size] for start in range(0, len(points), size)]
     return np.concatenate(list(runner.map(_sums, interpolant, parts)))
 
 
