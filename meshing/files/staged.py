@@ -285,9 +285,9 @@ def _committing(targets: Sequence[Path]) -> Iterator[None]:
     kept: dict[int, Any] = {}
     try:
         if threading.current_thread() is threading.main_thread():
-            for number in HELD:
-                if signal.getsignal(number) not in (signal.SIG_IGN, None):
-                    kept[number] = signal.signal(number, lambda given, _: came.append(given))
+            for held in HELD:
+                if signal.getsignal(held) not in (signal.SIG_IGN, None):
+                    kept[held] = signal.signal(held, lambda given, _: came.append(given))
         for watch, target in product(watchers, targets):
             watch(target, False)
         yield
