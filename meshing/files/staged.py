@@ -35,8 +35,8 @@ _permitted = ContextVar("_permitted", default=0o7777)
 def permitted_as(*sources: Path | str | None) -> Iterator[None]:
     """Withhold new files and folders that are written in this block from those who may not read or write a source."""
     mode = _permitted.get()
-    for source in filter(None, sources):
-        mode &= _permissions(Path(source))
+    for source in sources:
+        mode &= _permissions(Path(source)) if source else mode
     token = _permitted.set(mode)
     try:
         yield
