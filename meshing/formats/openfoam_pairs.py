@@ -17,7 +17,13 @@ from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.edges import polygons_of
 from sdm_deflect.deform.mesh.mesh import Constraint, Patch, Periodic, Polygons
-from sdm_deflect.deform.mesh.pairing import RigidMotion, nearest_rotation, rotation_between, rotation_of, translation_between
+from sdm_deflect.deform.mesh.pairing import (
+    RigidMotion,
+    nearest_rotation,
+    rotation_between,
+    rotation_of,
+    translation_between,
+)
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
 
