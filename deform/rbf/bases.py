@@ -1,49 +1,14 @@
-"""Other ways to the interpolants of growing centres: solved afresh, as the paper does, and kept for other values."""
+"""Bases of growing centres that serve again for other values."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Self
 
-import numpy as np
-
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.points import IndexArray
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
-from sdm_deflect.deform.rbf.interpolant import Solve, coefficient_matrix, direct
-from sdm_deflect.deform.rbf.problem import Coefficients, Problem
+from sdm_deflect.deform.rbf.problem import Coefficients
 from sdm_deflect.deform.rbf.sites import DataSites
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DirectBasis:
-    """Interpolants on growing centres, each solved afresh: O(C**3) a time. The reference for `CholeskyBasis`."""
-
-    problem: Problem
-    chosen: IndexArray  # (C,) rows of the sites: the centres
-    solve: Solve = direct
-
-    @classmethod
-    def of(cls, problem: Problem, initial: IndexArray, solve: Solve = direct) -> Self:
-        """Start from the rows `initial` of the sites; `solve` may be `krylov()`, as in the paper."""
-        return cls(problem, np.array(initial, dtype=np.intp), solve)
-
-    def extended(self, block: IndexArray) -> Self:
-        """Return the basis with these rows of the sites as further centres."""
-        return replace(self, chosen=np.append(self.chosen, block))
-
-    def coefficients(self) -> Coefficients:
-        """Solve eq. 5 for the chosen centres."""
-        problem, chosen = self.problem, self.chosen
-        q = problem.polynomials.shape[1]
-        polynomials, points = problem.polynomials[chosen], problem.points[chosen]
-        matrix = coefficient_matrix(polynomials, problem.scaled_kernel, points)
-        right = np.vstack([np.zeros((q, problem.values.shape[1])), problem.values[chosen]])
-        solution = self.solve(matrix, right)
-        return Coefficients(problem.box.complete(solution[:q]), solution[q:])
-
-    def refined(self) -> Coefficients:
-        """Return the final coefficients: a fresh solve needs no refinement."""
-        return self.coefficients()
 
 
 def with_values(grown: CholeskyBasis, values: FloatArray) -> CholeskyBasis:
