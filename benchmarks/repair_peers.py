@@ -143,7 +143,7 @@ def aircraft(source: Path, folder: Path, angle: float) -> Task:
     fixed = [name for name in mesh.names if name not in (moving, "far_field")]
 
     def ours(repair: RepairMode) -> Deflection:
-        return deflect(mesh, [moving], angle=angle, motion=motion, fixed=fixed, repair=repair).deflection
+        return deflect(mesh, [moving], angle=angle, motion=motion, fixed=fixed, repair=repair).deflection.parts[0]
 
     title = f"snappyHexMesh, {len(mesh.cells[0])} cells with layers, {angle:g} degrees blended"
     return Task.of(title, mesh, "far_field", ours, folder / "aircraft")

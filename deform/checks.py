@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
@@ -16,7 +17,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.precision import EVERY_BIT
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer
-from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.deflection import Deflected, Deflection
 
 LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1  # of the first layer's height; of thick layers of polyhedra
 ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid
@@ -34,7 +35,7 @@ class Check:
 
     Attributes
     ----------
-    name : fixed name, with the surface appended when a case deflects several.
+    name : fixed name; with the surface appended where it is of one box of several.
     value, limit : what was measured and what was asked, in `unit`.
     unit : of both; none for shares, and for lengths in the mesh's own unit.
     where : what was measured, over how many nodes, and where the worst one lies.
@@ -92,12 +93,12 @@ def worst(distances: FloatArray, points: FloatArray) -> str:
     return f"{len(distances)} nodes, rms {rms:.1e}, worst at ({x:.4f}, {y:.4f}, {z:.4f})"
 
 
-def layers_of(deflection: Deflection) -> Layers | None:
+def layers_of(deflection: Deflected) -> Layers | None:
     """Return how the first prism layer's height changed; None without prisms."""
     return first_layer(deflection.plan.touched, deflection.plan.walls, deflection.points)
 
 
-def checks_of(deflection: Deflection, min_quality: float = MIN_QUALITY) -> tuple[Check, ...]:
+def checks_of(deflection: Deflected, min_quality: float = MIN_QUALITY) -> tuple[Check, ...]:
     """Return what must hold of the mesh at one angle, as the file holds it; of what rounding alone breaks, it says so.
 
     Parameters
@@ -114,27 +115,28 @@ def checks_of(deflection: Deflection, min_quality: float = MIN_QUALITY) -> tuple
 
 
 def site_error(deflection: Deflection, unit: str = "") -> Check:
-    """Check that every data site is as near to its displacement as was asked."""
+    """Check that every data site of a box is as near to its displacement as was asked."""
     error, steps = max(step.error for step in deflection.steps), len(deflection.steps)
     where = f"all data sites, {steps} step{'s' if steps > 1 else ''}"
     return Check("site_error", error, deflection.plan.sites.tolerance, unit, where)
 
 
-def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
+def _checks(deflection: Deflected, min_quality: float) -> Iterator[Check]:
     plan, points = deflection.plan, deflection.points
-    mesh, sites = plan.mesh, plan.sites
+    mesh, several = plan.mesh, len(plan.parts) > 1
     moved = np.abs(points - plan.undeflected).max(axis=1)
     outside = np.ones(len(points), dtype=bool)
-    outside[plan.region.inside] = outside[plan.sites.moving] = False
+    outside[plan.changed] = False
     rest = mesh.point_count - len(points)
     beyond = f", of all {rest + int(outside.sum())}: the others are copied" if rest else ""
     yield _unmoved("outside_moved", moved[outside], f"nodes outside the box{beyond}")
     slid = slid_nodes(deflection)
-    fixed = np.setdiff1d(sites.fixed, slid, assume_unique=True)
+    fixed = np.setdiff1d(plan.fixed, slid, assume_unique=True)
     yield _unmoved("fixed_surfaces_moved", moved[fixed], "nodes inside the box")
     if len(slid):
         yield _slid_on_surfaces(deflection, slid)
-    yield site_error(deflection)
+    for part in deflection.parts:
+        yield named(site_error(part), part) if several else site_error(part)
     if mesh.cells:
         yield _inverted_cells(deflection)
         yield from _boundary_checks(deflection)
@@ -150,16 +152,17 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
     yield from _first_layer(deflection)
 
 
-def _sliding(deflection: Deflection) -> Iterator[Check]:
+def _sliding(deflection: Deflected) -> Iterator[Check]:
     """Check that the nodes of each sliding patch are on its shape."""
-    plan, points = deflection.plan, deflection.points
-    for patch, nodes in zip(plan.boundary.sliding, plan.sites.sliding, strict=True):
-        drift = np.abs(patch.surface.distance(points[nodes]) - patch.surface.distance(plan.mesh.points[nodes]))
-        allowed, where = _on_shape(deflection), f"{len(nodes)} sliding nodes"
-        yield Check(f"on_{patch.patch}", float(drift.max(initial=0.0)), allowed, "", where, over=len(nodes))
+    for part in deflection.parts:
+        for patch, nodes in zip(part.plan.boundary.sliding, part.plan.sites.sliding, strict=True):
+            before, now = (patch.surface.distance(at[nodes]) for at in (part.plan.mesh.points, part.points))
+            drift, where = float(np.abs(now - before).max(initial=0.0)), f"{len(nodes)} sliding nodes"
+            check = Check(f"on_{patch.patch}", drift, _on_shape(part), "", where, over=len(nodes))
+            yield named(check, part) if len(deflection.parts) > 1 else check
 
 
-def _first_layer(deflection: Deflection) -> Iterator[Check]:
+def _first_layer(deflection: Deflected) -> Iterator[Check]:
     """Check that the first layers off the walls kept their heights."""
     layers = layers_of(deflection)
     if layers:
@@ -167,7 +170,7 @@ def _first_layer(deflection: Deflection) -> Iterator[Check]:
         yield Check("first_layer", layers.largest, THICK_CHANGE if layers.thick else LAYER_CHANGE, "", where)
 
 
-def _pairs(deflection: Deflection) -> Iterator[Check]:
+def _pairs(deflection: Deflected) -> Iterator[Check]:
     """Check that nodes in the box are where the images of others are; those of cases one cell thick, on their side."""
     mesh, points = deflection.plan.mesh, deflection.points
     may_move = np.zeros(len(points), dtype=np.bool_)
@@ -190,7 +193,7 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
             yield Check(f"{name}_{pair.name}", now, limit, "", where, over=len(nodes))
 
 
-def _inverted_cells(deflection: Deflection) -> Check:
+def _inverted_cells(deflection: Deflected) -> Check:
     """Check that no cell is inverted that was not before."""
     touched = deflection.plan.touched
     before = sum(one.inverted for one in deflection.plan.before)
@@ -209,23 +212,22 @@ def surfaces_crossed(mesh: Mesh, points: FloatArray) -> Check:
     return Check("surfaces_crossed", found.faces, 0, "faces", where, over=found.moved)
 
 
-def slid_nodes(deflection: Deflection) -> IntArray:
+def slid_nodes(deflection: Deflected) -> IntArray:
     """Return the sorted nodes (K,) of fixed patches that the repair moved on their shapes, as it may."""
-    if deflection.repaired is None:
-        return np.empty(0, dtype=np.intp)
-    found, fixed = deflection.repaired, deflection.plan.sites.fixed
-    return np.intersect1d(fixed, np.intersect1d(found.moved, found.freedom.sliding, True), assume_unique=True)
+    slid = (np.intersect1d(one.moved, one.freedom.sliding, assume_unique=True) for one in deflection.repairs)
+    return np.intersect1d(deflection.plan.fixed, union(*slid), assume_unique=True)
 
 
-def _slid_on_surfaces(deflection: Deflection, slid: IntArray) -> Check:
+def _slid_on_surfaces(deflection: Deflected, slid: IntArray) -> Check:
     """Check that nodes (K,) of fixed patches which a repair slid are still on the undeflected patch."""
     points, off = deflection.points, np.zeros(len(slid))
-    for one in deflection.repaired.freedom.slides if deflection.repaired else ():
-        rows = np.flatnonzero(np.isin(slid, one.nodes, assume_unique=True))
-        before, now = (one.shape.distance(where[slid[rows]]) for where in (deflection.interpolated, points))
-        off[rows] = np.abs(now - before)
+    for part in deflection.parts:
+        for one in part.repaired.freedom.slides if part.repaired else ():
+            rows = np.flatnonzero(np.isin(slid, one.nodes, assume_unique=True))
+            before, now = (one.shape.distance(where[slid[rows]]) for where in (part.interpolated, points))
+            off[rows] = np.abs(now - before)
     where = f"{worst(off, points[slid])}, of fixed patches"
-    return Check("slid_on_surfaces", float(off.max()), _on_shape(deflection), "", where)
+    return Check("slid_on_surfaces", float(off.max()), max(map(_on_shape, deflection.parts)), "", where)
 
 
 def _on_shape(deflection: Deflection) -> float:
@@ -234,7 +236,12 @@ def _on_shape(deflection: Deflection) -> float:
     return max(ON_SHAPE * plan.boundary.size, plan.precision.resolution(plan.mesh.points))
 
 
-def first_inverted(deflection: Deflection) -> str:
+def named(check: Check, part: Deflection) -> Check:
+    """Return a check of one box of several with its surface in its name."""
+    return replace(check, name=f"{check.name}:{part.plan.surface}")
+
+
+def first_inverted(deflection: Deflected) -> str:
     """Say which cell is the first inverted one that was not before, on which patches, and whether it can be mended."""
     plan, mesh, row = deflection.plan, deflection.plan.mesh, 0
     numbers = mesh.whole.rows if mesh.whole else tuple(np.arange(len(block)) for block in mesh.cells)
@@ -250,18 +257,18 @@ def first_inverted(deflection: Deflection) -> str:
     raise ValueError("no cell is inverted that was not before")
 
 
-def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> str:
+def cell_text(deflection: Deflected, row: int, nodes: IntArray, shape: str) -> str:
     """Describe an inverted cell by its row in the mesh, its type, and the patches that its nodes are on."""
-    plan, found = deflection.plan, deflection.repaired
+    plan, repairs = deflection.plan, deflection.repairs
     on = [patch.name for patch in plan.mesh.patches if np.isin(nodes, patch.nodes).any()]
     text = f"the first is cell {row} ({shape})" + (f" with nodes on {', '.join(on)}" if on else "")
-    if found is None:
+    if not repairs:
         return text
-    held = not np.isin(nodes, found.freedom.nodes).any()
+    held = not any(np.isin(nodes, one.freedom.nodes).any() for one in repairs)
     return f"{text}; all its nodes are held: no repair can mend it" if held else f"{text}; the repair could not mend it"
 
 
-def _rounding(deflection: Deflection) -> Check:
+def _rounding(deflection: Deflected) -> Check:
     """Check that the undeflected mesh, all of it, survives the rounding to a file of fewer bits than its own."""
     plan, largest, count = deflection.plan, 0.0, 0
     for block in plan.mesh.cells:
@@ -276,7 +283,7 @@ def _rounding(deflection: Deflection) -> Check:
     return Check("rounding", largest, LAYER_CHANGE, "", where, over=count)
 
 
-def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
+def _boundary_checks(deflection: Deflected) -> Iterator[Check]:
     """Check patches that miss a part of the boundary where nodes may move, or hold what is no part of it."""
     found = deflection.plan.unheld
     if found.faces:
@@ -287,7 +294,7 @@ def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
         yield Check("faces_off_boundary", found.loose + found.inner, 0, "faces", where)
 
 
-def _quality_checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
+def _quality_checks(deflection: Deflected, min_quality: float) -> Iterator[Check]:
     """Check that the touched cells of each type keep a share of the least quality that they had.
 
     Cells that were inverted, or of quality 0, are left out.

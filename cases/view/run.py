@@ -154,10 +154,10 @@ class InteractiveRun:
         """
         plan, points = read_folder(folder)
         mesh, degrees = plan.mesh, plan.job.surfaces[0].motion.unit == "deg"
-        drawn = in_view(mesh, (*plan.patches, *plan.boundary.fixed))
+        drawn = in_view(mesh, (*plan.patches, *plan.stays))
         hidden = tuple(name for name in mesh.names if name not in drawn)
         positive = "right-handed about the hinge" if degrees else "as in the table"
-        return cls.prepared(folder, [plan], points, plan.angle, Manner(mesh.name, positive, MESH_UNITS, hidden))
+        return cls.prepared(folder, plan.parts, points, plan.angle, Manner(mesh.name, positive, MESH_UNITS, hidden))
 
     @classmethod
     def prepared(

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import nan
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,16 +26,126 @@ from sdm_deflect.deform.repair.columns import Columns
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Repaired
 from sdm_deflect.deform.repair.repair import repaired
+from sdm_deflect.deform.surface.motions import Moving
+from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.between import ErrorBetween
 from sdm_deflect.deform.volume.boundary import Amounts, Boundary
-from sdm_deflect.deform.volume.job import Job
-from sdm_deflect.deform.volume.region import ON_FACE, Region
+from sdm_deflect.deform.volume.job import Job, prepared
+from sdm_deflect.deform.volume.region import ON_FACE, Region, check_disjoint
 from sdm_deflect.deform.volume.sites import Sites
 from sdm_deflect.deform.volume.step import Step, StepState, rate, solve
 
 
+class Planned:
+    """What is decided before anything is fitted: of one box (`Plan`), or of several (`Plans`)."""
+
+    if TYPE_CHECKING:  # of both, as fields or as properties
+
+        @property
+        def parts(self) -> "tuple[Plan, ...]": ...  # noqa: D102
+        @property
+        def touched(self) -> TouchedCells: ...  # noqa: D102
+        @property
+        def before(self) -> tuple[Quality, ...]: ...  # noqa: D102
+        @property
+        def angles(self) -> tuple[float, ...]: ...  # noqa: D102
+        @property
+        def runner(self) -> Runner: ...  # noqa: D102
+        @property
+        def precision(self) -> Precision: ...  # noqa: D102
+        def keeping(self, precision: Precision, runner: Runner | None = None) -> "Planned": ...  # noqa: D102
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh."""
+        return self.touched.mesh
+
+    @property
+    def job(self) -> Job:
+        """What is asked of the first box."""
+        return self.parts[0].boundary.job
+
+    @property
+    def angle(self) -> float:
+        """Amount of the first surface."""
+        return self.job.angle
+
+    @property
+    def patches(self) -> tuple[str, ...]:
+        """Names of the moving patches, the control surface's first."""
+        return tuple(name for _, surface in self.moving for name in surface.patches)
+
+    @property
+    def moving(self) -> tuple[tuple[Moving, Surface], ...]:
+        """What is asked of each moving surface, and the surface."""
+        pairs = (zip(part.boundary.job.surfaces, part.boundary.surfaces, strict=True) for part in self.parts)
+        return tuple(pair for some in pairs for pair in some)
+
+    @property
+    def surface(self) -> str:
+        """Name of the first moving patch: the control surface."""
+        return self.patches[0]
+
+    @property
+    def stays(self) -> tuple[str, ...]:
+        """Names of the patches that stay, whatever box they are in."""
+        moving = self.patches
+        names = dict.fromkeys(name for part in self.parts for name in part.boundary.fixed)
+        return tuple(name for name in names if name not in moving)
+
+    @property
+    def changed(self) -> IntArray:
+        """Sorted indices of all nodes that may move."""
+        return union(*(nodes for part in self.parts for nodes in (part.region.inside, part.sites.moving)))
+
+    @property
+    def fixed(self) -> IntArray:
+        """Sorted indices of the fixed nodes inside."""
+        return union(*(part.sites.fixed for part in self.parts))
+
+    @property
+    def walls(self) -> IntArray:
+        """Sorted indices of the moving and fixed nodes inside."""
+        return union(*(nodes for part in self.parts for nodes in (part.sites.moving, part.sites.fixed)))
+
+    def amounts_at(self, angle: float) -> Amounts:
+        """Return the amount of each moving surface of all boxes when the first one's is `angle`."""
+        return tuple(amount for part in self.parts for amount in part.job.amounts_at(self.share(part, angle)))
+
+    def share(self, part: "Plan", angle: float) -> float:
+        """Return the amount of the first surface of a part when that of all is `angle`."""
+        return part.job.beside(self.job, angle)
+
+    @cached_property
+    def undeflected(self) -> FloatArray:
+        """Coordinates (N, 3) of the mesh before, as the file that is to be written holds them."""
+        return self.precision.rounded(self.mesh.points, self.mesh.points)
+
+    def least(self, points: FloatArray, quality: Sequence[Quality]) -> tuple[Least, ...]:
+        """Return, by type, the least quality of the touched cells that are good in the undeflected mesh.
+
+        Parameters
+        ----------
+        points : (N, 3) where the nodes are.
+        quality : By type, of all touched cells there.
+        """
+        if all(one.min > 0.0 and not one.inverted for one in self.before):
+            return tuple(Least(one.min, one.cells) for one in quality)
+        return self.touched.least(points)
+
+    @cached_property
+    def unheld(self) -> Unheld:
+        """What patches miss of the boundary where nodes may move, and what they hold beside it."""
+        return Unheld.of(self.touched, self.changed, self.patches)
+
+    @cached_property
+    def faces(self) -> TouchedFaces | None:
+        """The faces of touched cells as OpenFOAM's checkMesh measures them; None without polyhedra."""
+        return TouchedFaces.of(self.touched)
+
+
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(Planned):
     """The nodes that move, the box, the sites and the cells touched, for all angles of a job.
 
     Attributes
@@ -62,9 +173,14 @@ class Plan:
 
         The plan's mesh has the selections of the job as patches. Raises InputError if the job does not suit the mesh.
         """
+        return cls.on(prepared(mesh, (job,)), job, angles, progress)
+
+    @classmethod
+    def on(cls, mesh: Mesh, job: Job, angles: Sequence[float] = (), progress: Progress = silent) -> "Plan":
+        """Return the plan for a mesh which has the selections of the job as patches already (`prepared`)."""
         wanted = tuple(angles) or (job.angle,)
         progress("surfaces", nan)
-        boundary = Boundary.of(job.prepared(mesh), job)
+        boundary = Boundary.of(mesh, job)
         progress("box", nan)
         try:
             region = Region.of(boundary, job.ends(wanted))
@@ -77,67 +193,14 @@ class Plan:
         touched.check(job.allow_inverted)
         return cls(boundary, region, sites, touched, touched.quality(mesh.points), wanted)
 
-    def least(self, points: FloatArray, quality: Sequence[Quality]) -> tuple[Least, ...]:
-        """Return, by type, the least quality of the touched cells that are good in the undeflected mesh.
-
-        Parameters
-        ----------
-        points : (N, 3) where the nodes are.
-        quality : By type, of all touched cells there.
-        """
-        if all(one.min > 0.0 and not one.inverted for one in self.before):
-            return tuple(Least(one.min, one.cells) for one in quality)
-        return self.touched.least(points)
-
     @property
-    def mesh(self) -> Mesh:
-        """The mesh."""
-        return self.boundary.mesh
+    def parts(self) -> "tuple[Plan, ...]":
+        """The plan alone: it is of one box."""
+        return (self,)
 
-    @cached_property
-    def undeflected(self) -> FloatArray:
-        """Coordinates (N, 3) of the mesh before, as the file that is to be written holds them."""
-        return self.precision.rounded(self.mesh.points, self.mesh.points)
-
-    @property
-    def job(self) -> Job:
-        """What is asked."""
-        return self.boundary.job
-
-    @property
-    def patches(self) -> tuple[str, ...]:
-        """Names of the moving patches, the control surface's first."""
-        return tuple(name for surface in self.boundary.surfaces for name in surface.patches)
-
-    @property
-    def surface(self) -> str:
-        """Name of the first moving patch: the control surface."""
-        return self.patches[0]
-
-    @property
-    def angle(self) -> float:
-        """Amount of the job's first surface."""
-        return self.job.angle
-
-    @cached_property
-    def unheld(self) -> Unheld:
-        """What patches miss of the boundary where nodes may move, and what they hold beside it."""
-        return Unheld.of(self.touched, self.changed, self.patches)
-
-    @cached_property
-    def faces(self) -> TouchedFaces | None:
-        """The faces of touched cells as OpenFOAM's checkMesh measures them; None without polyhedra."""
-        return TouchedFaces.of(self.touched)
-
-    @property
-    def walls(self) -> IntArray:
-        """Sorted indices of the moving and fixed nodes inside."""
-        return union(self.sites.moving, self.sites.fixed)
-
-    @property
-    def changed(self) -> IntArray:
-        """Sorted indices of all nodes that may move."""
-        return union(self.region.inside, self.sites.moving)
+    def keeping(self, precision: Precision, runner: Runner | None = None) -> "Plan":
+        """Return it for a file that keeps coordinates so, and perhaps with others to evaluate the interpolants."""
+        return replace(self, precision=precision, runner=runner or self.runner)
 
     def freedom(self, points: FloatArray) -> Freedom:
         """Return which nodes a repair may move, with the mesh at `points` (N, 3), and on what they stay.
@@ -173,7 +236,133 @@ class Plan:
 
 
 @dataclass(frozen=True, eq=False)
-class Deflection:
+class Plans(Planned):
+    """The plans of several boxes of one mesh, which do not overlap: each starts from the undeflected mesh.
+
+    Attributes
+    ----------
+    parts : the plan of each box; at least one.
+    """
+
+    parts: tuple[Plan, ...]
+
+    @classmethod
+    def of(cls, mesh: Mesh, jobs: Sequence[Job], angles: Sequence[float] = (), progress: Progress = silent) -> Planned:
+        """Plan every job, for its own angle or for what it is at several of the first one's; of one job its plan.
+
+        Raises InputError if a job does not suit the mesh, or two boxes overlap.
+        """
+        mesh, first = prepared(mesh, jobs), jobs[0]
+        shares = [[job.beside(first, angle) for angle in angles] for job in jobs]
+        parts = tuple(Plan.on(mesh, job, own, progress) for job, own in zip(jobs, shares, strict=True))
+        check_disjoint([(part.surface, part.region.hexahedron) for part in parts], first.box.settings)
+        return cls(parts) if len(parts) > 1 else parts[0]
+
+    @cached_property
+    def touched(self) -> TouchedCells:
+        """The cells that may change."""
+        rows = zip(*(part.touched.rows for part in self.parts), strict=True)
+        return replace(self.parts[0].touched, rows=tuple(union(*own) for own in rows))
+
+    @cached_property
+    def before(self) -> tuple[Quality, ...]:
+        """Their quality, by type, as the mesh is."""
+        return self.touched.quality(self.mesh.points)
+
+    @property
+    def angles(self) -> tuple[float, ...]:
+        """Amounts of the first surface that its box holds."""
+        return self.parts[0].angles
+
+    @property
+    def runner(self) -> Runner:
+        """Who evaluates the interpolants."""
+        return self.parts[0].runner
+
+    @property
+    def precision(self) -> Precision:
+        """How the file that is to be written keeps coordinates."""
+        return self.parts[0].precision
+
+    def keeping(self, precision: Precision, runner: Runner | None = None) -> "Plans":
+        """Return it for a file that keeps coordinates so, and perhaps with others to evaluate the interpolants."""
+        return Plans(tuple(part.keeping(precision, runner) for part in self.parts))
+
+
+class Deflected:
+    """The mesh at one angle: deflected in one box (`Deflection`), or in several (`Deflections`)."""
+
+    if TYPE_CHECKING:  # of both, as fields or as properties
+
+        @property
+        def plan(self) -> Planned: ...  # noqa: D102
+        @property
+        def parts(self) -> "tuple[Deflection, ...]": ...  # noqa: D102
+        @property
+        def angle(self) -> float: ...  # noqa: D102
+        @property
+        def points(self) -> FloatArray: ...  # noqa: D102
+        @property
+        def inverted(self) -> int: ...  # noqa: D102
+        @property
+        def seconds(self) -> float: ...  # noqa: D102
+        def stored(self, precision: Precision) -> "Deflected": ...  # noqa: D102
+
+    @property
+    def amounts(self) -> Amounts:
+        """Amount of each moving surface."""
+        return self.plan.amounts_at(self.angle)
+
+    @property
+    def repairs(self) -> tuple[Repaired, ...]:
+        """The repairs of the boxes that needed one."""
+        return tuple(part.repaired for part in self.parts if part.repaired)
+
+    @cached_property
+    def quality(self) -> tuple[Quality, ...]:
+        """Quality of the touched cells by type."""
+        return self.plan.touched.quality(self.points)
+
+    @cached_property
+    def least(self) -> tuple[tuple[Least, Least], ...]:
+        """Least quality before and now, by type, of the touched cells that were good before."""
+        plan = self.plan
+        states = ((plan.mesh.points, plan.before), (self.points, self.quality))
+        return tuple(zip(*(plan.least(*state) for state in states), strict=True))
+
+    @cached_property
+    def faces(self) -> State | None:
+        """What was measured of the faces of touched cells as OpenFOAM's checkMesh does; None without polyhedra."""
+        return self.plan.faces.at(self.points) if self.plan.faces else None
+
+    @property
+    def moved_by_repair(self) -> FloatArray:
+        """How far (N, 3) the repair has moved each node from where the interpolant put it."""
+        return np.asarray(np.sum([part.points - part.interpolated for part in self.parts], axis=0))
+
+    def sensitivity(self) -> FloatArray:
+        """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
+
+        With several steps it is the derivative with respect to the end of the last one.
+
+        Raises InputError for a repaired mesh: a repair ends where cells are good enough, which has no derivative.
+        """
+        if self.repairs:
+            raise InputError(
+                f"{self.plan.mesh.name}: the mesh at {self.angle:g} was repaired, and a repair ends where cells are "
+                "good enough: it has no derivative; set repair = off for the sensitivity"
+            )
+        first, job = self.parts[0], self.plan.job
+        rates = rate(first.steps[-1], first.plan.boundary.rate(first.amounts, job.ratios))
+        for part in self.parts[1:]:
+            own = tuple(ratio * part.plan.job.beside(job, 1.0) for ratio in part.plan.job.ratios)
+            changed = part.plan.changed
+            rates[changed] = rate(part.steps[-1], part.plan.boundary.rate(part.amounts, own))[changed]
+        return rates
+
+
+@dataclass(frozen=True, eq=False)
+class Deflection(Deflected):
     """The mesh at one angle and how it got there.
 
     Attributes
@@ -197,9 +386,9 @@ class Deflection:
     repaired: Repaired | None = field(default=None, repr=False)
 
     @property
-    def amounts(self) -> Amounts:
-        """Amount of each moving surface."""
-        return self.plan.job.amounts_at(self.angle)
+    def parts(self) -> "tuple[Deflection, ...]":
+        """The deflection alone: it is of one box."""
+        return (self,)
 
     @property
     def exact(self) -> FloatArray:
@@ -215,29 +404,12 @@ class Deflection:
 
     def stored(self, precision: Precision) -> "Deflection":
         """Return the same deflection as another file holds it."""
-        return replace(self, plan=replace(self.plan, precision=precision)).with_points(self.exact)
+        return replace(self, plan=self.plan.keeping(precision)).with_points(self.exact)
 
     @property
     def interpolated(self) -> FloatArray:
         """Coordinates (N, 3) as the interpolants alone have them, without the repair."""
         return self.points if self.repaired is None else self.repaired.start
-
-    @cached_property
-    def quality(self) -> tuple[Quality, ...]:
-        """Quality of the touched cells by type."""
-        return self.plan.touched.quality(self.points)
-
-    @cached_property
-    def least(self) -> tuple[tuple[Least, Least], ...]:
-        """Least quality before and now, by type, of the touched cells that were good before."""
-        plan = self.plan
-        states = ((plan.mesh.points, plan.before), (self.points, self.quality))
-        return tuple(zip(*(plan.least(*state) for state in states), strict=True))
-
-    @cached_property
-    def faces(self) -> State | None:
-        """What was measured of the faces of touched cells as OpenFOAM's checkMesh does; None without polyhedra."""
-        return self.plan.faces.at(self.points) if self.plan.faces else None
 
     @cached_property
     def error_between(self) -> ErrorBetween | None:
@@ -251,24 +423,52 @@ class Deflection:
             of_steps = [[factor.condition() for factor in step.fits.factors] for step in self.steps]
         return tuple(map(max, zip(*of_steps, strict=True)))
 
+
+@dataclass(frozen=True, eq=False)
+class Deflections(Deflected):
+    """The mesh at one angle, deflected in several boxes, of which none reaches into another.
+
+    Attributes
+    ----------
+    parts : the deflection in each box, from the undeflected mesh.
+    angle : the first surface's amount.
+    """
+
+    parts: tuple[Deflection, ...] = field(repr=False)
+    angle: float
+
+    @classmethod
+    def of(cls, parts: Sequence[Deflection]) -> Deflected:
+        """Return the deflections of disjoint boxes of one mesh together; that of one box as it is."""
+        return cls(tuple(parts), parts[0].angle) if len(parts) > 1 else parts[0]
+
+    @cached_property
+    def plan(self) -> Plans:
+        """What was decided before."""
+        return Plans(tuple(part.plan for part in self.parts))
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Deflected coordinates (N, 3): of each box its own."""
+        points = self.plan.undeflected.copy()
+        for part in self.parts:
+            changed = part.plan.changed
+            points[changed] = part.points[changed]
+        return points
+
+    @cached_property
+    def inverted(self) -> int:
+        """Number of touched cells that are inverted at the end and were not before."""
+        return inverted_count(self.plan, self.points)
+
     @property
-    def moved_by_repair(self) -> FloatArray:
-        """How far (N, 3) the repair has moved each node from where the interpolant put it."""
-        return self.points - self.interpolated
+    def seconds(self) -> float:
+        """Time it took."""
+        return sum(part.seconds for part in self.parts)
 
-    def sensitivity(self) -> FloatArray:
-        """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
-
-        With several steps it is the derivative with respect to the end of the last one.
-
-        Raises InputError for a repaired mesh: a repair ends where cells are good enough, which has no derivative.
-        """
-        if self.repaired is not None:
-            raise InputError(
-                f"{self.plan.mesh.name}: the mesh at {self.angle:g} was repaired, and a repair ends where cells are "
-                "good enough: it has no derivative; set repair = off for the sensitivity"
-            )
-        return rate(self.steps[-1], self.plan.boundary.rate(self.amounts, self.plan.job.ratios))
+    def stored(self, precision: Precision) -> "Deflections":
+        """Return the same deflections as another file holds them."""
+        return replace(self, parts=tuple(part.stored(precision) for part in self.parts))
 
 
 def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Deflection | None = None) -> Deflection:
@@ -318,7 +518,7 @@ def as_repaired(deflection: Deflection, repair: FloatArray) -> Deflection:
     return replace(deflection, points=points, inverted=len(found.inverted), repaired=found)
 
 
-def sweep(plan: Plan, angles: Sequence[float], progress: Progress = silent) -> Iterator[tuple[int, Deflection]]:
+def sweep(plan: Planned, angles: Sequence[float], progress: Progress = silent) -> Iterator[tuple[int, Deflected]]:
     """Bring the mesh to several angles, the largest first: its centres and factors serve for all of them.
 
     Each angle is checked at every data site; centres are added where one is off by more than the tolerance.
@@ -328,11 +528,14 @@ def sweep(plan: Plan, angles: Sequence[float], progress: Progress = silent) -> I
     The place of the angle in `angles`, and the deflection.
     """
     largest = max(range(len(angles)), key=lambda i: abs(angles[i]))
-    reusable: Deflection | None = None
+    reusable: dict[int, Deflection] = {}
     for i in (largest, *(i for i in range(len(angles)) if i != largest)):
-        found = deflect(plan, angles[i], progress, reusable)
-        reusable = found if len(found.steps) == 1 else reusable
-        yield i, found
+        found = []
+        for k, part in enumerate(plan.parts):
+            found.append(deflect(part, plan.share(part, angles[i]), progress, reusable.get(k)))
+            if len(found[-1].steps) == 1:
+                reusable[k] = found[-1]
+        yield i, Deflections.of(found)
 
 
 def combined(mesh: Mesh, deflections: Sequence[Deflection]) -> FloatArray:
@@ -365,6 +568,6 @@ def _stepped(plan: Plan, angle: float, count: int, progress: Progress, earlier: 
     return Deflection(plan, angle, tuple(steps), points, inverted_count(plan, points), perf_counter() - begin)
 
 
-def inverted_count(plan: Plan, points: FloatArray) -> int:
+def inverted_count(plan: Planned, points: FloatArray) -> int:
     """Return how many touched cells are inverted with the mesh at `points` (N, 3) and were not before."""
     return int(np.count_nonzero(plan.touched.newly_inverted(points)))

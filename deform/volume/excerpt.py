@@ -20,7 +20,7 @@ from sdm_deflect.deform.mesh.pieces import MeshInPieces, Pieces, Runner
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import POLYHEDRON
 from sdm_deflect.deform.volume.boundary import Boundary
-from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.job import Job, prepared
 from sdm_deflect.deform.volume.region import confined
 from sdm_deflect.deform.volume.scan import CELLS, POINTS, CellsFound, Frame, beside, check_points, judged, nodes_inside
 
@@ -31,18 +31,24 @@ LARGER = 4
 Block = TypeVar("Block", bound=Faces)
 
 
-def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runner, progress: Progress = silent) -> Mesh:
-    """Return what a plan for a job and its angles needs of a mesh.
+def excerpt(
+    mesh: MeshInPieces, jobs: Sequence[Job], angles: Sequence[float], runner: Runner, progress: Progress = silent
+) -> Mesh:
+    """Return what the plans for jobs and the first one's angles need of a mesh.
 
     All points and cells are read once and judged, piece by piece.
 
-    Raises InputError if the job does not suit the mesh, or the mesh is damaged.
+    Raises InputError if a job does not suit the mesh, or the mesh is damaged.
     """
     pieces = mesh.pieces
     border = _border(mesh)
-    boundary = Boundary.of(job.prepared(border), job)
-    zones, box = confined(boundary, job.ends(tuple(angles) or (job.angle,)))
-    frame = _framed(mesh, border, box.hexahedron, zones, boundary.mesh.numbers(boundary.nodes))
+    parted, boxes, moving = prepared(border, jobs), [], []
+    for job in jobs:
+        boundary = Boundary.of(parted, job)
+        zones, box = confined(boundary, job.ends([job.beside(jobs[0], angle) for angle in angles] or [job.angle]))
+        boxes.append((box.hexahedron, zones))
+        moving.append(parted.numbers(boundary.nodes))
+    frame = _framed(mesh, border, boxes, union(*moving))
     if runner.shares_memory and (pieces.points <= HELD or frame.is_scattered):
         frame = frame.holding()
     inside, places = _nodes_inside(frame, runner, progress)
@@ -91,14 +97,18 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
     return Mesh(points, cells, patches, zones, mesh.name, source, mesh.notes, whole, periodic, files)
 
 
-def _framed(mesh: MeshInPieces, border: Mesh, box: Hexahedron, zones: Sequence[Zone], moving: IntArray) -> Frame:
+def _framed(
+    mesh: MeshInPieces, border: Mesh, boxes: Sequence[tuple[Hexahedron, Sequence[Zone]]], moving: IntArray
+) -> Frame:
     assert border.whole is not None
-    deforming = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in {own.name for own in zones}]
+    spans = []
+    for box, zones in boxes:
+        deforming = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in {own.name for own in zones}]
+        spans.append((box, np.array(deforming, dtype=np.intp).reshape(-1, 2)))
     keys = node_keys(len(border.points))
     faces = distinct(np.concatenate([np.empty(0, np.uint64), *(patch_keys(patch, keys) for patch in border.patches)]))
     sign = (1.0,) * len(mesh.pieces.blocks)
-    spans = np.array(deforming, dtype=np.intp).reshape(-1, 2)
-    return Frame(mesh.pieces, box, spans, moving, border.whole.nodes, keys, faces, sign)
+    return Frame(mesh.pieces, tuple(spans), moving, border.whole.nodes, keys, faces, sign)
 
 
 def _nodes_inside(frame: Frame, runner: Runner, progress: Progress) -> tuple[IntArray, FloatArray]:

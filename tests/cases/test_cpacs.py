@@ -149,7 +149,7 @@ def test_what_is_not_read_is_one_sentence(words, tmp_path):
 def test_settings_take_hinge_and_angle_from_it(tmp_path):
     written(tmp_path)
     (tmp_path / "job.toml").write_text("[[surface]]\npatches = 'a'\ncpacs = 'aircraft.xml'\ndevice = 'flap=-1'\n")
-    moving = job_settings(read_job(tmp_path / "job.toml")).job().surfaces[0]
+    moving = job_settings(read_job(tmp_path / "job.toml")).jobs()[0].surfaces[0]
     assert moving.amount == -20.0
     assert moving.motion.axis.point == pytest.approx([0.4375, 0.5, 0.0])
     for wrong in (
@@ -158,7 +158,7 @@ def test_settings_take_hinge_and_angle_from_it(tmp_path):
         {"cpacs": "x.xml", "device": "flap", "hinge": [[0, 0], [1, 0]]},
     ):
         with pytest.raises(InputError, match=r"go together|leave out hinge"):
-            job_settings({"surface": [{"patches": "a", "angle": 1, **wrong}]}).job()
+            job_settings({"surface": [{"patches": "a", "angle": 1, **wrong}]}).jobs()[0]
     with pytest.raises(InputError, match="the angle is given already"):
         hinge_and_angle(tmp_path / "aircraft.xml", "flap=1", 3.0)
 

@@ -171,7 +171,7 @@ def blended(hinge):
     from sdm_deflect.cases.settings.job_settings import job_settings
 
     surface = {"patches": ["flap_*"], "hinge": hinge.tolist(), "angle": 3.0, "motion": "blended"}
-    return job_settings({"surface": [surface], "fixed": ["wing_*"]}).job()
+    return job_settings({"surface": [surface], "fixed": ["wing_*"]}).jobs()[0]
 
 
 def test_arrays_of_the_whole_mesh_are_in_the_vtu_file(coarse_wing, tmp_path):
