@@ -19,6 +19,7 @@ from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.generate.generation import generate
 from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
+from sdm_deflect.meshing.mesh import tets_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,7 @@ def trial(model: CadModel, parameters: MeshParameters) -> Trial:
         attempts=made.report.attempts,
         rejected=made.report.rejected,
         seconds=made.report.seconds,
-        cells=len(made.mesh.tets),
+        cells=len(tets_of(made.mesh)),
         quality_min=checked.quality.min,
         quality_mean=checked.quality.mean,
         below_0_4=checked.quality.below_0_4,

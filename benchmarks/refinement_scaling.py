@@ -23,6 +23,7 @@ from benchmarks.results import machine
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import deflected, plans_of
 from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection
@@ -31,7 +32,7 @@ from sdm_deflect.meshing.files.child import peak_bytes
 from sdm_deflect.meshing.generate.generation import generate
 from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 from sdm_deflect.meshing.generate.refine import refined
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import tets_of, touching
 
 T = TypeVar("T")
 
@@ -103,15 +104,15 @@ def series(parameters: MeshParameters, refinements: int) -> Iterator[Size]:
         yield size(mesh, case, first, level, made)
 
 
-def size(mesh: TetMesh, case: Case, first: Interpolant, refinements: int, made: Cost) -> Size:
+def size(mesh: Mesh, case: Case, first: Interpolant, refinements: int, made: Cost) -> Size:
     """Measure on one mesh; `made` is what its last refinement took."""
     found, cost = measured(partial(turned, mesh, case))
     hexahedron, inside = found.plan.region.hexahedron, found.plan.region.inside
-    cells = mesh.tets[mesh.touching(inside)]
+    cells = tets_of(mesh)[touching(mesh, inside)]
     return Size(
         refinements=refinements,
         points=len(mesh.points),
-        cells=len(mesh.tets),
+        cells=len(tets_of(mesh)),
         inside=len(inside),
         refine_seconds=made.seconds,
         refine_processor_seconds=made.processor_seconds,
@@ -128,9 +129,9 @@ def size(mesh: TetMesh, case: Case, first: Interpolant, refinements: int, made: 
     )
 
 
-def turned(mesh: TetMesh, case: Case) -> Deflection:
+def turned(mesh: Mesh, case: Case) -> Deflection:
     """Deflect the case's control surface."""
-    return deflected(case, plans_of(case, mesh.as_mesh()))[0]
+    return deflected(case, plans_of(case, mesh))[0]
 
 
 def measured(action: Callable[[], T]) -> tuple[T, Cost]:

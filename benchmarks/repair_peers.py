@@ -126,7 +126,7 @@ def faced(mesh: Mesh, name: str) -> Mesh:
 def chimera(folder: Path, angle: float) -> Task:
     """Return case 5.2, small."""
     case = replace(case_named("aileron-chimera"), angle=angle)
-    mesh = meshed(case, Stopwatch(Silent()))[0].as_mesh(case.name)
+    mesh = meshed(case, Stopwatch(Silent()))[0]
 
     def ours(repair: RepairMode) -> Deflection:
         wanted = replace(case, repair=repair)

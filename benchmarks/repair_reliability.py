@@ -161,7 +161,7 @@ def main() -> None:
             case = replace(case_named(name), angle=angle)
             confinement = replace(case.confinement, ahead=ahead)
             case = replace(case, adaptation=replace(case.adaptation, max_steps=1), confinement=confinement)
-            mesh = meshed(case_named(name), Stopwatch(Silent()))[0].as_mesh(name)
+            mesh = meshed(case_named(name), Stopwatch(Silent()))[0]
             found.setdefault(named(name, angle, ahead), []).append(trial(case, mesh))
         figures = {name: [asdict(one) for one in trials] for name, trials in found.items()}
         options.json.write_text(json.dumps(figures, indent=1) + "\n")

@@ -1,103 +1,90 @@
-"""The tetrahedral mesh with named boundary patches."""
+"""Meshes of tetrahedra whose boundary triangles carry the face of the CAD that they lie on."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 
 VOLUME = "volume"
+"""Name of the cells among those of the patches in files."""
 FREE_FORM = 1e-5
 """Largest allowed distance (m) of nodes from a CAD face that is neither a plane nor a cylinder."""
+CAD_FACE, ROW = "cad_face", "row"
+"""Labels of boundary faces: index of the face of the CAD, -1 where there is none; place among all boundary faces."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TetMesh:
-    """Tetrahedra and the named triangles that bound them.
+class Skin(NamedTuple):
+    """The boundary triangles of a mesh, in their order in files.
 
-    Parameters
+    Attributes
     ----------
-    points : (N, 3) node coordinates in metres.
-    tets : (M, 4) node indices; positively oriented: det(p1-p0, p2-p0, p3-p0) > 0.
-    triangles : (F, 3) node indices of the boundary, oriented out of the fluid: into the body, out of the far field.
-    patch : (F,) index into `names` of each triangle, at least 1.
-    face : (F,) index of the CAD face each triangle lies on, -1 where there is none (far field).
-    names : Patch names; position 0 is ``"volume"``, the tetrahedra themselves.
-
-    Raises ValueError for arrays of the wrong shape, non-finite coordinates and indices out of range.
+    triangles : (F, 3) node indices, oriented out of the fluid: into the body, out of the far field.
+    patch : (F,) index of the patch of each.
+    face : (F,) index of the CAD face that each lies on, -1 where there is none (far field).
     """
 
-    points: FloatArray = field(repr=False)
-    tets: IntArray = field(repr=False)
-    triangles: IntArray = field(repr=False)
-    patch: IntArray = field(repr=False)
-    face: IntArray = field(repr=False)
-    names: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        _check_shape("points", self.points, 3)
-        _check_shape("tets", self.tets, 4)
-        _check_shape("triangles", self.triangles, 3)
-        if not np.isfinite(self.points).all():
-            raise ValueError("points hold a coordinate that is not finite")
-        _check_range("tets", self.tets, 0, len(self.points))
-        _check_range("triangles", self.triangles, 0, len(self.points))
-        for name, labels in (("patch", self.patch), ("face", self.face)):
-            if labels.shape != (len(self.triangles),):
-                raise ValueError(f"{name} has shape {labels.shape}, expected ({len(self.triangles)},)")
-        if not self.names or self.names[0] != VOLUME or len(set(self.names)) != len(self.names):
-            raise ValueError(f"names must start with {VOLUME!r} and be distinct, got {self.names}")
-        _check_range("patch", self.patch, 1, len(self.names))
-        _check_range("face", self.face, -1, np.iinfo(np.intp).max)
-
-    def triangles_of(self, name: str) -> IntArray:
-        """Triangles (K, 3) of one patch; ValueError if the mesh has no patch of that name."""
-        own: IntArray = self.triangles[self.patch == self._index(name)]
-        return own
-
-    def on(self, *names: str) -> IntArray:
-        """Sorted, distinct indices (K,) of the nodes on the union of the named patches."""
-        wanted = np.isin(self.patch, [self._index(name) for name in names])
-        return distinct(self.triangles[wanted])
-
-    def touching(self, nodes: IntArray) -> BoolArray:
-        """True for cells (M,) with any of these nodes (K,)."""
-        chosen = np.zeros(len(self.points), dtype=bool)
-        chosen[nodes] = True
-        return np.asarray(chosen[self.tets].any(axis=1))
-
-    def with_points(self, points: FloatArray) -> TetMesh:
-        """The same cells and patches on moved nodes (N, 3); ValueError if the number of nodes changes."""
-        if points.shape != self.points.shape:
-            raise ValueError(f"points have shape {points.shape}, expected {self.points.shape}")
-        return replace(self, points=points)
-
-    def as_mesh(self, name: str = "mesh") -> Mesh:
-        """The tetrahedra (M, 4) and each patch's triangles (K, 3), if any, as the engine sees a mesh of any cells.
-
-        Points and tetrahedra are shared, not copied; the labels of CAD faces are lost. Messages call the mesh `name`.
-        """
-        triangles = {patch: self.triangles_of(patch) for patch in self.names[1:]}
-        patches = tuple(Patch(patch, (Cells("triangle", own),)) for patch, own in triangles.items() if len(own))
-        return Mesh(self.points, (Cells("tetra", self.tets),), patches, name=name)
-
-    def _index(self, name: str) -> int:
-        if name not in self.names[1:]:
-            raise ValueError(f"no patch {name!r}; the mesh has {', '.join(self.names[1:])}")
-        return self.names.index(name)
+    triangles: IntArray
+    patch: IntArray
+    face: IntArray
 
 
-def _check_shape(name: str, array: FloatArray | IntArray, columns: int) -> None:
-    """Raise ValueError unless the array is (*, columns)."""
-    if array.ndim != 2 or array.shape[1] != columns:
-        raise ValueError(f"{name} has shape {array.shape}, expected (*, {columns})")
+def tetrahedral(points: FloatArray, tets: IntArray, skin: Skin, names: Sequence[str], name: str = "mesh") -> Mesh:
+    """Return tetrahedra (M, 4), each with det(p1-p0, p2-p0, p3-p0) > 0, and the labelled triangles that bound them.
+
+    Raises InputError or ValueError for arrays of the wrong shape and indices out of range.
+    """
+    triangles, patch, face = skin
+    if triangles.shape[1:] != (3,) or not len(triangles) == len(patch) == len(face):
+        raise ValueError(f"triangles {triangles.shape}, patch {patch.shape} and face {face.shape} do not fit together")
+    for label, values, low, end in (("patch", patch, 0, len(names)), (CAD_FACE, face, -1, np.iinfo(np.intp).max)):
+        if len(values) and (values.min() < low or values.max() >= end):
+            raise ValueError(f"{label} holds {values.min()} ... {values.max()}, expected {low} ... {end - 1}")
+    patches = []
+    for index, patch_name in enumerate(names):
+        rows = np.flatnonzero(patch == index)
+        labels = {CAD_FACE: face[rows], ROW: rows}
+        patches.append(Patch(patch_name, (Cells("triangle", triangles[rows]),), labels=labels))
+    return Mesh(points, (Cells("tetra", tets),), tuple(patches), name=name)
 
 
-def _check_range(name: str, indices: IntArray, low: int, end: int) -> None:
-    """Raise ValueError unless all indices, of any shape, lie in low ... end - 1."""
-    if len(indices) and (indices.min() < low or indices.max() >= end):
-        raise ValueError(f"{name} holds {indices.min()} ... {indices.max()}, expected {low} ... {end - 1}")
+def tets_of(mesh: Mesh) -> IntArray:
+    """Return the tetrahedra (M, 4) of a mesh that has no other cells."""
+    (block,) = mesh.cells
+    if not isinstance(block, Cells) or block.shape != "tetra":
+        raise ValueError(f"{mesh.name} holds other cells than tetrahedra")
+    return block.nodes
+
+
+def triangles_of(mesh: Mesh, name: str) -> IntArray:
+    """Return the triangles (K, 3) of a patch; KeyError if there is none of that name."""
+    (faces,) = mesh.patch(name).faces
+    return faces.nodes
+
+
+def skin(mesh: Mesh) -> Skin:
+    """Return the boundary of a mesh made by `tetrahedral`."""
+    patch = np.repeat(np.arange(len(mesh.patches)), [len(one) for one in mesh.patches])
+    triangles = np.concatenate([np.empty((0, 3), dtype=np.intp), *(triangles_of(mesh, name) for name in mesh.names)])
+    face, row = (
+        np.concatenate([np.empty(0, dtype=np.intp), *(one.labels[label] for one in mesh.patches)])
+        for label in (CAD_FACE, ROW)
+    )
+    order = np.argsort(row)
+    return Skin(triangles[order], patch[order], face[order])
+
+
+def nodes_by_face(mesh: Mesh, name: str) -> Iterator[IntArray]:
+    """Yield the sorted nodes (K,) of a patch on each of its CAD faces, in the order of these."""
+    triangles, face = triangles_of(mesh, name), mesh.patch(name).labels[CAD_FACE]
+    for index in np.unique(face):
+        yield np.unique(triangles[face == index])
+
+
+def touching(mesh: Mesh, nodes: IntArray) -> BoolArray:
+    """Return which tetrahedra (M,) have any of these nodes (K,)."""
+    chosen = np.zeros(len(mesh.points), dtype=np.bool_)
+    chosen[nodes] = True
+    return np.asarray(chosen[tets_of(mesh)].any(axis=1))

@@ -11,6 +11,7 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
 from sdm_deflect.deform.base.points import IndexArray
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.fitting import Polynomial
 from sdm_deflect.deform.rbf.greedy import adapt
 from sdm_deflect.deform.rbf.interpolant import direct
@@ -20,7 +21,6 @@ from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.volume.step import initial_centers
 from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.meshing.mesh import TetMesh
 from studies.loop import Ended, Gmres, adapted
 from studies.measure import SiteGroups, sites_of
 from studies.paper import Row, Table, paper
@@ -154,7 +154,7 @@ def by_solver(models: dict[tuple[str, float], Model]) -> Iterator[Trial]:
                 yield one.trial(GMRES, f"{most} iterations", ended, SMALLER)
 
 
-def by_change(case: Case, table: str, mesh: TetMesh) -> Iterator[Trial]:
+def by_change(case: Case, table: str, mesh: Mesh) -> Iterator[Trial]:
     """Change the sites, or what they do, one thing at a time."""
     for change, value, model in variations(case, mesh):
         for one in demands(table, case.angle):
@@ -170,7 +170,7 @@ def by_change(case: Case, table: str, mesh: TetMesh) -> Iterator[Trial]:
                 yield one.trial("polynomial", polynomial, adapted(group, one.first(model), options, direct))
 
 
-def variations(case: Case, mesh: TetMesh) -> Iterator[tuple[str, str, Model]]:
+def variations(case: Case, mesh: Mesh) -> Iterator[tuple[str, str, Model]]:
     """Yield what is changed, to what, and the sites."""
     surface, sites = case.deflections[0].surface, sites_of(case, mesh)
     model = Model.of(sites)
@@ -218,7 +218,7 @@ def on_trailing_edge(sites: SiteGroups, fighter: Fighter, surface: str) -> BoolA
     return np.asarray(distance_to_line(points, datum.trailing_edge(fighter, surface)) < ON_LINE)
 
 
-def measured(cases: dict[str, Case], meshes: dict[str, TetMesh], progress: Progress) -> tuple[Trial, ...]:
+def measured(cases: dict[str, Case], meshes: dict[str, Mesh], progress: Progress) -> tuple[Trial, ...]:
     """Carry out all trials on the meshes of the paper's tables 1, 3 and 4."""
     models = {}
     for name, case in cases.items():

@@ -13,6 +13,7 @@ from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import combined
+from sdm_deflect.meshing.mesh import tets_of, touching
 
 ANGLES = tuple(float(angle) for angle in range(-30, 31, 5))
 """Degrees of a sweep if no others are asked for."""
@@ -42,18 +43,18 @@ def donors_at(case: Case, angles: Sequence[float], watch: Stopwatch, cache: bool
         raise InputError(f"case {case.name}: has no Chimera block; aileron-chimera has")
     largest = replace(case, angle=max(angles, key=abs))
     mesh, background, (low, high) = meshed(case, watch, cache)[0], background_mesh(largest, watch, cache), hole(largest)
-    flow, found = mesh.as_mesh(case.name), []
+    found = []
     with watch.stage("donors") as progress:
         for k, angle in enumerate(angles):
             progress(f"{angle:+g} deg", k / len(angles))
             turned = replace(case, angle=angle)
             try:
-                plans = plans_of(turned, flow)
-                moved = mesh.with_points(combined(flow, deflected(turned, plans)))
+                plans = plans_of(turned, mesh)
+                moved = mesh.with_points(combined(mesh, deflected(turned, plans)))
             except InputError as error:
                 found.append(Position(angle, reason=str(error)))
                 continue
-            inside = moved.tets[mesh.touching(plans[0].region.inside)]
+            inside = tets_of(moved)[touching(mesh, plans[0].region.inside)]
             quality = float(mean_ratio(moved.points, inside).min())
             found.append(Position(angle, quality, donors(moved, background, low, high)))
         progress(f"{sum(one.donors.orphans for one in found)} orphans at {len(found)} angles", 1.0)

@@ -16,6 +16,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.points import IndexArray
 from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.rbf.bases import DirectBasis
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Iteration, Stop, adapt
@@ -26,7 +27,7 @@ from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Wor
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.volume.deflection import Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS, GROUPINGS, initial_centers
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import tets_of
 from studies.paper import Evaluation, Row, Setting, Size, Table, paper
 from studies.trends import Finding, Trend
 
@@ -87,10 +88,10 @@ class SiteGroups:
         """Return the largest prescribed displacement in x, y and z, millimetres."""
         return {d: 1e3 * float(np.abs(self.groups[d].values).max()) for d in "xyz"}
 
-    def size(self, case: str, mesh: TetMesh) -> Size:
+    def size(self, case: str, mesh: Mesh) -> Size:
         """Return the sizes of mesh and sites."""
         x, y, z = (self.plan.sites.zero_sites(c) for c in range(3))
-        return Size(case, len(mesh.points), len(mesh.tets), len(self.plan.sites.moving), (x, y, z))
+        return Size(case, len(mesh.points), len(tets_of(mesh)), len(self.plan.sites.moving), (x, y, z))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,10 +114,9 @@ class Measured:
     history: tuple[Iteration, ...] = ()
 
 
-def sites_of(case: Case, mesh: TetMesh) -> SiteGroups:
+def sites_of(case: Case, mesh: Mesh) -> SiteGroups:
     """Collect the data sites of a case's first control surface at its whole angle, as the paper does in one step."""
-    flow = mesh.as_mesh(case.name)
-    plan = Plan.of(flow, job_of(case, flow, case.deflections[0]))
+    plan = Plan.of(mesh, job_of(case, mesh, case.deflections[0]))
     moving = DataSites(mesh.points[plan.sites.moving], plan.boundary.displacement(plan.job.amounts))
     parts = [moving, *plan.sites.zero]
     groups = [group for grouping in GROUPINGS.values() for group in grouping(parts)]
@@ -213,7 +213,7 @@ class Result:
         return {loop: finding for loop, finding in judged.items() if finding is not None}
 
 
-def carry_out(name: str, case: Case, mesh: TetMesh, progress: Progress) -> Result:
+def carry_out(name: str, case: Case, mesh: Mesh, progress: Progress) -> Result:
     """Measure every row of a table on the mesh of its case."""
     table, (for_fewest, others) = paper().tables[name], LOOPS[name]
     settings = [row.setting for row in table.rows]
@@ -241,7 +241,7 @@ def run_study(name: str, scale: str, watch: Stopwatch, cache: bool = True) -> Re
         return carry_out(name, case, mesh, progress)
 
 
-def timed(theirs: Evaluation, case: Case, mesh: TetMesh) -> Evaluation:
+def timed(theirs: Evaluation, case: Case, mesh: Mesh) -> Evaluation:
     """Find the interpolant as the paper did and time filter and evaluation, medians of several runs."""
     sites = sites_of(replace(case, angle=theirs.setting.angle), mesh)
     region, fit = sites.plan.region, Task.of(sites, theirs.setting, theirs, GROWN).run()

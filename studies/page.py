@@ -16,10 +16,11 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
 from sdm_deflect.cases.run.progress import Display, Stopwatch
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import Strategy
 from sdm_deflect.meshing.files.temporary import scratch_folder
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import tets_of
 from studies import sections, verdicts
 from studies.centres_page import why
 from studies.files import write_csv, write_plot
@@ -50,7 +51,7 @@ class Sources:
     cache: bool = True
     _runs: dict[tuple[str, float, Strategy], Run] = field(default_factory=dict)
 
-    def mesh(self, name: str) -> TetMesh:
+    def mesh(self, name: str) -> Mesh:
         """Return the undeflected mesh of a case."""
         return meshed(case_named(name, self.scale), Stopwatch(self.display), self.cache)[0]
 
@@ -93,7 +94,7 @@ def histograms(runs: Sources, stored: Stored, folder: Path, number: int, wanted:
     """Histograms of some runs (case, angle, strategy, title), and the cells that the paper speaks of."""
     found = [runs.run(name, angle, strategy) for name, angle, strategy, _ in wanted]
     for run in sorted(found, key=lambda run: run.case.adaptation.strategy, reverse=True):  # SQUV first
-        before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
+        before, after = (mean_ratio(mesh.points, tets_of(mesh)) for mesh in (run.mesh, run.deflected))
         theirs = [one for one in paper().quality if (one.figure, one.angle) == (number, run.case.angle)]
         stored.counted.extend(Counted.of(one, run, before, after) for one in theirs)
     figure, alternative = aircraft.histograms(found, [title for *_, title in wanted])

@@ -15,9 +15,10 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Display, Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.threads import SERIAL_PAIRS
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import tets_of
 from studies import centres
 from studies.measure import GMRES, GROWN, REPETITIONS, Result, Task, sites_of
 from studies.paper import Evaluation, Row, paper
@@ -45,19 +46,19 @@ def measure_reasons(scale: str, display: Display, cache: bool = True) -> Reasons
     return Reasons(scale, trials, spoiled, calls)
 
 
-def spoiled_cells(case: Case, mesh: TetMesh) -> Spoiled:
+def spoiled_cells(case: Case, mesh: Mesh) -> Spoiled:
     """Deflect the tail with the paper's tolerance and an eighth of it, and see where cells are spoiled."""
     below = next(one.below for one in paper().quality if one.case == case.name)
-    surface, flow = case.deflections[0].surface, mesh.as_mesh(case.name)
-    panel = flow.patch(panel_of(surface)).nodes
-    root = np.intersect1d(flow.patch(surface).nodes, panel)
+    surface = case.deflections[0].surface
+    panel = mesh.patch(panel_of(surface)).nodes
+    root = np.intersect1d(mesh.patch(surface).nodes, panel)
     found = []
     for factor in (1.0, 8.0):
         adaptation = replace(case.adaptation, rule="worst", tolerance=case.adaptation.tolerance / factor)
         one = replace(case, repair="off", adaptation=adaptation)
-        points = deflected(one, plans_of(one, flow))[0].points
-        found.append(np.flatnonzero(mean_ratio(points, mesh.tets) < below))
-    cells = mesh.tets[found[0]]
+        points = deflected(one, plans_of(one, mesh))[0].points
+        found.append(np.flatnonzero(mean_ratio(points, tets_of(mesh)) < below))
+    cells = tets_of(mesh)[found[0]]
     middles, edge = mesh.points[cells].mean(axis=1), mesh.points[root[np.argmax(mesh.points[root, 0])]]
     away = np.linalg.norm(middles[:, None] - mesh.points[root], axis=2).min(axis=1)
     behind = middles[:, 0] > edge[0]
@@ -67,7 +68,7 @@ def spoiled_cells(case: Case, mesh: TetMesh) -> Spoiled:
     return Spoiled(*counts, float(away.max(initial=0.0)), float(length))
 
 
-def calls_of(theirs: Evaluation, case: Case, mesh: TetMesh) -> Calls:
+def calls_of(theirs: Evaluation, case: Case, mesh: Mesh) -> Calls:
     """Time the interpolant for f_x inside the hexahedron and on the whole mesh in turn, on one thread."""
     sites = sites_of(replace(case, angle=theirs.setting.angle), mesh)
     fit = Task.of(sites, theirs.setting, theirs, GROWN).run()

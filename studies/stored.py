@@ -15,6 +15,7 @@ from cattrs import structure
 from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.meshing.mesh import touching
 from studies.measure import ALL, Ground, Measured, Result
 from studies.paper import Evaluation, QualityStatement, Row, Setting, Size
 from studies.trends import Finding
@@ -48,13 +49,13 @@ class Counted:
     @classmethod
     def of(cls, theirs: QualityStatement, run: Run, before: FloatArray, after: FloatArray) -> "Counted":
         """Count in the mean ratios (M,) before and after."""
-        near = run.mesh.touching(run.deflections[0].plan.region.inside)
+        near = touching(run.mesh, run.deflections[0].plan.region.inside)
         old, new, near_old, near_new = (
             int(np.sum(one < theirs.below)) for one in (before, after, before[near], after[near])
         )
         least = (float(before[near].min()), float(after[near].min()))
-        strategy, touching = run.case.adaptation.strategy, int(near.sum())
-        return cls(theirs, strategy, len(before), old, new, touching, near_old, near_new, least)
+        strategy = run.case.adaptation.strategy
+        return cls(theirs, strategy, len(before), old, new, int(near.sum()), near_old, near_new, least)
 
     def finding(self) -> Finding:
         """Judge the paper's statement."""

@@ -16,7 +16,7 @@ import numpy as np
 from sdm_deflect.cases.aircraft.pipeline import background_parameters, mesh_parameters
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.meshing.files.cache import RECIPE, MeshCache, cache_key
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import VOLUME, Skin, skin, tetrahedral, tets_of
 
 FOLDER = Path(__file__).parent / "kept"
 NAMES = ("aileron", "aileron-chimera", "background")
@@ -42,8 +42,10 @@ def keep(cache: Path) -> None:
     """Write the kept meshes from those of a cache folder."""
     for name in NAMES:
         mesh, note = MeshCache(cache).load(cache_key(parameters(name)))
-        text = json.dumps({"names": mesh.names, "note": note, "digest": digest(name)})
-        arrays = {key: getattr(mesh, key).astype(kind) for key, kind in ARRAYS.items()}
+        text = json.dumps({"names": (VOLUME, *mesh.names), "note": note, "digest": digest(name)})
+        triangles, patch, face = skin(mesh)
+        values = zip(ARRAYS.items(), (mesh.points, tets_of(mesh), triangles, patch + 1, face), strict=True)
+        arrays = {key: own.astype(kind) for (key, kind), own in values}
         np.savez_compressed(FOLDER / f"{name}.npz", text=np.array(text), **arrays)
 
 
@@ -53,8 +55,9 @@ def put(cache: Path) -> None:
         with np.load(FOLDER / f"{name}.npz", allow_pickle=False) as kept:
             text = json.loads(str(kept["text"]))
             if text["digest"] == digest(name):
-                arrays = {key: kept[key].astype("f8" if key == "points" else np.intp) for key in ARRAYS}
-                mesh = TetMesh(names=tuple(text["names"]), **arrays)
+                tets, triangles, patch, face = (kept[key].astype(np.intp) for key in list(ARRAYS)[1:])
+                skin_of_file = Skin(triangles, patch - 1, face)
+                mesh = tetrahedral(kept["points"].astype("f8"), tets, skin_of_file, text["names"][1:])
                 MeshCache(cache).store(cache_key(parameters(name)), mesh, text["note"])
 
 

@@ -10,6 +10,7 @@ from sdm_deflect.geometry.aircraft import background, build, chimera_block
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.generation import Finer, Generated, generate
 from sdm_deflect.meshing.generate.parameters import MeshParameters
+from sdm_deflect.meshing.mesh import tets_of
 
 
 def undeflected_cad(case: Case) -> CadModel:
@@ -47,5 +48,5 @@ def _meshed(
         progress(f"{len(model.faces)} CAD faces", 1.0)
     with watch.stage("mesh") as progress:
         made = generate(model, parameters, progress=progress, finer=finer)
-        progress(f"{len(made.mesh.tets)} cells in attempt {made.report.attempts}", 1.0)
+        progress(f"{len(tets_of(made.mesh))} cells in attempt {made.report.attempts}", 1.0)
     return made

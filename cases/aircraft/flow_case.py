@@ -49,7 +49,7 @@ def export_flow(
     source, place = run / f"{which}.vtu", run.resolve()
     wanted = Targets.of(source, out or place.with_name(f"{place.name}-{which}{suffix}"), (case.angle,), flow=flow)
     wanted.check()
-    mesh = read_vtu(source).as_mesh()
+    mesh = read_vtu(source)
     with permitted_as(run), output_files(wanted.out.parent) as scratch:
         written, lost = write_flow(
             flow.solver,

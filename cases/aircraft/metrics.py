@@ -17,10 +17,11 @@ from sdm_deflect.cases.run.metrics import (
     verdict_figures,
 )
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.volume.deflection import Deflection
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import tets_of
 
 SHOWN = ("min", "p01", "mean", "below_0_2", "below_0_4")
 """What is shown of the quality of the whole mesh."""
@@ -58,14 +59,14 @@ class Run:
     """
 
     case: Case
-    mesh: TetMesh
+    mesh: Mesh
     origin: MeshOrigin
-    deflected: TetMesh
+    deflected: Mesh
     deflections: tuple[Deflection, ...]
     whole_mesh_seconds: float
     checks: tuple[Check, ...]
     seconds: dict[str, float] = field(default_factory=dict)
-    background: TetMesh | None = None
+    background: Mesh | None = None
     pinned: Quality | None = None
 
     @property
@@ -77,7 +78,7 @@ class Run:
 def metrics(run: Run) -> Json:
     """Return the content of metrics.json of a case (SI units, degrees)."""
     case, first = run.case, run.deflections[0]
-    before, after = (summarise(mean_ratio(mesh.points, mesh.tets)) for mesh in (run.mesh, run.deflected))
+    before, after = (summarise(mean_ratio(mesh.points, tets_of(mesh))) for mesh in (run.mesh, run.deflected))
     quality = [{name: getattr(state, name) for name in SHOWN} for state in (before, after)]
     surfaces = {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflections}
     surface = surfaces[first.plan.surface]

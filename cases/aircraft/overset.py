@@ -11,9 +11,10 @@ from sdm_deflect.cases.aircraft.job import BLOCK, block_stations
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.checks import Check, worst
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.confinement import gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import tets_of, touching
 
 ON_FACE = 1e-7
 """A node within this distance (m) of a plane is in it: boundary nodes are on the CAD to that."""
@@ -50,7 +51,7 @@ class Donors:
         return self.faces_without + self.fringe_without
 
 
-def donors(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArray) -> Donors:
+def donors(block: Mesh, background: Mesh, low: FloatArray, high: FloatArray) -> Donors:
     """Count the nodes that need and that find a donor between a (deflected) block and the background.
 
     Parameters
@@ -60,13 +61,13 @@ def donors(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArra
     """
     outer = block.on(BLOCK)
     off = np.flatnonzero(np.all((background.points > low) & (background.points < high), axis=1))
-    fringe = np.setdiff1d(distinct(background.tets[background.touching(off)]), off, assume_unique=True)
+    fringe = np.setdiff1d(distinct(tets_of(background)[touching(background, off)]), off, assume_unique=True)
     found = (has_donor(block.points[outer], background), has_donor(background.points[fringe], block))
     without = [int(np.count_nonzero(~one)) for one in found]
     return Donors(len(outer), without[0], len(off), len(fringe), without[1])
 
 
-def orphans(block: TetMesh, background: TetMesh, low: FloatArray, high: FloatArray) -> Check:
+def orphans(block: Mesh, background: Mesh, low: FloatArray, high: FloatArray) -> Check:
     """Check that all nodes find their `donors`."""
     found = donors(block, background, low, high)
     where = (
@@ -105,7 +106,7 @@ def finer_background(case: Case) -> tuple[FloatArray, FloatArray]:
     return np.vstack(points), np.concatenate(lengths)
 
 
-def overset_checks(case: Case, mesh: TetMesh, deflected: TetMesh, background: TetMesh) -> Iterator[Check]:
+def overset_checks(case: Case, mesh: Mesh, deflected: Mesh, background: Mesh) -> Iterator[Check]:
     """Checks of a Chimera block: its faces in the gaps stay planar, and both blocks find their donors."""
     surface = case.deflections[0].surface
     nodes = mesh.on(BLOCK)
@@ -116,7 +117,7 @@ def overset_checks(case: Case, mesh: TetMesh, deflected: TetMesh, background: Te
     yield orphans(deflected, background, *hole(case))
 
 
-def has_donor(points: FloatArray, mesh: TetMesh) -> BoolArray:
+def has_donor(points: FloatArray, mesh: Mesh) -> BoolArray:
     """True for each of points (N, 3) that lies in a cell of the mesh."""
     import pyvista as pv  # a second, for Chimera blocks only
     from vtkmodules.vtkCommonDataModel import vtkGenericCell, vtkStaticCellLocator
@@ -133,7 +134,7 @@ def has_donor(points: FloatArray, mesh: TetMesh) -> BoolArray:
     return np.array(found, dtype=bool)
 
 
-def cells_near(points: FloatArray, mesh: TetMesh) -> IntArray:
+def cells_near(points: FloatArray, mesh: Mesh) -> IntArray:
     """Cells (C, 4) of the mesh with any of points (N, 3) in the ball around their centroid that holds them.
 
     All others are no donors. The locator sorts cells into boxes of one size: among those of a whole graded mesh
@@ -142,8 +143,9 @@ def cells_near(points: FloatArray, mesh: TetMesh) -> IntArray:
     if not len(points):
         return np.empty((0, 4), dtype=np.intp)
     tree, low, high, near = cKDTree(points), points.min(axis=0), points.max(axis=0), []
-    for start in range(0, len(mesh.tets), ROWS):
-        tets = mesh.tets[start : start + ROWS]
+    cells = tets_of(mesh)
+    for start in range(0, len(cells), ROWS):
+        tets = cells[start : start + ROWS]
         corners = mesh.points[tets]
         centre = corners.mean(axis=1)
         reach = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1, keepdims=True) * (1.0 + 1e-9)

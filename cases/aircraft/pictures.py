@@ -14,11 +14,12 @@ from sdm_deflect.cases.report.figures import bars
 from sdm_deflect.cases.report.pictures import Picture
 from sdm_deflect.cases.report.scene3d import Layer, View
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.geometry.confinement import block_corners, gap_faces
 from sdm_deflect.geometry.datum import ends, ribs
 from sdm_deflect.meshing.generate.topology import cell_faces, edges_of
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import tets_of, touching, triangles_of
 
 BINS = np.linspace(0.0, 1.0, 51)
 WHOLE, GAP, TAIL = (900, 620), (900, 700), (900, 640)
@@ -37,7 +38,7 @@ def blocks(aircraft: Run, chimera: Run) -> Picture:
     if chimera.background is None:
         raise ValueError(f"case {chimera.case.name} has no Chimera block")
     mesh, names = aircraft.mesh, scene3d.components_of(walls(aircraft.mesh))
-    surface = scene3d.patches(mesh.as_mesh(), walls(mesh), edge=(70, 70, 70), width=0.6)
+    surface = scene3d.patches(mesh, walls(mesh), edge=(70, 70, 70), width=0.6)
     whole = scene3d.framed(surface, mesh.points[mesh.on(*walls(mesh))], (-1.0, -1.1, 0.9), WHOLE)
     legend = {name: scene3d.COMPONENTS[name] for name in [*names, BLOCK]}
     return Picture(
@@ -49,9 +50,9 @@ def blocks(aircraft: Run, chimera: Run) -> Picture:
     )
 
 
-def walls(mesh: TetMesh) -> list[str]:
+def walls(mesh: Mesh) -> list[str]:
     """Return the patches of the aircraft itself."""
-    return [name for name in mesh.names[1:] if name not in ("far_field", BLOCK)]
+    return [name for name in mesh.names if name not in ("far_field", BLOCK)]
 
 
 def shell(tets: IntArray) -> tuple[IntArray, IntArray]:
@@ -61,20 +62,20 @@ def shell(tets: IntArray) -> tuple[IntArray, IntArray]:
     return faces.nodes[outer], faces.first[outer]
 
 
-def cells_by_quality(mesh: TetMesh, chosen: BoolArray, **looks: Any) -> Layer:
+def cells_by_quality(mesh: Mesh, chosen: BoolArray, **looks: Any) -> Layer:
     """Return the outside of the chosen (M,) cells, coloured by their mean ratio."""
-    tets = mesh.tets[chosen]
+    tets = tets_of(mesh)[chosen]
     triangles, cell = shell(tets)
     rgb = scene3d.quality_rgb(mean_ratio(mesh.points, tets)[cell])
     return Layer(mesh.points, triangles, rgb, **{"edge": (40, 40, 40), "ambient": 0.85, **looks})
 
 
-def overlapping(run: Run, background: TetMesh) -> View:
+def overlapping(run: Run, background: Mesh) -> View:
     """Look at the block around the aileron from behind, port and above."""
     corners = block_corners(run.case.fighter, run.case.block, run.deflections[0].plan.surface)
-    around = scene3d.patches(background.as_mesh(), walls(background), edge=(120, 120, 120), width=0.4)
-    own = scene3d.patches(run.mesh.as_mesh(), walls(run.mesh), edge=(60, 60, 60), width=0.6)
-    outside = scene3d.plain(run.mesh.points, run.mesh.triangles_of(BLOCK), scene3d.MAGENTA, opacity=0.12)
+    around = scene3d.patches(background, walls(background), edge=(120, 120, 120), width=0.4)
+    own = scene3d.patches(run.mesh, walls(run.mesh), edge=(60, 60, 60), width=0.6)
+    outside = scene3d.plain(run.mesh.points, triangles_of(run.mesh, BLOCK), scene3d.MAGENTA, opacity=0.12)
     return scene3d.framed((*around, *own, outside, scene3d.box(corners)), corners, (0.9, -1.0, 0.9), WHOLE)
 
 
@@ -96,7 +97,7 @@ def gap(run: Run) -> View:
     plan, mesh = run.deflections[0].plan, run.deflected
     own, face, end = stations(run)
     width = abs(face - own)
-    grey = scene3d.patches(mesh.as_mesh(), walls(mesh), scene3d.DARK)
+    grey = scene3d.patches(mesh, walls(mesh), scene3d.DARK)
     cells = cells_by_quality(mesh, in_gap(run), width=1.2)
     focus = np.array([end[1, 0], own - np.sign(face - own) * width, 2.0 * width])
     return View(
@@ -117,7 +118,7 @@ def in_gap(run: Run) -> BoolArray:
     They are chosen by where they were before the deflection, so that every angle shows the same cells.
     """
     own, face, section = stations(run)
-    x, y, z = run.mesh.points[run.mesh.tets].mean(axis=1).T
+    x, y, z = run.mesh.points[tets_of(run.mesh)].mean(axis=1).T
     width, outboard = abs(face - own), np.sign(own - face) * (y - own)
     ahead = (x > section[0, 0]) & (x < section[1, 0] - 0.25 * np.ptp(section[:, 0]))
     return np.asarray(ahead & (outboard < OUTBOARD * width) & (np.abs(z) < ALONG * width))
@@ -127,9 +128,9 @@ def confinement(run: Run) -> Picture:
     """Figure 6: surface meshes of tail and panel, the hexahedron and the zero sites on its faces."""
     plan, mesh = run.deflections[0].plan, run.mesh
     surface = plan.surface
-    shown = scene3d.patches(mesh.as_mesh(), (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
+    shown = scene3d.patches(mesh, (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
     others = [name for name in walls(mesh) if name not in run.deflections[0].plan.patches]
-    rest = scene3d.patches(mesh.as_mesh(), others, scene3d.GREY, opacity=0.25)
+    rest = scene3d.patches(mesh, others, scene3d.GREY, opacity=0.25)
     zero = tuple(scene3d.dots(part.points, scene3d.BLUE, 10.0) for part in plan.sites.zero)
     corners = plan.region.hexahedron.corners
     view = scene3d.framed((*rest, *shown, *zero, scene3d.box(corners)), corners, (0.7, -1.0, 0.6), TAIL)
@@ -154,34 +155,34 @@ def around(run: Run) -> Picture:
     )
 
 
-def section(run: Run, mesh: TetMesh) -> View:
+def section(run: Run, mesh: Mesh) -> View:
     """Look from the tip at the cells inboard of a cut across the tail."""
     span, region = ends(run.case.fighter, run.deflections[0].plan.surface), run.deflections[0].plan.region
     middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
-    grey = scene3d.patches(mesh.as_mesh(), (run.deflections[0].plan.surface,), scene3d.GREY)
-    y = run.mesh.points[run.mesh.tets, 1].mean(axis=1)
-    chosen = run.mesh.touching(region.inside) & (np.abs(y) < abs(middle[1]))
+    grey = scene3d.patches(mesh, (run.deflections[0].plan.surface,), scene3d.GREY)
+    y = run.mesh.points[tets_of(run.mesh), 1].mean(axis=1)
+    chosen = touching(run.mesh, region.inside) & (np.abs(y) < abs(middle[1]))
     cells = cells_by_quality(mesh, chosen, width=0.8)  # chosen by where they were before the deflection
     return View((*grey, cells, scene3d.box(region.hexahedron.corners, 2.0)), middle, (0.12, -1.0, 0.3), 0.16, TAIL)
 
 
-def panel(run: Run, mesh: TetMesh) -> View:
+def panel(run: Run, mesh: Mesh) -> View:
     """Look from behind at the fuselage panels with their surface meshes; all else is shaded."""
     surface = run.deflections[0].plan.surface
     meshed = [name for name in walls(mesh) if name.startswith("fuselage_")]
     shaded = [name for name in walls(mesh) if name not in meshed and not name.startswith("wing")]
     layers = (
-        *scene3d.patches(mesh.as_mesh(), shaded, scene3d.GREY),
-        *scene3d.patches(mesh.as_mesh(), meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
+        *scene3d.patches(mesh, shaded, scene3d.GREY),
+        *scene3d.patches(mesh, meshed, (225, 225, 225), edge=(60, 60, 60), width=0.8),
         scene3d.plain(run.mesh.points, border(run.mesh, surface), scene3d.ORANGE, width=5.0),
     )
     focus = mesh.points[mesh.on(panel_of(surface))].mean(axis=0)
     return View(layers, focus, (0.55, -1.0, 0.5), 0.2, TAIL)
 
 
-def border(mesh: TetMesh, surface: str) -> IntArray:
+def border(mesh: Mesh, surface: str) -> IntArray:
     """Return the edges (E, 2) at which the panel of a tail meets patches other than the tail."""
-    edges, index = edges_of(mesh.triangles_of(panel_of(surface)))
+    edges, index = edges_of(triangles_of(mesh, panel_of(surface)))
     outer = edges[np.bincount(index.ravel()) == 1]
     return np.asarray(outer[~np.isin(outer, mesh.on(surface)).all(axis=1)])
 
@@ -198,8 +199,8 @@ def histograms(runs: Sequence[Run], titles: Sequence[str]) -> tuple[Figure, str]
 
 def pair(run: Run, axes: Axes, title: str) -> str:
     """Draw the histograms of one run: of the whole mesh as in the paper, and of the cells that touch the hexahedron."""
-    before, after = (mean_ratio(mesh.points, mesh.tets) for mesh in (run.mesh, run.deflected))
-    near = run.mesh.touching(run.deflections[0].plan.region.inside)
+    before, after = (mean_ratio(mesh.points, tets_of(mesh)) for mesh in (run.mesh, run.deflected))
+    near = touching(run.mesh, run.deflections[0].plan.region.inside)
     bars(axes, after, BINS, "deflected", color="#d55e00", alpha=0.5, fill=True)
     bars(axes, before, BINS, "undeflected", color="black", lw=1.4)
     bars(axes, after[near], BINS, "deflected, at the hexahedron", color="#0072b2", lw=1.8)

@@ -21,7 +21,7 @@ from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.volume.deflection import Deflection, combined, repair_of
 from sdm_deflect.meshing.files.cache import MeshCache, cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import tets_of
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.report.data import ReportData
@@ -38,12 +38,11 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
         mesh, origin = meshed(case, watch, cache)
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
         with watch.stage("deformation") as progress:
-            flow = mesh.as_mesh(case.name)
-            plans = plans_of(case, flow, progress=progress)
+            plans = plans_of(case, mesh, progress=progress)
             results = deflected(case, plans, progress)
-            moved = mesh.with_points(combined(flow, results))
+            moved = mesh.with_points(combined(mesh, results))
             whole = whole_mesh_seconds(mesh, results[0])
-            stiff = pinned_quality(case, flow, progress) if case.domain == "block" else None
+            stiff = pinned_quality(case, mesh, progress) if case.domain == "block" else None
             progress(adapted(results), 1.0)
         if report:
             shown, gallery = drawn_report(case, mesh, moved, results, folder, watch)
@@ -70,7 +69,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
 
 
 def drawn_report(
-    case: Case, mesh: TetMesh, moved: TetMesh, results: Sequence[Deflection], folder: Path, watch: Stopwatch
+    case: Case, mesh: Mesh, moved: Mesh, results: Sequence[Deflection], folder: Path, watch: Stopwatch
 ) -> tuple["ReportData", "Gallery"]:
     """Return what the report shows, and its pictures, which are in `folder`."""
     from sdm_deflect.cases.aircraft.report import report_data_of
@@ -83,7 +82,7 @@ def drawn_report(
     return shown, gallery
 
 
-def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[TetMesh, MeshOrigin]:
+def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[Mesh, MeshOrigin]:
     """Return the undeflected mesh of the case, from the cache if it is there and whole."""
 
     def generate() -> "Generated":
@@ -93,7 +92,8 @@ def meshed(case: Case, watch: Stopwatch, cache: bool = True) -> tuple[TetMesh, M
 
         return undeflected(case, watch)
 
-    return cached(mesh_parameters(case), generate, watch, cache)
+    mesh, origin = cached(mesh_parameters(case), generate, watch, cache)
+    return replace(mesh, name=case.name), origin
 
 
 def mesh_parameters(case: Case) -> dict[str, object]:
@@ -104,7 +104,7 @@ def mesh_parameters(case: Case) -> dict[str, object]:
     return parts
 
 
-def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> TetMesh:
+def background_mesh(case: Case, watch: Stopwatch, cache: bool = True) -> Mesh:
     """Return the mesh of the aircraft that surrounds the Chimera block of a case."""
 
     def generate() -> "Generated":
@@ -125,13 +125,13 @@ def background_parameters(case: Case) -> dict[str, object]:
 
 def cached(
     parts: dict[str, object], generate: "Callable[[], Generated]", watch: Stopwatch, cache: bool
-) -> tuple[TetMesh, MeshOrigin]:
+) -> tuple[Mesh, MeshOrigin]:
     """Return the mesh of these parameters from the cache, or generate it and keep it."""
     store, key = MeshCache(default_folder()), cache_key(parts)
     with watch.stage("cache") as tell:
         try:
             found = store.load(key) if cache else None
-            tell(f"{len(found[0].tets)} cells" if found else "no mesh of these parameters", 1.0)
+            tell(f"{len(tets_of(found[0]))} cells" if found else "no mesh of these parameters", 1.0)
         except MeshFileError as error:
             found = None
             tell(f"meshing anew, the cached mesh cannot be used: {error}", 1.0)
@@ -161,7 +161,7 @@ def pinned_quality(case: Case, mesh: Mesh, progress: Progress) -> Quality:
     return deflected(stiff, plans_of(stiff, mesh, progress=progress), progress)[0].quality[0]
 
 
-def whole_mesh_seconds(mesh: TetMesh, result: Deflection) -> float:
+def whole_mesh_seconds(mesh: Mesh, result: Deflection) -> float:
     """Time (s) to evaluate the first surface's interpolant at every node: what confinement saves (section 5.1)."""
     interpolant, start = result.steps[0].fits.interpolant, perf_counter()
     interpolant(mesh.points)

@@ -40,10 +40,10 @@ from sdm_deflect.cases.view.run import InteractiveRun, Manner
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.volume.deflection import Deflection, Plan, repair_of
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.formats.vtu import read_vtu
-from sdm_deflect.meshing.mesh import TetMesh
 
 FAR_FIELD = "far_field"
 MAP = "viridis"
@@ -58,7 +58,7 @@ COMPARED = {"cad_map": ("surface_to_cad", "root_on_cylinder"), "rigid_cad_map": 
 BLENDED, RIGID = "the deflected CAD, blended by the same rule as the surface", "the CAD that was rotated rigidly"
 
 
-def report_data_of(case: Case, mesh: TetMesh, deflected: TetMesh, deflections: Sequence[Deflection]) -> ReportData:
+def report_data_of(case: Case, mesh: Mesh, deflected: Mesh, deflections: Sequence[Deflection]) -> ReportData:
     """Return what the report of a case shows, before it is judged."""
     data = _data(case, mesh, deflected, [_box(one.plan, FitRows.of(one)) for one in deflections])
     return replace(data, interpolated=unrepaired(deflected.points, repair_of(deflections)))
@@ -68,7 +68,7 @@ def report_data_of_folder(folder: Path) -> ReportData:
     """Return what a finished case's report shows, validated again; InputError if a file is missing or damaged."""
     case, mesh, deflected = read_run(folder)
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
-    plans = plans_of(case, mesh.as_mesh(case.name))
+    plans = plans_of(case, mesh)
     figures, stored, boxes = _stored(folder, plans)
     with reference(case) as deflected_cad:
         repair = stored_repair(folder, mesh)
@@ -82,7 +82,7 @@ def report_data_of_folder(folder: Path) -> ReportData:
 def stored_report_data(folder: Path) -> ReportData:
     """Return the same with the checks that the run made itself, so that no CAD is built."""
     case, mesh, deflected = read_run(folder)
-    figures, checks, boxes = _stored(folder, plans_of(case, mesh.as_mesh(case.name)))
+    figures, checks, boxes = _stored(folder, plans_of(case, mesh))
     data = _data(case, mesh, deflected, boxes).judged(checks, figures)
     return replace(data, interpolated=unrepaired(deflected.points, stored_repair(folder, mesh)))
 
@@ -106,17 +106,17 @@ def report_of_folder(folder: Path) -> ReportData:
 def interactive_run(folder: Path) -> InteractiveRun:
     """Return a finished case that turns to any angle; InputError if its files do not belong together."""
     case, mesh, deflected = read_run(folder)
-    plans = plans_of(case, mesh.as_mesh(case.name))
+    plans = plans_of(case, mesh)
     positive = "to port" if plans[0].surface == "rudder" else "trailing edge down"
     manner = Manner(case.title, positive, METRES, (FAR_FIELD, BLOCK), leading=1)
     return InteractiveRun.prepared(folder, plans, deflected.points, case.angle, manner)
 
 
-def _data(case: Case, mesh: TetMesh, deflected: TetMesh, boxes: Sequence[Box]) -> ReportData:
+def _data(case: Case, mesh: Mesh, deflected: Mesh, boxes: Sequence[Box]) -> ReportData:
     return ReportData(
         title=f"{case.title[:1].upper()}{case.title[1:]}, {case.angle:+g}\N{DEGREE SIGN}",
         facts=(("case", case.name), ("scale, strategy", f"{case.scale}, {case.strategy.upper()}")),
-        mesh=mesh.as_mesh(case.name),
+        mesh=mesh,
         points=deflected.points,
         boxes=tuple(boxes),
         length=METRES,
@@ -125,8 +125,8 @@ def _data(case: Case, mesh: TetMesh, deflected: TetMesh, boxes: Sequence[Box]) -
         repeat="sdm run --config case.toml",
         tables=parameter_tables(case),
         middle=np.zeros(3),
-        drawn=tuple(name for name in mesh.names[1:] if name not in (FAR_FIELD, BLOCK)),
-        hidden=tuple(name for name in mesh.names[1:] if name == BLOCK),
+        drawn=tuple(name for name in mesh.names if name not in (FAR_FIELD, BLOCK)),
+        hidden=tuple(name for name in mesh.names if name == BLOCK),
         quality_limit=case.limits.quality_min,
     )
 

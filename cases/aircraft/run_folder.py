@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,23 +17,19 @@ from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflection, repair_of
 from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import skin, tets_of
 
 if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel
 
 
 def write_deformation(
-    folder: Path,
-    case: Case,
-    mesh: TetMesh,
-    deflected: TetMesh,
-    deflections: Sequence[Deflection],
-    background: TetMesh | None,
+    folder: Path, case: Case, mesh: Mesh, deflected: Mesh, deflections: Sequence[Deflection], background: Mesh | None
 ) -> None:
     """Write every file of the contract that needs no validation into `folder`."""
     (folder / "case.toml").write_text(to_toml(case), encoding="utf-8")
@@ -45,7 +42,7 @@ def write_deformation(
         folder / "deflected.vtu",
         deflected,
         point_data=arrays,
-        cell_data={"quality": mean_ratio(deflected.points, deflected.tets)},
+        cell_data={"quality": mean_ratio(deflected.points, tets_of(deflected))},
     )
     if background is not None:
         write_vtu(folder / "background.vtu", background)
@@ -77,21 +74,22 @@ def undeflected_models(case: Case) -> "tuple[CadModel, ...]":
     return (undeflected_cad(case), *([background_cad(case)] if case.domain == "block" else []))
 
 
-def read_run(folder: Path) -> tuple[Case, TetMesh, TetMesh]:
+def read_run(folder: Path) -> tuple[Case, Mesh, Mesh]:
     """Return the case of a finished run and its mesh before and after; InputError if these are not one mesh."""
     if not (folder / "case.toml").is_file():
         raise InputError(f"{folder} is not the output folder of a run: it has no case.toml")
     case = resolve("", config=folder / "case.toml")
     mesh, deflected = read_vtu(folder / "undeflected.vtu"), read_vtu(folder / "deflected.vtu")
-    for what in ("tets", "triangles", "patch", "face", "names"):
-        if not np.array_equal(getattr(mesh, what), getattr(deflected, what)):
+    before, after = ({"tets": tets_of(one), **skin(one)._asdict(), "names": one.names} for one in (mesh, deflected))
+    for what, values in before.items():
+        if not np.array_equal(values, after[what]):
             raise InputError(f"{folder}: undeflected.vtu and deflected.vtu differ in {what}")
     if mesh.points.shape != deflected.points.shape:
         raise InputError(f"{folder}: undeflected.vtu and deflected.vtu differ in their number of points")
-    return case, mesh, deflected
+    return case, replace(mesh, name=case.name), deflected
 
 
-def stored_repair(folder: Path, mesh: TetMesh) -> FloatArray | None:
+def stored_repair(folder: Path, mesh: Mesh) -> FloatArray | None:
     """Return how far a repair moved each node (N, 3) of a finished run; None without one; InputError if damaged."""
     path = folder / "deflected.vtu"
     repair = vtu_arrays(path).get("repair")

@@ -20,6 +20,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import damaged, read_arrays
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.checks import Check, worst
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.greedy import Adaptation, Iteration, Stop
 from sdm_deflect.deform.rbf.interpolant import Interpolant, check_finite
@@ -34,7 +35,7 @@ from sdm_deflect.meshing.generate.assembly import FAR_FIELD
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.topology import boundary_failures
 from sdm_deflect.meshing.generate.verify import verify
-from sdm_deflect.meshing.mesh import FREE_FORM, VOLUME, TetMesh
+from sdm_deflect.meshing.mesh import FREE_FORM, skin, tets_of
 
 SAME = 1e-9
 """Nodes of a finished run are no further (m) from where its interpolants put them."""
@@ -54,8 +55,8 @@ NAMED = 3
 def judged(
     folder: Path,
     case: Case,
-    mesh: TetMesh,
-    deflected: TetMesh,
+    mesh: Mesh,
+    deflected: Mesh,
     deflected_cad: Callable[[], Reference],
     models: Callable[[Case], tuple[CadModel, ...]],
 ) -> tuple[Check, ...]:
@@ -73,7 +74,7 @@ def judged(
         If a file is missing or damaged, or is of another run.
     """
     meshes = [mesh, *([read_vtu(folder / "background.vtu")] if case.domain == "block" else [])]
-    plans = plans_of(case, mesh.as_mesh(case.name))
+    plans = plans_of(case, mesh)
     repair, arrays = stored_repair(folder, mesh), stored_arrays(folder, mesh, deflected)
     again = stored_deflections(folder, plans)
     if repair is not None:
@@ -153,19 +154,19 @@ def _fit(group: DataSites, course: Convergence, arrays: dict[str, Any], suffix: 
     return Adaptation(interpolant, group.components, chosen, history, stop, error)
 
 
-def same_deflection(deflected: TetMesh, again: Sequence[Deflection]) -> Check:
+def same_deflection(deflected: Mesh, again: Sequence[Deflection]) -> Check:
     """Check that every node is where the interpolants put it, and the repair, if there was one, from there."""
     mesh = again[0].plan.mesh
     off = np.linalg.norm(deflected.points - combined(mesh, again), axis=1)
     return Check("same_deflection", float(off.max()), SAME, "m", worst(off, mesh.points))
 
 
-def stored_arrays(folder: Path, mesh: TetMesh, deflected: TetMesh) -> Check:
+def stored_arrays(folder: Path, mesh: Mesh, deflected: Mesh) -> Check:
     """Check that the arrays in deflected.vtu are those of its points; InputError if one is missing."""
-    stored, quality = vtu_arrays(folder / "deflected.vtu"), mean_ratio(deflected.points, deflected.tets)
+    stored, quality = vtu_arrays(folder / "deflected.vtu"), mean_ratio(deflected.points, tets_of(deflected))
     expected = {
         "displacement": deflected.points - mesh.points,
-        "quality": np.concatenate([quality, np.zeros(len(mesh.triangles))]),
+        "quality": np.concatenate([quality, np.zeros(len(skin(mesh).triangles))]),
     }
     wrong = []
     for name, values in expected.items():
@@ -176,7 +177,7 @@ def stored_arrays(folder: Path, mesh: TetMesh, deflected: TetMesh) -> Check:
     return faults("stored_arrays", wrong, "rows")
 
 
-def mesh_check(name: str, mesh: TetMesh, model: CadModel, parameters: MeshParameters) -> Check:
+def mesh_check(name: str, mesh: Mesh, model: CadModel, parameters: MeshParameters) -> Check:
     """Check a mesh as a new one: it fills the flow domain without gap and overlap, and its boundary is on the CAD.
 
     Its value is the largest distance (m) of a boundary node from the CAD, infinite if anything else is wrong.
@@ -190,15 +191,16 @@ def mesh_check(name: str, mesh: TetMesh, model: CadModel, parameters: MeshParame
     return Check(name, inf, FREE_FORM, "m", "; ".join(found[:NAMED]))
 
 
-def mesh_faults(mesh: TetMesh, model: CadModel) -> list[str]:
+def mesh_faults(mesh: Mesh, model: CadModel) -> list[str]:
     """Return what is wrong with the patches and the topology of a mesh, a sentence for each thing."""
-    names = (VOLUME, *model.patches, *(() if model.fluid_inside else (FAR_FIELD,)))
+    names = (*model.patches, *(() if model.fluid_inside else (FAR_FIELD,)))
     if mesh.names != names:
-        return [f"the patches are {', '.join(mesh.names[1:])}, those of the CAD {', '.join(names[1:])}"]
+        return [f"the patches are {', '.join(mesh.names)}, those of the CAD {', '.join(names)}"]
+    boundary = skin(mesh)
     patch_of_face = np.array([*(names.index(face.patch) for face in model.faces), len(names) - 1])
-    if mesh.face.max(initial=-1) >= len(model.faces) or (patch_of_face[mesh.face] != mesh.patch).any():
+    if boundary.face.max(initial=-1) >= len(model.faces) or (patch_of_face[boundary.face] != boundary.patch).any():
         return ["triangles are on another patch than their CAD face"]
-    unused = len(mesh.points) - len(distinct(mesh.tets))
+    unused = len(mesh.points) - len(distinct(tets_of(mesh)))
     return [f"{unused} nodes belong to no cell"] if unused else boundary_failures(mesh)
 
 

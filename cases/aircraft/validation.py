@@ -14,19 +14,20 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.checks import Check, site_error, surfaces_crossed, worst
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.closest import Triangles
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.volume.deflection import Deflection, Plan
 from sdm_deflect.geometry.datum import hinged
-from sdm_deflect.meshing.mesh import FREE_FORM, TetMesh
+from sdm_deflect.meshing.mesh import FREE_FORM, nodes_by_face, tets_of, triangles_of
 
 
 def validate(
     case: Case,
-    mesh: TetMesh,
-    deflected: TetMesh,
+    mesh: Mesh,
+    deflected: Mesh,
     plans: Sequence[Plan],
     reference: Reference,
-    background: TetMesh | None = None,
+    background: Mesh | None = None,
     repair: FloatArray | None = None,
 ) -> tuple[Check, ...]:
     """Return every check that applies to the case.
@@ -72,7 +73,7 @@ class Repairs:
     slid: IntArray
 
     @classmethod
-    def of(cls, mesh: TetMesh, plans: Sequence[Plan], points: FloatArray, repair: FloatArray | None) -> "Repairs":
+    def of(cls, mesh: Mesh, plans: Sequence[Plan], points: FloatArray, repair: FloatArray | None) -> "Repairs":
         """Find them, with the nodes at points (N, 3) of which repairs (N, 3) are a part."""
         held, slid = np.ones(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
         if repair is not None:
@@ -85,15 +86,13 @@ class Repairs:
         return cls(np.flatnonzero(held), np.intersect1d(fixed_nodes(mesh, plans), np.flatnonzero(slid), True))
 
 
-def fixed_nodes(mesh: TetMesh, plans: Sequence[Plan]) -> IntArray:
+def fixed_nodes(mesh: Mesh, plans: Sequence[Plan]) -> IntArray:
     """Return the sorted nodes (K,) of the patches that stay."""
     moving = [patch for plan in plans for patch in plan.patches]
-    return mesh.on(*(name for name in mesh.names[1:] if name not in (*moving, BLOCK)))
+    return mesh.on(*(name for name in mesh.names if name not in (*moving, BLOCK)))
 
 
-def mesh_checks(
-    case: Case, mesh: TetMesh, deflected: TetMesh, plans: Sequence[Plan], slid: IntArray
-) -> Iterator[Check]:
+def mesh_checks(case: Case, mesh: Mesh, deflected: Mesh, plans: Sequence[Plan], slid: IntArray) -> Iterator[Check]:
     """Checks of the whole mesh: nothing outside or on a fixed patch moved, no cell inverted, good shape.
 
     Nodes (K,) that a repair slid on fixed patches are none of these; `slid_on_surfaces` is theirs.
@@ -104,10 +103,10 @@ def mesh_checks(
         outside[plan.region.inside] = False
         outside[slid[plan.region.hexahedron.contains(mesh.points[slid], ON_PLANE)]] = False
     yield unmoved("outside_moved", moved, np.flatnonzero(outside), mesh.points)
-    volumes = signed_volumes(deflected.points, deflected.tets)
+    volumes = signed_volumes(deflected.points, tets_of(deflected))
     inverted, where = np.flatnonzero(volumes <= 0.0), f"of {len(volumes)}"
     if len(inverted):
-        on = [name for name in mesh.names[1:] if np.isin(mesh.tets[inverted[0]], mesh.on(name)).any()]
+        on = [name for name in mesh.names if np.isin(tets_of(mesh)[inverted[0]], mesh.on(name)).any()]
         where += f"; the first is cell {inverted[0]} (tetra)" + (f" with nodes on {', '.join(on)}" if on else "")
     yield Check("inverted_cells", float(len(inverted)), 0.0, "cells", where)
     yield surfaces_crossed(plans[0].mesh, deflected.points)
@@ -116,8 +115,8 @@ def mesh_checks(
     check = unmoved("fixed_surfaces_moved", moved, fixed, mesh.points)
     border = np.intersect1d(fixed, mesh.on(*moving), assume_unique=True)
     yield replace(check, where=f"{check.where}, of which {len(border)} border a moving patch")
-    quality = mean_ratio(deflected.points, deflected.tets)
-    x, y, z = deflected.points[deflected.tets[quality.argmin()]].mean(axis=0)
+    quality = mean_ratio(deflected.points, tets_of(deflected))
+    x, y, z = deflected.points[tets_of(deflected)[quality.argmin()]].mean(axis=0)
     where = f"mean ratio, worst cell at ({x:.4f}, {y:.4f}, {z:.4f})"
     yield Check("quality_min", float(quality.min()), case.limits.quality_min, "-", where, "at least")
 
@@ -127,13 +126,11 @@ def unmoved(name: str, moved: FloatArray, nodes: IntArray, points: FloatArray) -
     return Check(name, float(moved[nodes].max(initial=0.0)), 0.0, "m", worst(moved[nodes], points[nodes]))
 
 
-def slid_on_surfaces(mesh: TetMesh, deflected: TetMesh, slid: IntArray, reference: Reference) -> Check:
+def slid_on_surfaces(mesh: Mesh, deflected: Mesh, slid: IntArray, reference: Reference) -> Check:
     """Distance of nodes (K,) of fixed patches, which a repair slid, from each undeflected CAD face that they are on."""
     off, limit = np.zeros(len(slid)), ON_PLANE
     for name, faces in reference.still.items():
-        own = mesh.patch == mesh.names.index(name)
-        for face in np.unique(mesh.face[own]):
-            on_face = np.unique(mesh.triangles[own & (mesh.face == face)])
+        for on_face in nodes_by_face(mesh, name):
             nodes = np.intersect1d(on_face, slid, assume_unique=True)
             if len(nodes):
                 cad = min(faces, key=lambda one: float(distance_to_faces(mesh.points[on_face], (one,)).max()))
@@ -157,8 +154,8 @@ class Shape:
     """A deflected control surface: the mesh before and after, what was asked, and how far a repair (N, 3) moved it."""
 
     case: Case
-    mesh: TetMesh
-    deflected: TetMesh
+    mesh: Mesh
+    deflected: Mesh
     plan: Plan
     repair: FloatArray | None = None
 
@@ -192,7 +189,7 @@ class Shape:
     @property
     def triangles(self) -> IntArray:
         """Triangles (T, 3) of all patches that move."""
-        return np.concatenate([self.mesh.triangles_of(name) for name in self.plan.patches])
+        return np.concatenate([triangles_of(self.mesh, name) for name in self.plan.patches])
 
     @property
     def hinge(self) -> IntArray:
@@ -202,9 +199,7 @@ class Shape:
 
     def faces(self, nodes: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
         """For each CAD face of the surface: its nodes among those given, and its undeflected unit normal (3,)."""
-        own = self.mesh.patch == self.mesh.names.index(self.surface)
-        for face in np.unique(self.mesh.face[own]):
-            on_face = np.unique(self.mesh.triangles[own & (self.mesh.face == face)])
+        for on_face in nodes_by_face(self.mesh, self.surface):
             yield np.intersect1d(on_face, nodes), plane_normal(self.mesh.points[on_face])
 
     def sides(self, nodes: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
@@ -248,7 +243,7 @@ def kept_shape(shape: Shape, repair: FloatArray) -> Check:
     """Distance of the nodes that a repair slid on the control surface from its triangles before the repair."""
     nodes = shape.mesh.on(shape.surface)
     nodes = nodes[repair[nodes].any(axis=1)]
-    points, triangles = shape.deflected.points, shape.mesh.triangles_of(shape.surface)
+    points, triangles = shape.deflected.points, triangles_of(shape.mesh, shape.surface)
     off = closest(points[nodes], points - repair, triangles)[0]
     return Check("surface_kept", float(off.max(initial=0.0)), ON_PLANE, "m", worst(off, points[nodes]), over=len(nodes))
 

@@ -240,7 +240,7 @@ def limit(case: str, threshold: float, resolution: float, out: Path | None, as_j
     with output_folder(folder, ()) as scratch, options.watched(quiet or (as_json and not verbose), verbose) as watch:
         mesh, _ = meshed(resolved, watch)
         with watch.stage("limits") as progress:
-            limits = find_limits(resolved, mesh.as_mesh(resolved.name), threshold, resolution, progress)
+            limits = find_limits(resolved, mesh, threshold, resolution, progress)
         table = write_limits(limits, resolved, threshold, scratch)
     figures = {"case": resolved.name, "scale": resolved.scale, "quality": threshold, "resolution_deg": resolution}
     options.print_either(as_json, {**figures, "limits": [asdict(one) for one in limits]}, table)

@@ -65,10 +65,10 @@ def export_run(
     if target.exists() and any(path.samefile(target) for path in run.iterdir()):
         raise InputError(f"--out {target} is a file of the run; export to another name")
     progress(f"reading {source.name}", 0.0)
-    mesh = read_vtu(source).as_mesh()
+    mesh = read_vtu(source)
     background = run / "background.vtu"
     if background.is_file() and known.zoned:
-        mesh = joined(("block", "background"), (mesh, read_vtu(background).as_mesh()))
+        mesh = joined(("block", "background"), (mesh, read_vtu(background)))
     with permitted_as(run):
         if isinstance(known, OpenFoam):
             return target, write_case(mesh, target, progress)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -177,6 +177,7 @@ class Patch:
     faces : Blocks of faces of one shape, or polygons.
     loose : (K,) node indices that belong to it beside those of its faces.
     constraint : What the file says of its nodes; empty: nothing.
+    labels : By name, a number (F,) for each face, such as the face of the CAD that it lies on.
 
     Raises InputError if the name is no text, or faces, nodes or constraint are something else.
     """
@@ -185,6 +186,7 @@ class Patch:
     faces: tuple[Faces, ...]
     loose: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
     constraint: Constraint = ""
+    labels: Mapping[str, IntArray] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if self.constraint not in get_args(Constraint):

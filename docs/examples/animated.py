@@ -54,7 +54,7 @@ def shares(period: int = PERIOD) -> list[float]:
 def aircraft(parts: Sequence[float]) -> Iterator[Any]:
     """Yield the aircraft with all control surfaces at each share of their angle; they reuse the first one's centres."""
     case = replace(case_named("all"), angle=AIRCRAFT)
-    mesh = meshed(case, Stopwatch(Silent()))[0].as_mesh(case.name)
+    mesh = meshed(case, Stopwatch(Silent()))[0]
     plans = plans_of(case, mesh, [AIRCRAFT * part for part in parts])
     known = deflected(case, plans)
     orientation = plans[0].touched.orientation

@@ -171,7 +171,7 @@ def _fields(patches: dict[str, str], stream: FreeStream, zones: Collection[int])
 
 def main(run: Path, out: Path) -> None:
     """Write the case of a finished run in a Chimera block."""
-    block, background = (read_vtu(run / f"{name}.vtu").as_mesh() for name in ("deflected", "background"))
+    block, background = (read_vtu(run / f"{name}.vtu") for name in ("deflected", "background"))
     hinge = Hinge.through("aileron_left", ["aileron_left"], hinge_line(Fighter(), "aileron_left"))
     write_overset(block, background, "chimera", Setup(FreeStream(mach=0.6), (hinge,)), out)
 

@@ -14,6 +14,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray
 from sdm_deflect.deform.hexahedron import box
 from sdm_deflect.deform.mesh.axis import Axis
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
@@ -21,7 +22,7 @@ from sdm_deflect.deform.volume.box import Given
 from sdm_deflect.deform.volume.deflection import Plan, deflect
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.formats.vtu import read_vtu
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import tets_of
 
 BEND, TOP = 0.125, 0.2133
 """Heights (m) above which the fin bends, and of its tip."""
@@ -69,19 +70,19 @@ class BendLaw:
         return np.outer(share**2, [0.0, 1.0, 0.0])
 
 
-def deflected(mesh: TetMesh, tip: float = 0.010) -> TetMesh:
+def deflected(mesh: Mesh, tip: float = 0.010) -> Mesh:
     """Return the mesh with the fin bent by `tip` metres; nodes outside the region keep their bits."""
     job = Job(surfaces=(Moving(("fin", "rudder"), Bend(), tip),), fixed=("*",), box=Given(REGION))
-    return mesh.with_points(deflect(Plan.of(mesh.as_mesh(), job), tip).points)
+    return mesh.with_points(deflect(Plan.of(mesh, job), tip).points)
 
 
-def main(file: Path) -> TetMesh:
+def main(file: Path) -> Mesh:
     """Bend the fin of a mesh in a .vtu file, and judge the result."""
     mesh = read_vtu(file)
     after = deflected(mesh)
     moved = np.linalg.norm(after.points - mesh.points, axis=1)
-    inverted = np.count_nonzero(signed_volumes(after.points, after.tets) <= 0.0)
-    worst = mean_ratio(after.points, after.tets).min()
+    inverted = np.count_nonzero(signed_volumes(after.points, tets_of(after)) <= 0.0)
+    worst = mean_ratio(after.points, tets_of(after)).min()
     print(f"{np.count_nonzero(moved)} of {len(moved)} nodes moved, by at most {1e3 * moved.max():.1f} mm")
     print(f"{inverted} cells inverted, smallest mean ratio {worst:.3f}")
     return after

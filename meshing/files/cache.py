@@ -7,13 +7,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sdm_deflect.deform.base.cache_folder import code_files, default_folder
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files.staged import replacing, written
 from sdm_deflect.meshing.formats.format import MeshFileError, about
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import VOLUME, Skin, skin, tetrahedral, tets_of
 
 # Raised whenever the same parameters give another mesh than before: kept meshes then no longer match.
 RECIPE = 1
@@ -58,7 +60,7 @@ class MeshCache:
 
     folder: Path
 
-    def load(self, key: str) -> tuple[TetMesh, dict[str, object]] | None:
+    def load(self, key: str) -> tuple[Mesh, dict[str, object]] | None:
         """The mesh and note stored under a key; None if there is none.
 
         Raises MeshFileError if the file is not what was stored under this key, or cannot be read.
@@ -74,17 +76,16 @@ class MeshCache:
             with np.load(io.BytesIO(content), allow_pickle=False) as stored:
                 arrays = {name: stored[name] for name in _ARRAYS}
                 text = json.loads(str(stored["text"]))
-        mesh = TetMesh(
-            points=arrays["points"].astype(np.float64, copy=False),
-            names=tuple(text["names"]),
-            **{name: arrays[name].astype(np.intp) for name in _ARRAYS[1:]},
-        )
-        return mesh, dict(text["note"])
+        points = arrays["points"].astype(np.float64, copy=False)
+        tets, triangles, patch, face = (arrays[name].astype(np.intp) for name in _ARRAYS[1:])
+        return tetrahedral(points, tets, Skin(triangles, patch - 1, face), text["names"][1:]), dict(text["note"])
 
-    def store(self, key: str, mesh: TetMesh, note: Mapping[str, object]) -> None:
+    def store(self, key: str, mesh: Mesh, note: Mapping[str, object]) -> None:
         """Keep a mesh and its note, whole or not at all; MeshFileError where the folder cannot be written."""
-        text = json.dumps({"names": mesh.names, "note": dict(note)}, sort_keys=True)
-        indices = {name: getattr(mesh, name).astype(np.int32) for name in _ARRAYS[1:]}
+        text = json.dumps({"names": (VOLUME, *mesh.names), "note": dict(note)}, sort_keys=True)
+        triangles, patch, face = skin(mesh)
+        arrays = zip(_ARRAYS[1:], (tets_of(mesh), triangles, patch + 1, face), strict=True)
+        indices: dict[str, Any] = {name: values.astype(np.int32) for name, values in arrays}
         content = io.BytesIO()
         np.savez(content, points=mesh.points, text=np.array(text), **indices)
         content.write(_checksum(key, content.getbuffer()))

@@ -16,7 +16,6 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import simple_faces
 from sdm_deflect.meshing.formats.vtu_write import TYPES, in_memory
-from sdm_deflect.meshing.mesh import TetMesh
 
 VTK_SHAPES = {kind: shape for shape, kind in TYPES.items()}
 
@@ -29,7 +28,7 @@ class Accepted(NamedTuple):
 
 
 def accepted(mesh: Any) -> Accepted:
-    """Take a Mesh, a TetMesh, a meshio or pyvista mesh, or arrays (points, {patch: nodes}).
+    """Take a Mesh, a meshio or pyvista mesh, or arrays (points, {patch: nodes}).
 
     meshio: patches are cell sets, or physical groups of Gmsh. pyvista: an unstructured grid whose faces carry the
     cell array ``patch``, named by the field array ``patch_names``.
@@ -38,8 +37,6 @@ def accepted(mesh: Any) -> Accepted:
     """
     if isinstance(mesh, Mesh):
         return Accepted(_checked(mesh), mesh.with_points)
-    if isinstance(mesh, TetMesh):
-        return Accepted(_checked(mesh.as_mesh()), mesh.with_points)
     if isinstance(mesh, tuple) and len(mesh) == 2 and isinstance(mesh[1], Mapping):
         return Accepted(_checked(_of_arrays(*mesh)), lambda points: (points, mesh[1]))
     library = type(mesh).__module__.split(".")[0]

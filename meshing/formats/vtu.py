@@ -24,7 +24,7 @@ from sdm_deflect.meshing.formats.polyhedra import polyhedra
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented, polygons
 from sdm_deflect.meshing.formats.vtu_file import Array, DataArray, Piece, VtuFile
 from sdm_deflect.meshing.formats.vtu_write import POLYGON, POLYHEDRON, TYPES, write_vtu
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import VOLUME, Skin, tetrahedral
 
 PIXEL, VOXEL = 8, 11
 FLAT = {TYPES["triangle"]: "triangle", TYPES["quad"]: "quad", PIXEL: "quad"}
@@ -94,7 +94,7 @@ class Vtu(Format):
         return (*(["its zones are one grid"] if len(mesh.zones) > 1 else []), *unwritten(mesh.periodic))
 
 
-def read_vtu(path: Path) -> TetMesh:
+def read_vtu(path: Path) -> Mesh:
     """Read a mesh of tetrahedra that `write_vtu` wrote.
 
     Raises MeshFileError if the file does not exist, is damaged, or lacks our arrays.
@@ -110,7 +110,10 @@ def read_vtu(path: Path) -> TetMesh:
         kinds = (TYPES["tetra"], TYPES["triangle"])
         tets, triangles = (grid.block(kind, np.flatnonzero(grid.types == kind)).nodes for kind in kinds)
         patch, face = (_cell_array(file, name)[~wide].astype(np.intp) for name in ("patch", "cad_face"))
-        return TetMesh(grid.points, tets, triangles, patch, face, file.strings(file.fields[NAMES]))
+        names = file.strings(file.fields[NAMES])
+        if names[:1] != (VOLUME,):
+            raise MeshFileError(f"{NAMES} must start with {VOLUME!r}, but are {', '.join(names)}")
+        return tetrahedral(grid.points, tets, Skin(triangles, patch - 1, face), names[1:])
 
 
 def vtu_arrays(path: Path) -> dict[str, Array]:

@@ -16,7 +16,7 @@ from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
-from sdm_deflect.meshing.mesh import VOLUME, TetMesh
+from sdm_deflect.meshing.mesh import CAD_FACE, VOLUME, skin
 
 Array = NDArray[np.generic]
 
@@ -36,10 +36,7 @@ HEAD = (
 
 
 def write_vtu(
-    path: Path,
-    mesh: Mesh | TetMesh,
-    point_data: Mapping[str, Array] | None = None,
-    cell_data: Mapping[str, Array] | None = None,
+    path: Path, mesh: Mesh, point_data: Mapping[str, Array] | None = None, cell_data: Mapping[str, Array] | None = None
 ) -> None:
     """Write cells, then boundary faces, and arrays on them; the same input gives the same bytes.
 
@@ -76,20 +73,18 @@ def write_vtu(
         _write(file, names, sections, len(mesh.points), len(types))
 
 
-def _grid(
-    mesh: Mesh | TetMesh,
-) -> tuple[Sequence[Cells | Polygons | Polyhedra], int, dict[str, IntArray], tuple[str, ...]]:
+def _grid(mesh: Mesh) -> tuple[Sequence[Cells | Polygons | Polyhedra], int, dict[str, IntArray], tuple[str, ...]]:
     """Blocks of cells, then of faces; the number of cells; labels (M + F,) of both; names of patches."""
-    if isinstance(mesh, TetMesh):
-        tets = len(mesh.tets)
-        label = np.concatenate([np.zeros(tets, dtype=np.intp), mesh.patch])
-        labels = {"patch": label, "cad_face": np.concatenate([np.full(tets, -1), mesh.face])}
-        return (Cells("tetra", mesh.tets), Cells("triangle", mesh.triangles)), tets, labels, mesh.names
     volume = sum(len(block) for block in mesh.cells)
     if not mesh.patches:
         return mesh.cells, volume, {}, ()
     faces = [block for patch in mesh.patches for block in patch.faces]
     label = np.repeat(np.arange(len(mesh.patches) + 1), [volume, *(len(patch) for patch in mesh.patches)])
+    if all(CAD_FACE in patch.labels for patch in mesh.patches):
+        boundary = skin(mesh)
+        label[volume:] = boundary.patch + 1
+        labels = {"patch": label, CAD_FACE: np.concatenate([np.full(volume, -1), boundary.face])}
+        return (*mesh.cells, Cells("triangle", boundary.triangles)), volume, labels, (VOLUME, *mesh.names)
     return (*mesh.cells, *faces), volume, {"patch": label}, (VOLUME, *mesh.names)
 
 

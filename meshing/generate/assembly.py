@@ -10,6 +10,7 @@ from vtkmodules.vtkCommonCore import VTK_ID_TYPE, reference, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkGenericCell, vtkPolyData, vtkStaticCellLocator
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
@@ -17,7 +18,7 @@ from sdm_deflect.meshing.generate.attachment import attach, snapped
 from sdm_deflect.meshing.generate.surface import Surface
 from sdm_deflect.meshing.generate.topology import TRIANGLE_EDGES, CellFaces, cell_faces
 from sdm_deflect.meshing.generate.volume import Filling
-from sdm_deflect.meshing.mesh import VOLUME, TetMesh
+from sdm_deflect.meshing.mesh import Skin, tetrahedral
 
 FAR_FIELD = "far_field"
 
@@ -123,7 +124,7 @@ def unit_normals(points: FloatArray, triangles: IntArray) -> FloatArray:
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-def assemble(filling: Filling, surface: Surface, model: CadModel, envelope: float) -> TetMesh:
+def assemble(filling: Filling, surface: Surface, model: CadModel, envelope: float) -> Mesh:
     """Select the flow, name its boundary and put that on the CAD; MeshingError where the two do not match.
 
     The filling's surface strays by the `envelope` (metres) from the surface mesh.
@@ -143,25 +144,21 @@ def assemble(filling: Filling, surface: Surface, model: CadModel, envelope: floa
     return _named(points, filling.tets[fluid], (body, face), triangles[outermost], model)
 
 
-def _named(
-    points: FloatArray, tets: IntArray, body: tuple[IntArray, IntArray], far: IntArray, model: CadModel
-) -> TetMesh:
+def _named(points: FloatArray, tets: IntArray, body: tuple[IntArray, IntArray], far: IntArray, model: CadModel) -> Mesh:
     """Mesh of the used points (N, 3), its patches in the order of the CAD faces, the far field (K, 3) last.
 
     `body` holds the triangles (B, 3) on the CAD and the face (B,) of each.
     """
-    names = (VOLUME, *model.patches, *([FAR_FIELD] if len(far) else []))
+    names = (*model.patches, *([FAR_FIELD] if len(far) else []))
     patch_of_face = np.array([names.index(face.patch) for face in model.faces])
     triangles, face = body
     used, compact = np.unique(np.concatenate([tets.ravel(), triangles.ravel(), far.ravel()]), return_inverse=True)
-    return TetMesh(
-        points=points[used],
-        tets=compact[: tets.size].reshape(-1, 4),
+    skin = Skin(
         triangles=compact[tets.size :].reshape(-1, 3),
         patch=np.concatenate([patch_of_face[face], np.full(len(far), len(names) - 1)]),
         face=np.concatenate([face, np.full(len(far), -1)]),
-        names=names,
     )
+    return tetrahedral(points[used], compact[: tets.size].reshape(-1, 4), skin, names)
 
 
 class ClosestTriangle:

@@ -7,6 +7,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.generate.assembly import assemble
@@ -17,7 +18,6 @@ from sdm_deflect.meshing.generate.sources import sources
 from sdm_deflect.meshing.generate.surface import Surface, mesh_surface
 from sdm_deflect.meshing.generate.verify import Verification, verify
 from sdm_deflect.meshing.generate.volume import PADDING, fill
-from sdm_deflect.meshing.mesh import TetMesh
 
 # By how much the mesher's aim is raised after a failure, and where that ends.
 EFFORT = 0.05
@@ -49,7 +49,7 @@ class MeshReport:
 class Generated:
     """A mesh that passed verification, and its report."""
 
-    mesh: TetMesh
+    mesh: Mesh
     report: MeshReport
 
 

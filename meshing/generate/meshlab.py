@@ -5,11 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.files import child
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import skin, tets_of
 
 SECONDS = 600.0
 DEFLECTION = 1e-4
@@ -24,17 +25,18 @@ ENCLOSED = 1e-9
 Triangulation = tuple[FloatArray, IntArray, IntArray]
 
 
-def meshlab_failures(mesh: TetMesh, model: CadModel) -> list[str]:
+def meshlab_failures(mesh: Mesh, model: CadModel) -> list[str]:
     """Return a sentence for everything that MeshLab finds wrong with the boundary; none for a usable one.
 
     MeshLab works in a process of its own, which may end or never come back from a boundary that makes no sense: that is
     a sentence too.
     """
     points, triangles, face = triangulated(model)
+    boundary = skin(mesh)
     question = {
         "points": mesh.points,
-        "triangles": mesh.triangles,
-        "face": mesh.face,
+        "triangles": boundary.triangles,
+        "face": boundary.face,
         "cad_points": points,
         "cad_triangles": triangles,
         "cad_face": face,
@@ -61,7 +63,7 @@ def triangulated(model: CadModel) -> Triangulation:
     return np.concatenate(points), np.concatenate(triangles), np.concatenate(face)
 
 
-def surface_failures(mesh: TetMesh, answer: child.Arrays) -> Iterator[str]:
+def surface_failures(mesh: Mesh, answer: child.Arrays) -> Iterator[str]:
     """Yield what the boundary lacks to be a closed surface around the cells that does not cross itself."""
     for name, text in (
         ("crowded", "{} boundary triangles are at edges that more than two share"),
@@ -74,21 +76,22 @@ def surface_failures(mesh: TetMesh, answer: child.Arrays) -> Iterator[str]:
         return
     if answer["turned"]:
         yield "boundary triangles are turned against their neighbours"
-    rows, filled = answer["crossing"], float(signed_volumes(mesh.points, mesh.tets).sum())
+    rows, filled = answer["crossing"], float(signed_volumes(mesh.points, tets_of(mesh)).sum())
     if len(rows):
-        x, y, z = mesh.points[mesh.triangles[rows[0]]].mean(axis=0)
+        x, y, z = mesh.points[skin(mesh).triangles[rows[0]]].mean(axis=0)
         yield f"{len(rows)} boundary triangles cross others, the first at ({x:.4f}, {y:.4f}, {z:.4f}) m"
     if not abs(float(answer["volume"]) - filled) <= ENCLOSED * abs(filled):
         yield f"the boundary encloses {float(answer['volume']):.9g} m^3, the cells fill {filled:.9g} m^3"
 
 
-def cad_failures(mesh: TetMesh, model: CadModel, answer: child.Arrays) -> Iterator[str]:
+def cad_failures(mesh: Mesh, model: CadModel, answer: child.Arrays) -> Iterator[str]:
     """Yield for which CAD faces there is no boundary, or one that is somewhere else."""
-    for index in np.setdiff1d(np.arange(len(model.faces)), mesh.face):
+    boundary = skin(mesh)
+    for index in np.setdiff1d(np.arange(len(model.faces)), boundary.face):
         yield f"no boundary triangle is on {_name(model, index)}"
     measures = (answer[name] for name in ("faces", "folded", "off_cad", "off_mesh"))
     for index, folded, off_cad, off_mesh in zip(*measures, strict=True):
-        corners = mesh.points[mesh.triangles[mesh.face == index]]
+        corners = mesh.points[boundary.triangles[boundary.face == index]]
         longest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
         if folded:
             yield f"{folded:g} boundary triangles on {_name(model, index)} are folded over others"

@@ -1,14 +1,13 @@
 """Uniform red refinement: every tetrahedron into eight, new boundary nodes on the exact CAD."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.attachment import attach, snapped
 from sdm_deflect.meshing.generate.topology import TET_EDGES, TRIANGLE_EDGES, encode
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import Skin, skin, tetrahedral, tets_of
 
 # Nodes 0 ... 3 are the parent's, 4 ... 9 the midpoints of TET_EDGES. Each child keeps the parent's orientation.
 CORNER_CHILDREN = np.array([[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]])
@@ -18,33 +17,28 @@ RINGS = np.array([[5, 6, 8, 7], [4, 7, 9, 6], [4, 5, 9, 8]])
 TRIANGLE_CHILDREN = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 
 
-def split(mesh: TetMesh) -> TetMesh:
+def split(mesh: Mesh) -> Mesh:
     """Every tetrahedron into eight and every boundary triangle into four, by the midpoints of all edges.
 
     The octahedron in the middle is cut along its shortest diagonal (Bey 1995 discusses the choice). The old
     nodes come first and keep their places, so meshes are nested; children of a cell follow each other.
     """
-    codes, middle = np.unique(encode(_ends(mesh.tets, TET_EDGES)), return_inverse=True)
+    tets, boundary = tets_of(mesh), skin(mesh)
+    codes, middle = np.unique(encode(_ends(tets, TET_EDGES)), return_inverse=True)
     count = len(mesh.points)
     points = np.concatenate([mesh.points, 0.5 * (mesh.points[codes >> 32] + mesh.points[codes & 0xFFFFFFFF])])
-    parents = np.concatenate([mesh.tets, count + middle.reshape(-1, 6)], axis=1)
-    sides = count + np.searchsorted(codes, encode(_ends(mesh.triangles, TRIANGLE_EDGES))).reshape(-1, 3)
-    triangles = np.concatenate([mesh.triangles, sides], axis=1)[:, TRIANGLE_CHILDREN]
-    return replace(
-        mesh,
-        points=points,
-        tets=_children(points, parents),
-        triangles=triangles.reshape(-1, 3),
-        patch=np.repeat(mesh.patch, 4),
-        face=np.repeat(mesh.face, 4),
-    )
+    parents = np.concatenate([tets, count + middle.reshape(-1, 6)], axis=1)
+    sides = count + np.searchsorted(codes, encode(_ends(boundary.triangles, TRIANGLE_EDGES))).reshape(-1, 3)
+    triangles = np.concatenate([boundary.triangles, sides], axis=1)[:, TRIANGLE_CHILDREN]
+    finer = Skin(triangles.reshape(-1, 3), np.repeat(boundary.patch, 4), np.repeat(boundary.face, 4))
+    return tetrahedral(points, _children(points, parents), finer, mesh.names, mesh.name)
 
 
-def refined(mesh: TetMesh, model: CadModel) -> TetMesh:
+def refined(mesh: Mesh, model: CadModel) -> Mesh:
     """Split a mesh and put its new boundary nodes on the CAD model that it was made from; old nodes stay."""
     finer = split(mesh)
-    body = finer.face >= 0
-    attachment = attach(finer.points, finer.triangles[body], finer.face[body], model)
+    triangles, _, face = skin(finer)
+    attachment = attach(finer.points, triangles[face >= 0], face[face >= 0], model)
     points = snapped(finer.points, attachment, model)
     points[: len(mesh.points)] = mesh.points
     return finer.with_points(points)

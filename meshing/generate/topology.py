@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh import skin, tets_of
 
 # Face i is opposite node i; its normal points out of a positively oriented tetrahedron.
 TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
@@ -60,13 +61,13 @@ def decode(codes: IntArray) -> IntArray:
     return np.stack([codes >> 32, codes & 0xFFFFFFFF], axis=1)
 
 
-def boundary_failures(mesh: TetMesh) -> list[str]:
+def boundary_failures(mesh: Mesh) -> list[str]:
     """Return a sentence if the boundary is not that of the tetrahedra: their outer faces, oriented outward."""
     try:
-        faces = cell_faces(mesh.tets)
+        faces = cell_faces(tets_of(mesh))
     except ValueError as error:
         return [str(error)]
-    if np.array_equal(_canonical(faces.nodes[faces.second < 0]), _canonical(mesh.triangles)):
+    if np.array_equal(_canonical(faces.nodes[faces.second < 0]), _canonical(skin(mesh).triangles)):
         return []
     return ["the boundary triangles are not the outer faces of the tetrahedra, oriented outward"]
 

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.attachment import Attachment, attach
 from sdm_deflect.meshing.generate.meshlab import meshlab_failures
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.topology import boundary_failures
-from sdm_deflect.meshing.mesh import FREE_FORM, TetMesh
+from sdm_deflect.meshing.mesh import FREE_FORM, skin, tets_of
 
 # Largest allowed distance in metres.
 EXACT = 1e-7
@@ -76,12 +77,13 @@ class Verification:
         return max(self.exactness.exact, self.exactness.edge, self.exactness.free_form)
 
 
-def verify(mesh: TetMesh, model: CadModel, parameters: MeshParameters) -> Verification:
+def verify(mesh: Mesh, model: CadModel, parameters: MeshParameters) -> Verification:
     """Check quality, boundary, far field, and how exactly the boundary follows the CAD."""
-    quality = mean_ratio(mesh.points, mesh.tets)
+    quality = mean_ratio(mesh.points, tets_of(mesh))
     summary = summarise(quality)
-    body = mesh.face >= 0
-    triangles, face = mesh.triangles[body], mesh.face[body]
+    boundary = skin(mesh)
+    body = boundary.face >= 0
+    triangles, face = boundary.triangles[body], boundary.face[body]
     attachment = attach(mesh.points, triangles, face, model)
     measured = exactness(mesh.points, attachment, model)
     far_distance = _far_distance(mesh)
@@ -102,27 +104,27 @@ def verify(mesh: TetMesh, model: CadModel, parameters: MeshParameters) -> Verifi
     return Verification(summary, _worst(mesh, quality), measured, far_distance, tuple(failures))
 
 
-def _far_distance(mesh: TetMesh) -> float:
+def _far_distance(mesh: Mesh) -> float:
     """Distance between the bounding boxes of the body and of the far-field triangle next to it."""
-    body = mesh.points[mesh.triangles[mesh.face >= 0]].reshape(-1, 3)
-    far = mesh.points[mesh.triangles[mesh.face < 0]]
+    triangles, _, face = skin(mesh)
+    body, far = mesh.points[triangles[face >= 0]].reshape(-1, 3), mesh.points[triangles[face < 0]]
     if not len(far):
         return np.inf
     apart = np.maximum(body.min(axis=0) - far.max(axis=1), far.min(axis=1) - body.max(axis=0))
     return float(np.linalg.norm(np.maximum(apart, 0.0), axis=1).min())
 
 
-def _worst(mesh: TetMesh, quality: FloatArray) -> dict[str, Worst]:
+def _worst(mesh: Mesh, quality: FloatArray) -> dict[str, Worst]:
     """The worst cell that touches each patch, from mean ratios (M,)."""
     order = np.argsort(-quality, kind="stable")
     worst_cell = np.zeros(len(mesh.points), dtype=np.intp)
-    worst_cell[mesh.tets[order]] = order[:, None]
+    worst_cell[tets_of(mesh)[order]] = order[:, None]
     found = {}
-    for name in mesh.names[1:]:
+    for name in mesh.names:
         cells = worst_cell[mesh.on(name)]
         if len(cells):
             cell = cells[np.argmin(quality[cells])]
-            x, y, z = mesh.points[mesh.tets[cell]].mean(axis=0)
+            x, y, z = mesh.points[tets_of(mesh)[cell]].mean(axis=0)
             found[name] = Worst(float(quality[cell]), (float(x), float(y), float(z)))
     return found
 

@@ -22,7 +22,7 @@ from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import RepairMode
 from sdm_deflect.deform.volume.deflection import combined
 from sdm_deflect.geometry.deflected import CadTurn
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import tets_of
 
 SETTLING = 800
 """Iterations of first order, which let the waves of the start leave, at the beginning of the undeflected flow."""
@@ -128,12 +128,11 @@ def fresh_members(study: FlowStudy) -> Iterator[Member]:
             yield Member(FRESH, angle, number)
 
 
-def moved_meshes(study: FlowStudy, mesh: TetMesh, progress: Progress) -> Iterator[tuple[Member, TetMesh]]:
+def moved_meshes(study: FlowStudy, mesh: Mesh, progress: Progress) -> Iterator[tuple[Member, Mesh]]:
     """Yield the meshes that are deflected: without repair, and with it where that gives another mesh.
 
     One with inverted cells is left out: no flow can be computed on it.
     """
-    flow = mesh.as_mesh(study.case.name)
     for k, angle in enumerate(study.angles):
         progress(f"{angle:+g} deg", k / len(study.angles))
         plain: FloatArray | None = None
@@ -141,28 +140,28 @@ def moved_meshes(study: FlowStudy, mesh: TetMesh, progress: Progress) -> Iterato
         for kind, mode in modes:
             case = replace(study.at(angle), repair=mode)
             try:
-                points = moved_points(case, flow)
+                points = moved_points(case, mesh)
             except InputError:
                 if kind == REPAIRED:
                     raise
                 continue
             moved = mesh.with_points(points)
-            if mean_ratio(points, mesh.tets).min() <= 0.0 or (plain is not None and np.array_equal(points, plain)):
+            if mean_ratio(points, tets_of(mesh)).min() <= 0.0 or (plain is not None and np.array_equal(points, plain)):
                 continue
             plain = points
             yield Member(kind, angle), moved
 
 
 def fresh_deflected_meshes(
-    study: FlowStudy, fresh: Iterable[tuple[Member, TetMesh]], progress: Progress
-) -> Iterator[tuple[Member, TetMesh]]:
+    study: FlowStudy, fresh: Iterable[tuple[Member, Mesh]], progress: Progress
+) -> Iterator[tuple[Member, Mesh]]:
     """Yield those of the `fresh` meshes that are undeflected, deflected to the study's first angle."""
     case = study.at(study.angles[0])
     undeflected = [(member, mesh) for member, mesh in fresh if not member.angle]
     for k, (member, mesh) in enumerate(undeflected):
         progress(f"{member.name} to {case.angle:+g} deg", k / len(undeflected))
-        points = moved_points(case, mesh.as_mesh(case.name))
-        if mean_ratio(points, mesh.tets).min() > 0.0:
+        points = moved_points(case, mesh)
+        if mean_ratio(points, tets_of(mesh)).min() > 0.0:
             yield Member(FRESH_DEFLECTED, case.angle, member.number), mesh.with_points(points)
 
 
@@ -171,7 +170,7 @@ def moved_points(case: Case, flow: Mesh) -> FloatArray:
     return combined(flow, deflected(case, plans_of(case, flow)))
 
 
-def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> TetMesh:
+def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> Mesh:
     """Return a mesh made anew around the CAD at the member's angle, blended as the mesh is or turned rigidly."""
     from sdm_deflect.geometry.aircraft import build  # the CAD kernel
     from sdm_deflect.meshing.generate.generation import Generated, generate
@@ -186,7 +185,7 @@ def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> TetMesh:
     def made() -> Generated:
         with watch.stage("fresh mesh") as progress:
             done = generate(build(case.fighter, turns), case.mesh, progress=progress)
-            progress(f"{member.name}: {len(done.mesh.tets)} cells", 1.0)
+            progress(f"{member.name}: {len(tets_of(done.mesh))} cells", 1.0)
         return done
 
     return cached(parts, made, watch, True)[0]
@@ -210,14 +209,14 @@ def strip_of(case: Case, turn: CadTurn) -> float:
     return case.blending.strip if turn.mode == "blended" else 0.0
 
 
-def undeflected_mesh(study: FlowStudy, watch: Stopwatch) -> TetMesh:
+def undeflected_mesh(study: FlowStudy, watch: Stopwatch) -> Mesh:
     """Return the mesh that is deflected, from the cache if it is there."""
     return meshed(study.case, watch)[0]
 
 
-def write_member(study: FlowStudy, member: Member, mesh: TetMesh, folder: Path) -> Path:
+def write_member(study: FlowStudy, member: Member, mesh: Mesh, folder: Path) -> Path:
     """Write the case of a member, if it is not there; return its folder."""
     case = folder / member.name
     if not case.is_dir():
-        write_case(mesh.as_mesh(member.name), case, study.setup(member.kind == UNDEFLECTED))
+        write_case(replace(mesh, name=member.name), case, study.setup(member.kind == UNDEFLECTED))
     return case

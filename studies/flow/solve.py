@@ -20,8 +20,9 @@ from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.base.progress import Progress
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files.staged import replacing
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import tets_of
 from studies.flow.members import (
     DEFLECTED,
     REPAIRED,
@@ -85,7 +86,7 @@ def computed(begun: Mapping[Any, Member]) -> Iterator[Member]:
             yield member
 
 
-def begin(study: FlowStudy, member: Member, mesh: TetMesh, base: tuple[Path, TetMesh], cases: Path) -> None:
+def begin(study: FlowStudy, member: Member, mesh: Mesh, base: tuple[Path, Mesh], cases: Path) -> None:
     """Write the case of a member whose flow starts from that of the undeflected one."""
     case = write_member(study, member, mesh, cases)
     if not iterations_done(case):
@@ -93,9 +94,9 @@ def begin(study: FlowStudy, member: Member, mesh: TetMesh, base: tuple[Path, Tet
         start_from(case, centres(mesh), other, centres(others))
 
 
-def centres(mesh: TetMesh) -> FloatArray:
+def centres(mesh: Mesh) -> FloatArray:
     """Return the centres (M, 3) of the cells."""
-    return np.asarray(mesh.points[mesh.tets].mean(axis=1))
+    return np.asarray(mesh.points[tets_of(mesh)].mean(axis=1))
 
 
 def check_settings(study: FlowStudy, folder: Path) -> None:

@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from benchmarks.refinement_scaling import Size, fastest, measured, table
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.generate.refine import split
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import Skin, tetrahedral
 
 
 @pytest.fixture
-def corner() -> TetMesh:
+def corner() -> Mesh:
     """The tetrahedron between the origin and the unit vectors, refined once."""
     points = np.vstack([np.zeros(3), np.eye(3)])
     skin = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
-    one = TetMesh(points, np.array([[0, 1, 2, 3]]), skin, np.ones(4, int), np.full(4, -1), ("volume", "skin"))
-    return split(one)
+    boundary = Skin(skin, np.zeros(4, int), np.full(4, -1))
+    return split(tetrahedral(points, np.array([[0, 1, 2, 3]]), boundary, ("skin",)))
 
 
 # In a process of its own: not every system lets a process forget the peak that other tests have left.
@@ -38,7 +39,7 @@ def test_memory_of_an_action_is_seen() -> None:
 
 
 @pytest.mark.nightly
-def test_the_fastest_is_no_slower_than_one(corner: TetMesh) -> None:
+def test_the_fastest_is_no_slower_than_one(corner: Mesh) -> None:
     taken = [1_000_000, 1_000, 1_000_000]
     assert fastest(lambda: np.ones(taken.pop()).sum()) < measured(lambda: np.ones(50_000_000).sum())[1].seconds
     assert taken == []

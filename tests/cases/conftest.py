@@ -105,7 +105,7 @@ def turned(make_mesh):
 
     def turn(case):
         mesh, _ = make_mesh(case)
-        flow = mesh.as_mesh(case.name)
+        flow = mesh
         plans = plans_of(case, flow)
         results = deflected(case, plans)
         moved = mesh.with_points(combined(flow, results))

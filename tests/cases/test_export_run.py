@@ -11,13 +11,13 @@ from click import BadParameter
 from sdm_deflect.cases.cli import cli
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.run.export import export_run
-from sdm_deflect.deform.mesh.mesh import Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.known import written
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import Skin, tetrahedral
 
 CORNERS = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
 TETS = np.array([[0, 1, 2, 4], [1, 3, 2, 7], [4, 6, 7, 2], [4, 7, 5, 1], [1, 2, 4, 7]])
@@ -27,11 +27,10 @@ SIDES = {
 }  # fmt: skip
 
 
-def cube(shift: float = 0.0, scale: float = 1.0) -> TetMesh:
+def cube(shift: float = 0.0, scale: float = 1.0) -> Mesh:
     triangles = np.array([row for rows in SIDES.values() for row in rows])
-    patch = np.repeat(np.arange(1, 4), [len(rows) for rows in SIDES.values()])
-    names = ("volume", *SIDES)
-    return TetMesh(CORNERS * scale + shift, TETS, triangles, patch, np.full(len(patch), -1), names)
+    patch = np.repeat(np.arange(3), [len(rows) for rows in SIDES.values()])
+    return tetrahedral(CORNERS * scale + shift, TETS, Skin(triangles, patch, np.full(len(patch), -1)), tuple(SIDES))
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from sdm_deflect.cases.report.scene3d import (
     quality_rgb,
 )
 from sdm_deflect.deform.mesh.quality import signed_volumes
+from sdm_deflect.meshing.mesh import tets_of
 from tests.pictures import differing, inked, pixels, shades, share
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -146,7 +147,7 @@ def test_png_is_written_small(tmp_path):
 def test_histograms_hold_every_cell_before_and_after(tail_run):
     run, _ = tail_run
     figure, text = histograms([run], ["+12 deg"])
-    near = np.isin(run.mesh.tets, run.deflections[0].plan.region.inside).any(axis=1)
+    near = np.isin(tets_of(run.mesh), run.deflections[0].plan.region.inside).any(axis=1)
     counts = [patch.get_data().values.sum() for patch in figure.axes[0].patches]
     assert counts == [len(near), len(near), near.sum(), near.sum()]
     assert "smallest" in text
@@ -179,7 +180,7 @@ def test_gap_shows_cells_at_the_block_face_alone_that_moved(chimera_run):
     run, _ = chimera_run
     chosen = aircraft.in_gap(run)
     own, face, _ = aircraft.stations(run)
-    inboard = np.sign(face - own) * (run.mesh.points[run.mesh.tets[chosen]][..., 1] - own)
+    inboard = np.sign(face - own) * (run.mesh.points[tets_of(run.mesh)[chosen]][..., 1] - own)
     assert 50 < chosen.sum() < len(chosen) / 4
     assert inboard.max() == pytest.approx(abs(face - own))
     before, after = (cells_by_quality(mesh, chosen) for mesh in (run.mesh, run.deflected))

@@ -19,6 +19,7 @@ from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.geometry.aircraft import build
+from sdm_deflect.meshing.mesh import triangles_of
 from studies.__main__ import study
 from studies.flow.members import (
     DEFLECTED,
@@ -224,7 +225,7 @@ def test_the_cad_of_a_gapless_aileron_has_the_strip_of_the_mesh(aileron_run):
     run, _ = aileron_run
     surface = run.case.deflections[0].surface
     faces = build(run.case.fighter, cad_turns(run.case)).faces_of(surface)
-    points = run.deflected.points[np.unique(run.deflected.triangles_of(surface))]
+    points = run.deflected.points[np.unique(triangles_of(run.deflected, surface))]
     distance = np.min([np.linalg.norm(face.project(points) - points, axis=1) for face in faces], axis=0)
     travel = np.linalg.norm(run.deflected.points - run.mesh.points, axis=1).max()
     assert distance.max() < 0.25 * travel

@@ -18,6 +18,8 @@ from sdm_deflect.cases.report.pictures import Gallery, drawn
 from sdm_deflect.cases.report.scene3d import triangles_of
 from sdm_deflect.cases.report.turnable import thinned, turnable
 from sdm_deflect.deform.mesh.quality import mean_ratio
+from sdm_deflect.meshing.mesh import tets_of
+from tests import labelled
 
 EVIL = "</script><script>document.title='broken'</script><img src=x onerror=\"document.title='broken'\">"
 PICTURE = re.compile(r"data:image/(?:png|webp);base64,([\w+/=]+)")
@@ -130,7 +132,7 @@ def test_threshold_shows_the_cells_below_it(aileron_run, opened):
     tab.locator("#scene-threshold").fill("0.8")
     assert changed(before, seen(tab)) > 500
     near = run.deflections[0].plan.touched.rows[0]
-    expected = np.count_nonzero(mean_ratio(run.deflected.points, run.mesh.tets[near]) < 0.8)
+    expected = np.count_nonzero(mean_ratio(run.deflected.points, tets_of(run.mesh)[near]) < 0.8)
     said = f"{expected} of {len(near)} cells below 0.80, 0 inverted"
     assert tab.locator("#scene-count").inner_text() == said
     assert complaints == []
@@ -152,7 +154,7 @@ def test_every_picture_says_what_it_shows(aileron_run, opened):
 def test_names_cannot_inject_markup(aileron_run, opened, tmp_path):
     run, _ = aileron_run
     names = tuple(EVIL if name == "fin" else name for name in run.mesh.names)
-    mesh, deflected = (replace(one, names=names) for one in (run.mesh, run.deflected))
+    mesh, deflected = (labelled.changed(one, names=names) for one in (run.mesh, run.deflected))
     data = data_of(replace(run, case=replace(run.case, title=EVIL, name=EVIL), mesh=mesh, deflected=deflected))
     (tmp_path / "report.html").write_text(page(data, Gallery(())), encoding="utf-8")
     tab, _, complaints = opened(tmp_path / "report.html")
@@ -178,7 +180,7 @@ def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
 def test_turnable_picture_holds_the_meshes(tail_run):
     run, _ = tail_run
     scene = turnable(data_of(run))
-    triangles = {name: len(run.mesh.triangles_of(name)) for name in run.mesh.names[1:] if name != "far_field"}
+    triangles = {name: len(run.mesh.patch(name)) for name in run.mesh.names if name != "far_field"}
     assert {one["name"]: len(b64decode(one["faces"])) // 12 for one in scene["patches"]} == triangles
     assert {one["name"] for one in scene["patches"] if one["moved"]} == {"tail_left", "fuselage_panel_left"}
     (tail,) = (one for one in scene["patches"] if one["name"] == "tail_left")

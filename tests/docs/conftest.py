@@ -12,7 +12,7 @@ from sdm_deflect.meshing.formats.vtu_write import write_vtu
 def finished(tmp_path_factory, aileron_mesh):
     """The aileron at -12 degrees, and a folder with those files of a run that the examples read."""
     case, (mesh, _), folder = case_named("aileron"), aileron_mesh, tmp_path_factory.mktemp("aileron")
-    (result,) = deflected(case, plans_of(case, mesh.as_mesh(case.name)))
+    (result,) = deflected(case, plans_of(case, mesh))
     write_interpolants(folder / "interpolant.npz", (result,))
     displacement = {"displacement": result.points - mesh.points}
     write_vtu(folder / "deflected.vtu", mesh.with_points(result.points), point_data=displacement)

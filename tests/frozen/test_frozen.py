@@ -19,7 +19,7 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation, Table
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import combined
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import Skin, tetrahedral
 from tests.meshing.formats.wing import wing
 
 SAME = 1e-10  # m
@@ -40,12 +40,13 @@ def expected(before, kept, rows="rows", values="points"):
 
 def frozen_tets(name):
     kept = frozen(f"mesh_{name}")
-    indices = (kept[key].astype(np.intp) for key in ("tets", "triangles", "patch", "face"))
-    return TetMesh(kept["points"], *indices, tuple(map(str, kept["names"])))
+    tets, triangles, patch, face = (kept[key].astype(np.intp) for key in ("tets", "triangles", "patch", "face"))
+    names = tuple(map(str, kept["names"]))[1:]
+    return tetrahedral(kept["points"], tets, Skin(triangles, patch - 1, face), names, name)
 
 
 def frozen_mesh(name):
-    return frozen_tets(name).as_mesh(name)
+    return frozen_tets(name)
 
 
 @pytest.fixture(scope="module")

@@ -29,6 +29,7 @@ from sdm_deflect.deform.base.schema import inline_in, settings_in
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.registry import FORMATS
+from sdm_deflect.meshing.mesh import Skin, skin, tetrahedral, tets_of
 from tests.cases.cpacs_wing import written
 from tests.fuzz import meshes
 from tests.fuzz.inputs import Input, of_path
@@ -286,14 +287,14 @@ def folders(folder: Path) -> Iterator[Input]:
 def _case_folder(folder: Path) -> dict[str, bytes]:
     """Return the files of a case with two cells, no surface of which is a control surface but by its name."""
     from sdm_deflect.meshing.formats.vtu_write import write_vtu
-    from sdm_deflect.meshing.mesh import TetMesh
 
     folder.mkdir()
     mesh: Mesh = meshes.tetrahedra()
     faces = mesh.patches[0].faces[0].nodes
     tets = mesh.cells[0].nodes
-    patch = np.array([1, 1, 1, 2, 2, 3])
-    tet_mesh = TetMesh(mesh.points, tets, faces, patch, patch, ("volume", "wing_left", "aileron_left", "far_field"))
+    patch = np.array([0, 0, 0, 1, 1, 2])
+    skin = Skin(faces, patch, patch + 1)
+    tet_mesh = tetrahedral(mesh.points, tets, skin, ("wing_left", "aileron_left", "far_field"))
     (folder / "case.toml").write_text(to_toml(CASES["aileron"]))
     for name in ("undeflected.vtu", "deflected.vtu"):
         write_vtu(folder / name, tet_mesh)
@@ -406,12 +407,11 @@ def call(words: Sequence[str], folder: Path) -> tuple[Any, str, str]:
 def cache(folder: Path) -> Iterator[Input]:
     """A kept mesh."""
     from sdm_deflect.meshing.files.cache import MeshCache
-    from sdm_deflect.meshing.mesh import TetMesh
 
     mesh = meshes.tetrahedra()
     faces = mesh.patches[0].faces[0].nodes
-    patch_of = np.ones(len(faces), dtype=np.intp)
-    kept = TetMesh(mesh.points, mesh.cells[0].nodes, faces, patch_of, patch_of, ("volume", "wall"))
+    patch_of = np.zeros(len(faces), dtype=np.intp)
+    kept = tetrahedral(mesh.points, mesh.cells[0].nodes, Skin(faces, patch_of, patch_of + 1), ("wall",))
     MeshCache(folder).store("key", kept, {"seconds": 1.5})
     yield from (of_path(path) for path in folder.iterdir())
 
@@ -425,8 +425,8 @@ def load_cached(folder: Path, given: Input, random: Random) -> None:
     if loaded is None:
         return
     mesh, plain = loaded[0], meshes.tetrahedra()
-    same = (mesh.points.tobytes(), mesh.tets.tobytes()) == (plain.points.tobytes(), plain.cells[0].nodes.tobytes())
+    same = (mesh.points.tobytes(), tets_of(mesh).tobytes()) == (plain.points.tobytes(), plain.cells[0].nodes.tobytes())
     faces = plain.patches[0].faces[0].nodes
-    alike = np.array_equal(mesh.triangles, faces) and (mesh.patch == 1).all() and mesh.names == ("volume", "wall")
+    alike = np.array_equal(skin(mesh).triangles, faces) and mesh.names == ("wall",)
     if not (same and alike) or loaded[1] != {"seconds": 1.5}:
         raise WrongError("another mesh was loaded than was stored")

@@ -5,10 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.deform.mesh.mesh import Mesh
+from sdm_deflect.meshing.mesh import Skin, tetrahedral
 
 
-def grid_mesh(cells: int = 3) -> TetMesh:
+def grid_mesh(cells: int = 3) -> Mesh:
     """The unit cube of cells^3 boxes of six tetrahedra each, its sides named low (x = 0) and rest."""
     n = cells + 1
     points = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, n)] * 3, indexing="ij"), -1).reshape(-1, 3)
@@ -24,14 +25,14 @@ def grid_mesh(cells: int = 3) -> TetMesh:
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     outer = faces[first[count == 1]]
     low = (points[outer, 0] == 0.0).all(axis=1)
-    return TetMesh(points, cube, outer, np.where(low, 1, 2), np.where(low, 0, -1), ("volume", "low", "rest"))
+    return tetrahedral(points, cube, Skin(outer, np.where(low, 0, 1), np.where(low, 0, -1)), ("low", "rest"), "cube")
 
 
 @pytest.fixture
-def cube() -> TetMesh:
+def cube() -> Mesh:
     return grid_mesh()
 
 
 @pytest.fixture
-def fine_cube() -> TetMesh:
+def fine_cube() -> Mesh:
     return grid_mesh(6)

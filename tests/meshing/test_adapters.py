@@ -7,8 +7,9 @@ import pyvista as pv
 
 from sdm_deflect.cases.api import deflect
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.adapters import accepted
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import Skin, tetrahedral
 from tests.meshing.formats.examples import KINDS
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
@@ -68,10 +69,10 @@ def test_pyvista(block, expected):
 def test_a_tet_mesh():
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1.0]])
     tets, triangles = np.array([[0, 1, 2, 3], [1, 2, 3, 4]]), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 4]])
-    mesh = TetMesh(points, tets, triangles, np.array([1, 1, 2]), np.full(3, -1), ("volume", "flap", "rest"))
+    mesh = tetrahedral(points, tets, Skin(triangles, np.array([0, 0, 1]), np.full(3, -1)), ("flap", "rest"))
     found, with_points = accepted(mesh)
     assert found.patch("flap").nodes.tolist() == [0, 1, 2, 3]
-    assert isinstance(with_points(points + 1.0), TetMesh)
+    assert isinstance(with_points(points + 1.0), Mesh)
 
 
 @pytest.mark.parametrize(

@@ -4,46 +4,48 @@ import numpy as np
 import pytest
 import pyvista as pv
 
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import skin, tets_of
 
 
-def test_a_mesh_survives_the_file_bit_for_bit(cube: TetMesh, tmp_path: Path) -> None:
+def test_a_mesh_survives_the_file_bit_for_bit(cube: Mesh, tmp_path: Path) -> None:
     path = tmp_path / "mesh.vtu"
     mesh = cube.with_points(cube.points + np.pi * 1e-17)
     write_vtu(path, mesh)
     back = read_vtu(path)
-    for name in ("points", "tets", "triangles", "patch", "face"):
-        assert np.array_equal(getattr(back, name), getattr(mesh, name))
-        assert getattr(back, name).dtype == getattr(mesh, name).dtype
+    arrays = [(one.points, tets_of(one), *skin(one)) for one in (back, mesh)]
+    for read, given in zip(*arrays, strict=True):
+        assert np.array_equal(read, given)
+        assert read.dtype == given.dtype
     assert back.names == mesh.names
-    assert (signed_volumes(back.points, back.tets) > 0).all()
+    assert (signed_volumes(back.points, tets_of(back)) > 0).all()
 
 
-def test_arrays_and_layout_are_those_of_the_contract(cube: TetMesh, tmp_path: Path) -> None:
+def test_arrays_and_layout_are_those_of_the_contract(cube: Mesh, tmp_path: Path) -> None:
     path = tmp_path / "mesh.vtu"
     displacement = np.arange(3.0 * len(cube.points)).reshape(-1, 3)
-    quality = mean_ratio(cube.points, cube.tets)
+    quality = mean_ratio(cube.points, tets_of(cube))
     write_vtu(path, cube, {"displacement": displacement}, {"quality": quality})
     grid = pv.read(path)
     arrays = {**grid.point_data, **grid.cell_data}
     assert np.array_equal(arrays["displacement"], displacement)
     assert arrays["displacement"].dtype == np.float64
-    assert np.array_equal(arrays["quality"][: len(cube.tets)], quality)
-    assert (arrays["patch"][: len(cube.tets)] == 0).all()
-    assert np.array_equal(arrays["patch"][len(cube.tets) :], cube.patch)
+    assert np.array_equal(arrays["quality"][: len(tets_of(cube))], quality)
+    assert (arrays["patch"][: len(tets_of(cube))] == 0).all()
+    assert np.array_equal(arrays["patch"][len(tets_of(cube)) :], skin(cube).patch + 1)
 
 
-def test_the_same_mesh_gives_the_same_bytes(cube: TetMesh, tmp_path: Path) -> None:
+def test_the_same_mesh_gives_the_same_bytes(cube: Mesh, tmp_path: Path) -> None:
     for name in ("a.vtu", "b.vtu"):
         write_vtu(tmp_path / name, cube)
     assert (tmp_path / "a.vtu").read_bytes() == (tmp_path / "b.vtu").read_bytes()
 
 
-def test_arrays_of_the_wrong_length_are_refused_and_nothing_written(cube: TetMesh, tmp_path: Path) -> None:
+def test_arrays_of_the_wrong_length_are_refused_and_nothing_written(cube: Mesh, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="a has 2 rows, expected 64 nodes"):
         write_vtu(tmp_path / "mesh.vtu", cube, {"a": np.zeros(2)})
     with pytest.raises(ValueError, match="b has 2 rows, expected 162 cells"):
@@ -51,7 +53,7 @@ def test_arrays_of_the_wrong_length_are_refused_and_nothing_written(cube: TetMes
     assert not list(tmp_path.iterdir())
 
 
-def test_unusable_files_are_named(cube: TetMesh, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_unusable_files_are_named(cube: Mesh, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "mesh.vtu"
     with pytest.raises(MeshFileError, match="No such file"):
         read_vtu(path)

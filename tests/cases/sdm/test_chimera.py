@@ -20,9 +20,11 @@ from sdm_deflect.deform.volume.deflection import combined
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.mesh import tets_of
 from studies.__main__ import study
 from studies.donors import donors_at, write_donors
 from tests.cases.sdm.deflected_cad import built
+from tests.labelled import changed
 
 pytestmark = pytest.mark.mesher
 
@@ -97,22 +99,22 @@ def test_a_case_without_a_block_has_no_donors():
 def test_block_and_background_are_one_overset_case(chimera_run, tmp_path):
     run, _ = chimera_run
     case = replace(run.case, angle=-12.0)
-    flow = run.mesh.as_mesh()
+    flow = run.mesh
     block = flow.with_points(combined(flow, deflected(case, plans_of(case, flow))))
     folder = tmp_path / "overset"
-    overset_flow.write_overset(block, run.background.as_mesh(), BLOCK, Setup(), folder)
+    overset_flow.write_overset(block, run.background, BLOCK, Setup(), folder)
     types = {patch.name: patch.type for patch in parse(open_foam(folder / MESH, "boundary").text())}
     assert next(iter(types)) == "chimera"  # OpenFOAM wants the overset patch first
     assert [name for name, kind in types.items() if kind == "overset"] == ["chimera"]
     assert {name for name, kind in types.items() if kind == "symmetry"} == {"background_wing_left", "block_wing_left"}
     assert (types["far_field"], types["aileron_left"]) == ("patch", "wall")
     zones = (folder / "0" / "zoneID").read_text().split("(\n")[1].split("\n)")[0].split()
-    assert [zones.count(zone) for zone in "01"] == [len(run.background.tets), len(run.mesh.tets)]
+    assert [zones.count(zone) for zone in "01"] == [len(tets_of(run.background)), len(tets_of(run.mesh))]
 
 
 def test_donors_are_found_inside_and_nowhere_else(chimera_run):
     run, _ = chimera_run
-    centroids = run.mesh.points[run.mesh.tets].mean(axis=1)[::50]
+    centroids = run.mesh.points[tets_of(run.mesh)].mean(axis=1)[::50]
     assert has_donor(centroids, run.mesh).all()
     assert not has_donor(centroids + np.array([10.0, 0.0, 0.0]), run.mesh).any()
 
@@ -144,7 +146,7 @@ def test_the_background_of_a_finished_run_is_judged_as_well(chimera_run, tmp_pat
 
     assert all(judge(folder).values())
     copy, mesh = shutil.copytree(folder, tmp_path / "run"), run.background
-    write_vtu(copy / "background.vtu", replace(mesh, tets=mesh.tets[5:]))
+    write_vtu(copy / "background.vtu", changed(mesh, tets=tets_of(mesh)[5:]))
     assert not judge(copy)["background_mesh"]
     points = mesh.points.copy()
     points[mesh.on("fin")[0]] += 1e-3

@@ -4,7 +4,6 @@ import csv
 import shutil
 from contextlib import suppress
 from copy import deepcopy
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -23,10 +22,13 @@ from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import SolveError
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.formats import vtu_write
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.mesh import skin, tets_of, triangles_of
 from tests.cases.sdm.deflected_cad import built
+from tests.labelled import changed
 
 pytestmark = pytest.mark.mesher
 WING, FLAP = "wing_left", "aileron_left"
@@ -45,7 +47,7 @@ def judge(finished):
     models, verified = undeflected_models(case), {}
 
     def remembered(mesh, *rest):
-        key = tuple(array.tobytes() for array in (mesh.points, mesh.tets, mesh.triangles, mesh.face))
+        key = tuple(array.tobytes() for array in (mesh.points, tets_of(mesh), skin(mesh).triangles, skin(mesh).face))
         if key not in verified:
             verified[key] = verify(mesh, *rest)
         return verified[key]
@@ -76,7 +78,7 @@ def meshes(folder):
 
 def store(folder, before, after, **arrays):
     """Write both meshes, the second with the arrays that belong to it, but for those given."""
-    own = {"quality": mean_ratio(after.points, after.tets)}
+    own = {"quality": mean_ratio(after.points, tets_of(after))}
     if len(after.points) == len(before.points):
         own["displacement"] = after.points - before.points
     own = {name: values for name, values in (own | arrays).items() if values is not None}
@@ -88,7 +90,7 @@ def store(folder, before, after, **arrays):
 def inside(before, after):
     """Nodes that moved, those on the boundary left out."""
     moved = np.flatnonzero((before.points != after.points).any(axis=1))
-    return np.setdiff1d(moved, before.on(*before.names[1:]))
+    return np.setdiff1d(moved, before.on(*before.names))
 
 
 def moved(change):
@@ -131,11 +133,11 @@ def wall(shift, patch=FLAP):
 
 def frame(mesh, patch):
     """A node inside a planar face of a patch, a unit vector in the face and its normal."""
-    own = mesh.triangles_of(patch)
+    own = triangles_of(mesh, patch)
     corners = mesh.points[own]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    others = mesh.on(*(name for name in mesh.names[1:] if name != patch))
+    others = mesh.on(*(name for name in mesh.names if name != patch))
     for node in np.setdiff1d(own, others):
         around = normals[(own == node).any(axis=1)]
         if np.abs(around - around[0]).max() < 1e-9:
@@ -146,7 +148,7 @@ def frame(mesh, patch):
 
 
 def bit(points, before, after):
-    outer = np.setdiff1d(np.flatnonzero((before.points == after.points).all(axis=1)), before.on(*before.names[1:]))
+    outer = np.setdiff1d(np.flatnonzero((before.points == after.points).all(axis=1)), before.on(*before.names))
     points[outer[0], 2] = np.nextafter(points[outer[0], 2], 1.0)
 
 
@@ -197,81 +199,81 @@ def in_one(change):
 
 
 def without_cells(rows, mesh):
-    return replace(mesh, tets=np.delete(mesh.tets, rows, axis=0))
+    return changed(mesh, tets=np.delete(tets_of(mesh), rows, axis=0))
 
 
 def doubled(rows, mesh):
-    return replace(mesh, tets=np.vstack([mesh.tets, mesh.tets[rows]]))
+    return changed(mesh, tets=np.vstack([tets_of(mesh), tets_of(mesh)[rows]]))
 
 
 def inside_out(mesh):
-    tets = mesh.tets.copy()
+    tets = tets_of(mesh).copy()
     tets[7] = tets[7][[1, 0, 2, 3]]
-    return replace(mesh, tets=tets)
+    return changed(mesh, tets=tets)
 
 
 def with_triangles(keep, mesh):
-    return replace(mesh, triangles=mesh.triangles[keep], patch=mesh.patch[keep], face=mesh.face[keep])
+    return changed(mesh, triangles=skin(mesh).triangles[keep], patch=skin(mesh).patch[keep], face=skin(mesh).face[keep])
 
 
 def without_third(mesh):
-    own = np.flatnonzero(mesh.patch == mesh.names.index(FLAP))
-    return with_triangles(np.delete(np.arange(len(mesh.patch)), own[::3]), mesh)
+    own = np.flatnonzero(skin(mesh).patch == mesh.names.index(FLAP))
+    return with_triangles(np.delete(np.arange(len(skin(mesh).patch)), own[::3]), mesh)
 
 
 def twice(mesh):
-    own = np.flatnonzero(mesh.patch == mesh.names.index(FLAP))
-    return with_triangles(np.append(np.arange(len(mesh.patch)), own), mesh)
+    own = np.flatnonzero(skin(mesh).patch == mesh.names.index(FLAP))
+    return with_triangles(np.append(np.arange(len(skin(mesh).patch)), own), mesh)
 
 
 def flipped(mesh):
-    own, triangles = mesh.patch == mesh.names.index(WING), mesh.triangles.copy()
+    own, triangles = skin(mesh).patch == mesh.names.index(WING), skin(mesh).triangles.copy()
     triangles[own] = triangles[own][:, ::-1]
-    return replace(mesh, triangles=triangles)
+    return changed(mesh, triangles=triangles)
 
 
 def turned(mesh):
     """The same triangles, each begun at another node."""
-    return replace(mesh, triangles=np.roll(mesh.triangles, 1, axis=1))
+    return changed(mesh, triangles=np.roll(skin(mesh).triangles, 1, axis=1))
 
 
 def relabelled(mesh):
-    patch = mesh.patch.copy()
+    patch = skin(mesh).patch.copy()
     patch[np.flatnonzero(patch == mesh.names.index(WING))[0]] = mesh.names.index("fuselage")
-    return replace(mesh, patch=patch)
+    return changed(mesh, patch=patch)
 
 
 def other_face(mesh):
-    face = mesh.face.copy()
-    own = np.flatnonzero(mesh.patch == mesh.names.index("fin"))
+    face = skin(mesh).face.copy()
+    own = np.flatnonzero(skin(mesh).patch == mesh.names.index("fin"))
     face[own] = np.roll(face[own], len(own) // 2)
-    return replace(mesh, face=face)
+    return changed(mesh, face=face)
 
 
 def foreign_face(mesh):
-    return replace(mesh, face=np.where(mesh.face == mesh.face.max(), 9999, mesh.face))
+    return changed(mesh, face=np.where(skin(mesh).face == skin(mesh).face.max(), 9999, skin(mesh).face))
 
 
 def renamed(mesh):
-    return replace(mesh, names=tuple("flap" if name == FLAP else name for name in mesh.names))
+    return changed(mesh, names=tuple("flap" if name == FLAP else name for name in mesh.names))
 
 
 def names_swapped(mesh):
     other = {FLAP: "aileron_right", "aileron_right": FLAP}
-    return replace(mesh, names=tuple(other.get(name, name) for name in mesh.names))
+    return changed(mesh, names=tuple(other.get(name, name) for name in mesh.names))
 
 
 def reordered(mesh):
-    return replace(mesh, tets=mesh.tets[::-1])
+    return changed(mesh, tets=tets_of(mesh)[::-1])
 
 
 def renumbered(mesh):
     count = len(mesh.points) - 1
-    return replace(mesh, points=mesh.points[::-1], tets=count - mesh.tets, triangles=count - mesh.triangles)
+    return changed(mesh, points=mesh.points[::-1], tets=count - tets_of(mesh), triangles=count - skin(mesh).triangles)
 
 
 def with_node(mesh):
-    return replace(mesh, points=np.vstack([mesh.points, mesh.points[:1] + 0.1]))
+    return changed(mesh, points=np.vstack([mesh.points, mesh.points[:1] + 0.1]))
 
 
 def both_moved(patch, shift):
@@ -566,9 +568,9 @@ FILES = ("case.toml", "metrics.json", "interpolant.npz", "convergence.csv", "und
 def damages(data, rng, most):
     """Yield a file's bytes with single bits flipped, cut, emptied and replaced."""
     for place in rng.integers(len(data), size=most):
-        changed = bytearray(data)
-        changed[place] ^= 1 << int(rng.integers(8))
-        yield bytes(changed)
+        flipped = bytearray(data)
+        flipped[place] ^= 1 << int(rng.integers(8))
+        yield bytes(flipped)
     for share in (0.5, 0.1, 0.99)[:most]:
         yield data[: int(share * len(data))]
     yield from (b"", b"junk")[:most]
@@ -586,13 +588,18 @@ def test_a_damaged_file_leaves_no_traceback(finished, judge, tmp_path, name, mos
                 command(folder)
 
 
-@pytest.mark.parametrize(("part", "message"), [("points", "not finite"), ("patch", r"patch holds 1 \.\.\. 99")])
-def test_a_point_that_is_no_number_and_a_patch_that_is_none_are_refused(finished, tmp_path, part, message):
+@pytest.mark.parametrize(("part", "message"), [("points", "not finite"), ("patch", r"patch holds 0 \.\.\. 99")])
+def test_a_point_that_is_no_number_and_a_patch_that_is_none_are_refused(finished, tmp_path, monkeypatch, part, message):
     folder = shutil.copytree(finished[1], tmp_path / "run")
     mesh = read_vtu(folder / "deflected.vtu")
-    values = getattr(mesh, part).copy()
-    values[0] = {"points": np.nan, "patch": 99}[part]
-    object.__setattr__(mesh, part, values)  # past the checks of a new mesh
+    if part == "points":
+        points = mesh.points.copy()
+        points[0] = np.nan
+        object.__setattr__(mesh, "points", points)  # past the checks of a new mesh
+    else:
+        wrong = skin(mesh)
+        wrong.patch[0] = 99
+        monkeypatch.setattr(vtu_write, "skin", lambda mesh: wrong)
     write_vtu(folder / "deflected.vtu", mesh)
     for command in (read_run, interactive_run, exported):
         with pytest.raises(MeshFileError, match=message):

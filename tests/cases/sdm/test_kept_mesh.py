@@ -8,7 +8,7 @@ import pytest
 from sdm_deflect.cases.aircraft import cad, pipeline
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Stopwatch
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import Skin, tetrahedral, tets_of
 
 
 class Told:
@@ -27,17 +27,15 @@ class Told:
 @pytest.fixture
 def told(monkeypatch):
     """What is told while a mesh of one cell is taken from the cache or generated."""
-    mesh = TetMesh(
-        np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]), np.array([[0, 2, 1]]), np.array([1]),
-        np.array([0]), ("volume", "wing"),
-    )  # fmt: skip
+    skin = Skin(np.array([[0, 2, 1]]), np.array([0]), np.array([0]))
+    mesh = tetrahedral(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]), skin, ("wing",))
     report = SimpleNamespace(verification=SimpleNamespace(boundary_to_cad_max=0.0), attempts=1, seconds=1.0)
     monkeypatch.setattr(cad, "undeflected", lambda case, watch: SimpleNamespace(mesh=mesh, report=report))
 
     def run():
         display = Told()
         found, _ = pipeline.meshed(case_named("aileron", "small"), Stopwatch(display))
-        np.testing.assert_array_equal(found.tets, mesh.tets)
+        np.testing.assert_array_equal(tets_of(found), tets_of(mesh))
         return display.texts
 
     return run

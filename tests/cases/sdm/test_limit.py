@@ -19,7 +19,7 @@ MODES = ("off", "auto")
 def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
     mesh, _ = aileron_mesh
     case, threshold, resolution = replace(case_named("tail"), repair="auto"), 0.25, 10.0
-    limits = find_limits(case, mesh.as_mesh(), threshold, resolution, silent)
+    limits = find_limits(case, mesh, threshold, resolution, silent)
     assert [(limit.repair, np.sign(limit.angle)) for limit in limits] == [(m, s) for m in MODES for s in (-1.0, 1.0)]
     for limit in limits:
         sizes, good = [abs(t.angle) for t in limit.trials], [t.quality_min >= threshold for t in limit.trials]
@@ -31,7 +31,7 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
         assert 0.0 < sizes[k + 1] - sizes[k] <= resolution
         assert limit.end == beyond.reason or limit.end.startswith(f"mean ratio {beyond.quality_min:.3f} of a cell")
         assert max(np.diff(sizes)) <= STEPS * resolution
-        again = attempt(replace(case, repair=limit.repair), mesh.as_mesh(), limit.angle)
+        again = attempt(replace(case, repair=limit.repair), mesh, limit.angle)
         assert again == limit.at
     for alone, repaired in zip(limits[:2], limits[2:], strict=True):
         assert abs(repaired.angle) > abs(alone.angle)
@@ -51,7 +51,7 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
 def test_no_surface_is_tried_beyond_what_any_can_turn(aileron_mesh):
     case = case_named("all")
     case = replace(case, deflections=tuple(one for one in case.deflections if one.surface == "rudder"))
-    limits = find_limits(replace(case, repair="off"), aileron_mesh[0].as_mesh(), 0.01, 30.0, silent)
+    limits = find_limits(replace(case, repair="off"), aileron_mesh[0], 0.01, 30.0, silent)
     assert [limit.repair for limit in limits] == ["off", "off"]
     assert max(abs(trial.angle) for limit in limits for trial in limit.trials) == LARGEST_ANGLE / 1.25
     with pytest.raises(ValueError, match=r"turns the rudder by 91\.25 deg; at most 90 deg"):
@@ -59,7 +59,7 @@ def test_no_surface_is_tried_beyond_what_any_can_turn(aileron_mesh):
 
 
 def test_a_tail_whose_root_misses_the_fuselage_is_no_limit_but_has_a_reason(aileron_mesh):
-    trial = attempt(case_named("tail"), aileron_mesh[0].as_mesh(), 60.0)
+    trial = attempt(case_named("tail"), aileron_mesh[0], 60.0)
     assert (trial.quality_min, trial.steps) == (0.0, 0)
     assert "root misses the fuselage" in trial.reason
 
@@ -67,7 +67,7 @@ def test_a_tail_whose_root_misses_the_fuselage_is_no_limit_but_has_a_reason(aile
 def test_an_aileron_that_leaves_its_hexahedron_is_no_limit_but_has_a_reason(aileron_mesh):
     case = case_named("aileron")
     low = replace(case, confinement=replace(case.confinement, up=0.005))
-    assert attempt(low, aileron_mesh[0].as_mesh(), 5.0).reason == ""
-    trial = attempt(low, aileron_mesh[0].as_mesh(), -30.0)
+    assert attempt(low, aileron_mesh[0], 5.0).reason == ""
+    trial = attempt(low, aileron_mesh[0], -30.0)
     assert (trial.quality_min, trial.steps) == (0.0, 0)
     assert "moving nodes of aileron_left leave the box at -30; enlarge it (confinement.up, down" in trial.reason

@@ -28,4 +28,4 @@ def test_overlapping_pair_is_named(make_mesh):
     mesh, _ = make_mesh(case)
     pair = tuple(d for d in case.deflections if d.surface in ("tail_left", "rudder"))
     with pytest.raises(InputError, match=r"boxes of tail_left and rudder overlap by .*smaller \(confinement\.up, down"):
-        plans_of(replace(case, deflections=pair), mesh.as_mesh())
+        plans_of(replace(case, deflections=pair), mesh)

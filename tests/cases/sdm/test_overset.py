@@ -6,7 +6,7 @@ from scipy.spatial import Delaunay
 
 from sdm_deflect.cases.aircraft.overset import has_donor
 from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import Skin, tetrahedral, tets_of
 
 NOTHING = np.empty(0, dtype=np.intp)
 
@@ -21,7 +21,7 @@ def mesh_of(points, tets):
     """A mesh without a boundary; cells of a triangulation may be inside out."""
     volume = np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]])
     tets = np.where(volume[:, None] < 0.0, tets[:, [1, 0, 2, 3]], tets)
-    return TetMesh(points, tets.astype(np.intp), NOTHING.reshape(0, 3), NOTHING, NOTHING, ("volume",))
+    return tetrahedral(points, tets.astype(np.intp), Skin(NOTHING.reshape(0, 3), NOTHING, NOTHING), ())
 
 
 def test_a_donor_is_found_where_the_triangulation_has_a_cell(cells):
@@ -34,8 +34,8 @@ def test_a_donor_is_found_where_the_triangulation_has_a_cell(cells):
 def test_cells_that_are_missing_leave_orphans(cells):
     left = np.arange(len(cells.simplices)) % 7 != 0
     whole, rest = (mesh_of(cells.points, cells.simplices[rows]) for rows in (slice(None), left))
-    shaped = mean_ratio(whole.points, whole.tets) > 0.3
-    centroids = whole.points[whole.tets].mean(axis=1)
+    shaped = mean_ratio(whole.points, tets_of(whole)) > 0.3
+    centroids = whole.points[tets_of(whole)].mean(axis=1)
     assert np.count_nonzero(shaped & ~left) > 300
     np.testing.assert_array_equal(has_donor(centroids[shaped], rest), left[shaped])
 

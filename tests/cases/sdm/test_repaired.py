@@ -14,6 +14,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.mesh import tets_of
 from tests.cases.sdm.deflected_cad import built
 
 pytestmark = pytest.mark.mesher
@@ -42,11 +43,11 @@ def changed(folder, change):
     """Change the points and the repair of deflected.vtu: `change(points, repair, free)` writes into them."""
     _, before, after = read_run(folder)
     repair, points = vtu_arrays(folder / "deflected.vtu")["repair"].copy(), after.points.copy()
-    inner = np.setdiff1d(np.flatnonzero(repair.any(axis=1)), before.on(*before.names[1:]))
+    inner = np.setdiff1d(np.flatnonzero(repair.any(axis=1)), before.on(*before.names))
     change(points, repair, inner)
     arrays = {"displacement": points - before.points, "repair": repair}
     moved = after.with_points(points)
-    write_vtu(folder / "deflected.vtu", moved, arrays, {"quality": mean_ratio(points, moved.tets)})
+    write_vtu(folder / "deflected.vtu", moved, arrays, {"quality": mean_ratio(points, tets_of(moved))})
 
 
 def test_a_repaired_run_tells_of_it_and_passes_again(finished, failing):

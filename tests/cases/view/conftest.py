@@ -25,7 +25,7 @@ def bare_run(tmp_path_factory, make_mesh):
 
     def run(case, solve=deflected):
         mesh, _ = make_mesh(case)
-        flow = mesh.as_mesh(case.name)
+        flow = mesh
         results = solve(case, plans_of(case, flow))
         folder = tmp_path_factory.mktemp(case.name)
         write_deformation(folder, case, mesh, mesh.with_points(combined(flow, results)), results, None)

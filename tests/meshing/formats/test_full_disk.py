@@ -17,7 +17,7 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.known import written
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import Skin, tetrahedral
 from tests.meshing.formats import fluent_files, plot3d_files
 from tests.meshing.formats.examples import hybrid
 
@@ -96,4 +96,4 @@ def cube():
     corners = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
     tets = np.array([[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]])
     faces = np.array([[0, 2, 3], [4, 5, 7]])
-    return TetMesh(corners, tets, faces, np.array([1, 2]), np.array([0, -1]), ("volume", "floor", "roof"))
+    return tetrahedral(corners, tets, Skin(faces, np.array([0, 1]), np.array([0, -1])), ("floor", "roof"))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.generate.assembly import (
     ClosestTriangle,
     boundary_triangles,
@@ -14,7 +15,7 @@ from sdm_deflect.meshing.generate.assembly import (
 )
 from sdm_deflect.meshing.generate.surface import Surface
 from sdm_deflect.meshing.generate.topology import cell_faces
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import skin, tets_of
 
 
 def sphere(count: int = 300) -> tuple[np.ndarray, np.ndarray]:
@@ -46,15 +47,15 @@ def test_distances_to_triangles_are_exact() -> None:
         assert away[nearest].min() < found + 0.05
 
 
-def test_cells_inside_a_closed_surface_are_found(fine_cube: TetMesh) -> None:
+def test_cells_inside_a_closed_surface_are_found(fine_cube: Mesh) -> None:
     mesh = fine_cube
-    centres = mesh.points[mesh.tets].mean(axis=1)
+    centres = mesh.points[tets_of(mesh)].mean(axis=1)
     expected = ((centres > 1 / 3) & (centres < 2 / 3)).all(axis=1)
-    faces = cell_faces(mesh.tets)
+    faces = cell_faces(tets_of(mesh))
     skin, outermost = boundary_triangles(faces, expected)
     assert not outermost.any()
     surface = Surface(mesh.points, skin, np.zeros(len(skin), dtype=int), np.empty((0, 3), dtype=int))
-    inside = inside_solid(mesh.points, mesh.tets, faces, surface, 1e-9)
+    inside = inside_solid(mesh.points, tets_of(mesh), faces, surface, 1e-9)
     assert np.array_equal(inside, expected)
     assert inside.sum() == 8 * 6
 
@@ -87,12 +88,12 @@ def test_what_is_near_no_face_is_told() -> None:
     assert cad_faces(points + 10.0, triangles[:1], surface).tolist() == [-1]
 
 
-def test_the_flow_s_boundary_is_oriented_out_of_the_flow(fine_cube: TetMesh) -> None:
-    centres = fine_cube.points[fine_cube.tets].mean(axis=1)
+def test_the_flow_s_boundary_is_oriented_out_of_the_flow(fine_cube: Mesh) -> None:
+    centres = fine_cube.points[tets_of(fine_cube)].mean(axis=1)
     solid = ((centres > 1 / 3) & (centres < 2 / 3)).all(axis=1)
-    triangles, outermost = boundary_triangles(cell_faces(fine_cube.tets), ~solid)
+    triangles, outermost = boundary_triangles(cell_faces(tets_of(fine_cube)), ~solid)
     middles = fine_cube.points[triangles].mean(axis=1) - 0.5
     outward = np.einsum("ij,ij->i", unit_normals(fine_cube.points, triangles), middles) > 0.0
     assert np.array_equal(outward, outermost)
-    assert outermost.sum() == len(fine_cube.triangles)
+    assert outermost.sum() == len(skin(fine_cube).triangles)
     assert (~outermost).sum() == 6 * 4 * 2

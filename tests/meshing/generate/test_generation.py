@@ -9,6 +9,7 @@ import pytest
 
 from sdm_deflect.cases.aircraft.cad import undeflected_cad
 from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
@@ -16,26 +17,26 @@ from sdm_deflect.meshing.generate import generation
 from sdm_deflect.meshing.generate.assembly import FAR_FIELD, unit_normals
 from sdm_deflect.meshing.generate.generation import Generated, generate, harder
 from sdm_deflect.meshing.generate.parameters import MeshParameters
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import skin, tets_of
 
 
 def test_the_flow_around_a_body_is_the_box_without_the_body(made: Generated, body: CadModel) -> None:
     mesh = made.mesh
     far = mesh.points[mesh.on(FAR_FIELD)]
     box = np.prod(far.max(axis=0) - far.min(axis=0))
-    a, b, c = (mesh.points[mesh.triangles[mesh.face >= 0][:, i]] for i in range(3))
-    skin = -np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0
-    assert signed_volumes(mesh.points, mesh.tets).sum() == pytest.approx(box - skin, rel=1e-9)
-    assert skin == pytest.approx(body.solid.Volume(), rel=0.04)
+    a, b, c = (mesh.points[skin(mesh).triangles[skin(mesh).face >= 0][:, i]] for i in range(3))
+    inside = -np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0
+    assert signed_volumes(mesh.points, tets_of(mesh)).sum() == pytest.approx(box - inside, rel=1e-9)
+    assert inside == pytest.approx(body.solid.Volume(), rel=0.04)
 
 
 def test_every_patch_carries_its_own_faces(made: Generated, body: CadModel) -> None:
     mesh = made.mesh
-    assert mesh.names == ("volume", *body.patches, FAR_FIELD)
+    assert mesh.names == (*body.patches, FAR_FIELD)
     for index, face in enumerate(body.faces):
-        own = mesh.triangles[mesh.face == index]
+        own = skin(mesh).triangles[skin(mesh).face == index]
         assert len(own)
-        assert {mesh.names[i] for i in mesh.patch[mesh.face == index]} == {face.patch}
+        assert {mesh.names[i] for i in skin(mesh).patch[skin(mesh).face == index]} == {face.patch}
         inward = unit_normals(mesh.points, own)
         agreement = np.einsum("ij,ij->i", -inward, face.normal_at(mesh.points[own].mean(axis=1)))
         assert agreement.min() > (1.0 - 1e-9 if face.planar else 0.9)
@@ -56,14 +57,14 @@ def test_the_report_tells_how_it_went(made: Generated) -> None:
 def test_the_flow_inside_a_chamber_has_no_far_field(chamber: CadModel, coarse: MeshParameters) -> None:
     stages: list[tuple[str, float]] = []
     mesh = generate(chamber, coarse, lambda stage, done: stages.append((stage, done))).mesh
-    assert mesh.names == ("volume", "chimera", "wing_right")
-    assert (mesh.face >= 0).all()
-    volume = signed_volumes(mesh.points, mesh.tets).sum()
+    assert mesh.names == ("chimera", "wing_right")
+    assert (skin(mesh).face >= 0).all()
+    volume = signed_volumes(mesh.points, tets_of(mesh)).sum()
     assert volume == pytest.approx(chamber.solid.Volume(), rel=1e-9)
-    outward = unit_normals(mesh.points, mesh.triangles)
+    outward = unit_normals(mesh.points, skin(mesh).triangles)
     for index, face in enumerate(chamber.faces):
-        centres = mesh.points[mesh.triangles[mesh.face == index]].mean(axis=1)
-        assert np.einsum("ij,ij->i", outward[mesh.face == index], face.normal_at(centres)).min() > 0.999
+        centres = mesh.points[skin(mesh).triangles[skin(mesh).face == index]].mean(axis=1)
+        assert np.einsum("ij,ij->i", outward[skin(mesh).face == index], face.normal_at(centres)).min() > 0.999
     assert stages[0] == ("surface mesh", 0.0)
     assert math.isnan(stages[1][1])
 
@@ -93,7 +94,7 @@ def test_a_mesh_that_fails_is_never_returned(
 @pytest.mark.nightly
 def test_refinements_halve_the_edges_and_stay_on_the_cad(body: CadModel, coarse: MeshParameters) -> None:
     once = generate(body, replace(coarse, refinements=1))
-    assert len(once.mesh.tets) % 8 == 0
+    assert len(tets_of(once.mesh)) % 8 == 0
     assert once.report.verification.failures == ()
 
 
@@ -107,7 +108,7 @@ def test_each_attempt_aims_higher_up_to_a_limit(coarse: MeshParameters) -> None:
 FAR = "far_field"
 
 
-def meshlab(mesh: TetMesh, triangles: np.ndarray) -> pymeshlab.MeshSet:
+def meshlab(mesh: Mesh, triangles: np.ndarray) -> pymeshlab.MeshSet:
     nodes, corners = np.unique(triangles, return_inverse=True)
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(mesh.points[nodes], corners.reshape(-1, 3)))
@@ -117,8 +118,8 @@ def meshlab(mesh: TetMesh, triangles: np.ndarray) -> pymeshlab.MeshSet:
 @pytest.mark.mesher
 def test_body_and_far_field_are_closed_two_manifold_spheres(aileron_mesh):
     mesh = aileron_mesh[0]
-    far = mesh.patch == mesh.names.index(FAR)
-    for triangles in (mesh.triangles[far], mesh.triangles[~far]):
+    far = skin(mesh).patch == mesh.names.index(FAR)
+    for triangles in (skin(mesh).triangles[far], skin(mesh).triangles[~far]):
         measures = meshlab(mesh, triangles).get_topological_measures()
         assert measures["is_mesh_two_manifold"]
         assert measures["boundary_edges"] == measures["number_holes"] == 0
@@ -130,7 +131,7 @@ def test_body_and_far_field_are_closed_two_manifold_spheres(aileron_mesh):
 @pytest.mark.mesher
 def test_the_body_has_the_area_and_volume_of_the_cad(aileron_mesh):
     mesh = aileron_mesh[0]
-    body = mesh.triangles[mesh.patch != mesh.names.index(FAR)]
+    body = skin(mesh).triangles[skin(mesh).patch != mesh.names.index(FAR)]
     measured = meshlab(mesh, body[:, ::-1]).get_geometric_measures()
     cad = undeflected_cad(case_named("aileron"))
     faces = [face.tessellation(1e-5) for face in cad.faces]

@@ -1,7 +1,6 @@
 """MeshLab judges boundaries: each fault that is planted in a good one is named."""
 
 import re
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,12 +8,14 @@ import pytest
 
 from sdm_deflect.cases.aircraft.cad import undeflected_cad
 from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.files import child
 from sdm_deflect.meshing.generate import meshlab, meshlab_worker
 from sdm_deflect.meshing.generate.attachment import attach
 from sdm_deflect.meshing.generate.meshlab import DEFLECTION, meshlab_failures, surface_failures
-from sdm_deflect.meshing.mesh import TetMesh
+from sdm_deflect.meshing.mesh import skin, tets_of
+from tests.labelled import changed
 
 NO_CAD = {
     "cad_points": np.empty((0, 3)),
@@ -23,31 +24,31 @@ NO_CAD = {
 }
 
 
-def faults(mesh: TetMesh) -> str:
-    face = np.zeros(len(mesh.triangles), dtype=np.intp)
-    question = {"points": mesh.points, "triangles": mesh.triangles, "face": face, **NO_CAD}
+def faults(mesh: Mesh) -> str:
+    face = np.zeros(len(skin(mesh).triangles), dtype=np.intp)
+    question = {"points": mesh.points, "triangles": skin(mesh).triangles, "face": face, **NO_CAD}
     return "; ".join(surface_failures(mesh, meshlab_worker.judge(question)))
 
 
-def with_triangles(mesh: TetMesh, triangles: np.ndarray) -> TetMesh:
+def with_triangles(mesh: Mesh, triangles: np.ndarray) -> Mesh:
     labels = np.ones(len(triangles), dtype=np.intp)
-    return replace(mesh, triangles=triangles, patch=labels, face=labels)
+    return changed(mesh, triangles=triangles, patch=labels, face=labels)
 
 
 def without_one(mesh):
-    return replace(mesh, triangles=mesh.triangles[1:], patch=mesh.patch[1:], face=mesh.face[1:])
+    return changed(mesh, triangles=skin(mesh).triangles[1:], patch=skin(mesh).patch[1:], face=skin(mesh).face[1:])
 
 
 def flipped(mesh):
-    return replace(mesh, triangles=np.vstack([mesh.triangles[:1, ::-1], mesh.triangles[1:]]))
+    return changed(mesh, triangles=np.vstack([skin(mesh).triangles[:1, ::-1], skin(mesh).triangles[1:]]))
 
 
 def inside_out(mesh):
-    return replace(mesh, triangles=mesh.triangles[:, ::-1])
+    return changed(mesh, triangles=skin(mesh).triangles[:, ::-1])
 
 
 def doubled(mesh):
-    return with_triangles(mesh, np.vstack([mesh.triangles, mesh.triangles[:1]]))
+    return with_triangles(mesh, np.vstack([skin(mesh).triangles, skin(mesh).triangles[:1]]))
 
 
 def pushed_through(mesh):
@@ -62,15 +63,16 @@ def touching(mesh):
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], dtype=float)
     tets = np.array([[0, 1, 2, 3], [0, 5, 4, 6]])
     sides = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
-    return with_triangles(replace(mesh, points=points, tets=tets, triangles=mesh.triangles[:0], patch=mesh.patch[:0],
-                                  face=mesh.face[:0]), tets[:, sides].reshape(-1, 3))  # fmt: skip
+    triangles = tets[:, sides].reshape(-1, 3)
+    labels = np.ones(len(triangles), dtype=np.intp)
+    return changed(mesh, points=points, tets=tets, triangles=triangles, patch=labels, face=labels)
 
 
 def cell_less(mesh):
-    return replace(mesh, tets=mesh.tets[1:])
+    return changed(mesh, tets=tets_of(mesh)[1:])
 
 
-def test_a_cube_is_closed_oriented_and_crosses_nothing(cube: TetMesh) -> None:
+def test_a_cube_is_closed_oriented_and_crosses_nothing(cube: Mesh) -> None:
     assert faults(cube) == ""
 
 
@@ -86,7 +88,7 @@ def test_a_cube_is_closed_oriented_and_crosses_nothing(cube: TetMesh) -> None:
         (cell_less, r"the boundary encloses 1 m\^3, the cells fill 0.99"),
     ],
 )
-def test_what_is_wrong_with_a_surface_is_named(cube: TetMesh, change, fault: str) -> None:
+def test_what_is_wrong_with_a_surface_is_named(cube: Mesh, change, fault: str) -> None:
     assert re.search(fault, faults(change(cube)))
 
 
@@ -137,20 +139,20 @@ def node_off(step, mesh, cad):
 
 
 def other_face(mesh, cad):
-    face = mesh.face.copy()
+    face = skin(mesh).face.copy()
     edge = next(edge for edge in cad.edges if edge.faces[0] != edge.faces[1])
     face[np.flatnonzero(face == edge.faces[0])[0]] = edge.faces[1]
-    return replace(mesh, face=face)
+    return changed(mesh, face=face)
 
 
 def no_face(mesh, cad):
-    return replace(mesh, face=np.where(mesh.face == 0, 1, mesh.face))
+    return changed(mesh, face=np.where(skin(mesh).face == 0, 1, skin(mesh).face))
 
 
 def swapped(mesh, cad):
     """Two neighbours on a CAD edge in each other's place."""
-    own = mesh.face >= 0
-    attachment = attach(mesh.points, mesh.triangles[own], mesh.face[own], cad)
+    own = skin(mesh).face >= 0
+    attachment = attach(mesh.points, skin(mesh).triangles[own], skin(mesh).face[own], cad)
     index = np.bincount(attachment.edge[attachment.edge >= 0]).argmax()
     nodes = attachment.nodes[attachment.edge == index]
     _, parameter = cad.edges[index].project(mesh.points[nodes])
