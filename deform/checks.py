@@ -1,6 +1,6 @@
 """Checks that can fail: what must hold of a deflected mesh."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -17,7 +17,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.precision import EVERY_BIT
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer
-from sdm_deflect.deform.volume.deflection import Deflected, Deflection
+from sdm_deflect.deform.volume.deflection import Deflected, Deflection, Plan, Planned
 
 LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1  # of the first layer's height; of thick layers of polyhedra
 ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid
@@ -98,18 +98,19 @@ def layers_of(deflection: Deflected) -> Layers | None:
     return first_layer(deflection.plan.touched, deflection.plan.walls, deflection.points)
 
 
-def checks_of(deflection: Deflected, min_quality: float = MIN_QUALITY) -> tuple[Check, ...]:
+def checks_of(deflection: Deflected, min_quality: float = MIN_QUALITY, unit: str = "") -> tuple[Check, ...]:
     """Return what must hold of the mesh at one angle, as the file holds it; of what rounding alone breaks, it says so.
 
     Parameters
     ----------
     min_quality : Share of the undeflected mesh's least quality that the cells of each type must keep; 0: no such check.
+    unit : Unit of lengths, where the mesh's is known.
     """
-    found = tuple(_checks(deflection, min_quality))
+    found = tuple(_checks(deflection, min_quality, unit))
     precision = deflection.plan.precision
     if precision.is_double or all(check.passed for check in found):
         return found
-    failing = {check.name for check in _checks(deflection.stored(EVERY_BIT), min_quality) if not check.passed}
+    failing = {check.name for check in _checks(deflection.stored(EVERY_BIT), min_quality, unit) if not check.passed}
     why = f"; fails by rounding to {precision}"
     return tuple(one if one.passed or one.name in failing else replace(one, where=one.where + why) for one in found)
 
@@ -121,22 +122,22 @@ def site_error(deflection: Deflection, unit: str = "") -> Check:
     return Check("site_error", error, deflection.plan.sites.tolerance, unit, where)
 
 
-def _checks(deflection: Deflected, min_quality: float) -> Iterator[Check]:
+def _checks(deflection: Deflected, min_quality: float, unit: str) -> Iterator[Check]:
     plan, points = deflection.plan, deflection.points
-    mesh, several = plan.mesh, len(plan.parts) > 1
+    mesh = plan.mesh
     moved = np.abs(points - plan.undeflected).max(axis=1)
     outside = np.ones(len(points), dtype=bool)
     outside[plan.changed] = False
     rest = mesh.point_count - len(points)
     beyond = f", of all {rest + int(outside.sum())}: the others are copied" if rest else ""
-    yield _unmoved("outside_moved", moved[outside], f"nodes outside the box{beyond}")
+    yield _unmoved("outside_moved", moved[outside], f"nodes outside the box{beyond}", unit)
     slid = slid_nodes(deflection)
     fixed = np.setdiff1d(plan.fixed, slid, assume_unique=True)
-    yield _unmoved("fixed_surfaces_moved", moved[fixed], "nodes inside the box")
+    yield _unmoved("fixed_surfaces_moved", moved[fixed], "nodes inside the box", unit)
     if len(slid):
-        yield _slid_on_surfaces(deflection, slid)
+        yield _slid_on_surfaces(deflection, slid, unit)
     for part in deflection.parts:
-        yield named(site_error(part), part) if several else site_error(part)
+        yield from named([site_error(part, unit)], part.plan, plan)
     if mesh.cells:
         yield _inverted_cells(deflection)
         yield from _boundary_checks(deflection)
@@ -147,19 +148,20 @@ def _checks(deflection: Deflected, min_quality: float) -> Iterator[Check]:
         yield from _quality_checks(deflection, min_quality)
     if plan.faces and deflection.faces:
         yield from (Check(*row) for row in plan.faces.verdicts(deflection.faces))
-    yield from _sliding(deflection)
+    yield from _sliding(deflection, unit)
     yield from _pairs(deflection)
     yield from _first_layer(deflection)
 
 
-def _sliding(deflection: Deflected) -> Iterator[Check]:
+def _sliding(deflection: Deflected, unit: str) -> Iterator[Check]:
     """Check that the nodes of each sliding patch are on its shape."""
     for part in deflection.parts:
+        own = []
         for patch, nodes in zip(part.plan.boundary.sliding, part.plan.sites.sliding, strict=True):
             before, now = (patch.surface.distance(at[nodes]) for at in (part.plan.mesh.points, part.points))
             drift, where = float(np.abs(now - before).max(initial=0.0)), f"{len(nodes)} sliding nodes"
-            check = Check(f"on_{patch.patch}", drift, _on_shape(part), "", where, over=len(nodes))
-            yield named(check, part) if len(deflection.parts) > 1 else check
+            own.append(Check(f"on_{patch.patch}", drift, _on_shape(part), unit, where, over=len(nodes)))
+        yield from named(own, part.plan, deflection.plan)
 
 
 def _first_layer(deflection: Deflected) -> Iterator[Check]:
@@ -218,7 +220,7 @@ def slid_nodes(deflection: Deflected) -> IntArray:
     return np.intersect1d(deflection.plan.fixed, union(*slid), assume_unique=True)
 
 
-def _slid_on_surfaces(deflection: Deflected, slid: IntArray) -> Check:
+def _slid_on_surfaces(deflection: Deflected, slid: IntArray, unit: str) -> Check:
     """Check that nodes (K,) of fixed patches which a repair slid are still on the undeflected patch."""
     points, off = deflection.points, np.zeros(len(slid))
     for part in deflection.parts:
@@ -227,7 +229,7 @@ def _slid_on_surfaces(deflection: Deflected, slid: IntArray) -> Check:
             before, now = (one.shape.distance(where[slid[rows]]) for where in (part.interpolated, points))
             off[rows] = np.abs(now - before)
     where = f"{worst(off, points[slid])}, of fixed patches"
-    return Check("slid_on_surfaces", float(off.max()), max(map(_on_shape, deflection.parts)), "", where)
+    return Check("slid_on_surfaces", float(off.max()), max(map(_on_shape, deflection.parts)), unit, where)
 
 
 def _on_shape(deflection: Deflection) -> float:
@@ -236,9 +238,9 @@ def _on_shape(deflection: Deflection) -> float:
     return max(ON_SHAPE * plan.boundary.size, plan.precision.resolution(plan.mesh.points))
 
 
-def named(check: Check, part: Deflection) -> Check:
-    """Return a check of one box of several with its surface in its name."""
-    return replace(check, name=f"{check.name}:{part.plan.surface}")
+def named(checks: Iterable[Check], part: Plan, plan: Planned) -> list[Check]:
+    """Return checks of a box; of one of several with its surface in their names."""
+    return [replace(one, name=f"{one.name}:{part.surface}") if len(plan.parts) > 1 else one for one in checks]
 
 
 def first_inverted(deflection: Deflected) -> str:
@@ -307,6 +309,6 @@ def _quality_checks(deflection: Deflected, min_quality: float) -> Iterator[Check
         yield Check(f"quality_min:{of.shape}", new.quality, limit, "", where, "at least", over=new.cells)
 
 
-def _unmoved(name: str, moved: FloatArray, what: str) -> Check:
+def _unmoved(name: str, moved: FloatArray, what: str, unit: str) -> Check:
     """Check that nodes which moved by (K,) did not move by a single bit."""
-    return Check(name, float(moved.max(initial=0.0)), 0.0, "", f"{len(moved)} {what}", over=len(moved))
+    return Check(name, float(moved.max(initial=0.0)), 0.0, unit, f"{len(moved)} {what}", over=len(moved))

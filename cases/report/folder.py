@@ -157,15 +157,14 @@ def read_folder(folder: Path) -> tuple[Planned, FloatArray]:
 
 def data_of(one: Deflected, settings: str = "") -> ReportData:
     """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
-    moved = one.moved_by_repair if one.repairs else None
-    fits = [FitRows.of(part) for part in one.parts]
-    return replace(_data(one.plan, one.angle, one.points, settings, fits), interpolated=unrepaired(one.points, moved))
+    data = _data(one.plan, one.angle, one.points, settings, [FitRows.of(part) for part in one.parts])
+    return replace(data, interpolated=unrepaired(one.points, one.moved_by_repair))
 
 
 def _data(plan: Planned, angle: float, points: FloatArray, settings: str, fits: Sequence[FitRows]) -> ReportData:
     mesh = plan.mesh
     boxes = tuple(
-        Box.of(part, plan.share(part, angle), name_of(part.patches), own)
+        Box.of(part, plan.angle_of(part, angle), name_of(part.patches), own)
         for part, own in zip(plan.parts, fits, strict=True)
     )
     moves = "; ".join(f"{surface.name} by {surface.turned}" for box in boxes for surface in box.surfaces)
@@ -305,8 +304,8 @@ def write_deflected(path: Path, one: Deflected) -> None:
         moved, node = part_of(moved, rows, plan.changed)
     numbers = {} if whole else {"node": plan.mesh.numbers(node)}
     arrays = {"displacement": points[node] - plan.mesh.points[node], **numbers}
-    if one.repairs:
-        arrays["repair"] = one.moved_by_repair[node]
+    if (repair := one.moved_by_repair) is not None:
+        arrays["repair"] = repair[node]
     write_vtu(path, moved, arrays, {"quality": quality})
 
 

@@ -134,8 +134,8 @@ def repair_figures(one: Deflected) -> Json | None:
     if not found:
         return None
     quality = found[0].quality
-    if len(one.parts) > 1:
-        quality = one.plan.touched.quality(one.points - one.moved_by_repair)
+    if len(one.parts) > 1 and (moved := one.moved_by_repair) is not None:
+        quality = one.plan.touched.quality(one.points - moved)
     return {
         "spoiled": sum(repair.spoiled for repair in found),
         "left": sum(repair.left for repair in found),
@@ -209,7 +209,7 @@ def motions(plan: Planned) -> Iterator[tuple[str, str]]:
 def _reached(plan: Planned, angle: float) -> Iterator[tuple[str, Reached | None]]:
     """Yield the name of each surface, and what it reaches at an angle of the first."""
     for part in plan.parts:
-        for surface, one in part.boundary.reached(part.job.amounts_at(plan.share(part, angle))):
+        for surface, one in part.boundary.reached(part.job.amounts_at(plan.angle_of(part, angle))):
             yield surface.named, one
 
 

@@ -110,9 +110,9 @@ class Planned:
 
     def amounts_at(self, angle: float) -> Amounts:
         """Return the amount of each moving surface of all boxes when the first one's is `angle`."""
-        return tuple(amount for part in self.parts for amount in part.job.amounts_at(self.share(part, angle)))
+        return tuple(amount for part in self.parts for amount in part.job.amounts_at(self.angle_of(part, angle)))
 
-    def share(self, part: "Plan", angle: float) -> float:
+    def angle_of(self, part: "Plan", angle: float) -> float:
         """Return the amount of the first surface of a part when that of all is `angle`."""
         return part.job.beside(self.job, angle)
 
@@ -336,8 +336,10 @@ class Deflected:
         return self.plan.faces.at(self.points) if self.plan.faces else None
 
     @property
-    def moved_by_repair(self) -> FloatArray:
-        """How far (N, 3) the repair has moved each node from where the interpolant put it."""
+    def moved_by_repair(self) -> FloatArray | None:
+        """How far (N, 3) repairs moved each node from where the interpolants put it; None without a repair."""
+        if not self.repairs:
+            return None
         return np.asarray(np.sum([part.points - part.interpolated for part in self.parts], axis=0))
 
     def sensitivity(self) -> FloatArray:
@@ -487,6 +489,13 @@ def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Defl
     return best
 
 
+def deflected(plan: Planned, angle: float, progress: Progress = silent, earlier: Deflected | None = None) -> Deflected:
+    """Bring the mesh to an angle of the first surface in every box, as `deflect` does in one."""
+    known = earlier.parts if earlier else [None] * len(plan.parts)
+    pairs = zip(plan.parts, known, strict=True)
+    return Deflections.of([deflect(part, plan.angle_of(part, angle), progress, one) for part, one in pairs])
+
+
 def mended(deflection: Deflection, progress: Progress = silent) -> Deflection:
     """Return a deflection whose spoiled cells are repaired, where its job wants that and there are any."""
     plan, wanted = deflection.plan, deflection.plan.job.repair
@@ -532,26 +541,10 @@ def sweep(plan: Planned, angles: Sequence[float], progress: Progress = silent) -
     for i in (largest, *(i for i in range(len(angles)) if i != largest)):
         found = []
         for k, part in enumerate(plan.parts):
-            found.append(deflect(part, plan.share(part, angles[i]), progress, reusable.get(k)))
+            found.append(deflect(part, plan.angle_of(part, angles[i]), progress, reusable.get(k)))
             if len(found[-1].steps) == 1:
                 reusable[k] = found[-1]
         yield i, Deflections.of(found)
-
-
-def combined(mesh: Mesh, deflections: Sequence[Deflection]) -> FloatArray:
-    """Return the points (N, 3) with every deflection of the same mesh carried out; their boxes must be disjoint."""
-    points = mesh.points.copy()
-    for one in deflections:
-        changed = one.plan.changed
-        points[changed] = one.points[changed]
-    return points
-
-
-def repair_of(deflections: Sequence[Deflection]) -> FloatArray | None:
-    """Return how far repairs moved the nodes (N, 3) beyond the interpolants; None without a repair."""
-    if all(one.repaired is None for one in deflections):
-        return None
-    return np.asarray(np.sum([one.moved_by_repair for one in deflections], axis=0))
 
 
 def _stepped(plan: Plan, angle: float, count: int, progress: Progress, earlier: Step | None) -> Deflection:

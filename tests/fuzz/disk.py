@@ -38,19 +38,19 @@ STEP = 50_000
 CASES = "sdm_deflect.cases"
 TURN = ("--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended")
 HINGE = ("--hinge", "0.7,0.3,0", "0.7,0.7,0", "--angle", "8", "--quiet")
-REFERENCE = "sdm.pipeline.reference"
+REFERENCE = "aircraft.pipeline.reference"
 """The same, a context: of no use later, when the validation is kept."""
 SLOW = {
     "deflect": ("deflect_file.planned", "deflect_file.sweep", "report.page.page"),
     "run": (
-        "sdm.pipeline.meshed", "sdm.pipeline.plans_of", "sdm.pipeline.deflected", "sdm.pipeline.whole_mesh_seconds",
-        REFERENCE, "sdm.validation.validate", "report.page.page",
+        "aircraft.pipeline.meshed", "aircraft.pipeline.plan_of", "aircraft.pipeline.deflected", "aircraft.pipeline.whole_mesh_seconds",
+        REFERENCE, "aircraft.validation.validate", "report.page.page",
     ),
-    "report": ("sdm.report.report_data_of_folder", "report.page.page"),
-    "geometry": ("sdm.cad.undeflected_cad",),
+    "report": ("aircraft.report.report_data_of_folder", "report.page.page"),
+    "geometry": ("aircraft.cad.undeflected_cad",),
 }  # fmt: skip
 """Functions by command whose results are kept, because they take long and write nothing."""
-DRAWING = ("report.pictures.drawn", "sdm.report.drawn", "sdm.report.compared")
+DRAWING = ("report.pictures.drawn", "aircraft.report.drawn", "aircraft.report.compared")
 """Functions that draw into a folder, whose pictures are kept."""
 
 
