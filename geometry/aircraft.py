@@ -6,7 +6,7 @@ from sdm_deflect.geometry.assemble import assemble, preflight
 from sdm_deflect.geometry.confinement import BlockParameters, block_corners
 from sdm_deflect.geometry.datum import SURFACES, ends, hinge_line, hinged, ribs
 from sdm_deflect.geometry.deflected import CadTurn, deflected_wedge, turned, wedge
-from sdm_deflect.geometry.fuse import Part, both_sides, general_fuse, one_side, partitions, skin, solid, walls
+from sdm_deflect.geometry.fuse import NamedSolid, both_sides, general_fuse, one_side, partitions, skin, solid, walls
 from sdm_deflect.geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
 from sdm_deflect.geometry.kernel import told
 from sdm_deflect.geometry.model import CadModel
@@ -63,7 +63,7 @@ def build(
     return model
 
 
-def aircraft_parts(fighter: Fighter, deflections: Mapping[str, CadTurn], without: Set[str]) -> list[Part]:
+def aircraft_parts(fighter: Fighter, deflections: Mapping[str, CadTurn], without: Set[str]) -> list[NamedSolid]:
     """All components as overlapping parts; where two overlap, the volume is the earlier one's."""
     f, kept = fighter, [name for name in SURFACES if name not in without]
     return [
@@ -71,7 +71,7 @@ def aircraft_parts(fighter: Fighter, deflections: Mapping[str, CadTurn], without
         *one_side("pedestal", [pedestal_polyhedron(f.pedestal, f.fuselage)]),
         *both_sides("wing", wing_polyhedra(f)),
         *one_side("fin", fin_polyhedra(f)),
-        *(Part(name, solid(loops)) for name in kept for loops in _surface(f, name, deflections.get(name))),
+        *(NamedSolid(name, solid(loops)) for name in kept for loops in _surface(f, name, deflections.get(name))),
         *both_sides("strake", strake_polyhedra(f.strake, f.fuselage)),
         *both_sides("ventral", [ventral_polyhedron(f.ventral, f.fuselage)]),
         *canopy_parts(f.canopy),
@@ -108,8 +108,8 @@ def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = 
     with told(fighter):
         parts = [
             *one_side(f"wing{side}", wing_polyhedra(fighter)),
-            Part(surface, solid(wedge(*ends(fighter, surface)))),
-            Part(CHIMERA, solid(_faces(corners))),
+            NamedSolid(surface, solid(wedge(*ends(fighter, surface)))),
+            NamedSolid(CHIMERA, solid(_faces(corners))),
         ]
         found = walls(general_fuse(parts))
         model = assemble(skin(found, CHIMERA), partitions(found, CHIMERA), fluid_inside=True)

@@ -21,7 +21,7 @@ RULED, SKEW = 4, 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class NamedSolid:
     """A solid and its patch name; where parts overlap, the earlier one in the list owns the volume."""
 
     patch: str
@@ -44,15 +44,15 @@ def _face(loop: FloatArray) -> Face:
     return Face.makeFromWires(Wire.makePolygon(corners, close=True))
 
 
-def both_sides(name: str, starboard: Sequence[Loops]) -> list[Part]:
+def both_sides(name: str, starboard: Sequence[Loops]) -> list[NamedSolid]:
     """The starboard polyhedra as ``name_right``, and their exact mirror images as ``name_left``."""
     return one_side(f"{name}_right", starboard) + one_side(f"{name}_left", starboard)
 
 
-def one_side(patch: str, starboard: Sequence[Loops]) -> list[Part]:
+def one_side(patch: str, starboard: Sequence[Loops]) -> list[NamedSolid]:
     """Polyhedra as they are, or mirrored for a patch whose name ends in ``_left``."""
     factor = MIRROR if patch.endswith("_left") else MIRROR**2
-    return [Part(patch, solid([loop * factor for loop in loops])) for loops in starboard]
+    return [NamedSolid(patch, solid([loop * factor for loop in loops])) for loops in starboard]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +64,7 @@ class Cell:
     patch: str
 
 
-def general_fuse(parts: Sequence[Part]) -> list[Cell]:
+def general_fuse(parts: Sequence[NamedSolid]) -> list[Cell]:
     """Cut all parts at each other's faces, without merging anything; CadError where the kernel fails."""
     builder = BOPAlgo_Builder()
     builder.SetRunParallel(False)

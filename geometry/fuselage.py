@@ -5,14 +5,14 @@ from math import cos, radians, sin
 
 import cadquery as cq
 
-from sdm_deflect.geometry.fuse import Part
+from sdm_deflect.geometry.fuse import NamedSolid
 from sdm_deflect.geometry.parameters import Canopy, Fuselage, Inlet
 
 _ORIGIN = cq.Vector(0, 0, 0)
 _AXIS = cq.Vector(1, 0, 0)
 
 
-def fuselage_parts(fuselage: Fuselage) -> list[Part]:
+def fuselage_parts(fuselage: Fuselage) -> list[NamedSolid]:
     """Nose, cylinder and base as sectors of revolution about x.
 
     Every border of a patch, and every place where the surface is smooth or nearly so (nose to cylinder, the
@@ -23,12 +23,12 @@ def fuselage_parts(fuselage: Fuselage) -> list[Part]:
     for start, side in ((-90.0, "right"), (90.0, "left")):
         lower, upper = 90.0 + start - angle, 90.0 + start + angle
         parts += [
-            Part("fuselage", _sector(_ogive(f, start), 180.0)),
-            Part("fuselage", _sector(_rectangle(f, f.nose_length, f.panel_front, start), 180.0)),
-            Part("fuselage", _sector(_rectangle(f, f.panel_front, f.panel_rear, start), lower - start)),
-            Part(f"fuselage_panel_{side}", _sector(_rectangle(f, f.panel_front, f.panel_rear, lower), 2 * angle)),
-            Part("fuselage", _sector(_rectangle(f, f.panel_front, f.panel_rear, upper), lower - start)),
-            Part("fuselage_rear", _sector(_rectangle(f, f.panel_rear, f.length, start), 180.0)),
+            NamedSolid("fuselage", _sector(_ogive(f, start), 180.0)),
+            NamedSolid("fuselage", _sector(_rectangle(f, f.nose_length, f.panel_front, start), 180.0)),
+            NamedSolid("fuselage", _sector(_rectangle(f, f.panel_front, f.panel_rear, start), lower - start)),
+            NamedSolid(f"fuselage_panel_{side}", _sector(_rectangle(f, f.panel_front, f.panel_rear, lower), 2 * angle)),
+            NamedSolid("fuselage", _sector(_rectangle(f, f.panel_front, f.panel_rear, upper), lower - start)),
+            NamedSolid("fuselage_rear", _sector(_rectangle(f, f.panel_rear, f.length, start), 180.0)),
         ]
     return parts
 
@@ -56,19 +56,19 @@ def _sector(outline: cq.Wire, degrees: float) -> cq.Solid:
     return cq.Solid.revolve(outline, [], degrees, _ORIGIN, _AXIS)
 
 
-def canopy_parts(canopy: Canopy) -> list[Part]:
+def canopy_parts(canopy: Canopy) -> list[NamedSolid]:
     """An ellipsoid with its poles and its seam inside the fuselage."""
     sphere = cq.Solid.makeSphere(1.0, _ORIGIN, _AXIS, -90, 90, 360).rotate(_ORIGIN, _AXIS, 180.0)
     c = canopy
     scale = [[c.semi_length, 0, 0, c.x], [0, c.semi_width, 0, 0], [0, 0, c.semi_height, c.z]]
-    return [Part("canopy", sphere.transformGeometry(cq.Matrix(scale)))]
+    return [NamedSolid("canopy", sphere.transformGeometry(cq.Matrix(scale)))]
 
 
-def inlet_parts(inlet: Inlet) -> list[Part]:
+def inlet_parts(inlet: Inlet) -> list[NamedSolid]:
     """Ruled lofts between neighbouring stations."""
     outlines = [_inlet_outline(*station) for station in inlet.stations()]
     lofts = [cq.Solid.makeLoft([a, b], True) for a, b in pairwise(outlines)]
-    return [Part("inlet", loft) for loft in lofts]
+    return [NamedSolid("inlet", loft) for loft in lofts]
 
 
 def _inlet_outline(x: float, half_width: float, side: float, bottom: float) -> cq.Wire:

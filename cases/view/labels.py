@@ -8,8 +8,8 @@ import numpy as np
 
 from sdm_deflect.cases.report.data import METRES, round_length, shape_of
 from sdm_deflect.cases.report.scene3d import CHANGE_RANGE, QUALITY_RANGE, change_rgb, moved_rgb, quality_rgb
-from sdm_deflect.cases.view.pieces import Pieces, bounds
-from sdm_deflect.cases.view.run import Frame, InteractiveRun, Spans
+from sdm_deflect.cases.view.pieces import ViewPieces, bounds
+from sdm_deflect.cases.view.run import DeflectedMesh, InteractiveRun, Spans
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 
 POSITIONS = 500
@@ -23,7 +23,7 @@ COLOURS = {"quality": "quality", "change": "change of quality", "displacement": 
 COUNTS = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
 
 
-def verdict(frame: Frame, run: InteractiveRun) -> tuple[str, str]:
+def verdict(frame: DeflectedMesh, run: InteractiveRun) -> tuple[str, str]:
     """Return whether the mesh at this angle is verified, as a kind of message and a sentence."""
     residual, tolerance, count = _small(frame.residual, run), _small(frame.tolerance, run, "g"), len(frame.inverted)
     if frame.further:
@@ -40,7 +40,7 @@ def verdict(frame: Frame, run: InteractiveRun) -> tuple[str, str]:
     return "success", f"\N{CHECK MARK} Verified: residual {residual}, below {tolerance}; {known}."
 
 
-def mending(frame: Frame, run: InteractiveRun, before: float) -> str:
+def mending(frame: DeflectedMesh, run: InteractiveRun, before: float) -> str:
     """Return what the repair has done to a frame, given the least quality of the interpolant's mesh."""
     if not run.repairs:
         return "Repair: off in this run; the mesh is the interpolant's."
@@ -53,7 +53,7 @@ def mending(frame: Frame, run: InteractiveRun, before: float) -> str:
     return f"Repaired: {nodes} moved, least quality {before:.3f} \N{RIGHTWARDS ARROW} {now:.3f}."
 
 
-def facts(frame: Frame, run: InteractiveRun, pieces: Pieces) -> list[dict[str, str]]:
+def facts(frame: DeflectedMesh, run: InteractiveRun, pieces: ViewPieces) -> list[dict[str, str]]:
     """Return the numbers of a frame as rows of a table; each has an id, a name and a value.
 
     One node of each surface tells how far it has moved.
@@ -173,7 +173,7 @@ def _unit(run: InteractiveRun) -> str:
     return f" {run.manner.length.shown}" if run.manner.length is METRES else ""
 
 
-def _smallest(frame: Frame, run: InteractiveRun) -> Iterator[tuple[str, str, str]]:
+def _smallest(frame: DeflectedMesh, run: InteractiveRun) -> Iterator[tuple[str, str, str]]:
     """Yield the smallest quality of each type of cell."""
     shapes = [shape_of(block) for block in run.mesh.cells]
     label = np.repeat(np.arange(len(shapes)), [len(rows) for rows in run.touched.rows])

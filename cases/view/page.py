@@ -23,9 +23,9 @@ from sdm_deflect.cases.view.labels import (
     verdict,
 )
 from sdm_deflect.cases.view.layout import BOX, NOTES, lay_out
-from sdm_deflect.cases.view.pieces import Piece, Pieces, Plane, bounds, boxes, outboard, outline
-from sdm_deflect.cases.view.run import Frame, InteractiveRun, Spans
-from sdm_deflect.cases.view.scene import Scene
+from sdm_deflect.cases.view.pieces import CutPlane, ViewPiece, ViewPieces, bounds, boxes, outboard, outline
+from sdm_deflect.cases.view.run import DeflectedMesh, InteractiveRun, Spans
+from sdm_deflect.cases.view.scene import ViewScene
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 
@@ -60,12 +60,12 @@ class Wish:
     colour: str = "quality"
 
     @property
-    def plane(self) -> Plane | None:
+    def plane(self) -> CutPlane | None:
         """The plane of the section, if one is wanted."""
-        return Plane(AXES.index(self.axis), self.position) if self.sectioned else None
+        return CutPlane(AXES.index(self.axis), self.position) if self.sectioned else None
 
     @property
-    def cut_plane(self) -> Plane | None:
+    def cut_plane(self) -> CutPlane | None:
         """The plane beyond which the walls are left out, if that is wanted."""
         return self.plane if self.cut else None
 
@@ -76,21 +76,21 @@ class Control:
 
     run: InteractiveRun
     spans: Spans
-    pieces: Pieces
-    scene: Scene
-    frame: Frame
-    undeflected: Frame
+    pieces: ViewPieces
+    scene: ViewScene
+    frame: DeflectedMesh
+    undeflected: DeflectedMesh
     shown: Wish | None = field(default=None)
 
     @classmethod
     def of(cls, run: InteractiveRun) -> "Control":
         """Prepare a run for display."""
         undeflected = run.at(0.0)
-        return cls(run, Spans.of(run), Pieces.of(run), Scene(), undeflected, undeflected).afresh()
+        return cls(run, Spans.of(run), ViewPieces.of(run), ViewScene(), undeflected, undeflected).afresh()
 
     def afresh(self) -> "Control":
         """Return the same run with a scene of its own, in which nothing is shown yet."""
-        scene = Scene()
+        scene = ViewScene()
         scene.show({"box": boxes(self.run), "outline": outline(self.run)})
         return Control(self.run, self.spans, self.pieces, scene, self.undeflected, self.undeflected)
 
@@ -112,7 +112,7 @@ class Control:
             answer |= key(wish.colour, self.run, self.pieces.farthest(self.frame))
         if wish.plane is None:
             self.scene.hide("section", "around")
-        self.scene.show({"centres": Piece.dots(self.run.centers(self.frame))})
+        self.scene.show({"centres": ViewPiece.dots(self.run.centers(self.frame))})
         self.shown = wish
         return answer
 

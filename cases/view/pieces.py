@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sdm_deflect.cases.report.data import drawn_quality
 from sdm_deflect.cases.report.scene3d import BOX_EDGES, change_rgb, moved_rgb, quality_rgb
 from sdm_deflect.cases.report.slices import cell_edges, section, with_node
-from sdm_deflect.cases.view.run import Frame, InteractiveRun
+from sdm_deflect.cases.view.run import DeflectedMesh, InteractiveRun
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.edges import are_lines, polygons_of, rim, sharp_edges
@@ -29,7 +29,7 @@ AROUND = 0.35
 
 
 @dataclass(frozen=True, slots=True)
-class Plane:
+class CutPlane:
     """All points whose coordinate `axis` (0, 1, 2) is `position`."""
 
     axis: int
@@ -41,7 +41,7 @@ class Plane:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Piece:
+class ViewPiece:
     """Dots, lines or polygons.
 
     Attributes
@@ -57,12 +57,12 @@ class Piece:
     rgb: Colours | None = None
 
     @classmethod
-    def alike(cls, points: FloatArray, cells: IntArray) -> "Piece":
+    def alike(cls, points: FloatArray, cells: IntArray) -> "ViewPiece":
         """Return cells (F, k) that all have k nodes."""
         return cls(points, cells.ravel(), np.full(len(cells), cells.shape[1]))
 
     @classmethod
-    def dots(cls, points: FloatArray) -> "Piece":
+    def dots(cls, points: FloatArray) -> "ViewPiece":
         """Return points (P, 3) as dots."""
         return cls.alike(points, np.arange(len(points))[:, None])
 
@@ -73,7 +73,7 @@ class Piece:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Skin:
+class OuterFaces:
     """Faces of walls.
 
     Attributes
@@ -89,7 +89,7 @@ class Skin:
     rgb: Colours
 
     @classmethod
-    def of(cls, mesh: Mesh, colours: dict[str, tuple[int, int, int]]) -> "Skin":
+    def of(cls, mesh: Mesh, colours: dict[str, tuple[int, int, int]]) -> "OuterFaces":
         """Extract the patches that have a colour."""
         every = polygons_of(mesh.faces_of(tuple(colours)))
         rgb = np.array([*colours.values()], dtype=np.uint8).reshape(-1, 3)
@@ -98,7 +98,7 @@ class Skin:
         faces = Polygons(place.astype(np.intp), every.offsets)
         return cls(nodes, faces, middles, np.repeat(rgb, [len(mesh.patch(name)) for name in colours], axis=0))
 
-    def piece(self, points: FloatArray, plane: Plane | None, side: float, rgb: IntArray | None = None) -> Piece:
+    def piece(self, points: FloatArray, plane: CutPlane | None, side: float, rgb: IntArray | None = None) -> ViewPiece:
         """Return the faces on points (N, 3); with a plane only those whose undeflected middle is not cut away.
 
         Their colours are rgb (F, 3), or their own.
@@ -106,7 +106,7 @@ class Skin:
         sizes = np.diff(self.faces.offsets)
         keep = np.ones(len(sizes), dtype=bool) if plane is None else side * plane.beyond(self.middles) <= 0.0
         colours = self.rgb if rgb is None else rgb.astype(np.uint8)
-        return Piece(points[self.nodes], self.faces.nodes[np.repeat(keep, sizes)], sizes[keep], colours[keep])
+        return ViewPiece(points[self.nodes], self.faces.nodes[np.repeat(keep, sizes)], sizes[keep], colours[keep])
 
     def lengths(self, moved: FloatArray) -> FloatArray:
         """Return the mean of displacements (N, 3) over the nodes of each face (F,)."""
@@ -139,17 +139,17 @@ class Solids:
         edges = np.vstack([np.empty((0, 2), dtype=np.intp), *(own for _, own in parts)])
         return cls(blocks, np.concatenate([none, *cell]), edges)
 
-    def cut(self, points: FloatArray, plane: Plane, rgb: IntArray) -> Piece:
+    def cut(self, points: FloatArray, plane: CutPlane, rgb: IntArray) -> ViewPiece:
         """Return the section by a plane, with the nodes at points (N, 3), in the colours of the cells (M, 3).
 
         The cells of a plane mesh are seen whole from in front.
         """
         if plane.axis == 2 and self.flat:
             cells = polygons_of([chosen(block, own) for block, own in self.blocks if isinstance(block, Cells)])
-            return Piece(points, cells.nodes, np.diff(cells.offsets), rgb.astype(np.uint8))
+            return ViewPiece(points, cells.nodes, np.diff(cells.offsets), rgb.astype(np.uint8))
         places, cell = section(points, self.cell, self.edges, plane.axis, plane.position)
         own, sizes = np.unique(cell, return_counts=True)
-        return Piece(places, np.arange(len(places)), sizes, rgb[own].astype(np.uint8))
+        return ViewPiece(places, np.arange(len(places)), sizes, rgb[own].astype(np.uint8))
 
     @property
     def flat(self) -> bool:
@@ -176,7 +176,7 @@ class Solids:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pieces:
+class ViewPieces:
     """A run cut up once into what moves and what does not.
 
     Attributes
@@ -188,8 +188,8 @@ class Pieces:
     """
 
     run: InteractiveRun
-    body: Skin
-    surface: Skin
+    body: OuterFaces
+    surface: OuterFaces
     loose: IntArray
     cells: Solids
     around: Solids
@@ -197,7 +197,7 @@ class Pieces:
     before: FloatArray
 
     @classmethod
-    def of(cls, run: InteractiveRun) -> "Pieces":
+    def of(cls, run: InteractiveRun) -> "ViewPieces":
         """Extract the surfaces and the cells near the hexahedra."""
         mesh, moving = run.mesh, {name for one in run.surfaces for name in (*one.patches, *one.following)}
         still = [name for name in mesh.names if name not in moving and name not in run.manner.hidden]
@@ -208,8 +208,8 @@ class Pieces:
         quality = np.concatenate([np.empty(0), *(drawn_quality(mesh.points, *part) for part in parts if len(part[1]))])
         return cls(
             run,
-            Skin.of(mesh, dict.fromkeys(still, BODY)),
-            Skin.of(mesh, colours),
+            OuterFaces.of(mesh, dict.fromkeys(still, BODY)),
+            OuterFaces.of(mesh, colours),
             union(*(mesh.patch(name).loose for name in moving)),
             Solids.of(mesh, run.touched.rows),
             Solids.of(mesh, rows),
@@ -217,7 +217,7 @@ class Pieces:
             run.at(0.0).quality,
         )
 
-    def standing(self, plane: Plane | None, cut: Plane | None, colour: str = "quality") -> dict[str, Piece]:
+    def standing(self, plane: CutPlane | None, cut: CutPlane | None, colour: str = "quality") -> dict[str, ViewPiece]:
         """Return what does not depend on the angle: the body, and the section of the cells that never move."""
         points = self.run.mesh.points
         pieces = {"body": self.body.piece(points, cut, self.side(cut))}
@@ -228,26 +228,28 @@ class Pieces:
             pieces["around"] = self.around.cut(points, plane, rgb)
         return pieces
 
-    def moving(self, frame: Frame, plane: Plane | None, cut: Plane | None, colour: str = "quality") -> dict[str, Piece]:
+    def moving(
+        self, frame: DeflectedMesh, plane: CutPlane | None, cut: CutPlane | None, colour: str = "quality"
+    ) -> dict[str, ViewPiece]:
         """Return what follows the angle: surface, section in the colours that are wanted, inverted cells."""
         pieces = {
             "surface": self.surface.piece(frame.points, cut, self.side(cut), self._surface_rgb(frame, colour)),
-            "loose": Piece.dots(frame.points[self.loose]),
-            "marks": Piece.dots(self.cells.middles(frame.points, frame.inverted)),  # a flat cell is hardly seen
+            "loose": ViewPiece.dots(frame.points[self.loose]),
+            "marks": ViewPiece.dots(self.cells.middles(frame.points, frame.inverted)),  # a flat cell is hardly seen
         }
         if plane is not None:
             rgb = self._rgb(frame, colour)
             rgb[frame.inverted] = RED
             pieces["section"] = self.cells.cut(frame.points, plane, rgb)
         faces = self.cells.faces(frame.inverted)
-        pieces["inverted"] = Piece(frame.points[faces.nodes], np.arange(len(faces.nodes)), np.diff(faces.offsets))
+        pieces["inverted"] = ViewPiece(frame.points[faces.nodes], np.arange(len(faces.nodes)), np.diff(faces.offsets))
         return pieces
 
-    def farthest(self, frame: Frame) -> float:
+    def farthest(self, frame: DeflectedMesh) -> float:
         """Return the largest displacement of a node."""
         return float(np.linalg.norm(frame.points - self.run.mesh.points, axis=1).max())
 
-    def _rgb(self, frame: Frame, colour: str) -> IntArray:
+    def _rgb(self, frame: DeflectedMesh, colour: str) -> IntArray:
         """Return the colours (L, 3) of the cells that touch a hexahedron."""
         if colour == "change":
             return change_rgb(self.run.weights * (frame.quality - self.before))
@@ -256,30 +258,30 @@ class Pieces:
             return moved_rgb(np.linalg.norm(moved, axis=1) / (self.farthest(frame) or 1.0))
         return quality_rgb(self.run.weights * frame.quality)
 
-    def _surface_rgb(self, frame: Frame, colour: str) -> IntArray | None:
+    def _surface_rgb(self, frame: DeflectedMesh, colour: str) -> IntArray | None:
         """Return the colours (F, 3) of the faces that move, None for their own."""
         if colour != "displacement":
             return None
         lengths = self.surface.lengths(frame.points - self.run.mesh.points)
         return moved_rgb(lengths / (self.farthest(frame) or 1.0))
 
-    def side(self, plane: Plane | None) -> float:
+    def side(self, plane: CutPlane | None) -> float:
         """Return on which side of a plane the walls are cut away: outboard, aft or above."""
         return outboard(self.run) if plane is not None and plane.axis == 1 else 1.0
 
-    def worst(self, frame: Frame) -> FloatArray:
+    def worst(self, frame: DeflectedMesh) -> FloatArray:
         """Return the middle (3,) of the cell of lowest quality."""
         lowest = int(np.argmin(self.run.weights * frame.quality))
         return np.asarray(self.cells.middles(frame.points, np.array([lowest]))[0])
 
 
-def boxes(run: InteractiveRun) -> Piece:
+def boxes(run: InteractiveRun) -> ViewPiece:
     """Return the edges of all hexahedra."""
     corners = [box.plan.region.hexahedron.corners for box in run.boxes]
-    return Piece.alike(np.vstack(corners), np.vstack([8 * i + BOX_EDGES for i in range(len(corners))]))
+    return ViewPiece.alike(np.vstack(corners), np.vstack([8 * i + BOX_EDGES for i in range(len(corners))]))
 
 
-def outline(run: InteractiveRun) -> Piece:
+def outline(run: InteractiveRun) -> ViewPiece:
     """Return the borders and the sharp edges of the undeflected surfaces."""
     mesh, found = run.mesh, []
     for one in run.surfaces:
@@ -289,7 +291,7 @@ def outline(run: InteractiveRun) -> Piece:
         else:
             found += [rim(faces), sharp_edges(mesh.points, faces, SHARP)]
     nodes, lines = np.unique(np.vstack(found), return_inverse=True)
-    return Piece.alike(mesh.points[nodes], lines.reshape(-1, 2))
+    return ViewPiece.alike(mesh.points[nodes], lines.reshape(-1, 2))
 
 
 def bounds(run: InteractiveRun) -> tuple[FloatArray, FloatArray]:

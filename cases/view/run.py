@@ -31,7 +31,7 @@ STEP = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frame:
+class DeflectedMesh:
     """The mesh at one angle.
 
     Attributes
@@ -230,7 +230,7 @@ class InteractiveRun:
         """Change of the angle that counts: `STEP` degrees, or as large a part of a table's range."""
         return STEP * (1.0 if self.unit == "\N{DEGREE SIGN}" else self.largest / LARGEST_ANGLE)
 
-    def at(self, angle: float) -> Frame:
+    def at(self, angle: float) -> DeflectedMesh:
         """Turn every surface to its share of the angle.
 
         Raises InputError if the angle is not a number or beyond what any surface can turn, or a surface cannot move so
@@ -245,9 +245,9 @@ class InteractiveRun:
             residual = max(residual, moved.error)
         tolerance = min(box.plan.sites.tolerance for box in self.boxes)
         before = self.touched.before.inverted if any(self.touched.inverted) else ()
-        return Frame(angle, points, *self._judged(points), residual, tolerance, np.flatnonzero(before))
+        return DeflectedMesh(angle, points, *self._judged(points), residual, tolerance, np.flatnonzero(before))
 
-    def repaired(self, frame: Frame) -> Frame:
+    def repaired(self, frame: DeflectedMesh) -> DeflectedMesh:
         """Return a frame of the interpolant repaired where that is needed; at the run's angle it is the run's mesh."""
         if not self.repairs:
             return frame
@@ -269,7 +269,7 @@ class InteractiveRun:
         for box, factor in zip(self.boxes, self.factors, strict=True):
             box.check(factor * angle)
 
-    def centers(self, frame: Frame) -> FloatArray:
+    def centers(self, frame: DeflectedMesh) -> FloatArray:
         """Return the centres (C, 3) of all directions, those on the surfaces where these are now."""
         pairs = zip(self.boxes, self.factors, strict=True)
         return np.vstack([box.centers(factor * frame.angle, frame.points) for box, factor in pairs])

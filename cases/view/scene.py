@@ -14,7 +14,7 @@ from vtkmodules.vtkRenderingExternal import vtkExternalOpenGLCamera
 from vtkmodules.vtkRenderingOpenGL2 import vtkGenericOpenGLRenderWindow
 
 from sdm_deflect.cases.report.scene3d import Direction
-from sdm_deflect.cases.view.pieces import Piece
+from sdm_deflect.cases.view.pieces import ViewPiece
 from sdm_deflect.deform.base.arrays import FloatArray
 
 
@@ -51,7 +51,7 @@ LOOKS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class ViewScene:
     """One actor for each kind of piece, in a window that is never drawn."""
 
     window: Any = field(default_factory=vtkGenericOpenGLRenderWindow)
@@ -68,7 +68,7 @@ class Scene:
             self.actors[name] = _actor(look)
             self.renderer.AddActor(self.actors[name])
 
-    def show(self, pieces: Mapping[str, Piece]) -> None:
+    def show(self, pieces: Mapping[str, ViewPiece]) -> None:
         """Replace what these actors show."""
         for name, piece in pieces.items():
             self.actors[name].SetVisibility(not piece.empty)
@@ -127,7 +127,7 @@ def _actor(look: Look) -> Any:
     return actor
 
 
-def _fill(data: Any, piece: Piece) -> None:
+def _fill(data: Any, piece: ViewPiece) -> None:
     """Give a data set the points, cells and colours of a piece; single precision is what a browser draws."""
     points = vtkPoints()
     points.SetData(numpy_to_vtk(piece.points.astype(np.float32), deep=True))
@@ -140,7 +140,7 @@ def _fill(data: Any, piece: Piece) -> None:
     data.Modified()
 
 
-def _cells(piece: Piece) -> Any:
+def _cells(piece: ViewPiece) -> Any:
     offsets = np.concatenate([[0], np.cumsum(piece.sizes)]).astype(np.int64)
     cells = vtkCellArray()
     nodes = piece.nodes.astype(np.int64)

@@ -16,7 +16,7 @@ from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import refuse_plane, simple_faces
-from sdm_deflect.meshing.formats.tables import CellTable, PointRange, Table, TablePieces
+from sdm_deflect.meshing.formats.tables import CellTable, FileTable, PointRange, TablePieces
 
 HEADER = np.dtype([("mark", "S4"), ("points", "<i4"), ("tets", "<i4"), ("faces", "<i4"), ("names", "<i4")])
 """Mark of the format, then how many points, tetrahedra, boundary triangles and letters of names there are."""
@@ -38,7 +38,7 @@ class Tets(Format):
             shapes = (("points", "<f8", 3), ("tets", "<i4", 4), ("faces", "<i4", 3), ("faces", "<i4", 1))
             tables, at = [], HEADER.itemsize
             for what, kind, width in shapes:
-                tables.append(Table(path.resolve(), at, kind, count[what], width))
+                tables.append(FileTable(path.resolve(), at, kind, count[what], width))
                 at += count[what] * tables[-1].step
             if min(count.values()) < 0 or path.stat().st_size != at + count["names"]:
                 raise MeshFileError("has another length than its header tells; it is truncated or damaged")

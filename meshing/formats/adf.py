@@ -34,7 +34,7 @@ KINDS = {"C1": "i1", "B1": "u1", "I4": "i4", "I8": "i8", "U4": "u4", "U8": "u8",
 
 
 @dataclass(frozen=True, slots=True)
-class Stored:
+class NodeData:
     """Data of a node.
 
     Attributes
@@ -105,7 +105,7 @@ class Node:
         return found
 
     @property
-    def data(self) -> Stored | None:
+    def data(self) -> NodeData | None:
         """Where the data are, None if the node has none; MeshFileError if the file is too short for them."""
         if self.kind == "MT":
             return None
@@ -118,7 +118,7 @@ class Node:
             )
         shape = tuple(self.tree.integer(self._header[130 + 8 * i : 138 + 8 * i]) for i in reversed(range(dimensions)))
         kind = np.dtype(KINDS[self.kind]).newbyteorder(self.tree.order)
-        return Stored(self.tree, self.name, shape, kind, self._pieces(prod(shape) * kind.itemsize))
+        return NodeData(self.tree, self.name, shape, kind, self._pieces(prod(shape) * kind.itemsize))
 
     def _pieces(self, size: int) -> tuple[tuple[int, int], ...]:
         """Place and length of the runs of bytes that hold `size` bytes of data."""

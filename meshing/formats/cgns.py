@@ -140,7 +140,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 def _spans(axis: Any) -> list[Span]:
     """Return where the numbers of a coordinate are in the file; nothing if they are packed."""
-    if not isinstance(axis, adf.Stored):
+    if not isinstance(axis, adf.NodeData):
         return spans(axis)
     size, found, first = axis.dtype.itemsize, [], 0
     for begin, length in axis.pieces:

@@ -45,7 +45,7 @@ Sides = dict[tuple[int, int], BoolArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plane:
+class BlockFace:
     """Faces `rows` (R,) of the plane of points with the number `at` along `axis`; the first other axis is fastest."""
 
     axis: int
@@ -80,7 +80,7 @@ def cells(size: Size) -> Cells:
     return Cells(SHAPES[len(wide(size))][0], first[:, None] + _steps(size, wide(size)))
 
 
-def faces(size: Size, plane: Plane, left_handed: bool) -> Cells:
+def faces(size: Size, plane: BlockFace, left_handed: bool) -> Cells:
     """Return the faces of a plane; on the outside of a block their normals point out of it."""
     others = _others(size, plane.axis)
     places = np.unravel_index(plane.rows, _faces_along(size, plane.axis), order="F")
@@ -113,9 +113,9 @@ def block_border(base: Any, zone: Any, size: Size, left_handed: bool) -> tuple[B
                 check_taken(zone, 64 * numbers, "what its boundary conditions name")
                 rows = _taken(plane, free)
                 if len(rows):
-                    found.setdefault(patch, []).append(faces(size, Plane(plane.axis, plane.at, rows), left_handed))
+                    found.setdefault(patch, []).append(faces(size, BlockFace(plane.axis, plane.at, rows), left_handed))
     rest = [
-        Patch(f"{AXES[axis]}{'max' if at else 'min'}", (faces(size, Plane(axis, at, rows), left_handed),))
+        Patch(f"{AXES[axis]}{'max' if at else 'min'}", (faces(size, BlockFace(axis, at, rows), left_handed),))
         for (axis, at), mask in free.items()
         if len(rows := np.flatnonzero(mask))
     ]
@@ -190,7 +190,7 @@ def bounds(node: Any, place: str, size: Size) -> tuple[list[int], list[int]]:
     return [a - 1 for a in begin], [b - 1 for b in end]
 
 
-def _planes(node: Any, size: Size) -> Iterator[Plane]:
+def _planes(node: Any, size: Size) -> Iterator[BlockFace]:
     """Yield the faces that a boundary condition is on."""
     place, where = placed(node), location(node)
     if place.startswith("Element"):
@@ -211,7 +211,7 @@ def _planes(node: Any, size: Size) -> Iterator[Plane]:
 
 def _plane_of_range(
     begin: Sequence[int] | IntArray, end: Sequence[int] | IntArray, where: str, size: Size
-) -> Iterator[Plane]:
+) -> Iterator[BlockFace]:
     """Yield the faces of a range; none if it is an edge or a point of the block, or all of a plane one."""
     low, high = np.minimum(begin, end), np.maximum(begin, end)
     found = _face_axis(low, high, where, size)
@@ -225,7 +225,7 @@ def _plane_of_range(
     else:
         axis, at = found
     rows = _numbers([np.arange(low[d], high[d] + 1) for d in _others(size, axis)], _faces_along(size, axis))
-    yield Plane(axis, at, rows)
+    yield BlockFace(axis, at, rows)
 
 
 def _face_axis(low: IntArray, high: IntArray, where: str, size: Size) -> tuple[int, int] | None:
@@ -245,7 +245,7 @@ def _face_axis(low: IntArray, high: IntArray, where: str, size: Size) -> tuple[i
     return min(fit)[1:] if fit else None
 
 
-def _planes_of_points(at: IntArray, size: Size) -> Iterator[Plane]:
+def _planes_of_points(at: IntArray, size: Size) -> Iterator[BlockFace]:
     """Yield the faces on the outside of a block all of whose corners are among points (K, axes)."""
     numbers = np.unique(at @ strides(size))
     at = np.stack(np.unravel_index(numbers, size, order="F"), axis=1)
@@ -256,20 +256,20 @@ def _planes_of_points(at: IntArray, size: Size) -> Iterator[Plane]:
             first = (at[:, axis] == number) & (at[:, others] < along).all(axis=1)
             corners = numbers[first, None] + _steps(size, others)
             whole = at[first][np.isin(corners, numbers).all(axis=1)]
-            yield Plane(axis, number, whole[:, others] @ strides(along))
+            yield BlockFace(axis, number, whole[:, others] @ strides(along))
 
 
-def _planes_of_faces(at: IntArray, where: str, size: Size) -> Iterator[Plane]:
+def _planes_of_faces(at: IntArray, where: str, size: Size) -> Iterator[BlockFace]:
     """Yield the faces at indices (K, axes), which have one number along the axis that is named, or along one."""
     low, high = at.min(axis=0, initial=max(size)), at.max(axis=0, initial=0)
     found = _face_axis(low, high, where, size) if len(at) else None
     if found is None:
         raise MeshFileError("its list of faces is on no side of the block; give it by ranges, one for each side")
     axis, number = found
-    yield Plane(axis, number, np.unique(at[:, _others(size, axis)] @ strides(_faces_along(size, axis))))
+    yield BlockFace(axis, number, np.unique(at[:, _others(size, axis)] @ strides(_faces_along(size, axis))))
 
 
-def _taken(plane: Plane, free: Sides) -> IntArray:
+def _taken(plane: BlockFace, free: Sides) -> IntArray:
     """Return the rows of a plane that are free still, and take them; those within a block are always free."""
     mask = free.get((plane.axis, plane.at))
     if mask is None:

@@ -42,7 +42,7 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Condition:
+class BoundaryCondition:
     """A boundary condition: the numbers (K,) of its faces, or of its points where it is given by points.
 
     `of_family` says whether its patch bears the name of a family.
@@ -83,7 +83,7 @@ def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int,
     boundary faces with all corners among them that no other condition has. Faces of a section that no condition has are
     a patch of the section's name.
     """
-    found: list[Condition] = []
+    found: list[BoundaryCondition] = []
     faults: list[Fault] = []
     for name, node, patch, of_family in named_conditions(base, zone, faults, always=False):
         with tolerated(faults, name, patch, of_family):
@@ -91,7 +91,7 @@ def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int,
             by_points, numbers = _numbers(node, place, location(node), last, points, dimension)
             if len(numbers):
                 held_by = constraint(base, node)
-                found.append(Condition(name, patch, of_family, by_points, np.unique(numbers), held_by))
+                found.append(BoundaryCondition(name, patch, of_family, by_points, np.unique(numbers), held_by))
     free = [np.ones(len(part.numbers), dtype=np.bool_) for part in faces]
     named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in found}
     held = agreed((condition.patch, condition.constraint) for condition in found)
@@ -224,7 +224,7 @@ def _numbers(node: Any, place: str, where: str, last: int, points: int, dimensio
     return by_points, numbers
 
 
-def _by_number(condition: Condition, faces: Sequence[NumberedFaces], last: int) -> list[BoolArray]:
+def _by_number(condition: BoundaryCondition, faces: Sequence[NumberedFaces], last: int) -> list[BoolArray]:
     rows = [np.isin(part.numbers, condition.numbers) for part in faces]
     missing = len(condition.numbers) - sum(int(own.sum()) for own in rows)
     of_cells_or_edges = missing == len(condition.numbers) and condition.numbers[-1] <= last
@@ -233,7 +233,9 @@ def _by_number(condition: Condition, faces: Sequence[NumberedFaces], last: int) 
     return rows
 
 
-def _on_points(condition: Condition, faces: Sequence[NumberedFaces], free: Sequence[BoolArray]) -> list[BoolArray]:
+def _on_points(
+    condition: BoundaryCondition, faces: Sequence[NumberedFaces], free: Sequence[BoolArray]
+) -> list[BoolArray]:
     last = max([int(condition.numbers[-1]), *(int(part.faces.nodes.max(initial=0)) + 1 for part in faces)])
     marked = np.zeros(1 + last, dtype=np.bool_)
     marked[condition.numbers] = True

@@ -26,7 +26,7 @@ Sides = tuple[IntArray, IntArray, BoolArray]
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class ElementSection:
     """Elements of one kind (SIDS' number), numbered first to last."""
 
     name: str
@@ -39,7 +39,7 @@ class Section:
         return self.last - self.first + 1
 
 
-def sections(zone: Any) -> list[Section]:
+def sections(zone: Any) -> list[ElementSection]:
     """Return the sections of a zone by their elements' numbers; MeshFileError for damaged ones and other elements."""
     found = []
     for name, node in children(zone, "Elements_t"):
@@ -52,7 +52,7 @@ def sections(zone: Any) -> list[Section]:
             )
         if len(bounds) != 2 or not 1 <= bounds[0] <= bounds[1]:
             raise MeshFileError(f"section {name} has the range {bounds}; the file is damaged")
-        found.append(Section(name, kind, bounds[0], bounds[1], node))
+        found.append(ElementSection(name, kind, bounds[0], bounds[1], node))
     found.sort(key=lambda section: section.first)
     for one, other in pairwise(found):
         if other.first <= one.last:
@@ -60,7 +60,7 @@ def sections(zone: Any) -> list[Section]:
     return found
 
 
-def blocks(section: Section, points: int, dimension: int) -> Iterator[tuple[Cells, IntArray]]:
+def blocks(section: ElementSection, points: int, dimension: int) -> Iterator[tuple[Cells, IntArray]]:
     """Yield the elements of a section by shape, as shapes first appear, and the numbers (M,) of faces (of cells: none).
 
     Elements of fewer dimensions than the faces of cells of that `dimension` are left out. MeshFileError if the section
@@ -76,7 +76,7 @@ def blocks(section: Section, points: int, dimension: int) -> Iterator[tuple[Cell
             raise MeshFileError(f"section {section.name} holds {block.shape} cells in a base of two dimensions")
 
 
-def _elements(section: Section, points: int) -> Iterator[tuple[Cells, IntArray]]:
+def _elements(section: ElementSection, points: int) -> Iterator[tuple[Cells, IntArray]]:
     if section.kind == MIXED:
         yield from _mixed(section, points)
     elif section.kind in SHAPES:
@@ -90,12 +90,12 @@ def _elements(section: Section, points: int) -> Iterator[tuple[Cells, IntArray]]
         yield _block(section, section.kind, nodes.reshape(-1, size), slice(None), points)
 
 
-def connectivity(section: Section) -> IntArray:
+def connectivity(section: ElementSection) -> IntArray:
     """Return the nodes (K,) of a section as stored, counted from 1."""
     return integers(child(section.node, "ElementConnectivity"))
 
 
-def starts(section: Section, stored: IntArray, sizes: dict[int, int] | None) -> IntArray:
+def starts(section: ElementSection, stored: IntArray, sizes: dict[int, int] | None) -> IntArray:
     """Return where each element begins in the stored connectivity, and where the last one ends: (M + 1,).
 
     Files of CGNS before 3.4 hold no offsets: there each element is headed by its kind, of `sizes` nodes, or by its own
@@ -119,7 +119,7 @@ def _walk(connectivity: IntArray, sizes: dict[int, int] | None) -> Iterator[int]
     yield at
 
 
-def _mixed(section: Section, points: int) -> Iterator[tuple[Cells, IntArray]]:
+def _mixed(section: ElementSection, points: int) -> Iterator[tuple[Cells, IntArray]]:
     stored = connectivity(section)
     offsets = starts(section, stored, SIZES)
     begin = offsets[:-1]
@@ -137,7 +137,9 @@ def _mixed(section: Section, points: int) -> Iterator[tuple[Cells, IntArray]]:
             yield _block(section, kind, nodes, rows, points)
 
 
-def _block(section: Section, kind: int, nodes: IntArray, rows: IntArray | slice, points: int) -> tuple[Cells, IntArray]:
+def _block(
+    section: ElementSection, kind: int, nodes: IntArray, rows: IntArray | slice, points: int
+) -> tuple[Cells, IntArray]:
     """Elements with their nodes counted from 0 in VTK's order; `nodes` is overwritten."""
     if bad := np.count_nonzero(((nodes < 1) | (nodes > points)).any(axis=1)):
         raise MeshFileError(
@@ -149,7 +151,7 @@ def _block(section: Section, kind: int, nodes: IntArray, rows: IntArray | slice,
     return own, np.arange(section.first, section.last + 1)[rows]
 
 
-def read_polyhedra(found: Sequence[Section], points: int) -> tuple[Polyhedra, IntArray]:
+def read_polyhedra(found: Sequence[ElementSection], points: int) -> tuple[Polyhedra, IntArray]:
     """Return the polyhedra of a zone, and the number in the file (F,) of each of their faces.
 
     MeshFileError if the sections are damaged or do not fit one another.
@@ -170,7 +172,7 @@ def read_polyhedra(found: Sequence[Section], points: int) -> tuple[Polyhedra, In
     return Polyhedra(taken(turned(faces, inward), order), owner[order], neighbour[inner]), numbers[order]
 
 
-def _faces(surfaces: Sequence[Section], points: int) -> Polygons:
+def _faces(surfaces: Sequence[ElementSection], points: int) -> Polygons:
     nodes, sizes = [], []
     for section in surfaces:
         stored, own = _split(section)
@@ -184,7 +186,7 @@ def _faces(surfaces: Sequence[Section], points: int) -> Polygons:
     return polygons(np.concatenate(nodes), np.concatenate(sizes))
 
 
-def _split(section: Section) -> tuple[IntArray, IntArray]:
+def _split(section: ElementSection) -> tuple[IntArray, IntArray]:
     """Connectivity without the sizes that old files put before each element, and offsets (M + 1,)."""
     stored = connectivity(section)
     offsets = starts(section, stored, None)
@@ -193,7 +195,7 @@ def _split(section: Section) -> tuple[IntArray, IntArray]:
     return np.delete(stored, offsets[:-1]), offsets - np.arange(len(offsets))
 
 
-def _sides_by_cell(cells: Sequence[Section], numbers: IntArray) -> Sides:
+def _sides_by_cell(cells: Sequence[ElementSection], numbers: IntArray) -> Sides:
     faces, owners, first = [], [], 0
     for section in cells:
         stored, offsets = _split(section)
@@ -222,7 +224,7 @@ def _paired(row: IntArray, cell: IntArray, inward: BoolArray, faces: int) -> Sid
     return owner, neighbour, backward
 
 
-def _sides_by_face(surfaces: Sequence[Section]) -> Sides:
+def _sides_by_face(surfaces: Sequence[ElementSection]) -> Sides:
     """Read the two cells of each face, from the first of which its normal points to the second."""
     stored = [integers(child(section.node, "ParentElements")) for section in surfaces]
     fit = all(len(own) == 2 * len(section) for section, own in zip(surfaces, stored, strict=True))

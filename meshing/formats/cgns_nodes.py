@@ -51,7 +51,7 @@ def label_of(node: Any) -> str:
 
 
 def data(node: Any) -> Any:
-    """Return the dataset of a node, or its `adf.Stored`.
+    """Return the dataset of a node, or its `adf.NodeData`.
 
     MeshFileError if the node has none, or they are elsewhere: by a link, in an external file, in other datasets; or if
     they would take more memory than data of this file should.
@@ -68,7 +68,7 @@ def data(node: Any) -> Any:
     return found
 
 
-def _adf_data(node: adf.Node, name: str) -> adf.Stored:
+def _adf_data(node: adf.Node, name: str) -> adf.NodeData:
     if node.kind == "LK":
         raise _linked(name)
     found = node.data
@@ -86,7 +86,7 @@ def check_taken(node: Any, size: int, what: str) -> None:
 def integers(node: Any) -> IntArray:
     """Return the data (K,) of a node of integers, flat, in the order of the file; MeshFileError for other data."""
     stored = _of_kind(node, "iu", "integers")
-    if isinstance(stored, adf.Stored):
+    if isinstance(stored, adf.NodeData):
         return stored[()].astype(np.intp).reshape(-1)
     values = np.empty(stored.shape, dtype=np.intp)
     if values.size:
@@ -97,7 +97,7 @@ def integers(node: Any) -> IntArray:
 def reals(node: Any) -> Any:
     """Return the data of a node of real numbers, not read yet; MeshFileError for other data."""
     stored = _of_kind(node, "f", "real numbers")
-    if not isinstance(stored, adf.Stored) and not is_real(stored):
+    if not isinstance(stored, adf.NodeData) and not is_real(stored):
         raise MeshFileError(f"{node.name.strip('/')} holds real numbers of an unknown kind; the file is damaged")
     return stored
 

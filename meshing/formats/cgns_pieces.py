@@ -10,12 +10,21 @@ import numpy as np
 from sdm_deflect.deform.mesh.mesh import VOLUMES, Zone
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, notes_of, without, zone_border
-from sdm_deflect.meshing.formats.cgns_elements import MIXED, NFACE, NGON, SHAPES, SIZES, Section, blocks, sections
+from sdm_deflect.meshing.formats.cgns_elements import (
+    MIXED,
+    NFACE,
+    NGON,
+    SHAPES,
+    SIZES,
+    ElementSection,
+    blocks,
+    sections,
+)
 from sdm_deflect.meshing.formats.cgns_nodes import child, data
 from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_fit
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import MIRRORED
-from sdm_deflect.meshing.formats.tables import CellTable, PointRange, Table, TablePieces
+from sdm_deflect.meshing.formats.tables import CellTable, FileTable, PointRange, TablePieces
 
 CELLS = {number: shape for number, shape in SHAPES.items() if shape in VOLUMES}
 
@@ -37,7 +46,7 @@ def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
     if not stored or any(_is_mixed(own) for own in found) or len({axis.id.get_offset() for axis in axes}) < len(axes):
         return None
     tables = [_table(path, own) for own in stored]
-    points = [Table(path, axis.id.get_offset() or 0, axis.dtype.str, count) for axis in axes]
+    points = [FileTable(path, axis.id.get_offset() or 0, axis.dtype.str, count) for axis in axes]
     if not all(table and table.begin for table in (*tables, *points)):
         return None
     cells = tuple(
@@ -54,7 +63,7 @@ def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
     return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, count),), notes_of({name: border.faults}))
 
 
-def _is_mixed(section: Section) -> bool:
+def _is_mixed(section: ElementSection) -> bool:
     """Whether cells are given by their faces, or are of several shapes, as far as the first element tells."""
     if section.kind == MIXED:
         first = np.ravel(data(child(section.node, "ElementConnectivity"))[:1])[:1].tolist()
@@ -62,7 +71,7 @@ def _is_mixed(section: Section) -> bool:
     return section.kind in (NGON, NFACE)
 
 
-def _table(path: Path, section: Section) -> Table | None:
+def _table(path: Path, section: ElementSection) -> FileTable | None:
     """Return the nodes of a section; None if they are packed."""
     stored, size = data(child(section.node, "ElementConnectivity")), SIZES[section.kind]
     if stored.dtype.kind not in "iu" or stored.size != size * len(section):
@@ -71,10 +80,10 @@ def _table(path: Path, section: Section) -> Table | None:
             "damaged"
         )
     begin = stored.id.get_offset()
-    return Table(path.resolve(), begin, stored.dtype.str, len(section), size) if begin else None
+    return FileTable(path.resolve(), begin, stored.dtype.str, len(section), size) if begin else None
 
 
-def _faces(found: Sequence[Section], points: int) -> list[NumberedFaces] | None:
+def _faces(found: Sequence[ElementSection], points: int) -> list[NumberedFaces] | None:
     """Return the faces of all sections that are not of cells alone; None if there are cells in one of them."""
     faces = []
     for section in found:

@@ -15,10 +15,10 @@ from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polyhedra
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_blocks import Size, block_border, cells, collapsed, no_cells, size_of, wide
 from sdm_deflect.meshing.formats.cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border
-from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, Section, blocks, read_polyhedra, sections
+from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, ElementSection, blocks, read_polyhedra, sections
 from sdm_deflect.meshing.formats.cgns_interfaces import Interface, interfaces, meeting, pairs, periodic_pairs
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, has, integers, text
-from sdm_deflect.meshing.formats.fitted import Fitted, Part, fitted
+from sdm_deflect.meshing.formats.fitted import Fitted, ZoneMesh, fitted
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import is_real
 from sdm_deflect.meshing.formats.periodic import Listed, with_pairs
@@ -53,13 +53,13 @@ class Base:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Zone:
+class _CgnsZone:
     """A zone by itself, its interfaces, pairs (K, 2) of its points that are one, and its faces (F, k) on nothing.
 
     `faults` are its conditions and interfaces that could not be read.
     """
 
-    part: Part
+    part: ZoneMesh
     interfaces: Sequence[Interface]
     collapsed: IntArray
     free: IntArray
@@ -153,7 +153,7 @@ def coordinate_data(base: Base, name: str) -> list[Any]:
     for axis, stored in zip(base.axes, found, strict=True):
         if stored.shape != expected or stored.dtype.kind != "f":
             raise MeshFileError(f"{axis} holds {stored.shape} {stored.dtype}, expected {expected} real numbers")
-        if not isinstance(stored, adf.Stored) and not is_real(stored):
+        if not isinstance(stored, adf.NodeData) and not is_real(stored):
             raise MeshFileError(f"the kind of real numbers that {axis} holds is not supported")
     return found
 
@@ -179,7 +179,7 @@ def _size(zone: Any, dimension: int) -> Size:
     return (int(sizes[0]),)
 
 
-def _without_absent(zones: Sequence[_Zone]) -> list[_Zone]:
+def _without_absent(zones: Sequence[_CgnsZone]) -> list[_CgnsZone]:
     """Return zones with patches that lack faces under another name; a family lacks them in all zones."""
     families = {fault.patch for zone in zones for fault in zone.faults if fault.of_family}
     found = []
@@ -191,7 +191,7 @@ def _without_absent(zones: Sequence[_Zone]) -> list[_Zone]:
     return found
 
 
-def _put_together(zones: Sequence[_Zone]) -> Fitted:
+def _put_together(zones: Sequence[_CgnsZone]) -> Fitted:
     """Join the zones at their interfaces, and blocks where faces without a condition are at the same places.
 
     Points that are images of one another become periodic pairs.
@@ -225,7 +225,7 @@ def _put_together(zones: Sequence[_Zone]) -> Fitted:
     return replace(found, mesh=with_pairs(found.mesh, pairs_of_mesh, tuple(notes))) if listed or notes else found
 
 
-def _without_touching(zone: _Zone) -> Part:
+def _without_touching(zone: _CgnsZone) -> ZoneMesh:
     """Return a zone's part without the faces, on its patches, that only touch those of another zone."""
     nodes = [one.nodes for one in zone.interfaces if not (one.matching or one.is_periodic)]
     if not nodes:
@@ -240,7 +240,7 @@ def _without_touching(zone: _Zone) -> Part:
     return replace(zone.part, mesh=mesh)
 
 
-def _zone(base: Base, name: str) -> _Zone:
+def _zone(base: Base, name: str) -> _CgnsZone:
     size = base.sizes[name]
     axes = coordinate_data(base, name)
     points = np.zeros((prod(size), 3))
@@ -249,20 +249,20 @@ def _zone(base: Base, name: str) -> _Zone:
     return (_block if len(size) > 1 else _unstructured)(base, name, points)
 
 
-def _block(base: Base, name: str, points: FloatArray) -> _Zone:
+def _block(base: Base, name: str, points: FloatArray) -> _CgnsZone:
     zone, size = base.zones[name], base.sizes[name]
     own = cells(size)
     turned = oriented(points, own)
     left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != own.nodes[:, 1]) > len(own))
     border, rest = block_border(base.node, zone, size, left_handed)
-    part = Part(name, Mesh(points, (turned,), without([*border.patches, *rest], ())), border.families, block=True)
+    part = ZoneMesh(name, Mesh(points, (turned,), without([*border.patches, *rest], ())), border.families, block=True)
     free = [faces.nodes for patch in rest for faces in patch.faces]
     found, faults = interfaces(zone, name, base.sizes, ())
     same = collapsed(points, size)
-    return _Zone(part, found, same, np.concatenate(free) if free else NONE, [*border.faults, *faults])
+    return _CgnsZone(part, found, same, np.concatenate(free) if free else NONE, [*border.faults, *faults])
 
 
-def _unstructured(base: Base, name: str, points: FloatArray) -> _Zone:
+def _unstructured(base: Base, name: str, points: FloatArray) -> _CgnsZone:
     zone = base.zones[name]
     found = sections(zone)
     if not found:
@@ -275,11 +275,11 @@ def _unstructured(base: Base, name: str, points: FloatArray) -> _Zone:
     mesh = Mesh(points, volume, tuple(border.patches))
     check_faces(mesh)
     meets, faults = interfaces(zone, name, base.sizes, faces)
-    return _Zone(Part(name, mesh, border.families), meets, NONE, NONE, [*border.faults, *faults])
+    return _CgnsZone(ZoneMesh(name, mesh, border.families), meets, NONE, NONE, [*border.faults, *faults])
 
 
 def _shaped(
-    found: Sequence[Section], points: FloatArray, dimension: int
+    found: Sequence[ElementSection], points: FloatArray, dimension: int
 ) -> tuple[tuple[Cells, ...], list[NumberedFaces]]:
     cells, faces = [], []
     for section in found:
@@ -291,7 +291,7 @@ def _shaped(
     return tuple(cells), faces
 
 
-def _polyhedral(found: Sequence[Section], points: FloatArray) -> tuple[tuple[Polyhedra], list[NumberedFaces]]:
+def _polyhedral(found: Sequence[ElementSection], points: FloatArray) -> tuple[tuple[Polyhedra], list[NumberedFaces]]:
     if others := [section.name for section in found if section.kind not in (NGON, NFACE)]:
         raise MeshFileError(f"cells by their faces (NGON_n) and other elements ({', '.join(others)}) in one zone")
     block, numbers = read_polyhedra(found, len(points))

@@ -16,7 +16,7 @@ from sdm_deflect.meshing.formats.zones import agreed, renumbered
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class ZoneMesh:
     """A zone by itself.
 
     Parameters
@@ -49,7 +49,7 @@ class Fitted:
     first: IntArray = field(repr=False)
 
 
-def fitted(parts: Sequence[Part], touching: Iterable[tuple[int, int]], same: Sequence[IntArray]) -> Fitted:
+def fitted(parts: Sequence[ZoneMesh], touching: Iterable[tuple[int, int]], same: Sequence[IntArray]) -> Fitted:
     """Put zones together, those that touch beside one another in the order of the first of them.
 
     Cells and faces of blocks become what they are where some of their corners are one point. A patch keeps its name
@@ -120,14 +120,14 @@ def _components(count: int, pairs: IntArray) -> IntArray:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
 
 
-def _common(groups: Sequence[Sequence[int]], parts: Sequence[Part]) -> set[str]:
+def _common(groups: Sequence[Sequence[int]], parts: Sequence[ZoneMesh]) -> set[str]:
     """Names of patches that zones have which do not touch."""
     names = [{patch.name for i in group for patch in parts[i].mesh.patches} for group in groups]
     count = Counter(name for own in names for name in own)
     return {name for name, groups_with in count.items() if groups_with > 1}
 
 
-def _cells(parts: Sequence[Part], numbers: Sequence[IntArray]) -> tuple[Volume, ...]:
+def _cells(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray]) -> tuple[Volume, ...]:
     """Return the cells of touching zones in order, a block of each shape."""
     found = [renumbered(block, own) for part, own in zip(parts, numbers, strict=True) for block in part.mesh.cells]
     if len(parts) == 1 and not parts[0].block:
@@ -140,7 +140,7 @@ def _one(blocks: Sequence[Cells]) -> Cells:
     return blocks[0] if len(blocks) == 1 else Cells(blocks[0].shape, np.concatenate([block.nodes for block in blocks]))
 
 
-def _patches(parts: Sequence[Part], numbers: Sequence[IntArray]) -> list[Patch]:
+def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray]) -> list[Patch]:
     """Return the patches of touching zones; families of all that have them are one patch."""
     having = Counter(patch.name for part in parts for patch in part.mesh.patches)
     families = Counter(name for part in parts for name in part.families.intersection(part.mesh.names))

@@ -86,7 +86,7 @@ class Fluent(Format):
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class FluentSection:
     """A part of an array: the numbers first to last, from 1, in a dataset or a group of datasets."""
 
     first: int
@@ -97,7 +97,7 @@ class Section:
         return self.last - self.first + 1
 
 
-def coordinates(mesh: Any) -> list[Section]:
+def coordinates(mesh: Any) -> list[FluentSection]:
     """Return the datasets (K, 3), or (K, 2), of the nodes' coordinates, in the order of the nodes.
 
     MeshFileError if one is missing, or no such dataset.
@@ -159,15 +159,15 @@ def _count(mesh: Any, name: str) -> int:
     return count
 
 
-def _path(mesh: Any, own: Section) -> str:
+def _path(mesh: Any, own: FluentSection) -> str:
     return str(own.node.name).removeprefix(f"{mesh.name}/")
 
 
-def _sections(mesh: Any, path: str, count: int, gaps: bool = False) -> list[Section]:
+def _sections(mesh: Any, path: str, count: int, gaps: bool = False) -> list[FluentSection]:
     """Sections of an array, rising; MeshFileError if they overlap or do not hold the numbers 1 to `count`."""
     group = member(mesh, path)
     nodes = [member(group, name) for name in group if name.isdecimal()]
-    found = [Section(number(node, "minId"), number(node, "maxId"), node) for node in nodes]
+    found = [FluentSection(number(node, "minId"), number(node, "maxId"), node) for node in nodes]
     found = sorted((own for own in found if len(own) > 0), key=lambda own: own.first)
     after = 1
     for own in found:
@@ -263,7 +263,7 @@ def plane_cells(points: FloatArray, cells: Polyhedra) -> tuple[Cells, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Zone:
+class _FluentZone:
     """A zone of faces first to last, from 1; `shadow` is the number of the zone of its images, or 0."""
 
     name: str
@@ -274,7 +274,7 @@ class _Zone:
     shadow: int
 
 
-def _zones(mesh: Any, faces: int) -> list[_Zone]:
+def _zones(mesh: Any, faces: int) -> list[_FluentZone]:
     """Zones of faces, but for those of the interior, and empty ones."""
     topology = member(mesh, "faces/zoneTopology")
     columns = [integers(topology, name) for name in ("minId", "maxId", "zoneType", "id")]
@@ -291,11 +291,11 @@ def _zones(mesh: Any, faces: int) -> list[_Zone]:
             continue
         if begin < 1 or end > faces:
             raise MeshFileError(f"zone {name} has the faces {begin} to {end}, but there are {faces}")
-        found.append(_Zone(name.strip() or f"zone-{zone}", begin, end, kind, zone, shadow))
+        found.append(_FluentZone(name.strip() or f"zone-{zone}", begin, end, kind, zone, shadow))
     return found  # the names may end with a separator
 
 
-def _with_pairs(mesh: Mesh, zones: Sequence[_Zone]) -> Mesh:
+def _with_pairs(mesh: Mesh, zones: Sequence[_FluentZone]) -> Mesh:
     """Return the mesh with its periodic zones as pairs with their shadows; the file has no motion, so it is sought."""
     patches = {patch.name: patch for patch in mesh.patches}
     periodic, shadows = ([zone for zone in zones if zone.kind == kind and zone.name in patches] for kind in TWINS)

@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
-from sdm_deflect.meshing.formats.gmsh_elements import Elements, elements
+from sdm_deflect.meshing.formats.gmsh_elements import ElementBlock, elements
 from sdm_deflect.meshing.formats.gmsh_file import GmshFile, Nodes, gmsh_file, nodes, periodic
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
@@ -106,7 +106,7 @@ def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
         return None
     dimension = 2 if plane else 3
     solids, faces = KINDS[dimension]
-    blocks: dict[int, list[Elements]] = {}
+    blocks: dict[int, list[ElementBlock]] = {}
     for block in (block for block in (elements(file, 1) if plane else every) if block.kind in solids | faces):
         blocks.setdefault(block.kind, []).append(block)
     cells = tuple(_cells(solids[kind], parts, stored) for kind, parts in blocks.items() if kind in solids)
@@ -121,7 +121,7 @@ def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
     )
 
 
-def _cells(shape: str, parts: Sequence[Elements], stored: Nodes) -> CellTable:
+def _cells(shape: str, parts: Sequence[ElementBlock], stored: Nodes) -> CellTable:
     """Return the cells of a shape: in the file if nodes are counted from 1, else in memory."""
     order = MIRRORED["wedge"] if shape == "wedge" else ()
     if stored.known is None:
@@ -129,7 +129,7 @@ def _cells(shape: str, parts: Sequence[Elements], stored: Nodes) -> CellTable:
     return CellTable(shape, Held(_nodes(parts, stored)), 0, order)
 
 
-def _nodes(parts: Iterable[Elements], stored: Nodes) -> IntArray:
+def _nodes(parts: Iterable[ElementBlock], stored: Nodes) -> IntArray:
     """Return the nodes (M, k) of elements, counted from 0."""
     return stored.index(np.concatenate([own.nodes.integers() for own in parts]))
 
@@ -154,7 +154,7 @@ def group_names(file: GmshFile, wanted: int) -> dict[int, str]:
 
 
 def group_patches(
-    blocks_of: Mapping[int, tuple[IntArray, Iterable[Elements]]], names: dict[int, str], faces: dict[int, str]
+    blocks_of: Mapping[int, tuple[IntArray, Iterable[ElementBlock]]], names: dict[int, str], faces: dict[int, str]
 ) -> tuple[Patch, ...]:
     """Return the patches in the order of their tags; groups of one name are one patch."""
     found: dict[tuple[bool, int, int], list[Cells]] = {}

@@ -9,22 +9,22 @@ from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.gmsh_file import ByteCursor, Cursor, GmshFile, TextCursor
-from sdm_deflect.meshing.formats.numbers import Lines
-from sdm_deflect.meshing.formats.tables import Held, Table
+from sdm_deflect.meshing.formats.numbers import NumberLines
+from sdm_deflect.meshing.formats.tables import FileTable, Held
 
 CORNERS = {15: 1, 1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5}
 """Number of nodes of each type of element: point, line, triangle, quad, tetrahedron, hexahedron, prism, pyramid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Elements:
+class ElementBlock:
     """Elements of one type (a key of `CORNERS`): numbers (M, k) of nodes, physical group (M,) or 0, and entity (M,).
 
     Group and entity are one number (1,) where they are the same for all.
     """
 
     kind: int
-    nodes: Table | Held = field(repr=False)
+    nodes: FileTable | Held = field(repr=False)
     group: IntArray = field(repr=False)
     entity: IntArray = field(repr=False)
 
@@ -33,7 +33,7 @@ class Elements:
         return np.broadcast_to(getattr(self, what), self.nodes.rows)
 
 
-def elements(file: GmshFile, boundary: int = 2) -> Iterator[Elements]:
+def elements(file: GmshFile, boundary: int = 2) -> Iterator[ElementBlock]:
     """Yield the elements in the file's order; boundary elements of an entity in several groups once for each group.
 
     Parameters
@@ -60,7 +60,7 @@ def corner_count(kind: int, count: int) -> int:
     return CORNERS[kind]
 
 
-def _elements41(file: GmshFile, cursor: Cursor, boundary: int) -> Iterator[Elements]:
+def _elements41(file: GmshFile, cursor: Cursor, boundary: int) -> Iterator[ElementBlock]:
     known = _groups(file)
     for _ in range(int(cursor.sizes(4)[0])):
         dimension, entity, kind = cursor.ints(3).tolist()
@@ -70,7 +70,7 @@ def _elements41(file: GmshFile, cursor: Cursor, boundary: int) -> Iterator[Eleme
         size = 8 * nodes.rows * nodes.width * len(several)
         check_unpacked(size, len(file.data), f"{count} elements in {len(several)} groups")
         for group in several or [0]:
-            yield Elements(kind, nodes, np.array([abs(group)]), np.array([entity]))
+            yield ElementBlock(kind, nodes, np.array([abs(group)]), np.array([entity]))
 
 
 def _groups(file: GmshFile) -> dict[tuple[int, int], list[int]]:
@@ -89,7 +89,7 @@ def _groups(file: GmshFile) -> dict[tuple[int, int], list[int]]:
     return found
 
 
-def _lines22(words: Lines) -> Iterator[Elements]:
+def _lines22(words: NumberLines) -> Iterator[ElementBlock]:
     """Lines of number, type, number of tags, tags and nodes."""
     values = np.asarray(words.values, dtype=np.float64)
     count, first = int(values[0]) if len(values) else -1, words.first[1:]
@@ -110,10 +110,10 @@ def _lines22(words: Lines) -> Iterator[Elements]:
         at = first[rows]
         own = values[(at + 3 + tags[rows])[:, None] + np.arange(corners)]
         group, entity = (np.where(tags[rows] > i, values[at + 3 + i], 0) for i in (0, 1))
-        yield Elements(kind, Held(own), np.abs(group), entity)
+        yield ElementBlock(kind, Held(own), np.abs(group), entity)
 
 
-def _records22(cursor: ByteCursor) -> Iterator[Elements]:
+def _records22(cursor: ByteCursor) -> Iterator[ElementBlock]:
     """Blocks of a header (type, count, number of tags) and records of number, tags and nodes."""
     left = cursor.line()
     while left > 0:
@@ -123,7 +123,7 @@ def _records22(cursor: ByteCursor) -> Iterator[Elements]:
         width = 1 + tags + corner_count(kind, count)
         table = _alike(cursor, width) if count == 1 else cursor.ints(count * width).reshape(count, width)
         group, entity = (table[:, 1 + i] if tags > i else np.zeros(len(table), dtype=np.intp) for i in (0, 1))
-        yield Elements(kind, Held(table[:, 1 + tags :]), np.abs(group), entity)
+        yield ElementBlock(kind, Held(table[:, 1 + tags :]), np.abs(group), entity)
         left -= len(table)
 
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
-from sdm_deflect.meshing.formats.numbers import Lines, Placed, numbers
+from sdm_deflect.meshing.formats.numbers import NumberLines, Placed, numbers
 from sdm_deflect.meshing.formats.shapes import places
-from sdm_deflect.meshing.formats.tables import Held, Table
+from sdm_deflect.meshing.formats.tables import FileTable, Held
 
 REAL = "f8"
 HEAD = 4096
@@ -34,7 +34,7 @@ class TextCursor:
     """Numbers of a section in text, one after another; `placed` are those of the points, and where they are."""
 
     def __init__(self, content: bytes, offset: int, name: str) -> None:
-        self.words: Lines = numbers(content, np.float64)
+        self.words: NumberLines = numbers(content, np.float64)
         if not np.isfinite(self.words.values).all():
             raise MeshFileError(f"section ${name} holds numbers that are not finite")
         self.offset, self.name, self.at = offset, name, 0
@@ -113,11 +113,11 @@ class ByteCursor:
         """The next `count` integers of 8 bytes."""
         return self.raw(count, "i8").astype(np.intp)
 
-    def columns(self, count: int, width: int, kind: str, chosen: slice) -> Table:
+    def columns(self, count: int, width: int, kind: str, chosen: slice) -> FileTable:
         """Columns of the next `count` rows of `width` numbers of a type; they stay in the file."""
         size = np.dtype(kind).itemsize
         begin, (first, last, _) = self.passed(size * width * count), chosen.indices(width)
-        return Table(self.path, begin + size * first, f"{self.order}{kind}", count, last - first, size * width)
+        return FileTable(self.path, begin + size * first, f"{self.order}{kind}", count, last - first, size * width)
 
 
 Cursor = TextCursor | ByteCursor
@@ -216,7 +216,7 @@ class Nodes:
     `known` (N,) are the numbers of all nodes in the file's order; None if they count from 1.
     """
 
-    points: Sequence[Table | Held]
+    points: Sequence[FileTable | Held]
     known: IntArray | None
     placed: Sequence[Placed] = ()
 
@@ -251,7 +251,7 @@ def nodes(file: GmshFile) -> Nodes:
     return Nodes(points, known, placed)
 
 
-def _in_order(tags: Sequence[Table | Held]) -> bool:
+def _in_order(tags: Sequence[FileTable | Held]) -> bool:
     """Whether nodes are numbered from 1 on, as they stand in the file."""
     first = 1
     for table in tags:
@@ -263,7 +263,7 @@ def _in_order(tags: Sequence[Table | Held]) -> bool:
     return True
 
 
-def _nodes22(cursor: Cursor) -> Iterator[tuple[Table | Held, Table | Held]]:
+def _nodes22(cursor: Cursor) -> Iterator[tuple[FileTable | Held, FileTable | Held]]:
     if isinstance(cursor, TextCursor):
         count, at = int(cursor.ints(1)[0]), cursor.at
         tags = cursor.columns(count, 4, "i4", slice(1))
@@ -273,10 +273,10 @@ def _nodes22(cursor: Cursor) -> Iterator[tuple[Table | Held, Table | Held]]:
     count = cursor.line()
     begin = cursor.passed(28 * count)
     path, order = cursor.path, cursor.order
-    yield Table(path, begin, f"{order}i4", count, 1, 28), Table(path, begin + 4, f"{order}f8", count, 3, 28)
+    yield FileTable(path, begin, f"{order}i4", count, 1, 28), FileTable(path, begin + 4, f"{order}f8", count, 3, 28)
 
 
-def _nodes41(cursor: Cursor) -> Iterator[tuple[Table | Held, Table | Held]]:
+def _nodes41(cursor: Cursor) -> Iterator[tuple[FileTable | Held, FileTable | Held]]:
     for _ in range(int(cursor.sizes(4)[0])):
         dimension, _, parametric = cursor.ints(3).tolist()
         count = int(cursor.sizes(1)[0])

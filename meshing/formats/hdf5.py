@@ -20,7 +20,7 @@ from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats.format import FULL, MeshFileError
 from sdm_deflect.meshing.formats.hdf5_packed import overwrite
-from sdm_deflect.meshing.formats.tables import Change, Table, rewritten
+from sdm_deflect.meshing.formats.tables import Change, FileTable, rewritten
 
 DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, zlib.error)
 """What h5py raises for a damaged file."""
@@ -190,11 +190,11 @@ class Replaced:
         found = cls()
         for stored, own, values, changed in arrays:
             rows = np.flatnonzero(changed)
-            new = Change(Table(path, 0, stored.dtype.str, stored.size), rows, values.reshape(-1, 1)[rows])
+            new = Change(FileTable(path, 0, stored.dtype.str, stored.size), rows, values.reshape(-1, 1)[rows])
             new.check()
             for at, first, end in own:
                 part = slice(*np.searchsorted(rows, (first, end)))
-                table = Table(path, at, stored.dtype.str, end - first)
+                table = FileTable(path, at, stored.dtype.str, end - first)
                 found.changes.append(Change(table, rows[part] - first, new.values[part]))
             if not own and len(rows):
                 found.packed[stored.name] = np.where(changed, values, stored[()]).astype(stored.dtype)

@@ -14,7 +14,7 @@ WORD = re.compile(r'"([^"]+)"')
 Kind = TypeVar("Kind", bound=type[Any])
 
 
-class Entry(NamedTuple):
+class Registration(NamedTuple):
     """A format that may not be loaded yet: its module, its class there, its suffixes; whether any mesh can be written.
 
     Of the others, files are only rewritten.
@@ -34,25 +34,25 @@ def registered(name: str, *suffixes: str, written: bool = True) -> Callable[[Kin
 
     def keep(kind: Kind) -> Kind:
         kind.name, kind.suffixes, kind.written = name, suffixes, written
-        entries()[name] = Entry(kind.__module__, kind.__name__, suffixes, written)
+        entries()[name] = Registration(kind.__module__, kind.__name__, suffixes, written)
         return kind
 
     return keep
 
 
 @cache
-def entries() -> dict[str, Entry]:
+def entries() -> dict[str, Registration]:
     """Return every format by its name."""
     return in_folder(Path(__file__).parent, __package__ or "")
 
 
-def in_folder(folder: Path, package: str) -> dict[str, Entry]:
+def in_folder(folder: Path, package: str) -> dict[str, Registration]:
     """Return the formats of the files in a folder, which are the modules of a package."""
-    found: dict[str, Entry] = {}
+    found: dict[str, Registration] = {}
     for file in sorted(folder.glob("*.py")):
         for words, kind in REGISTERED.findall(file.read_text("utf-8")):
             name, *suffixes = WORD.findall(words)
-            found[name] = Entry(f"{package}.{file.stem}", kind, tuple(suffixes), "written=False" not in words)
+            found[name] = Registration(f"{package}.{file.stem}", kind, tuple(suffixes), "written=False" not in words)
     return found
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import Span, check_stored, damage, spans
-from sdm_deflect.meshing.formats.tables import Held, Table
+from sdm_deflect.meshing.formats.tables import FileTable, Held
 
 MAGIC = (b"CDF\1", b"CDF\2")
 CDF5, HDF5 = b"CDF\5", b"\x89HDF"
@@ -89,10 +89,10 @@ class Classic:
         self.file.seek(found.begin)
         return np.frombuffer(self.file.read(found.end - found.begin), found.dtype).reshape(found.shape)
 
-    def table(self, name: str) -> Table | Held:
+    def table(self, name: str) -> FileTable | Held:
         """Return where the rows of a variable are; errors as of `array`."""
         found = self.stored(name)
-        return Table(
+        return FileTable(
             Path(self.file.name).resolve(), found.begin, found.dtype.str, found.shape[0], prod(found.shape[1:])
         )
 
@@ -135,13 +135,13 @@ class InHdf5:
         """Return a variable; MeshFileError if it is elsewhere, or the file holds only a part of it."""
         return np.asarray(self.stored(name)[()])
 
-    def table(self, name: str) -> Table | Held:
+    def table(self, name: str) -> FileTable | Held:
         """Return where the rows of a variable are; they are in memory if HDF5 has them in several places, or packed."""
         stored, places = self.stored(name), self.spans(name)
         width = prod(stored.shape[1:])
         if len(places) != 1:
             return Held(stored[()].reshape(-1, width))
-        return Table(Path(stored.file.filename).resolve(), places[0][0], stored.dtype.str, len(stored), width)
+        return FileTable(Path(stored.file.filename).resolve(), places[0][0], stored.dtype.str, len(stored), width)
 
     def spans(self, name: str) -> list[Span]:
         """Return where the numbers of a variable are; nothing if they are packed."""

@@ -21,7 +21,7 @@ ROWS = 1 << 15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lines:
+class NumberLines:
     """Numbers on lines of text; lines without numbers are left out.
 
     Parameters
@@ -69,7 +69,7 @@ class Placed:
         return copy.tobytes()
 
 
-def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines:
+def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> NumberLines:
     """Read the numbers on lines of text (``%`` begins a comment); MeshFileError with the first word that is none."""
     if b"%" in text:
         text = COMMENT.sub(lambda comment: b" " * len(comment[0]), text)
@@ -84,7 +84,7 @@ def numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines:
         values = np.fromstring(text, dtype=kind, sep=" ")[: len(begin)]  # blank text reads as one 0
     if len(values) != len(begin):
         raise MeshFileError(f"{_not_number(text, kind)!r} is not a number")
-    return Lines(values, first, begin, end)
+    return NumberLines(values, first, begin, end)
 
 
 def _not_number(text: bytes, kind: type[np.float64 | np.int64]) -> str:

@@ -35,8 +35,8 @@ from sdm_deflect.meshing.formats.openfoam_files import (
 from sdm_deflect.meshing.formats.openfoam_parts import (
     APART,
     FIT,
-    Part,
     Place,
+    ProcessorMesh,
     patch_names,
     placed_by_patches,
     whole,
@@ -213,7 +213,7 @@ def _home(where: tuple[Home, ...], number: int) -> Home:
     return next(home for home in reversed(where) if home.first <= number)
 
 
-def _parts(where: tuple[Home, ...]) -> list[Part]:
+def _parts(where: tuple[Home, ...]) -> list[ProcessorMesh]:
     points = _stored(where, "points", lambda file: vectors(file).values)
     polygons = _of_parts(where, "faces", faces, len(points))
     owner = _of_parts(where, "owner", labels, len(points))
@@ -225,7 +225,7 @@ def _parts(where: tuple[Home, ...]) -> list[Part]:
         with about(home.folder), _of_block(i if home.collated else None):
             cells = Polyhedra(polygons[i], owner[i], neighbour[i][neighbour[i] >= 0])
             check_cells(cells)
-            part = Part(f"processor{i}", given, cells, patches[i])
+            part = ProcessorMesh(f"processor{i}", given, cells, patches[i])
             part.check(i, len(points))
         found.append(part)
     return found
@@ -239,14 +239,14 @@ def _of_parts(where: tuple[Home, ...], name: str, read: Callable[[FoamFile], Rea
     return found
 
 
-def _places(where: tuple[Home, ...], parts: list[Part]) -> list[Place]:
+def _places(where: tuple[Home, ...], parts: list[ProcessorMesh]) -> list[Place]:
     points = _lists(where, "point", [len(part.points) for part in parts])
     sides = _lists(where, "face", [len(part.cells.faces) for part in parts])
     cells = _lists(where, "cell", [len(part.cells) for part in parts])
     return [Place(*lists) for lists in zip(points, sides, cells, strict=True)]
 
 
-def _ranks(where: tuple[Home, ...], parts: list[Part]) -> list[IntArray]:
+def _ranks(where: tuple[Home, ...], parts: list[ProcessorMesh]) -> list[IntArray]:
     """Index in the whole of each patch of each part; nothing if the parts do not say."""
     if not all(home.has("boundaryProcAddressing") for home in where):
         return []

@@ -223,7 +223,7 @@ def _count(file: FoamFile, text: bytes, columns: int) -> tuple[int, bool, int]:
     return count, found[2] == b"{", found.end()
 
 
-class Stored(NamedTuple):
+class BinaryList(NamedTuple):
     """A binary list: type of its numbers, how many rows, the byte where they begin, and whether one stands for all."""
 
     kind: np.dtype[np.generic]
@@ -232,7 +232,7 @@ class Stored(NamedTuple):
     uniform: bool
 
 
-def located(file: FoamFile, at: int, what: str, columns: int) -> Stored:
+def located(file: FoamFile, at: int, what: str, columns: int) -> BinaryList:
     """Return where the binary list after a byte has its rows of numbers; MeshFileError if the file is shorter."""
     kind = file.kind(what)
     found = BINARY_COUNT.match(file.data, at)
@@ -240,12 +240,12 @@ def located(file: FoamFile, at: int, what: str, columns: int) -> Stored:
         raise MeshFileError("no list follows the header; the file is truncated or damaged")
     count, begin = int(found[1]), found.end() + 1
     if count == 0:
-        return Stored(kind, 0, found.end(), False)
+        return BinaryList(kind, 0, found.end(), False)
     uniform = file.data[found.end() : begin] == b"{"
     end = begin + (1 if uniform else count) * columns * kind.itemsize
     if end >= len(file.data) or file.data[end : end + 1] not in b")}":
         raise MeshFileError(f"{count} values should follow, but the file ends before or goes on; it is damaged")
-    return Stored(kind, count, begin, uniform)
+    return BinaryList(kind, count, begin, uniform)
 
 
 def _binary(file: FoamFile, at: int, what: str, columns: int) -> tuple[FloatArray | IntArray, int]:

@@ -26,7 +26,7 @@ FIT = "the parts are not of one mesh, or were changed after decomposePar"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class ProcessorMesh:
     """The mesh of one part.
 
     Parameters
@@ -91,7 +91,7 @@ class Place:
     cells: IntArray = field(repr=False)
 
 
-def placed_by_patches(parts: Sequence[Part], names: Sequence[str]) -> list[Place]:
+def placed_by_patches(parts: Sequence[ProcessorMesh], names: Sequence[str]) -> list[Place]:
     """Number points, faces and cells of parts that were never a whole: one part after another, inner faces first.
 
     Face i of the patch from part p to part q is face i of that from q to p, from the same first node on, backwards;
@@ -162,7 +162,7 @@ def whole_name(patch: FoamPatch) -> str | None:
     return None if patch.type == BETWEEN else patch.name
 
 
-def patch_names(parts: Sequence[Part], ranks: Sequence[IntArray] = ()) -> tuple[str, ...]:
+def patch_names(parts: Sequence[ProcessorMesh], ranks: Sequence[IntArray] = ()) -> tuple[str, ...]:
     """Return the names of the patches of the whole: by their indices `ranks` in it, else in the order of the parts.
 
     MeshFileError if the parts have different patches.
@@ -192,7 +192,7 @@ def whole_points(points: Sequence[FloatArray], places: Sequence[IntArray]) -> Fl
     return found
 
 
-def whole(parts: Sequence[Part], places: Sequence[Place], names: Sequence[str]) -> Mesh:
+def whole(parts: Sequence[ProcessorMesh], places: Sequence[Place], names: Sequence[str]) -> Mesh:
     """Return the mesh, with patches of these names, that the parts are parts of; MeshFileError if they do not fit."""
     points = whole_points([part.points for part in parts], [place.points for place in places])
     signed = np.concatenate([place.faces for place in places])
@@ -245,7 +245,7 @@ def _each_once(given: Polygons, face: IntArray) -> Polygons:
 
 
 def _sides(
-    parts: Sequence[Part], places: Sequence[Place], face: IntArray, backward: BoolArray
+    parts: Sequence[ProcessorMesh], places: Sequence[Place], face: IntArray, backward: BoolArray
 ) -> tuple[IntArray, IntArray]:
     """Owner and neighbour, or -1, of each face of the whole."""
     back = np.concatenate([place.cells[part.cells.owner] for part, place in zip(parts, places, strict=True)])
@@ -265,7 +265,7 @@ def _sides(
     return np.where(alone, neighbour, owner), np.where(alone, -1, neighbour)
 
 
-def _patch_of(parts: Sequence[Part], face: IntArray, names: Sequence[str], count: int) -> IntArray:
+def _patch_of(parts: Sequence[ProcessorMesh], face: IntArray, names: Sequence[str], count: int) -> IntArray:
     """Index of the patch of each face of the whole; -1 for those on none."""
     known = {name: i for i, name in enumerate(names)}
     found = np.full(count, -1, dtype=np.intp)

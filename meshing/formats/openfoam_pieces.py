@@ -32,7 +32,7 @@ from sdm_deflect.meshing.formats.openfoam import (
 from sdm_deflect.meshing.formats.openfoam_files import COMPACT, FoamFile, headed, located, parse
 from sdm_deflect.meshing.formats.openfoam_pairs import pairs_of
 from sdm_deflect.meshing.formats.polyhedra import FEWEST, check_labels, check_sides
-from sdm_deflect.meshing.formats.tables import PointRange, Table, TablePieces, copy_range, items_of
+from sdm_deflect.meshing.formats.tables import FileTable, PointRange, TablePieces, copy_range, items_of
 
 NAMES = ("points", "faces", "owner", "neighbour")
 """Files of lists; patches are in text, and in memory."""
@@ -45,11 +45,11 @@ BATCH = SPAN << 5
 class Lists(NamedTuple):
     """The lists of a case: points, where each face begins in `nodes` and the last ends, owners and neighbours."""
 
-    points: Table
-    offsets: Table
-    nodes: Table
-    owner: Table
-    neighbour: Table
+    points: FileTable
+    offsets: FileTable
+    nodes: FileTable
+    owner: FileTable
+    neighbour: FileTable
 
     def faces(self, start: int, stop: int) -> Polygons:
         """Return faces start to stop - 1."""
@@ -181,11 +181,11 @@ def _lists(folder: Path) -> Lists | None:
     return Lists(*points, *faces, *owner, *neighbour) if owner and neighbour else None
 
 
-def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[Table] | None:
+def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[FileTable] | None:
     """Return where the lists of a file are, each of rows of labels or scalars; None as `_lists`."""
     if not path.is_file():
         return None
-    found: list[Table] = []
+    found: list[FileTable] = []
     with about(path), _mapped(path) as file:
         if not file.binary or (lists > 1 and file.entries.get("class") != COMPACT):
             return None
@@ -194,7 +194,7 @@ def _tables(path: Path, what: str, width: int = 1, lists: int = 1) -> list[Table
             own = located(file, at, what, width)
             if own.uniform or not own.rows:
                 return None
-            found.append(Table(path.resolve(), own.begin, own.kind.str, own.rows, width))
+            found.append(FileTable(path.resolve(), own.begin, own.kind.str, own.rows, width))
             at = own.begin + own.rows * found[-1].step + 1
     return found
 
@@ -210,7 +210,7 @@ def _mapped(path: Path) -> Iterator[FoamFile]:
             yield headed(cast(bytes, data), path.name, size)  # it can be searched, and cut, as bytes can
 
 
-def check_offsets(offsets: Table, nodes: Table) -> None:
+def check_offsets(offsets: FileTable, nodes: FileTable) -> None:
     """Refuse faces that do not follow one another, with a ValueError."""
     last = offsets.rows - 1
     for start in range(0, max(last, 1), BATCH):
@@ -220,7 +220,7 @@ def check_offsets(offsets: Table, nodes: Table) -> None:
             raise ValueError(RISING.format(nodes.rows))
 
 
-def _spans(labels: Table) -> IntArray:
+def _spans(labels: FileTable) -> IntArray:
     """Return the least and the largest (R, 2) of each `SPAN` of labels."""
     found = [np.empty((0, 2), dtype=np.intp)]
     for part in _batches(labels):
@@ -229,7 +229,7 @@ def _spans(labels: Table) -> IntArray:
     return np.concatenate(found)
 
 
-def _batches(labels: Table) -> Iterator[IntArray]:
+def _batches(labels: FileTable) -> Iterator[IntArray]:
     for start in range(0, labels.rows, BATCH):
         yield labels.read(start, min(start + BATCH, labels.rows))[:, 0]
 

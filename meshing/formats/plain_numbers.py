@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
 from sdm_deflect.deform.base.threads import available_threads
-from sdm_deflect.meshing.formats.numbers import Lines, numbers
+from sdm_deflect.meshing.formats.numbers import NumberLines, numbers
 
 Bytes = NDArray[np.uint8]
 Result = TypeVar("Result")
@@ -45,13 +45,13 @@ def ahead(work: Callable[[bytes], Result], texts: Iterable[bytes]) -> Iterator[R
             yield waiting.popleft().result()
 
 
-def many_numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines:
+def many_numbers(text: bytes, kind: type[np.float64 | np.int64]) -> NumberLines:
     """Return what `numbers` returns for whole lines, much faster where they are plain."""
     found = plain_numbers(text, kind)
     return numbers(text, kind) if found is None else found
 
 
-def plain_numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines | None:
+def plain_numbers(text: bytes, kind: type[np.float64 | np.int64]) -> NumberLines | None:
     """Return what `numbers` returns for lines of plain numbers; None for others, and for negative whole ones."""
     letters = np.frombuffer(text if text.endswith(b"\n") else text + b"\n", dtype=np.uint8)
     begin, end = np.empty((2, len(letters) // 2), dtype=np.intp)
@@ -66,7 +66,7 @@ def plain_numbers(text: bytes, kind: type[np.float64 | np.int64]) -> Lines | Non
         unsure = np.flatnonzero(np.isnan(values))
         bounds = zip(begin[unsure].tolist(), end[unsure].tolist(), strict=True)
         values[unsure] = [float(text[a:b]) for a, b in bounds]
-    return Lines(values, first[: lines + 1], begin, end)
+    return NumberLines(values, first[: lines + 1], begin, end)
 
 
 @compiled_exactly

@@ -14,15 +14,24 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.files.staged import fresh
-from sdm_deflect.meshing.formats.cgns_blocks import AXES, Plane, Size, cells, collapsed, faces
+from sdm_deflect.meshing.formats.cgns_blocks import AXES, BlockFace, Size, cells, collapsed, faces
 from sdm_deflect.meshing.formats.cgns_interfaces import NEAR, meeting
-from sdm_deflect.meshing.formats.fitted import Fitted, Part, fitted
+from sdm_deflect.meshing.formats.fitted import Fitted, ZoneMesh, fitted
 from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.numbers import copy_text
 from sdm_deflect.meshing.formats.plot3d_file import Plot3dFile, kind_of, styled
-from sdm_deflect.meshing.formats.plot3d_map import ONE_TO_ONE, PATCHED, UNPROCESSED, WITHOUT, Entry, Range, map_of, maps
+from sdm_deflect.meshing.formats.plot3d_map import (
+    ONE_TO_ONE,
+    PATCHED,
+    UNPROCESSED,
+    WITHOUT,
+    IndexRange,
+    MapEntry,
+    map_of,
+    maps,
+)
 from sdm_deflect.meshing.formats.shapes import oriented
 from sdm_deflect.meshing.formats.tables import rewritten
 
@@ -83,7 +92,7 @@ def _read(path: Path, mapped: Path, progress: Progress = silent) -> Mesh:
         return put_together(found.points(), found.sizes, map_of(mapped, found.sizes)).mesh
 
 
-def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[Entry]) -> Fitted:
+def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEntry]) -> Fitted:
     """Return the mesh of blocks with these points (F, 3), one after another, of these sizes.
 
     ValueError for coordinates that are not finite.
@@ -108,7 +117,7 @@ def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[Entry
     return fitted(parts, touching, [rows for rows in same if len(rows)])
 
 
-def _block(number: int, size: Size, points: FloatArray, said: Sequence[Entry]) -> tuple[Part, list[Cells]]:
+def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]) -> tuple[ZoneMesh, list[Cells]]:
     """A block by itself, and its outer faces that may be of another block, too."""
     own = cells(size)
     turned = oriented(points, own)
@@ -126,19 +135,19 @@ def _block(number: int, size: Size, points: FloatArray, said: Sequence[Entry]) -
             rows = plane.rows[mask[plane.rows]]
             mask[rows] = False
             if entry.kind not in WITHOUT and len(rows):
-                named.setdefault(entry.name, []).append(faces(size, Plane(plane.axis, plane.at, rows), left_handed))
+                named.setdefault(entry.name, []).append(faces(size, BlockFace(plane.axis, plane.at, rows), left_handed))
     rest = {
-        f"block{number + 1}/{AXES[axis]}{'max' if at else 'min'}": faces(size, Plane(axis, at, rows), left_handed)
+        f"block{number + 1}/{AXES[axis]}{'max' if at else 'min'}": faces(size, BlockFace(axis, at, rows), left_handed)
         for (axis, at), mask in free.items()
         if len(rows := np.flatnonzero(mask))
     }
     patches = [Patch(name, tuple(blocks)) for name, blocks in named.items()]
     patches += [Patch(name, (block,)) for name, block in rest.items()]
-    part = Part(f"block{number + 1}", Mesh(points, (turned,), tuple(patches)), frozenset(named), block=True)
+    part = ZoneMesh(f"block{number + 1}", Mesh(points, (turned,), tuple(patches)), frozenset(named), block=True)
     return part, list(rest.values())
 
 
-def _paired(points: FloatArray, ends: Sequence[Range], sizes: Sequence[Size], starts: IntArray) -> IntArray | None:
+def _paired(points: FloatArray, ends: Sequence[IndexRange], sizes: Sequence[Size], starts: IntArray) -> IntArray | None:
     """Rows (K, 2) of points of two faces that are one; None if they lie elsewhere: the interface is periodic."""
     here, there = (end.points(sizes[end.block]) + starts[end.block] for end in ends)
     gap, nearest = cKDTree(points[there]).query(points[here])

@@ -20,8 +20,8 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.meshing.formats.cgns_blocks import Size
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import Lines, Placed, chunks, numbers
-from sdm_deflect.meshing.formats.tables import Change, Table
+from sdm_deflect.meshing.formats.numbers import NumberLines, Placed, chunks, numbers
+from sdm_deflect.meshing.formats.tables import Change, FileTable
 from sdm_deflect.meshing.formats.ugrid_file import EXACT
 
 MARKER = 4
@@ -143,7 +143,7 @@ class Plot3dFile:
             count = prod(size)
             for axis in range(self.layout.axes):
                 rows = np.flatnonzero(changed[start : start + count, axis])
-                table = Table(path, begin + axis * count * self._real.itemsize, self._real.str, count)
+                table = FileTable(path, begin + axis * count * self._real.itemsize, self._real.str, count)
                 yield Change(table, rows, points[start + rows, axis, None])
             start += count
 
@@ -195,7 +195,7 @@ def styled(word: bytes, value: float) -> bytes:
     return text.rjust(len(word))
 
 
-def _words(file: BinaryIO) -> Iterator[tuple[int, bytes, Lines]]:
+def _words(file: BinaryIO) -> Iterator[tuple[int, bytes, NumberLines]]:
     """Yield where a piece of text begins, the piece, and its numbers."""
     for at, text in chunks(file, 0, file.seek(0, 2)):
         if b"*" in text:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.meshing.formats.cgns_blocks import Plane, Size, points_in
+from sdm_deflect.meshing.formats.cgns_blocks import BlockFace, Size, points_in
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 
 SUFFIX = ".nmf"
@@ -26,7 +26,7 @@ NUMBER = re.compile(r"\d{1,9}")
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
+class IndexRange:
     """Points `first` to `last` (counted from 0) of a face of a block; along the face's own axis they are the same.
 
     They have three axes even where the block has two, which is one layer then.
@@ -41,16 +41,18 @@ class Range:
         """Return the numbers (K,) of its points in the block."""
         return points_in(self.first[: len(size)], self.last[: len(size)], size)
 
-    def plane(self, size: Size) -> Plane:
+    def plane(self, size: Size) -> BlockFace:
         """Return its faces."""
         others = [axis for axis in range(len(size)) if axis != self.axis]
         low = [min(self.first[axis], self.last[axis]) for axis in others]
         high = [max(self.first[axis], self.last[axis]) - 1 for axis in others]
-        return Plane(self.axis, self.first[self.axis], points_in(low, high, tuple(size[axis] - 1 for axis in others)))
+        return BlockFace(
+            self.axis, self.first[self.axis], points_in(low, high, tuple(size[axis] - 1 for axis in others))
+        )
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class MapEntry:
     """What one line says.
 
     Parameters
@@ -62,10 +64,10 @@ class Entry:
 
     kind: str
     name: str
-    ranges: tuple[Range, ...]
+    ranges: tuple[IndexRange, ...]
 
 
-def map_of(path: Path, sizes: Sequence[Size]) -> tuple[Entry, ...]:
+def map_of(path: Path, sizes: Sequence[Size]) -> tuple[MapEntry, ...]:
     """Return what the map beside a grid says; nothing if there is none.
 
     The map of ``wing.p3d`` and ``wing-deflected.p3d`` is ``wing.nmf``: the file whose name is the longest beginning of
@@ -87,7 +89,7 @@ def maps(path: Path) -> Iterator[Path]:
     yield from (one for one in (path.with_name(stem + SUFFIX) for stem in stems if stem) if one.is_file())
 
 
-def entries(text: str, sizes: Sequence[Size]) -> Iterator[Entry]:
+def entries(text: str, sizes: Sequence[Size]) -> Iterator[MapEntry]:
     """Yield what the lines of a map say; MeshFileError for wrong ones."""
     head: list[int] = []
     for number, line in enumerate(text.splitlines(), 1):
@@ -118,7 +120,7 @@ def _check_head(head: Sequence[int], sizes: Sequence[Size]) -> None:
         )
 
 
-def _entry(line: str, comment: str, sizes: Sequence[Size]) -> Entry:
+def _entry(line: str, comment: str, sizes: Sequence[Size]) -> MapEntry:
     found = ENTRY.match(line)
     numbers = [int(word) for word in found[2].split()] if found else []
     if not found or len(numbers) not in (6, 12):
@@ -128,10 +130,10 @@ def _entry(line: str, comment: str, sizes: Sequence[Size]) -> Entry:
     ranges = tuple(_range(numbers[i : i + 6], sizes) for i in range(0, len(numbers), 6))
     if (kind in (ONE_TO_ONE, PATCHED)) != (len(ranges) == 2):
         raise MeshFileError(f"{name} has {len(ranges)} faces; interfaces have two, boundaries one")
-    return Entry(kind, comment or name or kind, ranges)
+    return MapEntry(kind, comment or name or kind, ranges)
 
 
-def _range(numbers: Sequence[int], sizes: Sequence[Size]) -> Range:
+def _range(numbers: Sequence[int], sizes: Sequence[Size]) -> IndexRange:
     block, face, *ends = numbers
     if not 1 <= block <= len(sizes) or face not in FACES:
         raise MeshFileError(f"there is no face {face} of block {block}; there are 6 of {len(sizes)} blocks")
@@ -143,4 +145,4 @@ def _range(numbers: Sequence[int], sizes: Sequence[Size]) -> Range:
         if min(begin, end) < 1 or max(begin, end) > size[other] or not long_enough:
             raise MeshFileError(f"face {face} of block {block} has points 1 to {size[other]}, but not {begin} to {end}")
         first[other], last[other] = begin - 1, end - 1
-    return Range(block - 1, tuple(first), tuple(last), axis)
+    return IndexRange(block - 1, tuple(first), tuple(last), axis)

@@ -13,7 +13,7 @@ from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.unchanged import states_of
 from sdm_deflect.meshing.files.temporary import scratch_folder
 from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
-from sdm_deflect.meshing.formats.known import Entry, entries
+from sdm_deflect.meshing.formats.known import Registration, entries
 from sdm_deflect.meshing.formats.layout import Format
 
 ADVICE = {
@@ -40,7 +40,7 @@ class Formats(Mapping[str, Format]):
 
 
 @cache
-def _loaded(entry: Entry) -> Format:
+def _loaded(entry: Registration) -> Format:
     known: Format = getattr(import_module(entry.module), entry.kind)()
     return known
 

@@ -25,7 +25,7 @@ from sdm_deflect.meshing.formats.su2_read import (
     FACES,
     PARALLEL,
     SOLIDS,
-    Section,
+    KeywordBlock,
     Su2File,
     notes_of,
     patches_of,
@@ -118,7 +118,7 @@ class Su2Pieces(TablePieces):
 
 
 def _layout(
-    path: Path, source: Su2File, name: str, own: Sequence[Section], scratch: Path | None = None
+    path: Path, source: Su2File, name: str, own: Sequence[KeywordBlock], scratch: Path | None = None
 ) -> MeshInPieces:
     """Return a zone of a file.
 
@@ -130,7 +130,7 @@ def _layout(
     return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, found.points),), notes_of(source.sections))
 
 
-def _points(source: Su2File) -> list[Section]:
+def _points(source: Su2File) -> list[KeywordBlock]:
     """Return the sections of the points of all zones."""
     return [section for section in source.sections if section.keyword == "NPOIN"]
 

@@ -14,8 +14,8 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import COMMENT, Lines, Placed, chunks, numbers
-from sdm_deflect.meshing.formats.tables import CellTable, Held, PointRange, Table, TablePieces, gathered
+from sdm_deflect.meshing.formats.numbers import COMMENT, NumberLines, Placed, chunks, numbers
+from sdm_deflect.meshing.formats.tables import CellTable, FileTable, Held, PointRange, TablePieces, gathered
 
 LARGE = 1 << 24
 """Bytes of a section from which on compiled code is worth its loading."""
@@ -30,12 +30,12 @@ HALO = (
     "before SU2_MSH, and name the markers by --periodic"
 )
 Blocks = list[tuple[str, IntArray]]
-Read = Callable[[bytes, type[np.float64 | np.int64]], Lines]
+Read = Callable[[bytes, type[np.float64 | np.int64]], NumberLines]
 Rows = TypeVar("Rows", Placed, Blocks)
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class KeywordBlock:
     """A line ``KEYWORD= value``, and the lines after it up to the next one: bytes begin to end - 1."""
 
     keyword: str
@@ -52,14 +52,16 @@ class Section:
         return int(first[0])
 
 
-def sections(file: BinaryIO) -> list[Section]:
+def sections(file: BinaryIO) -> list[KeywordBlock]:
     """Find all keyword lines of a file, in its order."""
     found: list[tuple[str, str, int, int]] = []
     size = file.seek(0, 2)
     for start, text in chunks(file, 0, size):
         found += [(keyword, value, start + line, start + after) for keyword, value, line, after in _keywords(text)]
     ends = [*(line for _, _, line, _ in found[1:]), size]
-    return [Section(keyword, value, begin, end) for (keyword, value, _, begin), end in zip(found, ends, strict=False)]
+    return [
+        KeywordBlock(keyword, value, begin, end) for (keyword, value, _, begin), end in zip(found, ends, strict=False)
+    ]
 
 
 def _keywords(text: bytes) -> Iterator[tuple[str, str, int, int]]:
@@ -78,7 +80,7 @@ class Su2File:
     """An open file, where its sections lie, its dimension; `report` is told the fraction of it that has been read."""
 
     file: BufferedReader
-    sections: tuple[Section, ...]
+    sections: tuple[KeywordBlock, ...]
     dimension: int
     report: Callable[[float], None]
 
@@ -96,7 +98,7 @@ class Su2File:
             raise MeshFileError(f"NDIME= {', '.join(map(str, dimensions))}; it must be 2 or 3, the same for all zones")
         return cls(file, found, dimensions[0], report)
 
-    def placed(self, sections: Sequence[Section]) -> Iterator[tuple[int, bytes, Placed]]:
+    def placed(self, sections: Sequence[KeywordBlock]) -> Iterator[tuple[int, bytes, Placed]]:
         """Yield where a piece of the text of sections begins, the piece, and the coordinates (R, d) on its lines.
 
         MeshFileError if a line has another number of coordinates; after a section if it has other than its `count`.
@@ -104,7 +106,7 @@ class Su2File:
         for section in sections:
             yield from self._tables(section, np.float64, partial(_coordinates, dimension=self.dimension))
 
-    def elements(self, section: Section, shapes: Mapping[int, str], points: int) -> Iterator[tuple[str, IntArray]]:
+    def elements(self, section: KeywordBlock, shapes: Mapping[int, str], points: int) -> Iterator[tuple[str, IntArray]]:
         """Yield shapes and nodes (R, k) of elements, some at a time; the order within a shape is the file's.
 
         MeshFileError if a type is not among the `shapes`, or a node is not below `points`; at the end if there are
@@ -114,7 +116,7 @@ class Su2File:
             yield from blocks
 
     def _tables(
-        self, section: Section, kind: type[np.float64 | np.int64], rows_of: Callable[[Lines], Rows]
+        self, section: KeywordBlock, kind: type[np.float64 | np.int64], rows_of: Callable[[NumberLines], Rows]
     ) -> Iterator[tuple[int, bytes, Rows]]:
         """Yield where a piece of the text of a section begins, the piece, and the rows of the numbers on its lines."""
         texts = (text for _, text in chunks(self.file, section.begin, section.end))
@@ -141,7 +143,7 @@ class Su2File:
             )
 
 
-def _coordinates(lines: Lines, dimension: int) -> Placed:
+def _coordinates(lines: NumberLines, dimension: int) -> Placed:
     """Coordinates (R, d) on lines, after which the point's own number may stand."""
     sizes = np.diff(lines.first)
     if bad := np.count_nonzero((sizes != dimension) & (sizes != dimension + 1)):
@@ -149,7 +151,7 @@ def _coordinates(lines: Lines, dimension: int) -> Placed:
     return Placed(*(lines.columns(each, 0, dimension) for each in (lines.values, lines.begin, lines.end)))
 
 
-def _blocks(lines: Lines, shapes: Mapping[int, str], points: int) -> Blocks:
+def _blocks(lines: NumberLines, shapes: Mapping[int, str], points: int) -> Blocks:
     """One block of each shape, in the order in which shapes first appear."""
     kinds = np.asarray(lines.values[lines.first[:-1]], dtype=np.int64)
     found = []
@@ -162,15 +164,15 @@ def _blocks(lines: Lines, shapes: Mapping[int, str], points: int) -> Blocks:
     return found
 
 
-def notes_of(found: Sequence[Section]) -> tuple[str, ...]:
+def notes_of(found: Sequence[KeywordBlock]) -> tuple[str, ...]:
     """Return a sentence if periodic markers have points beyond them, as SU2 made them before version 7."""
     moved = [own for own in found if own.keyword == "NPERIODIC" and own.value.split()[:1] not in ([], ["0"], ["1"])]
     return (HALO,) if moved else ()
 
 
-def zones_of(found: Sequence[Section]) -> dict[str, list[Section]]:
+def zones_of(found: Sequence[KeywordBlock]) -> dict[str, list[KeywordBlock]]:
     """Return sections by zone; in a file without zones, all sections of a zone without a name."""
-    zones: dict[str, list[Section]] = {}
+    zones: dict[str, list[KeywordBlock]] = {}
     name = ""
     for section in found:
         if section.keyword == "IZONE":
@@ -187,7 +189,7 @@ def zones_of(found: Sequence[Section]) -> dict[str, list[Section]]:
     return zones
 
 
-def zone_of(source: Su2File, own: Sequence[Section], scratch: Path | None) -> TablePieces:
+def zone_of(source: Su2File, own: Sequence[KeywordBlock], scratch: Path | None) -> TablePieces:
     """Return the points and cells of a zone in tables: of an empty folder, or in memory if it is None."""
     points = points_of(source, [only(own, "NPOIN")])
     place = gathered([("points", points)], lambda _: len(points), scratch)["points"]
@@ -197,7 +199,7 @@ def zone_of(source: Su2File, own: Sequence[Section], scratch: Path | None) -> Ta
     return TablePieces("", len(points), (PointRange(0, len(points), place),), cells).oriented()
 
 
-def only(own: Sequence[Section], keyword: str) -> Section:
+def only(own: Sequence[KeywordBlock], keyword: str) -> KeywordBlock:
     """Return the section of that keyword; MeshFileError if there are none or several."""
     found = [section for section in own if section.keyword == keyword]
     if len(found) != 1:
@@ -205,7 +207,7 @@ def only(own: Sequence[Section], keyword: str) -> Section:
     return found[0]
 
 
-def points_of(source: Su2File, sections: Sequence[Section]) -> FloatArray:
+def points_of(source: Su2File, sections: Sequence[KeywordBlock]) -> FloatArray:
     """Return the points (N, 3) of sections."""
     possible = sum(min(own.count, (own.end - own.begin) // len("0 0") + 1) for own in sections)
     points = np.zeros((possible, 3))  # a damaged count may be any number
@@ -217,7 +219,7 @@ def points_of(source: Su2File, sections: Sequence[Section]) -> FloatArray:
     return points
 
 
-def patches_of(source: Su2File, own: Sequence[Section], points: int) -> tuple[Patch, ...]:
+def patches_of(source: Su2File, own: Sequence[KeywordBlock], points: int) -> tuple[Patch, ...]:
     """Return the markers among a zone's sections."""
     patches = []
     tags = [i for i, section in enumerate(own) if section.keyword == "MARKER_TAG"]
@@ -240,12 +242,12 @@ def patches_of(source: Su2File, own: Sequence[Section], points: int) -> tuple[Pa
 
 def elements_of(
     source: Su2File,
-    section: Section,
+    section: KeywordBlock,
     shapes: Mapping[int, str],
     points: int,
     scratch: Path | None = None,
     kind: type[np.signedinteger[Any]] = np.intp,
-) -> dict[str, Table | Held]:
+) -> dict[str, FileTable | Held]:
     """Return a table of each shape, in the order in which shapes first appear; within a shape it is the file's."""
 
     def most(shape: str) -> int:
@@ -255,7 +257,7 @@ def elements_of(
     return gathered(parts, most, scratch)
 
 
-def _nodes(lines: Lines, rows: IntArray, shape: str, points: int) -> IntArray:
+def _nodes(lines: NumberLines, rows: IntArray, shape: str, points: int) -> IntArray:
     """Nodes (R, k) on lines of one shape: its type, k nodes, and perhaps the element's own number."""
     corners = CORNERS[shape]
     extra = np.diff(lines.first)[rows] - 1 - corners

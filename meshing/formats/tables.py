@@ -34,7 +34,7 @@ Array = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class FileTable:
     """Rows of numbers at equal distances in a file.
 
     Attributes
@@ -94,7 +94,7 @@ class Table:
 class Joined:
     """Tables of as many numbers in each row, one after another."""
 
-    tables: tuple["Table | Held", ...]
+    tables: tuple["FileTable | Held", ...]
 
     @property
     def rows(self) -> int:
@@ -123,7 +123,7 @@ class Joined:
         back[order] = np.arange(len(order))
         return np.asarray(np.concatenate(found)[back])
 
-    def _parts(self, start: int, stop: int) -> Iterator[tuple["Table | Held", int, int]]:
+    def _parts(self, start: int, stop: int) -> Iterator[tuple["FileTable | Held", int, int]]:
         end = 0
         for table in self.tables:
             low, high = max(start, end) - end, min(stop, end + table.rows) - end
@@ -168,7 +168,7 @@ class Held:
 
 def gathered(
     parts: Iterable[tuple[str, Array]], most: Callable[[str], int], scratch: Path | None
-) -> dict[str, Table | Held]:
+) -> dict[str, FileTable | Held]:
     """Put the rows of several tables, which come in parts, into memory, or into files of a folder.
 
     Parameters
@@ -197,7 +197,7 @@ def gathered(
             rows[name] += len(part)
     if not scratch:
         return {name: Held(values[: rows[name]]) for name, values in arrays.items()}
-    return {name: Table(scratch / name, 0, own.dtype.str, rows[name], own.shape[1]) for name, own in arrays.items()}
+    return {name: FileTable(scratch / name, 0, own.dtype.str, rows[name], own.shape[1]) for name, own in arrays.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +206,7 @@ class PointRange:
 
     start: int
     stop: int
-    table: Table | Held
+    table: FileTable | Held
     first: int = 0
     end: int = 3
 
@@ -221,7 +221,7 @@ class CellTable:
     """Cells of one shape: the table of their nodes, the number of the first point, and the order of VTK's nodes."""
 
     shape: str
-    table: Table | Joined | Held
+    table: FileTable | Joined | Held
     first: int = 1
     order: tuple[int, ...] = ()
 
@@ -345,7 +345,7 @@ class TablePieces:
     def changes(self, nodes: IntArray, points: FloatArray) -> Iterator["Change"]:
         """Yield what is to stand in each table once sorted nodes (K,) are at `points` (K, 3)."""
         for own in self.ranges:
-            assert isinstance(own.table, Table)
+            assert isinstance(own.table, FileTable)
             first, end = np.searchsorted(nodes, (own.start, own.stop))
             yield Change(own.table, nodes[first:end] - own.start, points[first:end, own.axes])
 
@@ -383,7 +383,7 @@ def items_of(changes: Sequence["Change"], file: Path) -> list["Item"]:
 class Change:
     """Values (R, width) that are to stand in sorted rows (R,) of a table."""
 
-    table: Table
+    table: FileTable
     rows: IntArray = field(repr=False)
     values: FloatArray = field(repr=False)
 

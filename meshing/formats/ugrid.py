@@ -23,7 +23,7 @@ from sdm_deflect.meshing.formats.numbers import copy_text
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import MIRRORED, refuse_plane, simple_faces
-from sdm_deflect.meshing.formats.tables import CellTable, Held, PointRange, Table, TablePieces
+from sdm_deflect.meshing.formats.tables import CellTable, FileTable, Held, PointRange, TablePieces
 from sdm_deflect.meshing.formats.ugrid_file import (
     ENCODINGS,
     ORDER,
@@ -237,12 +237,12 @@ def surface_names(path: Path) -> dict[int, str]:
         return {int(row[0]): row[2] for row in rows if len(row) > 2}
 
 
-def _tables(path: Path, report: Callable[[float], None]) -> dict[str, Table | Held]:
+def _tables(path: Path, report: Callable[[float], None]) -> dict[str, FileTable | Held]:
     with path.open("rb") as file:
         return UgridFile.opened(file, encoding_of(path), report).tables(path.resolve())
 
 
-def _pieces(path: Path, tables: Mapping[str, Table | Held]) -> UgridPieces:
+def _pieces(path: Path, tables: Mapping[str, FileTable | Held]) -> UgridPieces:
     """Return the points, without cells."""
     count = tables[POINTS].rows
     return UgridPieces(str(path.resolve()), count, (PointRange(0, count, tables[POINTS]),), (), path.absolute())

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.mesh import CORNERS
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.numbers import Lines, Placed, chunks, numbers, table
-from sdm_deflect.meshing.formats.tables import Held, Table
+from sdm_deflect.meshing.formats.numbers import NumberLines, Placed, chunks, numbers, table
+from sdm_deflect.meshing.formats.tables import FileTable, Held
 
 SUFFIX = ".ugrid"
 POINTS, SURFACE = "points", "surface"
@@ -150,7 +150,7 @@ class UgridFile:
                     raise MeshFileError(f"the Fortran record of {length} bytes has another length; the file is damaged")
             at += 2 * MARKER.itemsize + length
 
-    def tables(self, path: Path) -> dict[str, Table | Held]:
+    def tables(self, path: Path) -> dict[str, FileTable | Held]:
         """Return where the arrays are: in the file at `path`, or in memory if it is text.
 
         MeshFileError if a text ends early or holds something else.
@@ -158,10 +158,10 @@ class UgridFile:
         if not self.encoding:
             return {name: Held(values) for name, values in self._arrays().items()}
         own = ENCODINGS[self.encoding]
-        found: dict[str, Table | Held] = {}
+        found: dict[str, FileTable | Held] = {}
         begin = own.begin
         for name, (rows, width) in self.shapes.items():
-            found[name] = table = Table(path, begin, own.kind(name).str, rows, width)
+            found[name] = table = FileTable(path, begin, own.kind(name).str, rows, width)
             begin += rows * table.step
         return found
 
@@ -195,7 +195,7 @@ class UgridFile:
                 return
         raise MeshFileError("the coordinates end too early; the file is truncated")
 
-    def _words(self) -> Iterator[tuple[int, int, bytes, Lines]]:
+    def _words(self) -> Iterator[tuple[int, int, bytes, NumberLines]]:
         """Yield the number of words before a piece of text, where it begins, the piece, and its words."""
         first = 0
         for at, text in chunks(self.file, 0, self.file.seek(0, 2)):

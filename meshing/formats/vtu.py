@@ -22,7 +22,7 @@ from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import polyhedra
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented, polygons
-from sdm_deflect.meshing.formats.vtu_file import Array, DataArray, Piece, VtuFile
+from sdm_deflect.meshing.formats.vtu_file import Array, DataArray, GridPiece, VtuFile
 from sdm_deflect.meshing.formats.vtu_write import POLYGON, POLYHEDRON, TYPES, write_vtu
 from sdm_deflect.meshing.mesh import VOLUME, Skin, tetrahedral
 
@@ -222,11 +222,11 @@ def _cell_array(file: VtuFile, name: str) -> Array:
     return np.concatenate([file.values(array, piece.cells) for array, piece in parts if array is not None])
 
 
-def _points(piece: Piece) -> DataArray:
+def _points(piece: GridPiece) -> DataArray:
     return _array(piece, "Points", next(iter(piece.sections.get("Points", {})), "Points"))
 
 
-def _array(piece: Piece, section: str, name: str) -> DataArray:
+def _array(piece: GridPiece, section: str, name: str) -> DataArray:
     found = piece.sections.get(section, {}).get(name)
     if found is None:
         raise MeshFileError(f"is damaged: it has no array {name} in {section}")
@@ -257,7 +257,7 @@ def _grid(file: VtuFile) -> _Grid:
     )
 
 
-def _part(file: VtuFile, piece: Piece) -> _Grid:
+def _part(file: VtuFile, piece: GridPiece) -> _Grid:
     points = file.values(_points(piece), piece.points)
     if points.shape != (piece.points, 3):
         raise MeshFileError("there are no points" if not points.size else f"points {points.shape} are not (N, 3)")
@@ -282,7 +282,7 @@ def _offsets(ends: Array, count: int) -> IntArray:
     return offsets
 
 
-def _faces(file: VtuFile, piece: Piece, types: NDArray[np.uint8]) -> tuple[Polygons, IntArray]:
+def _faces(file: VtuFile, piece: GridPiece, types: NDArray[np.uint8]) -> tuple[Polygons, IntArray]:
     """Faces of all polyhedra, and the polyhedron (counted by itself) of each."""
     solid = types == POLYHEDRON
     number = np.cumsum(solid) - 1

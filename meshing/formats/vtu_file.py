@@ -44,7 +44,7 @@ class DataArray:
 
 
 @dataclass(slots=True)
-class Piece:
+class GridPiece:
     """A part of the grid: its numbers of points and cells, and its arrays by section and name."""
 
     points: int
@@ -64,7 +64,7 @@ class VtuFile:
     """
 
     def __init__(self, data: bytes) -> None:
-        self.data, self.pieces, self.fields = data, [], {}  # type: tuple[bytes, list[Piece], dict[str, DataArray]]
+        self.data, self.pieces, self.fields = data, [], {}  # type: tuple[bytes, list[GridPiece], dict[str, DataArray]]
         self._stack: list[str] = []
         self._open: DataArray | None = None
         self._arrays: list[DataArray] = []
@@ -99,7 +99,7 @@ class VtuFile:
         if name == "VTKFile":
             self._head = given
         elif name == "Piece":
-            self.pieces.append(Piece(_count(given, "NumberOfPoints"), _count(given, "NumberOfCells")))
+            self.pieces.append(GridPiece(_count(given, "NumberOfPoints"), _count(given, "NumberOfCells")))
         elif name in ("DataArray", "Array"):
             tag = TAG.match(self.data, at)
             end = tag.end() if tag else at

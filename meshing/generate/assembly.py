@@ -15,7 +15,7 @@ from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.generate.attachment import attach, snapped
-from sdm_deflect.meshing.generate.surface import Surface
+from sdm_deflect.meshing.generate.surface import InputSurface
 from sdm_deflect.meshing.generate.topology import TRIANGLE_EDGES, CellFaces, cell_faces
 from sdm_deflect.meshing.generate.volume import Filling
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
@@ -29,7 +29,9 @@ MARGIN = 1.5
 NORMAL_WEIGHT = 0.5
 
 
-def inside_solid(points: FloatArray, tets: IntArray, faces: CellFaces, surface: Surface, envelope: float) -> BoolArray:
+def inside_solid(
+    points: FloatArray, tets: IntArray, faces: CellFaces, surface: InputSurface, envelope: float
+) -> BoolArray:
     """True (M,) for tetrahedra inside the solid.
 
     Every face of the surface lies in its envelope, so regions that connect without crossing the envelope are
@@ -61,7 +63,7 @@ def winding_number(queries: FloatArray, points: FloatArray, triangles: IntArray)
     return winding
 
 
-def _within(points: FloatArray, nodes: IntArray, surface: Surface, tolerance: float) -> BoolArray:
+def _within(points: FloatArray, nodes: IntArray, surface: InputSurface, tolerance: float) -> BoolArray:
     """True (F,) for faces (F, 3) whose nodes, edge midpoints and centre lie within the tolerance."""
     closest = ClosestTriangle(surface.points, surface.outer)
     low, high = surface.points.min(axis=0) - tolerance, surface.points.max(axis=0) + tolerance
@@ -93,7 +95,7 @@ def boundary_triangles(faces: CellFaces, fluid: BoolArray) -> tuple[IntArray, Bo
     return triangles, outermost[boundary]
 
 
-def cad_faces(points: FloatArray, triangles: IntArray, surface: Surface) -> IntArray:
+def cad_faces(points: FloatArray, triangles: IntArray, surface: InputSurface) -> IntArray:
     """Index (B,) of the CAD face of each triangle (B, 3), oriented out of the solid; -1 where none is near.
 
     The face of the nearest input triangle, where disagreeing normals count as distance. The normals' sign
@@ -124,7 +126,7 @@ def unit_normals(points: FloatArray, triangles: IntArray) -> FloatArray:
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-def assemble(filling: Filling, surface: Surface, model: CadModel, envelope: float) -> Mesh:
+def assemble(filling: Filling, surface: InputSurface, model: CadModel, envelope: float) -> Mesh:
     """Select the flow, name its boundary and put that on the CAD; MeshingError where the two do not match.
 
     The filling's surface strays by the `envelope` (metres) from the surface mesh.

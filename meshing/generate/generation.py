@@ -15,7 +15,7 @@ from sdm_deflect.meshing.generate.parameters import FAR_EDGE, MeshParameters
 from sdm_deflect.meshing.generate.refine import refined
 from sdm_deflect.meshing.generate.sizing import SizeField, background, size_field
 from sdm_deflect.meshing.generate.sources import sources
-from sdm_deflect.meshing.generate.surface import Surface, mesh_surface
+from sdm_deflect.meshing.generate.surface import InputSurface, mesh_surface
 from sdm_deflect.meshing.generate.verify import Verification, verify
 from sdm_deflect.meshing.generate.volume import PADDING, fill
 
@@ -98,7 +98,9 @@ def harder(parameters: MeshParameters, attempt: int) -> MeshParameters:
     return replace(parameters, aim=min(parameters.aim + EFFORT * (attempt - 1), HIGHEST_AIM))
 
 
-def prepare(model: CadModel, parameters: MeshParameters, finer: Finer | None = None) -> tuple[SizeField, Box, Surface]:
+def prepare(
+    model: CadModel, parameters: MeshParameters, finer: Finer | None = None
+) -> tuple[SizeField, Box, InputSurface]:
     """The target sizes, the box to fill and the surface mesh: all that attempts have in common.
 
     MeshingError where the surface cannot be meshed.

@@ -17,7 +17,7 @@ ASTRAY = 1e-5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class InputSurface:
     """Triangles of the CAD model's exterior faces, and of the internal sheets that the mesher needs too.
 
     Attributes
@@ -43,7 +43,7 @@ class Surface:
         return np.concatenate([self.points, self.points[self.triangles].mean(axis=1)])
 
 
-def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatArray]) -> Surface:
+def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatArray]) -> InputSurface:
     """Mesh all faces with sizes from a background mesh: points (N, 3), tetrahedra (M, 4), target edge lengths (N,).
 
     MeshingError where gmsh fails on a face or the result does not match the CAD.
@@ -62,7 +62,7 @@ def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatA
         raise MeshingError(f"gmsh found {len(answer['areas'])} faces in a CAD model of {expected}")
     exterior = face < len(model.faces)
     outer = _outward(model, nodes, triangles[exterior], face[exterior])
-    return Surface(nodes, outer, face[exterior], triangles[~exterior])
+    return InputSurface(nodes, outer, face[exterior], triangles[~exterior])
 
 
 def _outward(model: CadModel, points: FloatArray, triangles: IntArray, face: IntArray) -> IntArray:

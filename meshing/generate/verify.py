@@ -20,7 +20,7 @@ EXACT = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
-class Worst:
+class WorstCell:
     """The smallest mean ratio of cells that touch a patch, and where (metres) that cell is."""
 
     quality: float
@@ -66,7 +66,7 @@ class Verification:
     """
 
     quality: Quality
-    worst: dict[str, Worst]
+    worst: dict[str, WorstCell]
     exactness: Exactness
     far_distance: float
     failures: tuple[str, ...]
@@ -114,7 +114,7 @@ def _far_distance(mesh: Mesh) -> float:
     return float(np.linalg.norm(np.maximum(apart, 0.0), axis=1).min())
 
 
-def _worst(mesh: Mesh, quality: FloatArray) -> dict[str, Worst]:
+def _worst(mesh: Mesh, quality: FloatArray) -> dict[str, WorstCell]:
     """The worst cell that touches each patch, from mean ratios (M,)."""
     order = np.argsort(-quality, kind="stable")
     worst_cell = np.zeros(len(mesh.points), dtype=np.intp)
@@ -125,7 +125,7 @@ def _worst(mesh: Mesh, quality: FloatArray) -> dict[str, Worst]:
         if len(cells):
             cell = cells[np.argmin(quality[cells])]
             x, y, z = mesh.points[tets_of(mesh)[cell]].mean(axis=0)
-            found[name] = Worst(float(quality[cell]), (float(x), float(y), float(z)))
+            found[name] = WorstCell(float(quality[cell]), (float(x), float(y), float(z)))
     return found
 
 

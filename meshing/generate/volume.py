@@ -12,7 +12,7 @@ from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.files import child
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.sizing import SizeField, background, seeds
-from sdm_deflect.meshing.generate.surface import Surface
+from sdm_deflect.meshing.generate.surface import InputSurface
 
 # fTetWild gains nothing from more.
 MOST_THREADS = 8
@@ -30,7 +30,9 @@ class Filling:
     processor_seconds: float
 
 
-def fill(surface: Surface, field: SizeField, box: tuple[FloatArray, FloatArray], parameters: MeshParameters) -> Filling:
+def fill(
+    surface: InputSurface, field: SizeField, box: tuple[FloatArray, FloatArray], parameters: MeshParameters
+) -> Filling:
     """Fill the box from `low` (3,) to `high` (3,) with tetrahedra that respect the surface.
 
     The result differs from run to run: the mesher seeds itself from the system. MeshingError where it crashes, takes

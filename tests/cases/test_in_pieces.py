@@ -300,7 +300,7 @@ def put_point(path: Path, value: float) -> None:
         put_row(found.pieces.ranges[0].table, 7, lambda own: np.full_like(own, value))
 
 
-def put_row(table: tables.Table, row: int, values) -> None:
+def put_row(table: tables.FileTable, row: int, values) -> None:
     own = table.read(row, row + 1)[0].copy()
     with table.path.open("r+b") as file:
         file.seek(table.begin + row * table.step)

@@ -41,10 +41,10 @@ HINGE = ("--hinge", "0.7,0.3,0", "0.7,0.7,0", "--angle", "8", "--quiet")
 REFERENCE = "aircraft.pipeline.reference"
 """The same, a context: of no use later, when the validation is kept."""
 SLOW = {
-    "deflect": ("deflect_file.planned", "deflect_file.sweep", "report.page.page"),
+    "deflect": ("run.deflect_file.planned", "run.deflect_file.sweep", "report.page.page"),
     "run": (
-        "aircraft.pipeline.meshed", "aircraft.pipeline.plan_of", "aircraft.pipeline.deflected", "aircraft.pipeline.whole_mesh_seconds",
-        REFERENCE, "aircraft.validation.validate", "report.page.page",
+        "aircraft.pipeline.meshed", "aircraft.pipeline.plan_of", "aircraft.pipeline.deflected",
+        "aircraft.pipeline.whole_mesh_seconds", REFERENCE, "aircraft.validation.validate", "report.page.page",
     ),
     "report": ("aircraft.report.report_data_of_folder", "report.page.page"),
     "geometry": ("aircraft.cad.undeflected_cad",),

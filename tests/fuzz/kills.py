@@ -242,7 +242,7 @@ def judged(number: signal.Signals, code: int, line: str, before: str, state: str
     """Yield what is wrong with an exit code, a line, and a folder before and after the next command."""
     if state not in {"old", "new"} | ({BOTH} if number == signal.SIGKILL else set()):
         yield f"folder: {state}"
-    if age < 1.0 and state == "old" and (code == -number or line == "KeyboardInterrupt"):  # not yet listening
+    if age < 1.0 and state == "old" and (code == -number or line == "KeyboardInterrupt"):  # Python itself is starting
         return
     if code in {0, 1} and state != "new":
         yield f"code {code}, and the folder is {state}"

@@ -8,7 +8,7 @@ from sdm_deflect.cases.report.folder import read_folder
 from sdm_deflect.cases.run.mesh_files import write_mesh
 from sdm_deflect.cases.view.labels import about, facts
 from sdm_deflect.cases.view.page import Control
-from sdm_deflect.cases.view.pieces import Pieces, Plane
+from sdm_deflect.cases.view.pieces import CutPlane, ViewPieces
 from sdm_deflect.cases.view.run import InteractiveRun, Spans
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
@@ -50,7 +50,7 @@ def test_the_quality_has_the_measure_of_each_type_of_cell(hybrid):
     parts = zip(hybrid.mesh.cells, hybrid.touched.rows, strict=True)
     expected = np.concatenate([quality_of(frame.points, block, rows) for block, rows in parts])
     assert np.array_equal(frame.quality, expected)
-    shown = {row["id"]: row["value"] for row in facts(frame, hybrid, Pieces.of(hybrid))}
+    shown = {row["id"]: row["value"] for row in facts(frame, hybrid, ViewPieces.of(hybrid))}
     shapes = np.repeat([block.shape for block in hybrid.mesh.cells], list(map(len, hybrid.touched.rows)))
     assert shown["smallest-wedge"] == f"{expected[shapes == 'wedge'].min():.3f}"
     assert "mesh units" in about(hybrid)["run_facts"]
@@ -60,7 +60,7 @@ def test_the_quality_has_the_measure_of_each_type_of_cell(hybrid):
 def test_a_section_through_cells_of_any_type_tiles_the_plane(block, bare_deflection, many):
     mesh = polyhedral(block) if many else block
     run = InteractiveRun.of(bare_deflection(mesh, "case/x.foam" if many else "x.su2", *BODY, fixed="?-"))
-    pieces, plane = Pieces.of(run), Plane(1, 0.1)
+    pieces, plane = ViewPieces.of(run), CutPlane(1, 0.1)
     sections = [pieces.moving(run.at(10.0), plane, None)["section"], pieces.standing(plane, None)["around"]]
     assert sum(map(total, sections)) == pytest.approx(16.0 - 1.0)
     assert all(np.allclose(piece.points[:, 1], 0.1) for piece in sections)
@@ -70,7 +70,7 @@ def test_inverted_polyhedra_are_shown_whole(block, bare_deflection):
     run = InteractiveRun.of(bare_deflection(polyhedral(block), "case/x.foam", *BODY))
     frame = run.at(80.0)
     assert len(frame.inverted)
-    pieces = Pieces.of(run).moving(frame, None, None)
+    pieces = ViewPieces.of(run).moving(frame, None, None)
     assert len(pieces["marks"].points) == len(frame.inverted)
     assert pieces["inverted"].sizes.min() >= 3
 

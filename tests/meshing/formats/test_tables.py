@@ -8,7 +8,7 @@ import pytest
 
 from sdm_deflect.meshing.formats import tables
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.tables import Change, PointRange, Table, TablePieces, copy_range, item_of
+from sdm_deflect.meshing.formats.tables import Change, FileTable, PointRange, TablePieces, copy_range, item_of
 
 SIZE = 4_000
 
@@ -38,7 +38,7 @@ def changes(source):
     rng, expected = np.random.default_rng(1), bytearray(source.read_bytes())
     found = []
     for begin, kind, width in ((101, "<f8", 2), (101 + 16, ">f4", 1), (101 + 20, "<f8", 1)):
-        table = Table(source, begin, kind, 100, width, 31)
+        table = FileTable(source, begin, kind, 100, width, 31)
         rows = np.sort(rng.choice(100, 40, replace=False))
         found.append(Change(table, rows, rng.random((40, width))))
         size = np.dtype(kind).itemsize * width
@@ -68,7 +68,7 @@ def test_an_item_has_no_more_than_the_rows_of_its_range(source):
 
 
 def test_coordinates_that_did_not_change_keep_their_bytes(source, tmp_path):
-    table = Table(source, 0, "<f4", 6, 3)
+    table = FileTable(source, 0, "<f4", 6, 3)
     values = np.array([[-0.0, 1.0, 2.0]] * 6)
     with source.open("r+b") as file:
         file.write(values.astype("<f4").tobytes())
@@ -78,7 +78,7 @@ def test_coordinates_that_did_not_change_keep_their_bytes(source, tmp_path):
 
 
 def test_numbers_that_the_file_cannot_hold(source, tmp_path):
-    pieces = TablePieces(str(source), 6, (PointRange(0, 6, Table(source, 0, "<f4", 6, 3)),), ())
+    pieces = TablePieces(str(source), 6, (PointRange(0, 6, FileTable(source, 0, "<f4", 6, 3)),), ())
     for bad in (1e39, np.nan):
         with pytest.raises(MeshFileError, match=rf"^{source}: 18 coordinates are too large for numbers of 4 bytes$"):
             pieces.rewrite(np.arange(6), np.full((6, 3), bad), tmp_path / "out")

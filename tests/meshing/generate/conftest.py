@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.geometry.assemble import assemble
-from sdm_deflect.geometry.fuse import Part, general_fuse, partitions, skin, solid, walls
+from sdm_deflect.geometry.fuse import NamedSolid, general_fuse, partitions, skin, solid, walls
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.geometry.polyhedra import prism
 from sdm_deflect.meshing.generate.generation import Generated, generate
@@ -43,7 +43,7 @@ def diamond(y: float, leading: float, chord: float) -> np.ndarray:
 def body() -> CadModel:
     """Half a cylinder with a stub wing: planes, a cylinder, curved intersection lines."""
     wing = solid(prism(diamond(0.05, 0.12, 0.25), diamond(0.25, 0.2, 0.15)))
-    found = walls(general_fuse([Part("fuselage", half_cylinder()), Part("wing_right", wing)]))
+    found = walls(general_fuse([NamedSolid("fuselage", half_cylinder()), NamedSolid("wing_right", wing)]))
     return assemble(skin(found), partitions(found), fluid_inside=False)
 
 
@@ -52,7 +52,7 @@ def chamber(body: CadModel) -> CadModel:
     """The flow in a box around the stub wing, cut off from the cylinder."""
     wing = solid(prism(diamond(0.05, 0.12, 0.25), diamond(0.25, 0.2, 0.15)))
     box = cq.Workplane("XY").box(0.6, 0.3, 0.3).translate((0.25, 0.25, 0.0)).val()
-    found = walls(general_fuse([Part("wing_right", wing), Part("chimera", box)]))
+    found = walls(general_fuse([NamedSolid("wing_right", wing), NamedSolid("chimera", box)]))
     return assemble(skin(found, "chimera"), [], fluid_inside=True)
 
 

@@ -13,7 +13,7 @@ from sdm_deflect.meshing.generate.assembly import (
     unit_normals,
     winding_number,
 )
-from sdm_deflect.meshing.generate.surface import Surface
+from sdm_deflect.meshing.generate.surface import InputSurface
 from sdm_deflect.meshing.generate.topology import cell_faces
 from sdm_deflect.meshing.mesh import skin, tets_of
 
@@ -54,7 +54,7 @@ def test_cells_inside_a_closed_surface_are_found(fine_cube: Mesh) -> None:
     faces = cell_faces(tets_of(mesh))
     skin, outermost = boundary_triangles(faces, expected)
     assert not outermost.any()
-    surface = Surface(mesh.points, skin, np.zeros(len(skin), dtype=int), np.empty((0, 3), dtype=int))
+    surface = InputSurface(mesh.points, skin, np.zeros(len(skin), dtype=int), np.empty((0, 3), dtype=int))
     inside = inside_solid(mesh.points, tets_of(mesh), faces, surface, 1e-9)
     assert np.array_equal(inside, expected)
     assert inside.sum() == 8 * 6
@@ -76,7 +76,7 @@ def wedge(angle: float, cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 def test_both_sides_of_a_sharp_edge_are_told_apart_by_their_normals() -> None:
     points, triangles, face = wedge(np.deg2rad(1.0), 5)
-    surface = Surface(points, triangles, face, np.empty((0, 3), dtype=np.intp))
+    surface = InputSurface(points, triangles, face, np.empty((0, 3), dtype=np.intp))
     other_points, other, expected = wedge(np.deg2rad(1.0), 7)
     wavy = other_points + 2e-3 * np.random.default_rng(0).standard_normal(other_points.shape) * [0, 0, 1]
     assert np.array_equal(cad_faces(wavy, other, surface), expected)
@@ -84,7 +84,7 @@ def test_both_sides_of_a_sharp_edge_are_told_apart_by_their_normals() -> None:
 
 def test_what_is_near_no_face_is_told() -> None:
     points, triangles, face = wedge(0.1, 3)
-    surface = Surface(points, triangles, face, np.empty((0, 3), dtype=np.intp))
+    surface = InputSurface(points, triangles, face, np.empty((0, 3), dtype=np.intp))
     assert cad_faces(points + 10.0, triangles[:1], surface).tolist() == [-1]
 
 

@@ -6,7 +6,7 @@ from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.files import child
 from sdm_deflect.meshing.generate import surface
 from sdm_deflect.meshing.generate.sizing import background, size_field
-from sdm_deflect.meshing.generate.surface import Surface, mesh_surface
+from sdm_deflect.meshing.generate.surface import InputSurface, mesh_surface
 from sdm_deflect.meshing.generate.topology import TRIANGLE_EDGES, encode
 
 
@@ -17,24 +17,24 @@ def sizes(body: CadModel):
 
 
 @pytest.fixture(scope="module")
-def meshed(body: CadModel, sizes) -> Surface:
+def meshed(body: CadModel, sizes) -> InputSurface:
     return mesh_surface(body, sizes)
 
 
-def test_the_outer_surface_is_closed_and_conforming(meshed: Surface) -> None:
+def test_the_outer_surface_is_closed_and_conforming(meshed: InputSurface) -> None:
     directed = meshed.outer[:, TRIANGLE_EDGES].reshape(-1, 2)
     forward, backward = np.sort(encode(directed)), np.sort(encode(directed[:, ::-1]))
     assert np.array_equal(forward, backward)
     assert (np.diff(forward) > 0).all()
 
 
-def test_it_encloses_the_solid_and_points_outward(meshed: Surface, body: CadModel) -> None:
+def test_it_encloses_the_solid_and_points_outward(meshed: InputSurface, body: CadModel) -> None:
     a, b, c = (meshed.points[meshed.outer[:, i]] for i in range(3))
     assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0 == pytest.approx(body.solid.Volume(), rel=0.05)
     assert set(meshed.face) == set(range(len(body.faces)))
 
 
-def test_its_nodes_lie_on_the_cad_and_its_edges_follow_the_sizes(meshed: Surface, body: CadModel, sizes) -> None:
+def test_its_nodes_lie_on_the_cad_and_its_edges_follow_the_sizes(meshed: InputSurface, body: CadModel, sizes) -> None:
     for index, face in enumerate(body.faces):
         nodes = meshed.points[np.unique(meshed.outer[meshed.face == index])]
         assert np.linalg.norm(face.project(nodes) - nodes, axis=1).max() < 1e-7
