@@ -131,7 +131,7 @@ def size(mesh: Mesh, case: Case, first: Interpolant, refinements: int, made: Cos
 
 def turned(mesh: Mesh, case: Case) -> Deflection:
     """Deflect the case's control surface."""
-    (plan,) = plan_of(case, mesh).parts
+    (plan,) = plan_of(case, mesh).boxes
     return deflect(plan, plan.angle)
 
 

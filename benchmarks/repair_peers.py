@@ -131,7 +131,7 @@ def chimera(folder: Path, angle: float) -> Task:
     def ours(repair: RepairMode) -> Deflection:
         wanted = replace(case, repair=repair)
         plan = plan_of(wanted, mesh)
-        return deflected(plan, plan.angle).parts[0]
+        return deflected(plan, plan.angle).boxes[0]
 
     title = f"Chimera block, {len(mesh.cells[0])} tetrahedra, {angle:g} degrees"
     return Task.of(title, mesh, BLOCK, ours, folder / "block")
@@ -144,7 +144,7 @@ def aircraft(source: Path, folder: Path, angle: float) -> Task:
     fixed = [name for name in mesh.names if name not in (moving, "far_field")]
 
     def ours(repair: RepairMode) -> Deflection:
-        return deflect(mesh, [moving], angle=angle, motion=motion, fixed=fixed, repair=repair).deflection.parts[0]
+        return deflect(mesh, [moving], angle=angle, motion=motion, fixed=fixed, repair=repair).deflection.boxes[0]
 
     title = f"snappyHexMesh, {len(mesh.cells[0])} cells with layers, {angle:g} degrees blended"
     return Task.of(title, mesh, "far_field", ours, folder / "aircraft")

@@ -66,7 +66,7 @@ def named(name: str, angle: float, ahead: float) -> str:
 
 def trial(case: Case, mesh: Mesh) -> Trial:
     """Deflect every surface of a case in one step."""
-    parts = [part(deflect(plan, plan.angle)) for plan in plan_of(case, mesh).parts]
+    parts = [part(deflect(plan, plan.angle)) for plan in plan_of(case, mesh).boxes]
     sums = {name: sum(getattr(one, name) for one in parts) for name in ("torn", "inverted", "seconds")}
     return Trial(**{name: min(getattr(one, name) for one in parts) for name in Trial.__slots__} | sums)
 

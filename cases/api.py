@@ -93,7 +93,7 @@ class Result:
 
     @property
     def plan(self) -> Planned:
-        """What was decided before the fit, such as box, sites and cells; of several boxes, `parts` has one of each."""
+        """What was decided before the fit: sites, cells, the box; of several boxes, `boxes` has the plan of each."""
         return self.deflection.plan
 
     @property
@@ -112,7 +112,7 @@ class Result:
 
         Those of several boxes follow one another.
         """
-        return tuple(step.fits.interpolant for part in self.deflection.parts for step in part.steps)
+        return tuple(step.fits.interpolant for box in self.deflection.boxes for step in box.steps)
 
     @property
     def sensitivity(self) -> FloatArray:

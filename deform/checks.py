@@ -136,8 +136,8 @@ def _checks(deflection: Deflected, min_quality: float, unit: str) -> Iterator[Ch
     yield _unmoved("fixed_surfaces_moved", moved[fixed], "nodes inside the box", unit)
     if len(slid):
         yield _slid_on_surfaces(deflection, slid, unit)
-    for part in deflection.parts:
-        yield from named([site_error(part, unit)], part.plan, plan)
+    for box in deflection.boxes:
+        yield from named([site_error(box, unit)], box.plan, plan)
     if mesh.cells:
         yield _inverted_cells(deflection)
         yield from _boundary_checks(deflection)
@@ -155,13 +155,13 @@ def _checks(deflection: Deflected, min_quality: float, unit: str) -> Iterator[Ch
 
 def _sliding(deflection: Deflected, unit: str) -> Iterator[Check]:
     """Check that the nodes of each sliding patch are on its shape."""
-    for part in deflection.parts:
+    for box in deflection.boxes:
         own = []
-        for patch, nodes in zip(part.plan.boundary.sliding, part.plan.sites.sliding, strict=True):
-            before, now = (patch.surface.distance(at[nodes]) for at in (part.plan.mesh.points, part.points))
+        for patch, nodes in zip(box.plan.boundary.sliding, box.plan.sites.sliding, strict=True):
+            before, now = (patch.surface.distance(at[nodes]) for at in (box.plan.mesh.points, box.points))
             drift, where = float(np.abs(now - before).max(initial=0.0)), f"{len(nodes)} sliding nodes"
-            own.append(Check(f"on_{patch.patch}", drift, _on_shape(part), unit, where, over=len(nodes)))
-        yield from named(own, part.plan, deflection.plan)
+            own.append(Check(f"on_{patch.patch}", drift, _on_shape(box), unit, where, over=len(nodes)))
+        yield from named(own, box.plan, deflection.plan)
 
 
 def _first_layer(deflection: Deflected) -> Iterator[Check]:
@@ -223,13 +223,13 @@ def slid_nodes(deflection: Deflected) -> IntArray:
 def _slid_on_surfaces(deflection: Deflected, slid: IntArray, unit: str) -> Check:
     """Check that nodes (K,) of fixed patches which a repair slid are still on the undeflected patch."""
     points, off = deflection.points, np.zeros(len(slid))
-    for part in deflection.parts:
-        for one in part.repaired.freedom.slides if part.repaired else ():
+    for box in deflection.boxes:
+        for one in box.repaired.freedom.slides if box.repaired else ():
             rows = np.flatnonzero(np.isin(slid, one.nodes, assume_unique=True))
-            before, now = (one.shape.distance(where[slid[rows]]) for where in (part.interpolated, points))
+            before, now = (one.shape.distance(where[slid[rows]]) for where in (box.interpolated, points))
             off[rows] = np.abs(now - before)
     where = f"{worst(off, points[slid])}, of fixed patches"
-    return Check("slid_on_surfaces", float(off.max()), max(map(_on_shape, deflection.parts)), unit, where)
+    return Check("slid_on_surfaces", float(off.max()), max(map(_on_shape, deflection.boxes)), unit, where)
 
 
 def _on_shape(deflection: Deflection) -> float:
@@ -238,9 +238,9 @@ def _on_shape(deflection: Deflection) -> float:
     return max(ON_SHAPE * plan.boundary.size, plan.precision.resolution(plan.mesh.points))
 
 
-def named(checks: Iterable[Check], part: Plan, plan: Planned) -> list[Check]:
+def named(checks: Iterable[Check], box: Plan, plan: Planned) -> list[Check]:
     """Return checks of a box; of one of several with its surface in their names."""
-    return [replace(one, name=f"{one.name}:{part.surface}") if len(plan.parts) > 1 else one for one in checks]
+    return [replace(one, name=f"{one.name}:{box.surface}") if len(plan.boxes) > 1 else one for one in checks]
 
 
 def first_inverted(deflection: Deflected) -> str:

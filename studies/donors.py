@@ -54,7 +54,7 @@ def donors_at(case: Case, angles: Sequence[float], watch: Stopwatch, cache: bool
             except InputError as error:
                 found.append(Position(angle, reason=str(error)))
                 continue
-            inside = tets_of(moved)[touching(mesh, plan.parts[0].region.inside)]
+            inside = tets_of(moved)[touching(mesh, plan.boxes[0].region.inside)]
             quality = float(mean_ratio(moved.points, inside).min())
             found.append(Position(angle, quality, donors(moved, background, low, high)))
         progress(f"{sum(one.donors.orphans for one in found)} orphans at {len(found)} angles", 1.0)

@@ -119,7 +119,7 @@ def attempt(case: Case, mesh: Mesh, angle: float) -> Trial:
     turned = replace(case, angle=angle)
     try:
         plan = plan_of(turned, mesh)
-        results = deflected(plan, plan.angle).parts
+        results = deflected(plan, plan.angle).boxes
     except InputError as error:
         return Trial(angle, 0.0, 0, reason=str(error))
     worst = min(results, key=lambda one: min(quality.min for quality in one.quality))

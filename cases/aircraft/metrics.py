@@ -77,10 +77,10 @@ class Run:
 
 def metrics(run: Run) -> Json:
     """Return the content of metrics.json of a case (SI units, degrees)."""
-    case, first = run.case, run.deflection.parts[0]
+    case, first = run.case, run.deflection.boxes[0]
     before, after = (summarise(mean_ratio(mesh.points, tets_of(mesh))) for mesh in (run.mesh, run.deflected))
     quality = [{name: getattr(state, name) for name in SHOWN} for state in (before, after)]
-    surfaces = {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflection.parts}
+    surfaces = {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflection.boxes}
     surface = surfaces[first.plan.surface]
     if run.pinned:
         surface["quality_inside"]["after_pinned"] = by_shape([run.pinned])
@@ -128,7 +128,7 @@ def summary(run: Run) -> Iterator[str]:
         if one["repair"]:
             yield f"{name} {repair_text(one)}"
     if run.pinned:
-        for state, q in (("sliding", run.deflection.parts[0].quality[0]), ("pinned", run.pinned)):
+        for state, q in (("sliding", run.deflection.boxes[0].quality[0]), ("pinned", run.pinned)):
             yield (
                 f"Chimera face {state}: smallest quality inside {q.min:.3f}, {q.below_0_4:.3%} below 0.4, "
                 f"{q.inverted} inverted"
@@ -138,10 +138,10 @@ def summary(run: Run) -> Iterator[str]:
 
 def _evaluation(run: Run) -> Json:
     """Return the time of the interpolants alone; compiled code is loaded before the clock starts."""
-    seconds = sum(step.evaluation_seconds for d in run.deflection.parts for step in d.steps)
+    seconds = sum(step.evaluation_seconds for d in run.deflection.boxes for step in d.steps)
     pairs = sum(
         len(step.state.free) * len(fit.chosen) * len(fit.components)
-        for d in run.deflection.parts
+        for d in run.deflection.boxes
         for step in d.steps
         for fit in step.fits.adaptations
     )

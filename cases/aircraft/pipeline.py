@@ -147,7 +147,7 @@ def cached(
 
 def adapted(found: Deflected) -> str:
     """Say how many centres all adaptations took and the largest residual that is left."""
-    fits = [fit for part in found.parts for step in part.steps for fit in step.fits.adaptations]
+    fits = [fit for box in found.boxes for step in box.steps for fit in step.fits.adaptations]
     centres, residual = sum(len(fit.chosen) for fit in fits), max(fit.max_error for fit in fits)
     return f"{centres} centres, residual {residual:.1e} m"
 
@@ -161,6 +161,6 @@ def pinned_quality(case: Case, mesh: Mesh, progress: Progress) -> Quality:
 
 def whole_mesh_seconds(found: Deflected) -> float:
     """Time (s) to evaluate the first surface's interpolant at every node: what confinement saves (section 5.1)."""
-    interpolant, start = found.parts[0].steps[0].fits.interpolant, perf_counter()
+    interpolant, start = found.boxes[0].steps[0].fits.interpolant, perf_counter()
     interpolant(found.plan.mesh.points)
     return perf_counter() - start

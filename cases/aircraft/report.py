@@ -60,7 +60,7 @@ BLENDED, RIGID = "the deflected CAD, blended by the same rule as the surface", "
 
 def report_data_of(case: Case, found: Deflected) -> ReportData:
     """Return what the report of a case shows, before it is judged."""
-    data = _data(case, found.plan.mesh, found.points, [_box(one.plan, FitRows.of(one)) for one in found.parts])
+    data = _data(case, found.plan.mesh, found.points, [_box(one.plan, FitRows.of(one)) for one in found.boxes])
     return replace(data, interpolated=unrepaired(found.points, found.moved_by_repair))
 
 
@@ -91,7 +91,7 @@ def _stored(folder: Path, plan: Planned) -> tuple[Json, tuple[Check, ...], list[
     """Return the figures and checks of a finished case, and its boxes."""
     figures, checks, fits = read_figures(folder)
     with damaged(folder, RUN):
-        return figures, checks, [_box(part, own) for part, own in zip(plan.parts, fits, strict=True)]
+        return figures, checks, [_box(box, own) for box, own in zip(plan.boxes, fits, strict=True)]
 
 
 def report_of_folder(folder: Path) -> ReportData:
@@ -109,7 +109,7 @@ def interactive_run(folder: Path) -> InteractiveRun:
     plan = plan_of(case, mesh)
     positive = "to port" if plan.surface == "rudder" else "trailing edge down"
     manner = Manner(case.title, positive, METRES, (FAR_FIELD, BLOCK), leading=1)
-    return InteractiveRun.prepared(folder, plan.parts, deflected.points, case.angle, manner)
+    return InteractiveRun.prepared(folder, plan.boxes, deflected.points, case.angle, manner)
 
 
 def _data(case: Case, mesh: Mesh, points: FloatArray, boxes: Sequence[Box]) -> ReportData:

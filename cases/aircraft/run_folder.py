@@ -42,8 +42,8 @@ def write_deformation(folder: Path, case: Case, deflected: Mesh, found: Deflecte
     )
     if background is not None:
         write_vtu(folder / "background.vtu", background)
-    write_interpolants(folder / "interpolant.npz", found.parts)
-    write_convergence(folder / "convergence.csv", found.parts)
+    write_interpolants(folder / "interpolant.npz", found.boxes)
+    write_convergence(folder / "convergence.csv", found.boxes)
 
 
 def write_metrics(run: Run, folder: Path) -> None:

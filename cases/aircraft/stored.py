@@ -78,7 +78,7 @@ def judged(
     repair, arrays = stored_repair(folder, mesh), stored_arrays(folder, mesh, deflected)
     again = stored_deflection(folder, plan)
     if repair is not None:
-        again = Deflections.of([as_repaired(part, repair) for part in again.parts])
+        again = Deflections.of([as_repaired(box, repair) for box in again.boxes])
     figures = read_json(folder)
     parts = zip(
         ("undeflected_mesh", "background_mesh"), meshes, models(case), (case.mesh, case.background), strict=False
@@ -100,8 +100,8 @@ def stored_deflection(folder: Path, plan: Planned) -> Deflected:
     arrays, courses = read_arrays(path), read_courses(folder)
     with damaged(folder, RUN):
         found = [
-            _deflection(part, courses.pop(part.surface), arrays, f"_{part.surface}" if i else "")
-            for i, part in enumerate(plan.parts)
+            _deflection(box, courses.pop(box.surface), arrays, f"_{box.surface}" if i else "")
+            for i, box in enumerate(plan.boxes)
         ]
         for name in (*(name for name in arrays if name != KERNEL), *courses):
             raise ValueError(f"{name} is of no surface or step of the run")
@@ -207,7 +207,7 @@ def mesh_faults(mesh: Mesh, model: CadModel) -> list[str]:
 def stored_figures(figures: Json, run: Run) -> Check:
     """Check that the content of metrics.json, and the last rows of convergence.csv, are what comes out again."""
     wrong = list(differing(figures, json.loads(json.dumps(metrics(run))), "metrics.json"))
-    for fit in (fit for part in run.deflection.parts for step in part.steps for fit in step.fits.adaptations):
+    for fit in (fit for box in run.deflection.boxes for step in box.steps for fit in step.fits.adaptations):
         last, place = fit.history[-1], "convergence.csv: " + "".join(DIRECTIONS[c] for c in fit.components)
         wrong += differing(last.n_centers, len(fit.chosen), f"{place}.centres")
         if not isclose(last.max_residual, fit.max_error, rel_tol=WRITTEN, abs_tol=ROUNDING):

@@ -46,9 +46,9 @@ def validate(
         checks.append(unmoved("repair_elsewhere", np.linalg.norm(repair, axis=1), moves.held, mesh.points))
     if len(moves.slid):
         checks.append(slid_on_surfaces(mesh, deflected, moves.slid, reference))
-    for part in plan.parts:
-        shape = Shape(case, mesh, deflected, part, repair)
-        checks += named(surface_checks(shape, reference), part, plan)
+    for box in plan.boxes:
+        shape = Shape(case, mesh, deflected, box, repair)
+        checks += named(surface_checks(shape, reference), box, plan)
     if background is not None:
         checks += overset_checks(case, mesh, deflected, background)
     return tuple(checks)
@@ -72,9 +72,9 @@ class Repairs:
         """Find them, with the nodes at points (N, 3) of which repairs (N, 3) are a part."""
         held, slid = np.ones(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
         if repair is not None:
-            for part in plan.parts:
-                if part.job.repair.mode != "off":
-                    freedom = part.freedom(points - repair)
+            for box in plan.boxes:
+                if box.job.repair.mode != "off":
+                    freedom = box.freedom(points - repair)
                     held[freedom.nodes] = False
                     slid[freedom.sliding] = True
             slid &= repair.any(axis=1)
@@ -93,9 +93,9 @@ def mesh_checks(case: Case, mesh: Mesh, deflected: Mesh, plan: Planned, slid: In
     """
     moved = np.linalg.norm(deflected.points - mesh.points, axis=1)
     outside = np.ones(len(moved), dtype=bool)
-    for part in plan.parts:
-        outside[part.region.inside] = False
-        outside[slid[part.region.hexahedron.contains(mesh.points[slid], ON_PLANE)]] = False
+    for box in plan.boxes:
+        outside[box.region.inside] = False
+        outside[slid[box.region.hexahedron.contains(mesh.points[slid], ON_PLANE)]] = False
     yield unmoved("outside_moved", moved, np.flatnonzero(outside), mesh.points)
     volumes = signed_volumes(deflected.points, tets_of(deflected))
     inverted, where = np.flatnonzero(volumes <= 0.0), f"of {len(volumes)}"

@@ -73,7 +73,7 @@ def findings(found: Sequence["Finding"]) -> Group:
 def plan_table(plan: Planned) -> Group:
     """Return patches with their part, the box, and what will be computed."""
     table = _table(f"{plan.mesh.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
-    inside = union(*(part.region.inside for part in plan.parts))
+    inside = union(*(box.region.inside for box in plan.boxes))
     for patch in plan.mesh.patches:
         count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
         table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
@@ -165,7 +165,7 @@ def _lines(plan: Planned) -> list[str]:
     return [
         *(f"{name} moves by up to {travel}" for name, travel in travels(plan)),
         *(f"{name} reaches {text}" for name, text in motions(plan)),
-        *(line for part in plan.parts for line in _box_lines(part)),
+        *(line for box in plan.boxes for line in _box_lines(box)),
         *(f"note: {note}" for note in notes_of(plan)),
     ]
 
@@ -189,6 +189,6 @@ def _part(plan: Planned, name: str) -> str:
             return f"moves by {moving.amount:+g} {moving.motion.unit}"
     if name in plan.stays:
         return "fixed"
-    if any(name in (*part.boundary.pairs, *part.boundary.sides) for part in plan.parts):
+    if any(name in (*box.boundary.pairs, *box.boundary.sides) for box in plan.boxes):
         return "moves as its image"
-    return "slides" if any(name in part.boundary.declared for part in plan.parts) else "outside"
+    return "slides" if any(name in box.boundary.declared for box in plan.boxes) else "outside"

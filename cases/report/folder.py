@@ -99,8 +99,8 @@ def write_run_folder(
     home : Where `folder` will be; it follows from `out` if that is given, else it is `folder` if None.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    write_convergence(folder / "convergence.csv", one.parts)
-    write_interpolants(folder / "interpolant.npz", one.parts)
+    write_convergence(folder / "convergence.csv", one.boxes)
+    write_interpolants(folder / "interpolant.npz", one.boxes)
     place = folder_of(out) if out else home or folder
     nested = {**settings_of(one, place, folder), "min_quality": min_quality}
     settings = tomli_w.dumps(nested)
@@ -157,15 +157,15 @@ def read_folder(folder: Path) -> tuple[Planned, FloatArray]:
 
 def data_of(one: Deflected, settings: str = "") -> ReportData:
     """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
-    data = _data(one.plan, one.angle, one.points, settings, [FitRows.of(part) for part in one.parts])
+    data = _data(one.plan, one.angle, one.points, settings, [FitRows.of(box) for box in one.boxes])
     return replace(data, interpolated=unrepaired(one.points, one.moved_by_repair))
 
 
 def _data(plan: Planned, angle: float, points: FloatArray, settings: str, fits: Sequence[FitRows]) -> ReportData:
     mesh = plan.mesh
     boxes = tuple(
-        Box.of(part, plan.angle_of(part, angle), name_of(part.patches), own)
-        for part, own in zip(plan.parts, fits, strict=True)
+        Box.of(box, plan.angle_of(box, angle), name_of(box.patches), own)
+        for box, own in zip(plan.boxes, fits, strict=True)
     )
     moves = "; ".join(f"{surface.name} by {surface.turned}" for box in boxes for surface in box.surfaces)
     shown = in_view(mesh, (*plan.patches, *plan.stays))
@@ -195,7 +195,7 @@ def _data(plan: Planned, angle: float, points: FloatArray, settings: str, fits: 
 def metrics_of(one: Deflected, checks: tuple[Check, ...], out: Path | None, timings: Mapping[str, float]) -> Json:
     """Return the content of metrics.json; lengths in the mesh's unit."""
     plan, own = one.plan, deflection_figures(one)
-    boxes = figures_by_box(one) if len(one.parts) > 1 else {name_of(plan.patches): own}
+    boxes = figures_by_box(one) if len(one.boxes) > 1 else {name_of(plan.patches): own}
     part = [] if is_small(plan.mesh) else [PART.format(cells=plan.touched.count)]
     return {
         "mesh": mesh_figures(plan),
@@ -204,7 +204,7 @@ def metrics_of(one: Deflected, checks: tuple[Check, ...], out: Path | None, timi
         "strategy": plan.job.fitting.strategy,
         "version": version("sdm-deflect"),
         **own,
-        "evaluation": {"seconds": sum(step.evaluation_seconds for part in one.parts for step in part.steps)},
+        "evaluation": {"seconds": sum(step.evaluation_seconds for box in one.boxes for step in box.steps)},
         "validation": verdict_figures(checks),
         "deflections": boxes,
         "notes": [*notes_of(plan), *part],
@@ -221,9 +221,9 @@ def settings_of(one: Deflected, home: Path, folder: Path) -> dict[str, Any]:
     source, tables = plan.mesh.source, []
     for number, ((moving, surface), amount) in enumerate(zip(plan.moving, one.amounts, strict=True)):
         tables.append(_surface(number, moving, surface, amount, folder))
-    for table, part in zip(tables, plan.parts, strict=True) if len(plan.parts) > 1 else ():
-        table["corners"] = part.region.hexahedron.corners.tolist()
-    boxes = {"box_each": True} if len(plan.parts) > 1 else _numbers(plan.parts[0])
+    for table, box in zip(tables, plan.boxes, strict=True) if len(plan.boxes) > 1 else ():
+        table["corners"] = box.region.hexahedron.corners.tolist()
+    boxes = {"box_each": True} if len(plan.boxes) > 1 else _numbers(plan.boxes[0])
 
     def shapes(slides: Sequence[Sliding], setting: str) -> dict[str, str]:
         return {name: slide.shape for slide in slides for name in plan.mesh.named([slide.patch], setting)}

@@ -129,7 +129,7 @@ def planned(
 def judged(one: Deflected, min_quality: float) -> Judged:
     """Judge the mesh at one angle."""
     measured = one.quality, layers_of(one), checks_of(one, min_quality)
-    own = {"deflections": figures_by_box(one)} if len(one.parts) > 1 else {}
+    own = {"deflections": figures_by_box(one)} if len(one.boxes) > 1 else {}
     return Judged(one.angle, {**deflection_figures(one), **own}, *measured, one.seconds)
 
 
@@ -213,11 +213,11 @@ def plan_figures(plan: Planned, flow: "FlowCase | None" = None) -> Json:
 
     Box and sites are those of the first box; of several all are in `boxes`.
     """
-    boxes = [_box_figures(part) for part in plan.parts]
+    boxes = [_box_figures(box) for box in plan.boxes]
     return {
         "mesh": mesh_figures(plan),
         **boxes[0],
-        **({"boxes": dict(zip((part.surface for part in plan.parts), boxes, strict=True))} if boxes[1:] else {}),
+        **({"boxes": dict(zip((box.surface for box in plan.boxes), boxes, strict=True))} if boxes[1:] else {}),
         "cells_touched": plan.touched.count,
         "farthest": {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan)},
         "motion": motion_figures(plan, max(plan.angles, key=abs)),

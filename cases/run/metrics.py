@@ -39,7 +39,7 @@ def mesh_figures(plan: Planned) -> Json:
 
 def figures_by_box(one: Deflected) -> Json:
     """Return the figures of the deflection in each box, by its first moving patch."""
-    return {part.plan.surface: deflection_figures(part) for part in one.parts}
+    return {box.plan.surface: deflection_figures(box) for box in one.boxes}
 
 
 def deflection_figures(one: Deflected) -> Json:
@@ -47,7 +47,7 @@ def deflection_figures(one: Deflected) -> Json:
 
     Of several boxes box, sites and adaptation are the first one's; cells, repair and motion are those of all.
     """
-    first, whole = one.parts[0], one.plan
+    first, whole = one.boxes[0], one.plan
     plan = first.plan
     sites, region = plan.sites, plan.region
     return {
@@ -75,9 +75,9 @@ def deflection_figures(one: Deflected) -> Json:
         "quality_inside": {"before": by_shape(whole.before), "after": by_shape(one.quality)},
         **face_figures(one),
         "repair": repair_figures(one),
-        "steps": max(len(part.steps) for part in one.parts),
+        "steps": max(len(box.steps) for box in one.boxes),
         "seconds": one.seconds,
-        "largest_correction": max(step.correction for part in one.parts for step in part.steps),
+        "largest_correction": max(step.correction for box in one.boxes for step in box.steps),
     }
 
 
@@ -134,7 +134,7 @@ def repair_figures(one: Deflected) -> Json | None:
     if not found:
         return None
     quality = found[0].quality
-    if len(one.parts) > 1 and (moved := one.moved_by_repair) is not None:
+    if len(one.boxes) > 1 and (moved := one.moved_by_repair) is not None:
         quality = one.plan.touched.quality(one.points - moved)
     return {
         "spoiled": sum(repair.spoiled for repair in found),
@@ -175,9 +175,9 @@ def verdict_figures(checks: Sequence[Check]) -> Json:
 
 def notes_of(plan: Planned) -> tuple[str, ...]:
     """Return sentences on what a user may not expect of a mesh."""
-    placements = (placement for part in plan.parts for placement in part.boundary.placements)
+    placements = (placement for box in plan.boxes for placement in box.boundary.placements)
     notes = [*plan.mesh.notes, *(note for placement in placements for note in placement.notes())]
-    if coincident := sum(part.sites.coincident for part in plan.parts):
+    if coincident := sum(box.sites.coincident for box in plan.boxes):
         notes.append(f"{coincident} moving nodes coincide with others; they move as one")
     if min(plan.touched.orientation, default=1.0) < 0.0:
         notes.append("the file counts the nodes of cells left-handed; judged accordingly")
@@ -189,8 +189,8 @@ def notes_of(plan: Planned) -> tuple[str, ...]:
 
 def farthest(plan: Planned) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest angle."""
-    for part in plan.parts:
-        for surface, place, move in part.boundary.farthest(part.job.amounts_at(max(part.angles, key=abs))):
+    for box in plan.boxes:
+        for surface, place, move in box.boundary.farthest(box.job.amounts_at(max(box.angles, key=abs))):
             yield surface.named, place, move
 
 
@@ -208,8 +208,8 @@ def motions(plan: Planned) -> Iterator[tuple[str, str]]:
 
 def _reached(plan: Planned, angle: float) -> Iterator[tuple[str, Reached | None]]:
     """Yield the name of each surface, and what it reaches at an angle of the first."""
-    for part in plan.parts:
-        for surface, one in part.boundary.reached(part.job.amounts_at(plan.angle_of(part, angle))):
+    for box in plan.boxes:
+        for surface, one in box.boundary.reached(box.job.amounts_at(plan.angle_of(box, angle))):
             yield surface.named, one
 
 

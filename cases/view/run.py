@@ -157,7 +157,7 @@ class InteractiveRun:
         drawn = in_view(mesh, (*plan.patches, *plan.stays))
         hidden = tuple(name for name in mesh.names if name not in drawn)
         positive = "right-handed about the hinge" if degrees else "as in the table"
-        return cls.prepared(folder, plan.parts, points, plan.angle, Manner(mesh.name, positive, MESH_UNITS, hidden))
+        return cls.prepared(folder, plan.boxes, points, plan.angle, Manner(mesh.name, positive, MESH_UNITS, hidden))
 
     @classmethod
     def prepared(

@@ -42,7 +42,7 @@ class Planned:
     if TYPE_CHECKING:  # of both, as fields or as properties
 
         @property
-        def parts(self) -> "tuple[Plan, ...]": ...  # noqa: D102
+        def boxes(self) -> "tuple[Plan, ...]": ...  # noqa: D102
         @property
         def touched(self) -> TouchedCells: ...  # noqa: D102
         @property
@@ -63,7 +63,7 @@ class Planned:
     @property
     def job(self) -> Job:
         """What is asked of the first box."""
-        return self.parts[0].boundary.job
+        return self.boxes[0].boundary.job
 
     @property
     def angle(self) -> float:
@@ -78,7 +78,7 @@ class Planned:
     @property
     def moving(self) -> tuple[tuple[Moving, Surface], ...]:
         """What is asked of each moving surface, and the surface."""
-        pairs = (zip(part.boundary.job.surfaces, part.boundary.surfaces, strict=True) for part in self.parts)
+        pairs = (zip(box.boundary.job.surfaces, box.boundary.surfaces, strict=True) for box in self.boxes)
         return tuple(pair for some in pairs for pair in some)
 
     @property
@@ -90,31 +90,31 @@ class Planned:
     def stays(self) -> tuple[str, ...]:
         """Names of the patches that stay, whatever box they are in."""
         moving = self.patches
-        names = dict.fromkeys(name for part in self.parts for name in part.boundary.fixed)
+        names = dict.fromkeys(name for box in self.boxes for name in box.boundary.fixed)
         return tuple(name for name in names if name not in moving)
 
     @property
     def changed(self) -> IntArray:
         """Sorted indices of all nodes that may move."""
-        return union(*(nodes for part in self.parts for nodes in (part.region.inside, part.sites.moving)))
+        return union(*(nodes for box in self.boxes for nodes in (box.region.inside, box.sites.moving)))
 
     @property
     def fixed(self) -> IntArray:
         """Sorted indices of the fixed nodes inside."""
-        return union(*(part.sites.fixed for part in self.parts))
+        return union(*(box.sites.fixed for box in self.boxes))
 
     @property
     def walls(self) -> IntArray:
         """Sorted indices of the moving and fixed nodes inside."""
-        return union(*(nodes for part in self.parts for nodes in (part.sites.moving, part.sites.fixed)))
+        return union(*(nodes for box in self.boxes for nodes in (box.sites.moving, box.sites.fixed)))
 
     def amounts_at(self, angle: float) -> Amounts:
         """Return the amount of each moving surface of all boxes when the first one's is `angle`."""
-        return tuple(amount for part in self.parts for amount in part.job.amounts_at(self.angle_of(part, angle)))
+        return tuple(amount for box in self.boxes for amount in box.job.amounts_at(self.angle_of(box, angle)))
 
-    def angle_of(self, part: "Plan", angle: float) -> float:
-        """Return the amount of the first surface of a part when that of all is `angle`."""
-        return part.job.beside(self.job, angle)
+    def angle_of(self, box: "Plan", angle: float) -> float:
+        """Return the amount of the first surface of a box when that of all is `angle`."""
+        return box.job.beside(self.job, angle)
 
     @cached_property
     def undeflected(self) -> FloatArray:
@@ -194,7 +194,7 @@ class Plan(Planned):
         return cls(boundary, region, sites, touched, touched.quality(mesh.points), wanted)
 
     @property
-    def parts(self) -> "tuple[Plan, ...]":
+    def boxes(self) -> "tuple[Plan, ...]":
         """The plan alone: it is of one box."""
         return (self,)
 
@@ -241,10 +241,10 @@ class Plans(Planned):
 
     Attributes
     ----------
-    parts : the plan of each box; at least one.
+    boxes : the plan of each box; at least one.
     """
 
-    parts: tuple[Plan, ...]
+    boxes: tuple[Plan, ...]
 
     @classmethod
     def of(cls, mesh: Mesh, jobs: Sequence[Job], angles: Sequence[float] = (), progress: Progress = silent) -> Planned:
@@ -254,15 +254,15 @@ class Plans(Planned):
         """
         mesh, first = prepared(mesh, jobs), jobs[0]
         shares = [[job.beside(first, angle) for angle in angles] for job in jobs]
-        parts = tuple(Plan.on(mesh, job, own, progress) for job, own in zip(jobs, shares, strict=True))
-        check_disjoint([(part.surface, part.region.hexahedron) for part in parts], first.box.settings)
-        return cls(parts) if len(parts) > 1 else parts[0]
+        boxes = tuple(Plan.on(mesh, job, own, progress) for job, own in zip(jobs, shares, strict=True))
+        check_disjoint([(box.surface, box.region.hexahedron) for box in boxes], first.box.settings)
+        return cls(boxes) if len(boxes) > 1 else boxes[0]
 
     @cached_property
     def touched(self) -> TouchedCells:
         """The cells that may change."""
-        rows = zip(*(part.touched.rows for part in self.parts), strict=True)
-        return replace(self.parts[0].touched, rows=tuple(union(*own) for own in rows))
+        rows = zip(*(box.touched.rows for box in self.boxes), strict=True)
+        return replace(self.boxes[0].touched, rows=tuple(union(*own) for own in rows))
 
     @cached_property
     def before(self) -> tuple[Quality, ...]:
@@ -272,21 +272,21 @@ class Plans(Planned):
     @property
     def angles(self) -> tuple[float, ...]:
         """Amounts of the first surface that its box holds."""
-        return self.parts[0].angles
+        return self.boxes[0].angles
 
     @property
     def runner(self) -> Runner:
         """Who evaluates the interpolants."""
-        return self.parts[0].runner
+        return self.boxes[0].runner
 
     @property
     def precision(self) -> Precision:
         """How the file that is to be written keeps coordinates."""
-        return self.parts[0].precision
+        return self.boxes[0].precision
 
     def keeping(self, precision: Precision, runner: Runner | None = None) -> "Plans":
         """Return it for a file that keeps coordinates so, and perhaps with others to evaluate the interpolants."""
-        return Plans(tuple(part.keeping(precision, runner) for part in self.parts))
+        return Plans(tuple(box.keeping(precision, runner) for box in self.boxes))
 
 
 class Deflected:
@@ -297,7 +297,7 @@ class Deflected:
         @property
         def plan(self) -> Planned: ...  # noqa: D102
         @property
-        def parts(self) -> "tuple[Deflection, ...]": ...  # noqa: D102
+        def boxes(self) -> "tuple[Deflection, ...]": ...  # noqa: D102
         @property
         def angle(self) -> float: ...  # noqa: D102
         @property
@@ -316,7 +316,7 @@ class Deflected:
     @property
     def repairs(self) -> tuple[Repaired, ...]:
         """The repairs of the boxes that needed one."""
-        return tuple(part.repaired for part in self.parts if part.repaired)
+        return tuple(box.repaired for box in self.boxes if box.repaired)
 
     @cached_property
     def quality(self) -> tuple[Quality, ...]:
@@ -340,7 +340,7 @@ class Deflected:
         """How far (N, 3) repairs moved each node from where the interpolants put it; None without a repair."""
         if not self.repairs:
             return None
-        return np.asarray(np.sum([part.points - part.interpolated for part in self.parts], axis=0))
+        return np.asarray(np.sum([box.points - box.interpolated for box in self.boxes], axis=0))
 
     def sensitivity(self) -> FloatArray:
         """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
@@ -354,12 +354,12 @@ class Deflected:
                 f"{self.plan.mesh.name}: the mesh at {self.angle:g} was repaired, and a repair ends where cells are "
                 "good enough: it has no derivative; set repair = off for the sensitivity"
             )
-        first, job = self.parts[0], self.plan.job
+        first, job = self.boxes[0], self.plan.job
         rates = rate(first.steps[-1], first.plan.boundary.rate(first.amounts, job.ratios))
-        for part in self.parts[1:]:
-            own = tuple(ratio * part.plan.job.beside(job, 1.0) for ratio in part.plan.job.ratios)
-            changed = part.plan.changed
-            rates[changed] = rate(part.steps[-1], part.plan.boundary.rate(part.amounts, own))[changed]
+        for box in self.boxes[1:]:
+            own = tuple(ratio * box.plan.job.beside(job, 1.0) for ratio in box.plan.job.ratios)
+            changed = box.plan.changed
+            rates[changed] = rate(box.steps[-1], box.plan.boundary.rate(box.amounts, own))[changed]
         return rates
 
 
@@ -388,7 +388,7 @@ class Deflection(Deflected):
     repaired: Repaired | None = field(default=None, repr=False)
 
     @property
-    def parts(self) -> "tuple[Deflection, ...]":
+    def boxes(self) -> "tuple[Deflection, ...]":
         """The deflection alone: it is of one box."""
         return (self,)
 
@@ -432,30 +432,30 @@ class Deflections(Deflected):
 
     Attributes
     ----------
-    parts : the deflection in each box, from the undeflected mesh.
+    boxes : the deflection in each box, from the undeflected mesh.
     angle : the first surface's amount.
     """
 
-    parts: tuple[Deflection, ...] = field(repr=False)
+    boxes: tuple[Deflection, ...] = field(repr=False)
     angle: float
 
     @classmethod
-    def of(cls, parts: Sequence[Deflection]) -> Deflected:
+    def of(cls, boxes: Sequence[Deflection]) -> Deflected:
         """Return the deflections of disjoint boxes of one mesh together; that of one box as it is."""
-        return cls(tuple(parts), parts[0].angle) if len(parts) > 1 else parts[0]
+        return cls(tuple(boxes), boxes[0].angle) if len(boxes) > 1 else boxes[0]
 
     @cached_property
     def plan(self) -> Plans:
         """What was decided before."""
-        return Plans(tuple(part.plan for part in self.parts))
+        return Plans(tuple(box.plan for box in self.boxes))
 
     @cached_property
     def points(self) -> FloatArray:
         """Deflected coordinates (N, 3): of each box its own."""
         points = self.plan.undeflected.copy()
-        for part in self.parts:
-            changed = part.plan.changed
-            points[changed] = part.points[changed]
+        for box in self.boxes:
+            changed = box.plan.changed
+            points[changed] = box.points[changed]
         return points
 
     @cached_property
@@ -466,11 +466,11 @@ class Deflections(Deflected):
     @property
     def seconds(self) -> float:
         """Time it took."""
-        return sum(part.seconds for part in self.parts)
+        return sum(box.seconds for box in self.boxes)
 
     def stored(self, precision: Precision) -> "Deflections":
         """Return the same deflections as another file holds them."""
-        return replace(self, parts=tuple(part.stored(precision) for part in self.parts))
+        return replace(self, boxes=tuple(box.stored(precision) for box in self.boxes))
 
 
 def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Deflection | None = None) -> Deflection:
@@ -491,9 +491,9 @@ def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Defl
 
 def deflected(plan: Planned, angle: float, progress: Progress = silent, earlier: Deflected | None = None) -> Deflected:
     """Bring the mesh to an angle of the first surface in every box, as `deflect` does in one."""
-    known = earlier.parts if earlier else [None] * len(plan.parts)
-    pairs = zip(plan.parts, known, strict=True)
-    return Deflections.of([deflect(part, plan.angle_of(part, angle), progress, one) for part, one in pairs])
+    known = earlier.boxes if earlier else [None] * len(plan.boxes)
+    pairs = zip(plan.boxes, known, strict=True)
+    return Deflections.of([deflect(box, plan.angle_of(box, angle), progress, one) for box, one in pairs])
 
 
 def mended(deflection: Deflection, progress: Progress = silent) -> Deflection:
@@ -540,8 +540,8 @@ def sweep(plan: Planned, angles: Sequence[float], progress: Progress = silent) -
     reusable: dict[int, Deflection] = {}
     for i in (largest, *(i for i in range(len(angles)) if i != largest)):
         found = []
-        for k, part in enumerate(plan.parts):
-            found.append(deflect(part, plan.angle_of(part, angles[i]), progress, reusable.get(k)))
+        for k, box in enumerate(plan.boxes):
+            found.append(deflect(box, plan.angle_of(box, angles[i]), progress, reusable.get(k)))
             if len(found[-1].steps) == 1:
                 reusable[k] = found[-1]
         yield i, Deflections.of(found)

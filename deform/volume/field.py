@@ -103,10 +103,10 @@ class Field:
 
         Raises InputError if it is of several boxes, or its points are rounded.
         """
-        one = deflected.parts[0]
+        one = deflected.boxes[0]
         plan, sites = one.plan, one.plan.sites
-        if len(deflected.parts) > 1:
-            raise InputError(f"{plan.mesh.name}: a field is of one box, and there are {len(deflected.parts)}")
+        if len(deflected.boxes) > 1:
+            raise InputError(f"{plan.mesh.name}: a field is of one box, and there are {len(deflected.boxes)}")
         if not plan.precision.is_double:
             raise InputError(f"{plan.mesh.name}: a field is of double precision; take that of the result itself")
         told = np.zeros(len(plan.mesh.points), dtype=np.bool_)

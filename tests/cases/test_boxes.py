@@ -91,7 +91,7 @@ def test_the_folder_makes_report_and_view_again(home, run):
     assert settings["box_each"] is True
     assert all(np.shape(one["corners"]) == (8, 3) for one in settings["surface"])
     plan, points = read_folder(run)
-    assert [part.surface for part in plan.parts] == ["left", "right"]
+    assert [part.surface for part in plan.boxes] == ["left", "right"]
     np.testing.assert_array_equal(points, format_of(home / "two.su2").read(home / "two-deflected.su2").points)
     data = report_data_of_folder(run)
     assert [box.name for box in data.boxes] == ["left", "right"]

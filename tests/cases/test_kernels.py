@@ -80,10 +80,10 @@ def test_a_finished_run_is_carried_out_again_by_its_kernel(name, tmp_path):
     case = replace(resolve("aileron", repair="off", assignments=[f"kernel={name}"]))
     case = replace(case, deflections=(SurfaceTurn("aileron_left"), SurfaceTurn("rudder", 0.5)))
     plan = plan_of(case, frozen_mesh("aircraft"))
-    results = deflected(plan, plan.angle).parts
+    results = deflected(plan, plan.angle).boxes
     write_interpolants(tmp_path / "interpolant.npz", results)
     write_convergence(tmp_path / "convergence.csv", results)
-    for one, again in zip(results, stored_deflection(tmp_path, plan).parts, strict=True):
+    for one, again in zip(results, stored_deflection(tmp_path, plan).boxes, strict=True):
         assert np.abs(one.points - again.points).max() < 1e-12
         assert again.error_between.max == pytest.approx(one.error_between.max, rel=1e-9)
     arrays = read_arrays(tmp_path / "interpolant.npz")

@@ -131,7 +131,7 @@ def test_threshold_shows_the_cells_below_it(aileron_run, opened):
     before = seen(tab)
     tab.locator("#scene-threshold").fill("0.8")
     assert changed(before, seen(tab)) > 500
-    near = run.deflection.parts[0].plan.touched.rows[0]
+    near = run.deflection.boxes[0].plan.touched.rows[0]
     expected = np.count_nonzero(mean_ratio(run.deflected.points, tets_of(run.mesh)[near]) < 0.8)
     said = f"{expected} of {len(near)} cells below 0.80, 0 inverted"
     assert tab.locator("#scene-count").inner_text() == said

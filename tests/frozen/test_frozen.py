@@ -77,7 +77,7 @@ def test_cases(meshes, name, angle, strategy):
     kept = frozen(f"{name}{angle:+g}" + (f"_{strategy}" if strategy else ""))
     plan = plan_of(case, mesh)
     found = deflected(plan, plan.angle)
-    results, points = found.parts, found.points
+    results, points = found.boxes, found.points
     assert np.abs(points - expected(mesh.points, kept)).max() < SAME
     centers = [[len(fit.chosen) for fit in one.steps[0].fits.adaptations] for one in results]
     assert centers == kept["centers"].tolist()

@@ -73,7 +73,7 @@ def test_a_bulged_panel_is_noticed(tail_run):
     run, _ = tail_run
     points = run.deflected.points.copy()
     panel = np.setdiff1d(run.mesh.on("fuselage_panel_left"), run.mesh.on("fuselage", "fuselage_rear", "tail_left"))
-    panel = np.intersect1d(panel, run.deflection.parts[0].plan.region.inside)
+    panel = np.intersect1d(panel, run.deflection.boxes[0].plan.region.inside)
     points[panel, 1:] *= 1.0 + 1e-9
     assert failing(run, points) == {"cylindricity"}
 
@@ -98,7 +98,7 @@ def test_one_moved_border_node_is_noticed(tail_run):
 def test_one_node_moved_outside_is_noticed(aileron_run):
     run, _ = aileron_run
     points = run.deflected.points.copy()
-    inner = np.setdiff1d(np.arange(len(points)), run.deflection.parts[0].plan.region.inside)
+    inner = np.setdiff1d(np.arange(len(points)), run.deflection.boxes[0].plan.region.inside)
     inner = np.setdiff1d(inner, run.mesh.on(*run.mesh.names))
     points[inner[0], 2] = np.nextafter(points[inner[0], 2], 1.0)
     assert failing(run, points) == {"outside_moved"}
@@ -107,7 +107,7 @@ def test_one_node_moved_outside_is_noticed(aileron_run):
 def test_a_node_of_the_panel_that_slides_outside_is_noticed(tail_run):
     run, _ = tail_run
     points = run.deflected.points.copy()
-    panel = np.setdiff1d(run.mesh.on("fuselage_panel_left"), run.deflection.parts[0].plan.region.inside)
+    panel = np.setdiff1d(run.mesh.on("fuselage_panel_left"), run.deflection.boxes[0].plan.region.inside)
     panel = np.setdiff1d(panel, run.mesh.on(*(name for name in run.mesh.names if name != "fuselage_panel_left")))
     points[panel[0], 0] += 1e-6
     assert failing(run, points) == {"outside_moved"}
@@ -116,7 +116,7 @@ def test_a_node_of_the_panel_that_slides_outside_is_noticed(tail_run):
 def test_one_inverted_cell_is_noticed(aileron_run):
     run, _ = aileron_run
     points = run.deflected.points.copy()
-    free = np.setdiff1d(run.deflection.parts[0].plan.region.inside, run.mesh.on(*run.mesh.names))
+    free = np.setdiff1d(run.deflection.boxes[0].plan.region.inside, run.mesh.on(*run.mesh.names))
     points[free[0]] += [0.0, 0.0, 0.05]
     assert {"inverted_cells", "quality_min"} <= failing(run, points)
 

@@ -36,7 +36,7 @@ def bare_run(tmp_path_factory, make_mesh):
 
 def in_two_steps(plan, angle):
     """Deflect in two steps, which a run does only where one inverts cells."""
-    return Deflections.of([_stepped(part, angle, 2, silent, None) for part in plan.parts])
+    return Deflections.of([_stepped(part, angle, 2, silent, None) for part in plan.boxes])
 
 
 @pytest.fixture(scope="session")
@@ -58,7 +58,7 @@ def written(folder, one):
     figures = {"mesh": {"points": len(one.points)}}
     (folder / "metrics.json").write_text(json.dumps(figures), encoding="utf-8")
     write_deflected(folder / "deflected.vtu", one)
-    write_interpolants(folder / "interpolant.npz", one.parts)
+    write_interpolants(folder / "interpolant.npz", one.boxes)
     return folder
 
 

@@ -184,12 +184,12 @@ def test_several_boxes_of_one_mesh_give_what_each_gives_alone():
             one = dict(sweep(alone, alone.angles))[i]
             assert one.angle == angle
             assert np.array_equal(both.points[alone.changed], one.points[alone.changed])
-            assert np.array_equal(both.parts[k].points, one.points)
+            assert np.array_equal(both.boxes[k].points, one.points)
             rest[alone.changed] = False
         assert np.array_equal(both.points[rest], mesh.points[rest])
         assert both.amounts == angles
         assert not both.inverted
-    assert plan.touched.count == sum(part.touched.count for part in plan.parts)
+    assert plan.touched.count == sum(part.touched.count for part in plan.boxes)
     checks = {check.name: check for check in checks_of(found[1])}
     assert {"site_error:left", "site_error:right", "outside_moved", "quality_min:hexahedron"} < checks.keys()
     assert all(check.passed for check in checks.values())
