@@ -37,7 +37,7 @@ IDLE_IN_TIME = ("angle", "angles", "sensitivity", *HELPERS, *CASE)
 moved = partial(click.option, cls=options.Grouped, group="What moves")
 
 
-@click.command(cls=options.Deflection, params=options.settings_options(FLAT.values()))
+@click.command(cls=options.DeflectCommand, params=options.settings_options(FLAT.values()))
 @click.argument("mesh", type=options.FILE)
 @moved("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")
 @moved("--history", type=options.FILE, help="Many times: a .csv of time,angle; an OpenFOAM case that moves.")

@@ -8,7 +8,7 @@ import pytest
 
 import sdm_deflect
 from sdm_deflect.cases import cli
-from sdm_deflect.cases.settings.cpacs import Device, Limits, hinge_and_angle
+from sdm_deflect.cases.settings.cpacs import Device, FileLimits, hinge_and_angle
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.registry import FORMATS
@@ -71,9 +71,9 @@ def test_transformations_scale_turn_and_shift_in_this_order(tmp_path):
 @pytest.mark.parametrize(
     ("limits", "said"),
     [
-        (Limits(size=1000), r"is larger than 0.001 MB: leave out what is not of the wing$"),
-        (Limits(elements=20), r"has more than 20 elements: leave out what is not of the wing$"),
-        (Limits(depth=5), r"has elements more than 5 levels deep"),
+        (FileLimits(size=1000), r"is larger than 0.001 MB: leave out what is not of the wing$"),
+        (FileLimits(elements=20), r"has more than 20 elements: leave out what is not of the wing$"),
+        (FileLimits(depth=5), r"has elements more than 5 levels deep"),
     ],
 )
 def test_a_file_beyond_the_limits_is_refused(limits, said, tmp_path):
@@ -83,7 +83,7 @@ def test_a_file_beyond_the_limits_is_refused(limits, said, tmp_path):
 
 def test_memory_is_bounded_by_the_limits(tmp_path):
     """Elements, attributes and levels that come to nothing: each takes little more than it takes in the file."""
-    path, limits = tmp_path / "wide.xml", Limits(size=300_000, elements=30_000, depth=50)
+    path, limits = tmp_path / "wide.xml", FileLimits(size=300_000, elements=30_000, depth=50)
     for text in ("<a b=''/>" * 29_000, "<a>" * 49 + "</a>" * 49, "".join(f"<a uID='{i}'/>" for i in range(15_000))):
         path.write_text(f"<c>{text}</c>")
         tracemalloc.start()
