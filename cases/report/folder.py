@@ -164,7 +164,7 @@ def data_of(one: Deflected, settings: str = "") -> ReportData:
 def _data(plan: Planned, angle: float, points: FloatArray, settings: str, fits: Sequence[FitRows]) -> ReportData:
     mesh = plan.mesh
     boxes = tuple(
-        Box.of(box, plan.angle_of(box, angle), name_of(box.patches), own)
+        Box.of(box, plan.angle_of(box, angle), name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, own)
         for box, own in zip(plan.boxes, fits, strict=True)
     )
     moves = "; ".join(f"{surface.name} by {surface.turned}" for box in boxes for surface in box.surfaces)

@@ -94,7 +94,7 @@ def test_the_folder_makes_report_and_view_again(home, run):
     assert [part.surface for part in plan.boxes] == ["left", "right"]
     np.testing.assert_array_equal(points, format_of(home / "two.su2").read(home / "two-deflected.su2").points)
     data = report_data_of_folder(run)
-    assert [box.name for box in data.boxes] == ["left", "right"]
+    assert [box.name for box in data.boxes] == list(data.figures["deflections"])
     shown = InteractiveRun.of(run).at(3.0)
     one = alone(two_bodies(), SURFACES[1], -1.5)
     nodes = one.plan.changed
