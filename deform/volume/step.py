@@ -18,7 +18,7 @@ from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.rbf.bases import RecordingBasis, with_values
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import Fitting, RuleName, Strategy
-from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, adapt, fused
+from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Stop, adapt, fused
 from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError
 from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
@@ -47,6 +47,19 @@ class Fits:
 
     adaptations: tuple[Adaptation, ...]
     factors: tuple[CholeskyBasis, ...] = field(repr=False)
+
+    @classmethod
+    def on(cls, state: "StepState", groups: Sequence[DataSites], centers: Sequence[IntArray]) -> "Fits":
+        """Fit groups of sites on centres, the rows (C,) of each; InputError if a system cannot be solved."""
+        found, factors = [], []
+        for group, rows in zip(groups, centers, strict=True):
+            try:
+                basis = CholeskyBasis.of(Problem.of(group, state.sites.kernel, state.fitting.polynomial), rows)
+            except (SolveError, ValueError) as error:
+                raise InputError(f"{state.boundary.mesh.name}: {error}") from None
+            found.append(_solved(basis, Stop.CONVERGED))
+            factors.append(basis)
+        return cls(tuple(found), tuple(factors))
 
     @property
     def interpolant(self) -> Interpolant:
@@ -204,28 +217,17 @@ class Step:
         return max(fits.error for fits in (self.first, self.fits) if fits)
 
 
-def solve(
-    state: StepState, move: FloatArray, progress: Progress, earlier: Step | None = None, runner: Runner = HERE
-) -> Step:
-    """Carry out one step: moving nodes (K, 3) go by `move`, on the centres of an earlier step if there is one."""
+Fit = Callable[[bool, FloatArray], Fits]
+"""What interpolates displacements (S, 3) of the known points; first whether the sliding nodes are among these."""
+
+
+def solve(state: StepState, move: FloatArray, fit: Fit, runner: Runner = HERE) -> Step:
+    """Carry out one step: moving nodes (K, 3) go by `move`, sliding ones stay on their shapes, all others follow."""
     first, slid, sliding = None, NO_NODES, bool(len(state.sites.slid))
     if sliding:
-        first = _fit(state, False, state.values(move), progress, earlier.first if earlier else None)
+        first = fit(False, state.values(move))
         slid = state.slid(move, first.interpolant(state.points[state.sites.slid]))
-    values = state.values(move, slid if sliding else None)
-    fits = _fit(state, sliding, values, progress, earlier.fits if earlier else None)
-    return carried_out(state, move, fits, first, slid, runner)
-
-
-def carried_out(
-    state: StepState,
-    move: FloatArray,
-    fits: Fits,
-    first: Fits | None = None,
-    slid: FloatArray = NO_NODES,
-    runner: Runner = HERE,
-) -> Step:
-    """Move all nodes by fits that are known, those of the moving surfaces by `move` (K, 3), sliding ones by `slid`."""
+    fits = fit(sliding, state.values(move, slid if sliding else None))
     known, boundary = state.sites.known, state.boundary_values(move, slid)
     interpolant = fits.interpolant
     off = np.linalg.norm(boundary - interpolant(state.points[known]), axis=1)
@@ -275,12 +277,21 @@ def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> I
     return np.concatenate([farthest(own, count[0]), surface + farthest(others, count[1])])
 
 
-def _fit(state: StepState, sliding: bool, values: FloatArray, progress: Progress, earlier: Fits | None) -> Fits:
-    """Adapt centres to displacements `values` (S, 3) of the known points.
+def adapted(state: StepState, progress: Progress, earlier: Step | None = None) -> Fit:
+    """Return the fit that adapts centres until every site is within the tolerance.
 
-    With an earlier fit its centres and factors come first: every site is checked, and centres are added where one is
+    With an earlier step its centres and factors come first: every site is checked, and centres are added where one is
     off by more than the tolerance.
     """
+
+    def fit(sliding: bool, values: FloatArray) -> Fits:
+        known = (earlier.fits if sliding or not earlier.first else earlier.first) if earlier else None
+        return _adapted(state, state.groups(values, sliding), progress, known)
+
+    return fit
+
+
+def _adapted(state: StepState, groups: Sequence[DataSites], progress: Progress, earlier: Fits | None) -> Fits:
     fitting, tolerance = state.fitting, state.sites.tolerance
     found: list[Adaptation] = []
     kept: list[CholeskyBasis] = []
@@ -288,7 +299,7 @@ def _fit(state: StepState, sliding: bool, values: FloatArray, progress: Progress
         n_add=fitting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=fitting.max_centers,
         polynomial=fitting.polynomial,
     )  # fmt: skip
-    for i, group in enumerate(state.groups(values, sliding)):
+    for i, group in enumerate(groups):
         if earlier:
             initial = earlier.factors[i].chosen
         else:
@@ -299,7 +310,7 @@ def _fit(state: StepState, sliding: bool, values: FloatArray, progress: Progress
             basis = with_values(earlier.factors[i], problem.values) if earlier else CholeskyBasis.of(problem, rows)
             return RecordingBasis(basis, kept.append)
 
-        with _solvable(state):
+        with solvable(state):
             found.append(
                 adapt(
                     group, state.sites.kernel, initial, options,
@@ -310,7 +321,7 @@ def _fit(state: StepState, sliding: bool, values: FloatArray, progress: Progress
 
 
 @contextmanager
-def _solvable(state: StepState) -> Iterator[None]:
+def solvable(state: StepState) -> Iterator[None]:
     """Blame the radius of a kernel that has one for a system that cannot be solved: InputError."""
     try:
         yield
@@ -334,13 +345,16 @@ def _named(progress: Progress, group: DataSites) -> Progress:
 
 def _on_same_centers(earlier: Fits, groups: Sequence[DataSites]) -> Interpolant:
     """Interpolate other values at the same points on exactly the centres of an earlier fit."""
-    solved = []
     with single_threaded_blas():
-        for group, factor, fit in zip(groups, earlier.factors, earlier.adaptations, strict=True):
-            basis = with_values(factor, group.values)
-            interpolant = basis.kernel.problem.interpolant(basis.chosen, basis.refined())
-            solved.append(Adaptation(interpolant, group.components, factor.chosen, (), fit.stop, np.nan))
-    return fused(solved)
+        parts = zip(groups, earlier.factors, earlier.adaptations, strict=True)
+        return fused([_solved(with_values(factor, group.values), fit.stop) for group, factor, fit in parts])
+
+
+def _solved(basis: CholeskyBasis, stop: Stop) -> Adaptation:
+    """Return the interpolant on the centres of a basis, without a history."""
+    problem = basis.kernel.problem
+    interpolant = problem.interpolant(basis.chosen, basis.refined())
+    return Adaptation(interpolant, problem.sites.components, basis.chosen, (), stop, np.nan)
 
 
 def _carried(state: StepState, displacement: FloatArray, move: FloatArray) -> FloatArray:

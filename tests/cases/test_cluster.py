@@ -11,7 +11,7 @@ import ssl
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 from urllib.request import urlopen
@@ -23,7 +23,6 @@ import pytest
 from distributed import Client, Security
 
 from benchmarks.large_block import write_block
-from sdm_deflect.cases import cli
 from sdm_deflect.cases.run import cluster, deflect_file
 from sdm_deflect.cases.run.cluster import Cluster, Wanted, workers
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
@@ -36,6 +35,7 @@ from sdm_deflect.meshing.formats import tables
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces
+from tests import calls
 from tests.cases.test_in_pieces import FLAP, written
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
@@ -130,23 +130,9 @@ def out(block, name):
 def sdm(block, to, *more, options=None):
     """Carry out the command in this process; return its code and what it says on the standard error output."""
     options = options or (*OPTIONS, "--table", block.with_suffix(".npz"))
-    words = ["sdm", "deflect", block, *options, "--no-report", "--out", to, *more]
-    with pytest.MonkeyPatch.context() as patch, Path(os.devnull).open("w") as nowhere, said() as lines:
-        patch.setattr(sys, "argv", list(map(str, words)))
-        patch.setattr(sys, "stdout", nowhere)
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-    return end.value.code, "".join(lines)
-
-
-@contextmanager
-def said():
-    """Give the list to which what is written to standard error is added at the end."""
-    found, buffer = [], StringIO()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "stderr", buffer)
-        yield found
-    found.append(buffer.getvalue())
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
+        code = calls.sdm("deflect", block, *options, "--no-report", "--out", to, *more)
+    return code, said.getvalue()
 
 
 class Interrupted:

@@ -2,14 +2,11 @@
 
 import json
 import re
-import resource
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sdm_deflect.cases import cli
 from sdm_deflect.cases.report import folder
 from sdm_deflect.cases.run import deflect_file
 from sdm_deflect.deform.mesh import polyhedra
@@ -19,6 +16,7 @@ from sdm_deflect.deform.volume import excerpt, scan
 from sdm_deflect.meshing.formats import openfoam_pieces, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces
 from sdm_deflect.meshing.formats.shapes import mirrored
+from tests.calls import files_of_at_most
 from tests.deform.blocks import two_bodies
 from tests.deform.repair.meshes import lattice
 from tests.meshing.formats.gmsh_files import gmsh_data
@@ -86,7 +84,7 @@ def tangled(mesh: Mesh) -> Mesh:
 
 
 @pytest.fixture
-def called(monkeypatch, capsys):
+def called(monkeypatch, sdm):
     """Run a command; return its code, what it printed, and how many meshes were read in pieces."""
     taken = []
     monkeypatch.setattr(deflect_file, "excerpt", lambda *all_: taken.append(1) or excerpt.excerpt(*all_))
@@ -94,10 +92,7 @@ def called(monkeypatch, capsys):
     def call(large, *words):
         taken.clear()
         monkeypatch.setattr(deflect_file, "LARGE", large)
-        monkeypatch.setattr(sys, "argv", ["sdm", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr(), len(taken)
+        return *sdm(*words), len(taken)
 
     return call
 
@@ -450,12 +445,9 @@ def test_another_encoding_or_format_is_written_from_the_whole(suffix, other, sma
 def test_a_disk_that_is_full_leaves_nothing(suffix, small, called, tmp_path):
     path = written(small, tmp_path / f"wing{suffix}")
     before = {own: own.read_bytes() for own in tmp_path.rglob("*") if own.is_file()}
-    resource.setrlimit(resource.RLIMIT_FSIZE, (max(map(len, before.values())) // 2, resource.RLIM_INFINITY))
-    try:
+    with files_of_at_most(max(map(len, before.values())) // 2):
         words = ["--angle", "8", "--quiet", "--no-report", "--out", tmp_path / f"out{suffix}"]
         code, _, complaint, taken = called(0, "deflect", path, *FLAP, *words)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     assert (code, taken, complaint.count("\n")) == (2, 1, 1), complaint
     assert "cannot be written" in complaint
     assert {own: own.read_bytes() for own in tmp_path.rglob("*") if own.is_file()} == before

@@ -16,7 +16,7 @@ from sdm_deflect.cases.run.mesh_files import SETTINGS, write_mesh
 from sdm_deflect.cases.run.output import write_interpolants
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.progress import silent
-from sdm_deflect.deform.volume.deflection import Deflections, _stepped, deflected
+from sdm_deflect.deform.volume.deflection import Deflections, adapted_steps, deflected
 
 
 @pytest.fixture(scope="session")
@@ -36,7 +36,7 @@ def bare_run(tmp_path_factory, make_mesh):
 
 def in_two_steps(plan, angle):
     """Deflect in two steps, which a run does only where one inverts cells."""
-    return Deflections.of([_stepped(part, angle, 2, silent, None) for part in plan.boxes])
+    return Deflections.of([adapted_steps(box, angle, 2, silent) for box in plan.boxes])
 
 
 @pytest.fixture(scope="session")

@@ -107,7 +107,7 @@ def test_a_table_is_shown_by_its_share(block, bare_deflection, tmp_path):
 def test_sums_that_fit_into_no_memory_are_computed_at_every_angle(hybrid, wing_folder, monkeypatch):
     monkeypatch.setattr(prepared, "MOST", 0)
     run = InteractiveRun.of(wing_folder)
-    assert run.boxes[0].steps[0].fits[0].evaluation is None
+    assert run.boxes[0].steps[0].all[0].kernel is None
     assert np.abs(run.at(4.0).points - hybrid.at(4.0).points).max() < EQUAL
 
 
