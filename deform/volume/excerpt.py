@@ -51,13 +51,7 @@ def excerpt(
     """
     pieces = mesh.pieces
     border = _border(mesh)
-    parted, boxes, moving = prepared(border, jobs), [], []
-    for job in jobs:
-        boundary = Boundary.of(parted, job)
-        zones, box = confined(boundary, job.ends([job.beside(jobs[0], angle) for angle in angles] or [job.angle]))
-        boxes.append((box.hexahedron, zones))
-        moving.append(parted.numbers(boundary.nodes))
-    task = _task(mesh, border, boxes, union(*moving))
+    task = _task(mesh, border, *_boxes(border, jobs, angles))
     task = _in_memory(task) if runner.shares_memory else task
     inside, places = _nodes_inside(task, runner, progress)
     found, task = _cells(mesh, task, runner, progress)
@@ -71,6 +65,19 @@ def excerpt(
     bad = tuple(sum(one.inverted for one in block) for block in found)
     whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), task.sign, bad)
     return _numbered(mesh, points, tuple(cells for cells, _ in blocks), whole)
+
+
+def _boxes(
+    border: Mesh, jobs: Sequence[Job], angles: Sequence[float]
+) -> tuple[list[tuple[Hexahedron, tuple[Zone, ...]]], IntArray]:
+    """Return the box of each job with the zones that deform in it, and the nodes in the file that move."""
+    mesh, boxes, moving = prepared(border, jobs), [], []
+    for job in jobs:
+        boundary = Boundary.of(mesh, job)
+        zones, box = confined(boundary, job.ends([job.beside(jobs[0], angle) for angle in angles] or [job.angle]))
+        boxes.append((box.hexahedron, zones))
+        moving.append(mesh.numbers(boundary.nodes))
+    return boxes, union(*moving)
 
 
 def _border(mesh: MeshInPieces) -> Mesh:
@@ -104,7 +111,7 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
 
 
 def _task(
-    mesh: MeshInPieces, border: Mesh, boxes: Sequence[tuple[Hexahedron, Sequence[Zone]]], moving: IntArray
+    mesh: MeshInPieces, border: Mesh, boxes: Sequence[tuple[Hexahedron, tuple[Zone, ...]]], moving: IntArray
 ) -> ScanTask:
     assert border.whole is not None
     spans = []
