@@ -1,8 +1,4 @@
-<<<<<<<< HEAD:studies/solves.py
 """The paper's way to the interpolants of growing centres: each solved afresh, by LAPACK or by GMRES."""
-========
-"""The paper's way to the interpolants of growing centres: solved afresh in every iteration, by GMRES."""
->>>>>>>> o-path:studies/solvers.py
 
 from dataclasses import dataclass, replace
 from typing import Self
