@@ -12,7 +12,7 @@ from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.base.cache_folder import CODE_VARIABLE, FOLDER_VARIABLE, code_folder
-from tests import kept_meshes
+from tests import calls, kept_meshes
 from tests.deform.blocks import annulus_with_fin, block_with_body
 from tests.meshing.formats.wing import FLAP, wing
 
@@ -82,6 +82,12 @@ def make_mesh(shared_folder: Path, mesh_cache: Path):
 def aileron_mesh(make_mesh):
     """The undeflected small mesh of the aileron case and how it was made."""
     return make_mesh(case_named("aileron"))
+
+
+@pytest.fixture
+def sdm(capsys: pytest.CaptureFixture[str]):
+    """Carry out `sdm` in this process; return its exit code, standard output and error."""
+    return lambda *words: (calls.sdm(*words), *capsys.readouterr())
 
 
 @pytest.fixture(scope="session")

@@ -170,14 +170,15 @@ def test_surfaces_with_hinges_of_their_own():
         ((5, "body", HINGE, 5), {}, "an object of type int is no mesh"),
         (((np.eye(3), {"body": "abc"}), "body", HINGE, 5), {}, "patch body must be whole numbers"),
         (((np.eye(3), {"body": [0.5]}), "body", HINGE, 5), {}, "patch body must be whole numbers"),
+        (
+            ((np.full((4, 3), np.nan), {"body": [0]}), "body", HINGE, 5),
+            {},
+            "arrays: 4 points are not finite, the first",
+        ),
+        ((None, "flap", HINGE, 5), {}, "mesh: the surface 'flap' is no patch; the patches are body, x-"),
         ((None, "bdy", HINGE, 5), {}, "'bdy' is no patch; did you mean body?"),
-        ((None, "body", HINGE[:1], 5), {}, "hinge = ((0.0, 0.0, 0.0),): must be two points"),
         ((None, "body", [HINGE[0], HINGE[0]], 5), {}, "the hinge has no length"),
-        ((None, "body", None, 5), {}, "the hinge is missing"),
-        ((None, "body", HINGE, None), {}, "the angle of body is missing"),
-        ((None, "body", HINGE, "15"), {}, "angle = '15' is not a number"),
         ((None, "body", HINGE, 95), {}, "angle = 95 deg of body is out of range"),
-        ((None, "body", HINGE, 5), {"slide": "x-:sphere"}, "slide.x- = 'sphere' is not one of plane, cylinder"),
         ((None, "body", HINGE, 5), {"progress": True}, "progress = True must be a function"),
         ((None, "body", HINGE, 5), {"motion": sd.Rotation}, "motion = "),
     ],
@@ -187,6 +188,7 @@ def test_mistakes_are_one_sentence(block, arguments, options, message):
         sd.deflect(arguments[0] or block, *arguments[1:], **options)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+    assert "--" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -250,9 +252,7 @@ def test_figures_have_the_names_of_metrics(result):
     assert figures["validation"]["passed"]
 
 
-def test_a_result_says_what_it_is(result):
-    assert repr(result) == "<Result: body of mesh at +10 deg: all checks passed>"
-    np.testing.assert_array_equal(result.displacement, result.points - result.plan.mesh.points)
+def test_sensitivity_is_the_rate_of_the_points(result):
     ahead = sd.deflect(result.plan.mesh, "body", HINGE, 10.001).points
     nodes = result.plan.mesh.on("body")
     rate = (ahead - result.points)[nodes] / 1e-3

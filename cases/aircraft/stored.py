@@ -16,6 +16,7 @@ from sdm_deflect.cases.aircraft.run_folder import stored_repair
 from sdm_deflect.cases.aircraft.validation import site_checks, validate
 from sdm_deflect.cases.report.data import RUN, Convergence, read_courses, read_json
 from sdm_deflect.cases.run.metrics import Json
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import damaged, read_arrays
 from sdm_deflect.deform.base.sets import distinct
@@ -26,9 +27,9 @@ from sdm_deflect.deform.rbf.greedy import Adaptation, Iteration, Stop
 from sdm_deflect.deform.rbf.interpolant import Interpolant, check_finite
 from sdm_deflect.deform.rbf.kernels import KERNEL, arrays_of
 from sdm_deflect.deform.rbf.sites import DataSites
-from sdm_deflect.deform.volume.deflection import Deflection, Plan, as_repaired, combined
+from sdm_deflect.deform.volume.deflection import Deflection, Plan, as_repaired, combined, stepped
 from sdm_deflect.deform.volume.sites import Sites
-from sdm_deflect.deform.volume.step import DIRECTIONS, Fits, carried_out
+from sdm_deflect.deform.volume.step import DIRECTIONS, Fits, Step, solve
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
 from sdm_deflect.meshing.generate.assembly import FAR_FIELD
@@ -109,23 +110,21 @@ def stored_deflections(folder: Path, plans: Sequence[Plan]) -> tuple[Deflection,
 
 def _deflection(plan: Plan, courses: Sequence[Convergence], arrays: dict[str, Any], tag: str) -> Deflection:
     """Carry out a plan step by step, and take what it needs out of the arrays; KeyError if something is missing."""
-    count = max(course.step for course in courses)
     _check_kernel(plan, arrays, tag)
-    points, steps, reached = plan.mesh.points, [], np.zeros((len(plan.sites.moving), 3))
     corners = arrays.pop(f"hexahedron{tag}")
     if corners.shape != (8, 3) or not np.allclose(corners, plan.region.hexahedron.corners, rtol=0.0, atol=ROUNDING):
         raise ValueError(f"hexahedron{tag} is not that of the case")
-    for k in range(1, count + 1):
+
+    def take(k: int, points: FloatArray, move: FloatArray) -> Step:
         state, suffix = plan.state(points), tag + (f"_step{k}" if k > 1 else "")
-        target = plan.boundary.displacement(tuple(amount * k / count for amount in plan.job.amounts))
-        groups = state.groups(state.values(target - reached), sliding=False)
-        rows = [course for course in courses if course.step == k]
-        fits = Fits(tuple(_fit(*pair, arrays, suffix, plan.sites) for pair in zip(groups, rows, strict=True)), ())
-        steps.append(carried_out(state, target - reached, fits))
-        points, reached = steps[-1].points.copy(), target
-    points[plan.sites.moving] = plan.mesh.points[plan.sites.moving] + reached
-    inverted = int(np.count_nonzero(plan.touched.newly_inverted(points)))
-    return Deflection(plan, plan.angle, tuple(steps), points, inverted, 0.0)
+
+        def fit(sliding: bool, values: FloatArray) -> Fits:
+            pairs = zip(state.groups(values, sliding), (own for own in courses if own.step == k), strict=True)
+            return Fits(tuple(_fit(*pair, arrays, suffix, plan.sites) for pair in pairs))
+
+        return solve(state, move, fit)
+
+    return stepped(plan, plan.angle, max(course.step for course in courses), take)
 
 
 def _check_kernel(plan: Plan, arrays: dict[str, Any], tag: str) -> None:

@@ -1,33 +1,25 @@
-"""Points, cells, patches and quality of any mesh file."""
+"""Points, cells, patches and quality of a mesh file of any format that can be deflected."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from itertools import repeat
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from sdm_deflect.cases.settings.selections import selection
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, printable
-from sdm_deflect.deform.base.reading import RATIO_VARIABLE, unpack_limit
-from sdm_deflect.deform.mesh.mesh import VOLUMES, Cells, Mesh, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.parts import MARK, Part
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, by_shape, check_most, oriented
 from sdm_deflect.deform.mesh.selection import selected
-from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.files.child import call
-from sdm_deflect.meshing.formats.registry import format_of, known_format
+from sdm_deflect.meshing.formats.registry import read
 
 Json = dict[str, Any]
 
 NOTHING: Mapping[str, str] = {}
 MOST = 50
 """Components of a patch that are listed."""
-WORKER = "sdm_deflect.cases.run.vtk_worker"
-MEMORY, SECONDS, SPEED = 1 << 29, 20.0, 1e8
-"""Bytes and seconds for PyVista itself, and bytes of data that it reads in a second at least."""
 NAMES = {
     "triangle": "triangles",
     "quad": "quadrilaterals",
@@ -37,8 +29,6 @@ NAMES = {
     "pyramid": "pyramids",
     POLYHEDRON: "polyhedra",
 }
-UNFIT = (".cas", ".gz")
-"""Suffixes of files that PyVista reads wrongly or not at all; `format_of` says how to convert them."""
 SHOWN = 20
 """Names of zones that are listed."""
 
@@ -109,11 +99,11 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
     """
     if not path.exists():
         raise InputError(f"{path} is not a file")
-    read = replace(_read(path), name=path.resolve().name)
-    mesh = selected(read, [selection(name, text) for name, text in select.items()])
+    whole = read(path)
+    mesh = selected(whole, [selection(name, text) for name, text in select.items()])
     signs, count = _signs(mesh, str(path)), sum(map(len, mesh.cells))
-    components, parts = _components(read)
-    parts += [Part.of(mesh, patch) for patch in mesh.patches if patch.name not in read.names]
+    components, parts = _components(whole)
+    parts += [Part.of(mesh, patch) for patch in mesh.patches if patch.name not in whole.names]
     return {
         "file": str(path),
         "points": len(mesh.points),
@@ -167,31 +157,6 @@ def _reach(extent: list[list[float]]) -> str:
 
 def _point(corner: list[float]) -> str:
     return f"({', '.join(f'{x:.4g}' for x in corner)})"
-
-
-def _read(path: Path) -> Mesh:
-    known = known_format(path) or (format_of(path) if path.suffix.lower() in UNFIT else None)
-    mesh = known.read(path) if known else _read_other(path)
-    if not sum(len(block) for block in mesh.cells):
-        raise InputError(f"{path} holds no tetrahedra, hexahedra, prisms, pyramids or polyhedra, nor plane cells")
-    return mesh
-
-
-def _read_other(path: Path) -> Mesh:
-    """Points and cells of a file that PyVista can read, without patches."""
-    length = path.stat().st_size
-    memory, seconds = MEMORY + unpack_limit(length), SECONDS + unpack_limit(length) / SPEED
-    question = {"path": np.array(str(path)), "bytes": np.array(memory)}
-    try:
-        found = call(WORKER, question, seconds)
-    except MeshingError as error:
-        reason = " ".join(str(error).removeprefix(WORKER).split())[:300]
-        raise InputError(
-            f"{path} cannot be read as a mesh: the process that reads it {reason} (it may take {memory / 1e6:.0f} MB; "
-            f"{RATIO_VARIABLE} allows more)"
-        ) from error
-    cells = tuple(Cells(shape, found[shape].astype(np.intp)) for shape in VOLUMES if shape in found)
-    return Mesh(found["points"].astype(np.float64), cells, ())
 
 
 def _quality_line(found: Json) -> str:

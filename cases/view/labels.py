@@ -79,7 +79,7 @@ def facts(frame: DeflectedMesh, run: InteractiveRun, pieces: ViewPieces) -> list
 
 def about(run: InteractiveRun) -> dict[str, Any]:
     """Return what the page says once about the run."""
-    centres = sum(len(fit.chosen) for box in run.boxes for step in box.steps for fit in step.fits)
+    centres = sum(len(one.basis.chosen) for box in run.boxes for step in box.steps for one in step.all)
     steps, mesh = sum(len(box.steps) for box in run.boxes), run.mesh
     shapes = {shape_of(block) for block in mesh.cells}
     cells = "tetrahedra" if shapes == {"tetra"} else "cells"

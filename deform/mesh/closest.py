@@ -176,6 +176,12 @@ def _weights(p: FloatArray, t: FloatArray) -> tuple[float, float, float]:  # pra
     v, w, area = cc * pb - bc * pc, bb * pc - bc * pb, bb * cc - bc * bc
     if area > FLAT * bb * cc and v > 0.0 and w > 0.0 and v + w < area:
         return 1.0 - (v + w) / area, v / area, w / area
+    return _weights_on_edges(p, t)
+
+
+@compiled
+def _weights_on_edges(p: FloatArray, t: FloatArray) -> tuple[float, float, float]:  # pragma: no cover - compiled
+    """Return the barycentric coordinates of the point on the edges of a triangle (9,) that is closest to p (3,)."""
     best, u, v, w = np.inf, 1.0, 0.0, 0.0
     for i in range(3):
         j = (i + 1) % 3

@@ -1,7 +1,7 @@
-"""Quality and inversion of very many volume cells, compiled: the formulas of `quality`, to the same bits.
+"""Quality and inversion of cells of fixed shape, compiled: the formulas of `quality`.
 
-Cells are taken `LANES` at a time, in the order of `quality.Corners`: so one instruction works on several of them, on
-numbers that are in the nearest cache.
+Volume cells are taken `LANES` at a time, the coordinates of one corner one after another: so one instruction works on
+several of them, on numbers that are in the nearest cache.
 """
 
 from collections.abc import Callable
@@ -12,26 +12,50 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
 from sdm_deflect.deform.base.threads import in_chunks
 from sdm_deflect.deform.mesh.edges import rows_of
-from sdm_deflect.deform.mesh.mesh import Cells
-from sdm_deflect.deform.mesh.quality import AXES, BLOCK, CORNERS, TETRAHEDRA, TINY, WEDGE, Corners, folded, ratio
+from sdm_deflect.deform.mesh.mesh import PLANE, Cells
 
+BLOCK = 1 << 13
+"""Cells handled at a time: temporaries stay in the processor's cache, and millions of cells in little memory."""
 LANES = 64
 """Cells taken at a time: the corners of so many hexahedra are 12 kB."""
 WEIGHT = 100
 """Work on one cell in kernel pairs, by which `in_chunks` shares it out."""
+CORNERS = {
+    "triangle": ((0, 1, 2, 0),),
+    "quad": ((0, 1, 3, 0), (1, 2, 0, 1), (2, 3, 1, 2), (3, 0, 2, 3)),
+    "tetra": ((0, 1, 2, 3),),
+    "pyramid": ((0, 1, 3, 4), (1, 2, 0, 4), (2, 3, 1, 4), (3, 0, 2, 4)),
+    "wedge": ((0, 2, 1, 3), (1, 0, 2, 4), (2, 1, 0, 5), (3, 4, 5, 0), (4, 5, 3, 1), (5, 3, 4, 2)),
+    "hexahedron": (
+        (0, 1, 3, 4), (1, 2, 0, 5), (2, 3, 1, 6), (3, 0, 2, 7), (4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3),
+    ),
+}  # fmt: skip
+"""A corner and the three others at its edges, right-handed, in VTK's order of nodes (one corner of a tetrahedron
+stands for all; a pyramid's are those of its base). Of a plane cell the third edge is the unit vector along z, and the
+corner itself stands for its end."""
+AXES = ((0, 3, 7, 4), (1, 2, 6, 5)), ((0, 1, 5, 4), (3, 2, 6, 7)), ((0, 1, 2, 3), (4, 5, 6, 7))
+"""Opposite faces of a hexahedron, whose centres its three axes join."""
+TETRAHEDRA = (0, 1, 2, 4), (0, 2, 3, 4), (0, 1, 3, 4), (1, 2, 3, 4)
+"""Those that a pyramid's nodes form with its tip."""
+WEDGE = 2.0 / np.sqrt(3.0)
+"""One over the determinant of the edges' directions at a corner of the ideal wedge."""
+TINY = np.finfo(np.float64).tiny
 
 Vector = tuple[float, float, float]
+Measure = Callable[[FloatArray, IntArray, float, FloatArray, BoolArray], None]
 
 
 def inverted_of(points: FloatArray, block: Cells, rows: IntArray | None, orientation: float) -> BoolArray:
     """Return which cells (R,) of a block, or of R rows of them, are inverted."""
+    if block.shape in PLANE:
+        return judged(points, block, rows, orientation)[1]
     corners = np.array(CORNERS[block.shape])
     inverted = np.empty(len(block if rows is None else rows), dtype=np.bool_)
 
     def judge(nodes: IntArray, part: slice) -> None:
         _find_inverted(points, nodes, orientation, corners, inverted[part])
 
-    _share_out(judge, block, rows)
+    _share_out(judge, block.nodes, rows)
     return inverted
 
 
@@ -39,37 +63,62 @@ def judged(points: FloatArray, block: Cells, rows: IntArray | None, orientation:
     """Return the quality (R,) of the cells of a block, or of R rows of them, and which are inverted."""
     quality = np.empty(len(block if rows is None else rows))
     inverted = np.empty(len(quality), dtype=np.bool_)
-    measure = JUDGES[block.shape]
+    measure = MEASURES[block.shape]
 
     def judge(nodes: IntArray, part: slice) -> None:
         measure(points, nodes, orientation, quality[part], inverted[part])
 
-    _share_out(judge, block, rows)
+    _share_out(judge, block.nodes, rows)
     return quality, inverted
 
 
-def _share_out(judge: Callable[[IntArray, slice], None], block: Cells, rows: IntArray | None) -> None:
-    """Call judge(nodes, part) for short slices of all cells, or of R rows of them, on all threads."""
+def signed_volumes(points: FloatArray, tets: IntArray) -> FloatArray:
+    """Return the volume (M,) of tetrahedra (M, 4), in the unit of length cubed; negative where they are inverted."""
+    determinants, squares = np.empty((2, len(tets)))
+
+    def measure(nodes: IntArray, part: slice) -> None:
+        _measure_edges(points, nodes, determinants[part], squares[part])
+
+    _share_out(measure, tets, None)
+    return np.asarray(determinants / 6.0)
+
+
+def _share_out(judge: Callable[[IntArray, slice], None], nodes: IntArray, rows: IntArray | None) -> None:
+    """Call judge(nodes, part) for short slices of cells (M, k), or of R rows of them, on all threads."""
+    count = len(nodes if rows is None else rows)
 
     def chunk(start: int, stop: int) -> None:
         for short in rows_of(stop - start, BLOCK):
             part = slice(start + short.start, min(start + short.stop, stop))
-            judge(block.nodes[part] if rows is None else block.nodes.take(rows[part], axis=0), part)
+            corners = nodes[part] if rows is None else nodes.take(rows[part], axis=0)
+            judge(np.ascontiguousarray(corners, dtype=np.intp), part)
 
-    in_chunks(chunk, len(block if rows is None else rows), WEIGHT)
+    in_chunks(chunk, count, WEIGHT)
+
+
+def _triangle(
+    points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray
+) -> None:
+    """Fill in the mean ratio 4 sqrt(3) A / (sum of the squared lengths of the edges): as of tetrahedra, 1 at most."""
+    determinants, squares = np.empty((2, len(nodes)))
+    _measure_triangles(points, nodes, determinants, squares)
+    determinants *= orientation
+    quality[:] = 2.0 * np.sqrt(3.0) * np.maximum(determinants, 0.0) / np.maximum(squares, TINY)
+    inverted[:] = determinants <= 0.0
 
 
 def _tetra(points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray) -> None:
     determinants, squares = np.empty((2, len(nodes)))
     _measure_edges(points, nodes, determinants, squares)
     determinants *= orientation
-    quality[:] = ratio(determinants, squares)
+    quality[:] = 12.0 * np.cbrt(0.25 * np.maximum(determinants, 0.0) ** 2) / np.maximum(squares, TINY)
     inverted[:] = determinants <= 0.0
 
 
 def _pyramid(points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray) -> None:
+    """Fill in VTK's scaled Jacobian, from the smallest of the tetrahedra."""
     _judge_tetrahedra(points, nodes, orientation, np.array(TETRAHEDRA), quality, inverted)
-    quality[:] = folded(quality)
+    quality[:] = np.maximum(np.where(quality > 1.0, 2.0 - quality, quality), 0.0)
 
 
 def _wedge(points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray) -> None:
@@ -83,15 +132,6 @@ def _hexahedron(
 ) -> None:
     corners, axes = np.array(CORNERS["hexahedron"]), np.array(AXES)
     _judge_corners(points, nodes, orientation, corners, axes, quality, inverted)
-
-
-JUDGES: dict[str, Callable[[FloatArray, IntArray, float, FloatArray, BoolArray], None]] = {
-    "tetra": _tetra,
-    "pyramid": _pyramid,
-    "wedge": _wedge,
-    "hexahedron": _hexahedron,
-}
-"""What fills in quality (R,) and inversion (R,) of cells, given points (N, 3), nodes (R, k) and their orientation."""
 
 
 @compiled_exactly
@@ -193,12 +233,41 @@ def _measure_edges(
 
 
 @compiled_exactly
+def _measure_triangles(
+    points: FloatArray, nodes: IntArray, determinants: FloatArray, squares: FloatArray
+) -> None:  # pragma: no cover - machine code
+    """Fill in twice the area of triangles in a plane of constant z, and the sums of the squared lengths of edges."""
+    for i in range(len(nodes)):
+        o, p, q = nodes[i, 0], nodes[i, 1], nodes[i, 2]
+        a, b = _way(points, o, p), _way(points, o, q)
+        determinants[i] = a[0] * b[1] - a[1] * b[0]
+        squares[i] = _square(a) + _square(_way(points, p, q)) + _square(_way(points, q, o))
+
+
+@compiled_exactly
+def _judge_quads(
+    points: FloatArray, nodes: IntArray, orientation: float, quality: FloatArray, inverted: BoolArray
+) -> None:  # pragma: no cover - machine code
+    """Fill in VTK's scaled Jacobian of quads in a plane of constant z, and which are inverted."""
+    for i in range(len(nodes)):
+        share = least = np.inf
+        for k in range(4):
+            a = _way(points, nodes[i, k], nodes[i, (k + 1) % 4])
+            b = _way(points, nodes[i, k], nodes[i, (k + 3) % 4])
+            determinant = orientation * (a[0] * b[1] - a[1] * b[0])
+            length = np.sqrt(np.maximum(_square(a) * _square(b), TINY))
+            share = np.minimum(share, determinant / length)
+            least = np.minimum(least, determinant)
+        quality[i], inverted[i] = share, least <= 0.0
+
+
+@compiled_exactly
 def _way(points: FloatArray, o: int, a: int) -> Vector:  # pragma: no cover - machine code
     return points[a, 0] - points[o, 0], points[a, 1] - points[o, 1], points[a, 2] - points[o, 2]
 
 
 @compiled_exactly
-def _gather(points: FloatArray, few: IntArray, p: Corners) -> None:  # pragma: no cover - machine code
+def _gather(points: FloatArray, few: IntArray, p: FloatArray) -> None:  # pragma: no cover - machine code
     """Fill the corners p (k, 3, LANES) of a few cells."""
     for j in range(len(few)):
         for k in range(few.shape[1]):
@@ -207,13 +276,13 @@ def _gather(points: FloatArray, few: IntArray, p: Corners) -> None:  # pragma: n
 
 
 @compiled_exactly
-def _edge(p: Corners, o: int, a: int, j: int) -> Vector:  # pragma: no cover - machine code
+def _edge(p: FloatArray, o: int, a: int, j: int) -> Vector:  # pragma: no cover - machine code
     return p[a, 0, j] - p[o, 0, j], p[a, 1, j] - p[o, 1, j], p[a, 2, j] - p[o, 2, j]
 
 
 @compiled_exactly
-def _join(p: Corners, axes: IntArray, ways: FloatArray) -> None:  # pragma: no cover - machine code
-    """Fill in the axes (3, 3, LANES) of hexahedra, four times as long: the corners are summed in NumPy's order."""
+def _join(p: FloatArray, axes: IntArray, ways: FloatArray) -> None:  # pragma: no cover - machine code
+    """Fill in the axes (3, 3, LANES) of hexahedra, four times as long."""
     for k in range(3):
         a, b, c, d = axes[k, 0, 0], axes[k, 0, 1], axes[k, 0, 2], axes[k, 0, 3]
         e, f, g, h = axes[k, 1, 0], axes[k, 1, 1], axes[k, 1, 2], axes[k, 1, 3]
@@ -241,3 +310,14 @@ def _lengths(a: Vector, b: Vector, c: Vector) -> float:  # pragma: no cover - ma
 @compiled_exactly
 def _square(a: Vector) -> float:  # pragma: no cover - machine code
     return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
+
+
+MEASURES: dict[str, Measure] = {
+    "triangle": _triangle,
+    "quad": _judge_quads,
+    "tetra": _tetra,
+    "pyramid": _pyramid,
+    "wedge": _wedge,
+    "hexahedron": _hexahedron,
+}
+"""What fills in quality (R,) and inversion (R,) of cells, given points (N, 3), nodes (R, k) and their orientation."""

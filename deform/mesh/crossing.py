@@ -58,7 +58,7 @@ class Crossings:
         Faces of different zones are not compared: zones overlap. Two patches without a common node that intersect in
         the undeflected mesh already overlap, too, and are not compared either.
         """
-        skin = _Skin.of(mesh, points)
+        skin = _NearbyFaces.of(mesh, points)
         if skin is None:
             return cls(0, 0, 0)
         moved, near = int(skin.moved.sum()), len(skin.moved)
@@ -76,7 +76,7 @@ class Crossings:
         return cls(len(faces), moved, near, f"the first is of {names[0]}, through {names[1]} at ({place})")
 
 
-class _Tree(NamedTuple):
+class _TriangleTree(NamedTuple):
     """Corners (T, 9) of triangles, their labels (T, 4), which moved (T,), and the boxes of `Triangles`."""
 
     corners: FloatArray
@@ -88,7 +88,7 @@ class _Tree(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Skin:
+class _NearbyFaces:
     """Faces near those that moved, cut into triangles.
 
     Attributes
@@ -110,7 +110,7 @@ class _Skin:
     plane: bool
 
     @classmethod
-    def of(cls, mesh: Mesh, points: FloatArray) -> "_Skin | None":
+    def of(cls, mesh: Mesh, points: FloatArray) -> "_NearbyFaces | None":
         """Take the faces of all patches near those that moved to points (N, 3); None if none moved."""
         every = polygons_of(mesh.faces_of(mesh.names))
         if not len(every):
@@ -142,7 +142,7 @@ class _Skin:
     def intersecting(self, points: FloatArray) -> IntArray:
         """Return the pairs of faces (P, 2) that intersect with the nodes at points (N, 3), sorted, each once."""
         boxes, moved = Triangles.along_curve(points[self.triangles]), self.moved[self.face]
-        tree = _Tree(boxes.corners.reshape(-1, 9), self.labels, moved, boxes.low, boxes.high, boxes.order)
+        tree = _TriangleTree(boxes.corners.reshape(-1, 9), self.labels, moved, boxes.low, boxes.high, boxes.order)
         rows, none = np.flatnonzero(moved), np.empty((0, 2), dtype=np.intp)
         count = np.zeros(len(rows), dtype=np.intp)
 
@@ -221,7 +221,7 @@ def _cut_at(faces: Polygons, centres: IntArray) -> tuple[IntArray, IntArray]:
 
 @compiled_exactly
 def _search(
-    rows: IntArray, tree: _Tree, plane: bool, tolerance: float, begin: IntArray, pairs: IntArray
+    rows: IntArray, tree: _TriangleTree, plane: bool, tolerance: float, begin: IntArray, pairs: IntArray
 ) -> None:  # pragma: no cover - compiled
     """Count in `begin` (R,) the triangles that rows (R,) of them intersect; or write the pairs (P, 2) from there on."""
     leaves, waiting = len(tree.low) // 2, np.empty(DEPTH, dtype=np.intp)
@@ -244,7 +244,7 @@ def _search(
 
 @compiled_exactly
 def _in_leaf(
-    row: int, start: int, tree: _Tree, plane: bool, tolerance: float, pairs: IntArray
+    row: int, start: int, tree: _TriangleTree, plane: bool, tolerance: float, pairs: IntArray
 ) -> int:  # pragma: no cover - compiled
     """Count the triangles of one box that a triangle intersects, and write the pairs if there is room.
 

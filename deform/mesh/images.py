@@ -60,15 +60,10 @@ class Images:
             back = np.swapaxes(turn[other], 1, 2) @ pair.rotation @ turn[one] - np.eye(3)
             np.add.at(bound, group[one], np.swapaxes(back, 1, 2) @ back)
             plane = plane_of(mesh, pair.nodes[:, 0])
-            if plane and any(name in flat for name in pair.patches):
+            if plane and not set(flat).isdisjoint(pair.patches):
                 normal = np.einsum("kji,j->ki", turn[one], plane.normal)
                 np.add.at(bound, group[one], normal[:, :, None] * normal[:, None, :])
-        some = np.abs(bound).max(axis=(1, 2)) > CLOSED
-        free = np.tile(np.eye(3), (len(bound), 1, 1))
-        values, vectors = np.linalg.eigh(bound[some])
-        vectors = vectors * (values > CLOSED)[:, None, :]
-        free[some] -= vectors @ np.swapaxes(vectors, 1, 2)
-        return cls(nodes, group, _whole(turn), _whole(free))
+        return cls(nodes, group, _whole(turn), _whole(_free(bound)))
 
     def projected(self, displacement: FloatArray) -> FloatArray:
         """Return displacements (N, 3) in which all nodes of a group have the mean of theirs, each as it is turned.
@@ -139,6 +134,16 @@ def _groups(ends: IntArray, count: int) -> IntArray:
 
     graph = coo_array((np.ones(len(ends), dtype=np.bool_), (ends[:, 0], ends[:, 1])), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
+
+
+def _free(bound: FloatArray) -> FloatArray:
+    """Return the projections (G, 3, 3) on the directions that matrices (G, 3, 3) send to zero."""
+    some = np.abs(bound).max(axis=(1, 2)) > CLOSED
+    free = np.tile(np.eye(3), (len(bound), 1, 1))
+    values, vectors = np.linalg.eigh(bound[some])
+    vectors = vectors * (values > CLOSED)[:, None, :]
+    free[some] -= vectors @ np.swapaxes(vectors, 1, 2)
+    return free
 
 
 def _turns(sides: Sequence[tuple[Periodic, IntArray]], group: IntArray) -> FloatArray:

@@ -8,8 +8,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
@@ -103,6 +101,8 @@ def matched(
 
     Raises InputError if a node has no image, or an image belongs to two nodes.
     """
+    from scipy.spatial import cKDTree  # takes a tenth of a second to load
+
     one, other = patches
     what = f"periodic patches {one.name} and {other.name}"
     first, second = one.nodes, other.nodes
@@ -165,6 +165,8 @@ def nearest_rotation(here: FloatArray, there: FloatArray) -> FloatArray:
 
 def _rotation(here: FloatArray, there: FloatArray) -> FloatArray:
     """Return the rotation (3, 3) that leads from vectors (K, 3) to others, about a coordinate axis if near one."""
+    from scipy.spatial.transform import Rotation
+
     turn = Rotation.from_matrix(nearest_rotation(here, there)).as_rotvec()
     flat = not (here[:, 2].any() or there[:, 2].any())
     direction = np.array([0.0, 0.0, 1.0]) if flat else turn / max(float(np.linalg.norm(turn)), SNAP)

@@ -39,17 +39,17 @@ THICK = 0.1
 """The same, above which the heights of polyhedra follow the wall less closely."""
 
 
-class Judged(NamedTuple):
+class CellScores(NamedTuple):
     """Quality (C,) of cells, each by the measure of its type, and which (C,) are inverted."""
 
     quality: FloatArray
     inverted: BoolArray
 
-    def replaced(self, cells: BoolArray, found: Judged) -> Judged:
+    def replaced(self, cells: BoolArray, found: CellScores) -> CellScores:
         """Return the same with what was found of some cells, a mask (C,), in their place."""
         quality, inverted = self.quality.copy(), self.inverted.copy()
         quality[cells], inverted[cells] = found
-        return Judged(quality, inverted)
+        return CellScores(quality, inverted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,16 +86,16 @@ class TouchedCells:
         return sum(len(rows) for rows in self.rows)
 
     @cached_property
-    def before(self) -> Judged:
+    def before(self) -> CellScores:
         """The touched cells as they are in the undeflected mesh."""
         return self.judged(self.mesh.points)
 
-    def judged(self, points: FloatArray) -> Judged:
+    def judged(self, points: FloatArray) -> CellScores:
         """Judge the touched cells, block by block, with the nodes at `points` (N, 3)."""
         parts = zip(self.mesh.cells, self.rows, self.orientation, strict=True)
         found = [judged(points, *part) for part in parts if len(part[1])]
         quality = np.concatenate([np.empty(0), *(values for values, _ in found)])
-        return Judged(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)]))
+        return CellScores(quality, np.concatenate([np.empty(0, np.bool_), *(bad for _, bad in found)]))
 
     def newly_inverted(self, points: FloatArray) -> BoolArray:
         """Return which touched cells (C,) are inverted with the nodes at `points` (N, 3), and were not before."""

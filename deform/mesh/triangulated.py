@@ -14,7 +14,7 @@ ON = 1e-9  # of the surface's size: points nearer to it, or to a sharp edge, are
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pieces:
+class TriangleSet:
     """Triangles, or segments, that points are put on.
 
     Attributes
@@ -31,7 +31,7 @@ class Pieces:
     projectors: FloatArray = field(repr=False)
 
     @classmethod
-    def faces(cls, vertices: FloatArray, triangles: IntArray) -> "Pieces":
+    def faces(cls, vertices: FloatArray, triangles: IntArray) -> "TriangleSet":
         """Take triangles (T, 3); the tangent plane of a vertex is normal to the mean of its triangles' normals."""
         corners = vertices[triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -39,7 +39,7 @@ class Pieces:
         return cls(triangles, vertices, Triangles.of(corners), np.eye(3) - across[:, :, None] * across[:, None, :])
 
     @classmethod
-    def curves(cls, vertices: FloatArray, edges: IntArray) -> "Pieces":
+    def curves(cls, vertices: FloatArray, edges: IntArray) -> "TriangleSet":
         """Take segments (E, 2); a vertex from which other than two go on, or at a sharp angle, is an end: it stays."""
         vectors = vertices[edges[:, 1]] - vertices[edges[:, 0]]
         along = _dominant(unit(vectors), np.ones(len(edges)), edges, len(vertices))
@@ -89,8 +89,8 @@ class Triangulated:
     near : distance within which a point is on them.
     """
 
-    faces: Pieces = field(repr=False)
-    ridges: Pieces | None = field(repr=False)
+    faces: TriangleSet = field(repr=False)
+    ridges: TriangleSet | None = field(repr=False)
     near: float
 
     @classmethod
@@ -101,11 +101,11 @@ class Triangulated:
         vertices = np.ascontiguousarray(points[used])
         near = ON * float(np.ptp(vertices, axis=0).max())
         if are_lines(faces):
-            curve = Pieces.curves(vertices, own.nodes.reshape(-1, 2))
+            curve = TriangleSet.curves(vertices, own.nodes.reshape(-1, 2))
             return cls(curve, curve, near)
         sharp = np.concatenate([rim(own), sharp_edges(vertices, own, SHARP)])
-        ridges = Pieces.curves(vertices, sharp) if len(sharp) else None
-        return cls(Pieces.faces(vertices, _cut(own)), ridges, near)
+        ridges = TriangleSet.curves(vertices, sharp) if len(sharp) else None
+        return cls(TriangleSet.faces(vertices, _cut(own)), ridges, near)
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the distance (N,)."""
@@ -128,7 +128,7 @@ class Triangulated:
             out[rows[stay]] = 0.0
         return out
 
-    def _bound(self, points: FloatArray, rows: IntArray) -> list[tuple[Pieces, IntArray, BoolArray]]:
+    def _bound(self, points: FloatArray, rows: IntArray) -> list[tuple[TriangleSet, IntArray, BoolArray]]:
         """Sort rows (M,) of points by the pieces that they are bound to, and say which of them stay."""
         if self.ridges is None:
             return [(self.faces, rows, np.zeros(len(rows), dtype=bool))]

@@ -14,9 +14,9 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.points import along_curve
+from sdm_deflect.deform.mesh.compiled_quality import CORNERS
 from sdm_deflect.deform.mesh.mesh import Cells, Polyhedra, Volume
 from sdm_deflect.deform.mesh.polyhedra import corner_edges
-from sdm_deflect.deform.mesh.quality import CORNERS
 
 REGULAR = np.array([[1.0, 0.5, 0.5], [0.0, np.sqrt(3.0) / 2.0, np.sqrt(3.0) / 6.0], [0.0, 0.0, np.sqrt(2.0 / 3.0)]])
 """Edges (columns) of the regular tetrahedron of edge 1."""
@@ -31,7 +31,7 @@ HANGING = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Elements:
+class PatchElements:
     """Tetrahedra at the corners of some cells, and which of their nodes are unknown.
 
     Attributes
@@ -53,7 +53,7 @@ class Elements:
     corners: IntArray = field(repr=False)
 
     @classmethod
-    def of(cls, tetrahedra: Tetrahedra, unknown: IntArray, points: FloatArray, weights: FloatArray) -> Elements:
+    def of(cls, tetrahedra: Tetrahedra, unknown: IntArray, points: FloatArray, weights: FloatArray) -> PatchElements:
         """Take the tetrahedra that have one of the `unknown` nodes (U,), with their targets.
 
         Nodes and elements are ordered along a curve that fills space: neighbours stay together in memory.

@@ -21,7 +21,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
 from sdm_deflect.deform.base.threads import in_chunks
-from sdm_deflect.deform.repair.elements import Elements
+from sdm_deflect.deform.repair.elements import PatchElements
 
 BLOCK = 1 << 11
 """Elements or nodes handled at a time; always the same, so that the bits do not depend on the number of threads."""
@@ -44,7 +44,7 @@ class Energy:
     elements : tetrahedra at the corners of cells, and which of the nodes are unknown.
     """
 
-    def __init__(self, elements: Elements) -> None:
+    def __init__(self, elements: PatchElements) -> None:
         self.elements = elements
         self._measures = np.empty((2, len(elements.nodes)))
         self._slopes = np.empty((len(elements.nodes), 12))

@@ -33,7 +33,7 @@ class Slide:
     faces: tuple[Polygons, ...] = field(default=(), repr=False)
 
 
-class Piece(NamedTuple):
+class SlidingPiece(NamedTuple):
     """A part of the boundary: its shape, if nodes slide on it, whether they do so along edges, and a plane's faces."""
 
     shape: SlidingSurface | None
@@ -89,7 +89,7 @@ class Freedom:
             that a node of a thin body stays on its side. The whole patch is a ``"cylinder"``, fitted to its nodes.
         images : Of free nodes: those that move alike.
         """
-        pieces: list[Piece] = []
+        pieces: list[SlidingPiece] = []
         pairs = [np.empty((0, 2), dtype=np.intp)]
         for patch in mesh.patches:
             if inside[patch.nodes].any():
@@ -171,27 +171,29 @@ def _pieces(
     points: FloatArray,
     inside: BoolArray,
     shape: SlidingSurface | str | None,
-    pieces: list[Piece],
+    pieces: list[SlidingPiece],
 ) -> list[IntArray]:
     """Add the faces of a patch to `pieces`; return which of its nodes inside are on which, as pairs (P, 2)."""
     if shape in TURNS and patch.faces:
-        found = [_on(patch.loose[inside[patch.loose]], pieces, Piece(None))]
+        found = [_on(patch.loose[inside[patch.loose]], pieces, SlidingPiece(None))]
         for part in _parts(patch, mesh.points, inside, TURNS[str(shape)]):
             nodes = distinct(part.nodes)
-            piece = Piece(Triangulated.of(points, part), True) if shape == SURFACE else _plane(mesh, points, part)
+            piece = (
+                SlidingPiece(Triangulated.of(points, part), True) if shape == SURFACE else _plane(mesh, points, part)
+            )
             found.append(_on(nodes[inside[nodes]], pieces, piece))
         return found
     if isinstance(shape, str):
         shape = FITTED[shape](points[patch.nodes], mesh.plane)
-    return [_on(patch.nodes[inside[patch.nodes]], pieces, Piece(shape))]
+    return [_on(patch.nodes[inside[patch.nodes]], pieces, SlidingPiece(shape))]
 
 
-def _plane(mesh: Mesh, points: FloatArray, face: Polygons) -> Piece:
+def _plane(mesh: Mesh, points: FloatArray, face: Polygons) -> SlidingPiece:
     """Return a face that was plane before the deflection, of no shape if it is so no more."""
     nodes = distinct(face.nodes)
     plane, size = Plane.fitted(points[nodes], mesh.plane), float(np.ptp(points[nodes], axis=0).max())
     flat = len(nodes) > (2 if mesh.plane else 3) and float(np.abs(plane.distance(points[nodes])).max()) <= FLAT * size
-    return Piece(plane, faces=(face,)) if flat else Piece(None)
+    return SlidingPiece(plane, faces=(face,)) if flat else SlidingPiece(None)
 
 
 def _folded(start: FloatArray, points: FloatArray, face: Polygons) -> bool:
@@ -201,7 +203,7 @@ def _folded(start: FloatArray, points: FloatArray, face: Polygons) -> bool:
     return bool(((area_vectors(points, face) @ normal <= 0.0) & (before @ normal > 0.0)).any())
 
 
-def _on(nodes: IntArray, pieces: list[Piece], piece: Piece) -> IntArray:
+def _on(nodes: IntArray, pieces: list[SlidingPiece], piece: SlidingPiece) -> IntArray:
     pieces.append(piece)
     return np.column_stack([nodes, np.full(len(nodes), len(pieces) - 1)])
 

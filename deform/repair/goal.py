@@ -10,7 +10,7 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.mesh import Polyhedra
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.mesh.touched import Judged, TouchedCells
+from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
 from sdm_deflect.deform.repair.freedom import Freedom
 
 WORST = 1e-3
@@ -57,21 +57,21 @@ class Goal:
         rows = tuple(own[cells[a:b]] for own, a, b in zip(self.touched.rows, ends, ends[1:], strict=False))
         return Goal(replace(self.touched, rows=rows), self.floor[cells], self.weights[cells])
 
-    def judged(self, points: FloatArray) -> Judged:
+    def judged(self, points: FloatArray) -> CellScores:
         """Judge the cells with the nodes at points (N, 3)."""
         return self.touched.judged(points)
 
-    def missed(self, found: Judged, share: float) -> BoolArray:
+    def missed(self, found: CellScores, share: float) -> BoolArray:
         """Return which cells (C,) are inverted, or below a share of their floor."""
         poor = (self.floor > 0.0) & (found.quality < share * np.maximum(self.floor, 0.0))
         return np.asarray((self.floor > -np.inf) & (found.inverted | poor))
 
-    def least(self, found: Judged) -> float:
+    def least(self, found: CellScores) -> float:
         """Return the least quality of any cell over its floor."""
         own = self.floor > 0.0
         return float((found.quality[own] / self.floor[own]).min(initial=1.0))
 
-    def rank(self, found: Judged) -> tuple[int, float]:
+    def rank(self, found: CellScores) -> tuple[int, float]:
         """Return what the better of two meshes has more of: cells that are not inverted, then the least quality."""
         return -int(self.missed(found, 0.0).sum()), self.least(found)
 

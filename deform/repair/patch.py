@@ -14,7 +14,7 @@ from sdm_deflect.deform.mesh.quality import POLYHEDRON
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.repair.columns import Heights
 from sdm_deflect.deform.repair.crossing import Crossing, Tracks
-from sdm_deflect.deform.repair.elements import Elements, Tetrahedra
+from sdm_deflect.deform.repair.elements import PatchElements, Tetrahedra
 from sdm_deflect.deform.repair.energy import Energy
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Goal
@@ -97,7 +97,7 @@ class Chart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Patch:
+class RepairPatch:
     """Nodes that move together, and the cells around them.
 
     Attributes
@@ -118,9 +118,11 @@ class Patch:
     local: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, points: FloatArray, tetrahedra: Tetrahedra, nodes: IntArray, freedom: Freedom, goal: Goal) -> Patch:
+    def of(
+        cls, points: FloatArray, tetrahedra: Tetrahedra, nodes: IntArray, freedom: Freedom, goal: Goal
+    ) -> RepairPatch:
         """Let some nodes (U,) move, with the mesh at points (N, 3)."""
-        elements = Elements.of(tetrahedra, nodes, goal.touched.mesh.points, goal.weights)
+        elements = PatchElements.of(tetrahedra, nodes, goal.touched.mesh.points, goal.weights)
         cells = np.zeros(len(goal.floor), dtype=np.bool_)
         cells[elements.cells] = True
         unknown = elements.used[: elements.unknown]
@@ -172,7 +174,7 @@ class Patch:
         return found.place, found.steps
 
 
-def mended(patch: Patch, level: float, rest: float) -> tuple[FloatArray, int]:
+def mended(patch: RepairPatch, level: float, rest: float) -> tuple[FloatArray, int]:
     """Move a patch until its cells are at a level or nothing more is won; return all points (N, 3), and the steps.
 
     While cells are inverted eps shrinks, from twice the worst determinant; then the power grows. The patch is left to

@@ -11,11 +11,11 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.touched import Judged, TouchedCells
+from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
 from sdm_deflect.deform.repair.elements import Tetrahedra
 from sdm_deflect.deform.repair.freedom import Freedom
 from sdm_deflect.deform.repair.goal import Goal, Repaired
-from sdm_deflect.deform.repair.patch import Patch, mended
+from sdm_deflect.deform.repair.patch import RepairPatch, mended
 
 RINGS = (3, 6, 12, 24)
 """Rings of cells around spoiled ones whose nodes move; then all that may."""
@@ -64,9 +64,9 @@ def repaired(
     found = start = goal.judged(points)
     here, steps = points, 0
     everything = (len(points),)
-    for level in (*(level for level in LEVELS if level < share), share, *(level for level in BEYOND if level > share)):
+    for level in _levels(share):
         sizes = (*RINGS, *everything) if level <= share else RINGS[:NEAR]
-        there, other, count = _raised(here, found, tetrahedra, freedom, goal, Level(level, sizes, progress))
+        there, other, count = _raised(here, found, tetrahedra, freedom, goal, Target(level, sizes, progress))
         steps += count
         reached = not goal.missed(other, level).any()
         if reached or goal.least(other) >= goal.least(found):
@@ -74,7 +74,7 @@ def repaired(
         if not reached:
             break
     if goal.least(found) < POOR and len(freedom.nodes) < SMALL:
-        whole = Level(share, everything, progress)
+        whole = Target(share, everything, progress)
         there, other, count = _raised(points, start, tetrahedra, freedom, goal, whole)
         steps += count
         if goal.rank(other) > goal.rank(found):
@@ -85,7 +85,7 @@ def repaired(
     return replace(made, steps=steps, seconds=perf_counter() - begin)
 
 
-class Level(NamedTuple):
+class Target(NamedTuple):
     """A share of their floor that cells shall reach, the sizes of patches in rings that are tried, and who is told."""
 
     share: float
@@ -93,9 +93,14 @@ class Level(NamedTuple):
     progress: Progress
 
 
+def _levels(share: float) -> list[float]:
+    """Return the shares of their floor that cells are brought to one after another, `share` among them, rising."""
+    return [*(level for level in LEVELS if level < share), share, *(level for level in BEYOND if level > share)]
+
+
 def _raised(
-    points: FloatArray, found: Judged, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Level
-) -> tuple[FloatArray, Judged, int]:
+    points: FloatArray, found: CellScores, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Target
+) -> tuple[FloatArray, CellScores, int]:
     """Bring all cells to a level if that can be done; return all points (N, 3), their cells, and the steps.
 
     The patch is as small as it may be for the number of cells below the level. It grows while that number does not
@@ -110,13 +115,13 @@ def _raised(
     while below.any() and size < len(sizes) and vain < VAIN:
         unknown = freedom.closed(_around(tetrahedra, below, movable, sizes[size]), len(points))
         count = int(below.sum())
-        if len(unknown) <= LARGER * last or (sizes[size] < len(points) and count > MANY * len(unknown)):
+        if _is_small(unknown, count, last, sizes[size] < len(points)):
             size += 1
             continue
         if level and len(unknown) > max(FAR * count, SMALL):
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
-        patch = Patch.of(points, tetrahedra, unknown, freedom, goal)
+        patch = RepairPatch.of(points, tetrahedra, unknown, freedom, goal)
         new, taken = mended(patch, level, REST if size else 0.0)
         beyond = freedom.left_by(points, new)
         if beyond:
@@ -126,15 +131,24 @@ def _raised(
             continue
         after = found.replaced(patch.cells, patch.goal.judged(new))
         steps, left = steps + taken, goal.missed(after, level)
-        gain = goal.least(after) - goal.least(found)
-        fewer = int(left.sum()) < count
-        better = (fewer and gain >= -LOSS) or gain > GAIN if level else fewer
-        size = 0 if better and left.sum() <= FEWER * count else size + 1
+        gain, remaining = goal.least(after) - goal.least(found), int(left.sum())
+        if _is_better(remaining < count, gain, level):
+            points, found, below, vain = new, after, left, 0
+            size = 0 if remaining <= FEWER * count else size + 1
+        else:
+            size, vain = size + 1, vain + 1
         last = len(unknown) if size else 0
-        vain = 0 if better else vain + 1
-        if better:
-            points, found, below = new, after, left
     return points, found, steps
+
+
+def _is_small(unknown: IntArray, count: int, last: int, rings: bool) -> bool:
+    """Return whether a patch of nodes (U,) is hardly larger than the last one, or has `rings` full of spoiled cells."""
+    return len(unknown) <= LARGER * last or (rings and count > MANY * len(unknown))
+
+
+def _is_better(fewer: bool, gain: float, level: float) -> bool:
+    """Return whether a patch is kept: fewer cells are below the level, or the worst one gained, and lost nothing."""
+    return (fewer and gain >= -LOSS) or gain > GAIN if level else fewer
 
 
 def _around(tetrahedra: Tetrahedra, spoiled: BoolArray, movable: BoolArray, rings: int) -> IntArray:

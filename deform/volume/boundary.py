@@ -1,6 +1,6 @@
 """The nodes whose displacement is known: those that move, those that stay, those that slide."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -70,30 +70,24 @@ class Boundary:
         moves = [name for surface in surfaces for name in surface.patches]
         slides = {name: one.shape for one in job.slides for name in mesh.named([one.patch], "slide")}
         pairs, sides, flat = _bound(mesh, moves, slides)
-        slides = {name: shape for name, shape in slides.items() if name not in flat}
-        others = (*moves, *slides, *pairs, *sides)
-        fixed = tuple(name for name in mesh.named(job.fixed, "fixed") if name in job.fixed or name not in others)
+        slides = {name: slides[name] for name in _without(slides, flat)}
+        others = {*moves, *slides, *pairs, *sides}.difference(job.fixed)
+        fixed = _without(mesh.named(job.fixed, "fixed"), others)
         slides |= _symmetry(mesh, (*others, *fixed))
         _check_parts(mesh, moves, fixed, slides)
-        for section in job.sections:
-            if section.patch not in mesh.names:
-                hint = nearest(section.patch, mesh.names, "the patches are")
-                raise InputError(f"{mesh.name}: section {section.patch!r} is no patch; {hint}")
-        for placement, surface in _placements(job, surfaces):
-            placement.check(surface)
+        _check_sections(mesh, job)
+        _check_hinges(job, surfaces)
         laws = tuple(moving.motion.law(surface) for moving, surface in zip(job.surfaces, surfaces, strict=True))
         nodes = union(*(surface.nodes for surface in surfaces))
         sliding = tuple(SlidingPatch.of(mesh, name, shape) for name, shape in slides.items())
         fixed_nodes = np.setdiff1d(mesh.on(*fixed), nodes, assume_unique=True)
-        size, far = float(np.ptp(mesh.points[nodes], axis=0).max()), float(np.abs(mesh.points[nodes]).max())
-        if 0.0 < size < LEAST * max(1.0, far):
-            raise InputError(
-                f"{mesh.name}: the moving surface is {size:.2g} long at {far:.2g} from the origin: its nodes cannot be "
-                "told apart; take another unit of length, or another origin"
-            )
-        pairs, sides = (tuple(name for name in names if name not in fixed) for names in (pairs, sides))
-        bound = Images.of(mesh, flat), pairs, sides, _walls(mesh)
-        return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, size, *bound)
+        bound = Images.of(mesh, flat), _without(pairs, fixed), _without(sides, fixed), _walls(mesh)
+        return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, _size(mesh, nodes), *bound)
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """Patches of the moving surfaces."""
+        return tuple(name for surface in self.surfaces for name in surface.patches)
 
     @property
     def components(self) -> tuple[int, ...]:
@@ -103,8 +97,12 @@ class Boundary:
     @property
     def declared(self) -> tuple[str, ...]:
         """Every patch that the job names, or the file binds: what becomes of its nodes is known."""
-        moving = tuple(name for surface in self.surfaces for name in surface.patches)
-        return (*moving, *self.fixed, *(one.patch for one in self.sliding), *self.pairs)
+        return (*self.moving, *self.fixed, *(patch.patch for patch in self.sliding), *self.pairs)
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Every patch whose nodes may move."""
+        return (*self.moving, *(patch.patch for patch in self.sliding), *self.pairs, *self.sides)
 
     def displacement(self, amounts: Amounts) -> FloatArray:
         """Return how far each of `nodes` (K, 3) moves, each of them once.
@@ -254,21 +252,49 @@ def _bound(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[
     Third come those of both that shall stay plane. Raises InputError if one moves, or slides on any other shape.
     """
     known = {name: len(pair.nodes) for pair in mesh.periodic for name in pair.patches if name in mesh.names}
-    thin = [patch.name for patch in mesh.patches if patch.constraint in THIN]
-    names = (*known, *(name for name in thin if name not in known))
+    thin = tuple(patch.name for patch in mesh.patches if patch.constraint in THIN)
+    sides = thin if any(is_thin(mesh, pair) and len(pair.nodes) for pair in mesh.periodic) else ()
+    names, pairs = tuple(dict.fromkeys((*known, *thin))), [name for name in known if known[name]]
+    _check_bound(mesh, names, moves, slides, set(pairs))
+    return _without(pairs, thin), sides, _without(names, set(names).difference(slides))
+
+
+def _without(names: Iterable[str], others: Container[str]) -> tuple[str, ...]:
+    """Return the names that are not among others."""
+    return tuple(name for name in names if name not in others)
+
+
+def _check_bound(mesh: Mesh, names: Iterable[str], moves: list[str], slides: dict[str, str], pairs: set[str]) -> None:
+    """Raise if a patch of images moves, or slides on a shape; one of a pair with nodes may slide on its plane."""
     for name in names:
-        plane = slides.get(name) == "plane" and known.get(name, 0)
-        if plane:
+        if slides.get(name) == "plane" and name in pairs:
             fitted("plane", mesh.points[mesh.patch(name).nodes], name, mesh.plane)
-        elif name in moves or name in slides:
-            what = f"is {mesh.patch(name).constraint}" if name in thin else "is one side of a periodic pair"
+        elif name in (*moves, *slides):
+            constraint = mesh.patch(name).constraint
+            what = f"is {constraint}" if constraint in THIN else "is one side of a periodic pair"
             raise InputError(
                 f"{mesh.name}: patch {name} {what}, so that its nodes move as their images do; it can neither move by "
                 "itself nor slide on a shape: leave it out"
             )
-    matched = any(is_thin(mesh, pair) and len(pair.nodes) for pair in mesh.periodic)
-    pairs = tuple(name for name, count in known.items() if count and name not in thin)
-    return pairs, tuple(thin if matched else ()), tuple(name for name in names if name in slides)
+
+
+def _size(mesh: Mesh, nodes: IntArray) -> float:
+    """Return the largest extent of the moving nodes (K,); InputError if it is nothing beside their coordinates."""
+    size, far = float(np.ptp(mesh.points[nodes], axis=0).max()), float(np.abs(mesh.points[nodes]).max())
+    if 0.0 < size < LEAST * max(1.0, far):
+        raise InputError(
+            f"{mesh.name}: the moving surface is {size:.2g} long at {far:.2g} from the origin: its nodes cannot be "
+            "told apart; take another unit of length, or another origin"
+        )
+    return size
+
+
+def _check_sections(mesh: Mesh, job: Job) -> None:
+    """Raise if a section is no patch."""
+    for section in job.sections:
+        if section.patch not in mesh.names:
+            hint = nearest(section.patch, mesh.names, "the patches are")
+            raise InputError(f"{mesh.name}: section {section.patch!r} is no patch; {hint}")
 
 
 def _symmetry(mesh: Mesh, named: tuple[str, ...]) -> dict[str, str]:
@@ -281,6 +307,12 @@ def _walls(mesh: Mesh) -> tuple[Plane, ...]:
     """Return the planes in which one side of a pair lies."""
     found = [plane_of(mesh, nodes) for pair in mesh.periodic for nodes in pair.nodes.T]
     return tuple(plane for plane in found if plane)
+
+
+def _check_hinges(job: Job, surfaces: Sequence[Surface]) -> None:
+    """Raise if a hinge does not lie beside its surface as it must."""
+    for placement, surface in _placements(job, surfaces):
+        placement.check(surface)
 
 
 def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement, Surface]]:

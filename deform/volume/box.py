@@ -17,7 +17,7 @@ LEAST = 0.05  # of the wanted margin: a face does not come nearer to the moving 
 BITS = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=np.float64)
 
 
-class Scene(NamedTuple):
+class BoxScene(NamedTuple):
     """What a box has to hold, and what it should keep clear of."""
 
     moving: FloatArray  # (K, 3) nodes of the moving surfaces
@@ -43,7 +43,7 @@ class BoxRule(Protocol):
         """What a user sets to make it larger or smaller."""
         ...
 
-    def choose(self, scene: Scene) -> Chosen:
+    def choose(self, scene: BoxScene) -> Chosen:
         """Return the hexahedron for a scene."""
         ...
 
@@ -77,7 +77,7 @@ class Given:
         except (TypeError, ValueError) as error:
             raise InputError(f"the box: {error}") from None
 
-    def choose(self, scene: Scene) -> Chosen:
+    def choose(self, scene: BoxScene) -> Chosen:
         """Return it."""
         del scene
         return Chosen(self.hexahedron, "corners as given", self.open_faces)
@@ -123,7 +123,7 @@ class Outline:
         except ValueError as error:
             raise InputError(f"the box: {error}") from None
 
-    def choose(self, scene: Scene) -> Chosen:
+    def choose(self, scene: BoxScene) -> Chosen:
         """Return the prism around the mesh's plane.
 
         Raises InputError if the mesh is no plane one.
@@ -158,7 +158,7 @@ class Automatic:
         """What a user sets to make it larger or smaller."""
         return "margin"
 
-    def choose(self, scene: Scene) -> Chosen:
+    def choose(self, scene: BoxScene) -> Chosen:
         """Return the box for a scene."""
         origin, axes = frame(scene)
         places = (np.vstack([scene.moving, scene.track]) - origin) @ axes.T
@@ -170,7 +170,7 @@ class Automatic:
         return Chosen(Hexahedron(np.asarray(corners)), _why(margins, wanted, self.margin))
 
 
-def frame(scene: Scene) -> tuple[FloatArray, FloatArray]:
+def frame(scene: BoxScene) -> tuple[FloatArray, FloatArray]:
     """Return an origin (3,) and right-handed unit axes (3, 3): hinge, away from it, normal."""
     center = scene.moving.mean(axis=0)
     if scene.hinge is None:

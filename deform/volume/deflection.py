@@ -1,6 +1,6 @@
 """A plan of all that is decided before anything is fitted, and the mesh at one angle or at many."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import nan
@@ -30,7 +30,7 @@ from sdm_deflect.deform.volume.boundary import Amounts, Boundary
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.region import ON_FACE, Region
 from sdm_deflect.deform.volume.sites import Sites
-from sdm_deflect.deform.volume.step import Step, StepState, rate, solve
+from sdm_deflect.deform.volume.step import Step, StepState, adapted, rate, solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +167,10 @@ class Plan:
         found = Freedom.of(mesh, points, inside, np.flatnonzero(free), shapes, images)
         return found.with_columns(Columns.of(self.touched, self.walls), points)
 
+    def share(self, angle: float, k: int, count: int) -> Amounts:
+        """Return the amounts after k of so many equal steps to an angle."""
+        return tuple(amount * k / count for amount in self.job.amounts_at(angle))
+
     def state(self, points: FloatArray) -> StepState:
         """Return the start of a step with the mesh at `points` (N, 3)."""
         return StepState.of(self.boundary, self.region, self.sites, points)
@@ -278,10 +282,10 @@ def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Defl
     and factors of an earlier deflection of a single step.
     """
     reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
-    best = mended(_stepped(plan, angle, 1, progress, reused), progress)
+    best = mended(adapted_steps(plan, angle, 1, progress, reused), progress)
     count = 2
     while best.inverted and count <= plan.job.fitting.max_steps:
-        again = mended(_stepped(plan, angle, count, progress, None), progress)
+        again = mended(adapted_steps(plan, angle, count, progress), progress)
         best = min(best, again, key=lambda one: one.inverted)
         count *= 2
     return best
@@ -351,18 +355,31 @@ def repair_of(deflections: Sequence[Deflection]) -> FloatArray | None:
     return np.asarray(np.sum([one.moved_by_repair for one in deflections], axis=0))
 
 
-def _stepped(plan: Plan, angle: float, count: int, progress: Progress, earlier: Step | None) -> Deflection:
-    """Go to the angle in `count` equal steps, each interpolated from where the last one ended."""
-    begin, amounts, nodes = perf_counter(), plan.job.amounts_at(angle), plan.sites.moving
+def stepped(plan: Plan, angle: float, count: int, take: Callable[[int, FloatArray, FloatArray], Step]) -> Deflection:
+    """Go to an angle in `count` equal steps, each from where the last one ended.
+
+    `take` carries out a step, given its number from 1, the points (N, 3) at its start, and how far (K, 3) the moving
+    nodes go.
+    """
+    begin, nodes = perf_counter(), plan.sites.moving
     points, steps, reached = plan.mesh.points, [], np.zeros((len(nodes), 3))
     for k in range(1, count + 1):
-        state = earlier.state if earlier else plan.state(points)
-        target = plan.boundary.displacement(tuple(amount * k / count for amount in amounts))
-        steps.append(solve(state, target - reached, progress, earlier, plan.runner))
+        target = plan.boundary.displacement(plan.share(angle, k, count))
+        steps.append(take(k, points, target - reached))
         points, reached = steps[-1].points, target
     points[nodes] = plan.mesh.points[nodes] + reached  # the places asked for, without the rounding of the steps
     points = plan.precision.rounded(points, plan.mesh.points)
     return Deflection(plan, angle, tuple(steps), points, inverted_count(plan, points), perf_counter() - begin)
+
+
+def adapted_steps(plan: Plan, angle: float, count: int, progress: Progress, earlier: Step | None = None) -> Deflection:
+    """Go to the angle in `count` steps, on centres adapted to each; on those of an earlier step first."""
+
+    def take(_: int, points: FloatArray, move: FloatArray) -> Step:
+        state = earlier.state if earlier else plan.state(points)
+        return solve(state, move, adapted(state, progress, earlier), plan.runner)
+
+    return stepped(plan, angle, count, take)
 
 
 def inverted_count(plan: Plan, points: FloatArray) -> int:

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
@@ -22,10 +23,8 @@ from sdm_deflect.deform.mesh.quality import POLYHEDRON
 from sdm_deflect.deform.volume.boundary import Boundary
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.region import confined
-from sdm_deflect.deform.volume.scan import CELLS, POINTS, CellsFound, Frame, beside, check_points, judged, nodes_inside
+from sdm_deflect.deform.volume.scan import CellsFound, ScanTask, beside, check_points, nodes_inside, scan_cells
 
-HELD = 1 << 23
-"""Points up to so many are held in memory, by a runner that shares it."""
 LARGER = 4
 """How many times the memory of another cell a polyhedron takes while it is judged."""
 Block = TypeVar("Block", bound=Faces)
@@ -42,22 +41,19 @@ def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runne
     border = _border(mesh)
     boundary = Boundary.of(job.prepared(border), job)
     zones, box = confined(boundary, job.ends(tuple(angles) or (job.angle,)))
-    frame = _framed(mesh, border, box.hexahedron, zones, boundary.mesh.numbers(boundary.nodes))
-    if runner.shares_memory and (pieces.points <= HELD or frame.is_scattered):
-        frame = frame.holding()
-    inside, places = _nodes_inside(frame, runner, progress)
-    found, frame = _cells(mesh, frame, runner, progress)
-    for block, some in enumerate(found):
-        some += _around(frame, block, some, runner)
-    known = union(frame.boundary, inside)
+    task = _task(mesh, border, box.hexahedron, zones, boundary.mesh.numbers(boundary.nodes))
+    task = _in_memory(task) if runner.shares_memory else task
+    inside, places = _nodes_inside(task, runner, progress)
+    found, task = _cells(mesh, task, runner, progress)
+    known = union(task.boundary, inside)
     beyond = np.setdiff1d(union(*(one.cells.nodes for block in found for one in block)), known, assume_unique=True)
     nodes = union(known, beyond)
     points = np.empty((len(nodes), 3))
-    for own, at in ((frame.boundary, border.points), (inside, places), (beyond, gathered(pieces, beyond))):
-        points[np.searchsorted(nodes, own)] = at
+    for some, at in ((task.boundary, border.points), (inside, places), (beyond, gathered(pieces, beyond))):
+        points[np.searchsorted(nodes, some)] = at
     blocks = [_block(shape, own, nodes) for (shape, _), own in zip(pieces.blocks, found, strict=True)]
     bad = tuple(sum(one.inverted for one in block) for block in found)
-    whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), frame.sign, bad)
+    whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), task.sign, bad)
     return _numbered(mesh, points, tuple(cells for cells, _ in blocks), whole)
 
 
@@ -91,22 +87,27 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
     return Mesh(points, cells, patches, zones, mesh.name, source, mesh.notes, whole, periodic, files)
 
 
-def _framed(mesh: MeshInPieces, border: Mesh, box: Hexahedron, zones: Sequence[Zone], moving: IntArray) -> Frame:
+def _task(mesh: MeshInPieces, border: Mesh, box: Hexahedron, zones: Sequence[Zone], moving: IntArray) -> ScanTask:
     assert border.whole is not None
     deforming = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in {own.name for own in zones}]
     keys = node_keys(len(border.points))
     faces = distinct(np.concatenate([np.empty(0, np.uint64), *(patch_keys(patch, keys) for patch in border.patches)]))
     sign = (1.0,) * len(mesh.pieces.blocks)
     spans = np.array(deforming, dtype=np.intp).reshape(-1, 2)
-    return Frame(mesh.pieces, box, spans, moving, border.whole.nodes, keys, faces, sign)
+    return ScanTask(mesh.pieces, box, spans, moving, border.whole.nodes, keys, faces, sign)
 
 
-def _nodes_inside(frame: Frame, runner: Runner, progress: Progress) -> tuple[IntArray, FloatArray]:
+def _in_memory(task: ScanTask) -> ScanTask:
+    """Return the task with all points held in memory, if these are few, or if cells need them in no order."""
+    return task.holding() if task.pieces.points <= limits.LIMITS.held or task.is_scattered else task
+
+
+def _nodes_inside(task: ScanTask, runner: Runner, progress: Progress) -> tuple[IntArray, FloatArray]:
     """Return the nodes (M,) in the box and their coordinates (M, 3); InputError for coordinates that are no numbers."""
-    count = frame.pieces.points
-    items = [(start, min(start + POINTS, count)) for start in range(0, count, POINTS)]
+    count = task.pieces.points
+    items = [(start, min(start + limits.LIMITS.points, count)) for start in range(0, count, limits.LIMITS.points)]
     found = []
-    for i, own in enumerate(runner.map(nodes_inside, frame, items), 1):
+    for i, own in enumerate(runner.map(nodes_inside, task, items), 1):
         found.append(own)
         progress("points", i / len(items))
     nodes = np.concatenate([np.empty(0, dtype=np.intp), *(own for own, _ in found)])
@@ -114,56 +115,56 @@ def _nodes_inside(frame: Frame, runner: Runner, progress: Progress) -> tuple[Int
 
 
 def _cells(
-    mesh: MeshInPieces, frame: Frame, runner: Runner, progress: Progress
-) -> tuple[list[list[CellsFound]], Frame]:
-    """Judge all cells; return the touched ones of each block, and the frame with the blocks' orientation.
+    mesh: MeshInPieces, task: ScanTask, runner: Runner, progress: Progress
+) -> tuple[list[list[CellsFound]], ScanTask]:
+    """Judge all cells; return the touched ones of each block, and the task with the blocks' orientation.
 
     InputError if a face of a patch is of no cell.
     """
-    pieces = frame.pieces
+    pieces = task.pieces
     if not sum(count for _, count in pieces.blocks):
         raise InputError(f"{mesh.name}: there are no volume cells")
-    found, seen = [], np.zeros(len(frame.faces), dtype=np.bool_)
+    found, seen = [], np.zeros(len(task.faces), dtype=np.bool_)
     for block, (_, count) in enumerate(pieces.blocks):
-        own = _judged_cells(frame, block, runner, progress)
+        own = _judged_cells(task, block, runner, progress)
         if 2 * sum(one.inverted for one in own) > count:
-            other = replace(frame, sign=(*frame.sign[:block], -1.0, *frame.sign[block + 1 :]))
+            other = replace(task, sign=(*task.sign[:block], -1.0, *task.sign[block + 1 :]))
             mirrored = _judged_cells(other, block, runner, progress)
             if sum(one.inverted for one in mirrored) < sum(one.inverted for one in own):
-                own, frame = mirrored, other
+                own, task = mirrored, other
         for one in own:
             seen[one.faces] = True
-        found.append(own)
+        found.append(own + _around(task, block, own, runner))
     if not seen.all():
-        _refuse_loose(mesh, frame, frame.faces[~seen])
-    return found, frame
+        _refuse_loose(mesh, task, task.faces[~seen])
+    return found, task
 
 
-def _around(frame: Frame, block: int, found: list[CellsFound], runner: Runner) -> list[CellsFound]:
+def _around(task: ScanTask, block: int, found: list[CellsFound], runner: Runner) -> list[CellsFound]:
     """Return the polyhedra beyond the faces of the touched ones, with all their faces: their centres are needed."""
     sides = [one.cells.sides for one in found if isinstance(one.cells, SomePolyhedra)]
     known = union(*(one.rows for one in found))
     cells = np.setdiff1d(union(*(one for own in sides for one in (own.owner, own.neighbour))), known, True)
-    pieces = np.split(cells, np.flatnonzero(np.diff(cells // (CELLS // LARGER))) + 1)
-    return list(runner.map(beside, frame, [(block, own) for own in pieces if len(own)]))
+    pieces = np.split(cells, np.flatnonzero(np.diff(cells // (limits.LIMITS.cells // LARGER))) + 1)
+    return list(runner.map(beside, task, [(block, own) for own in pieces if len(own)]))
 
 
-def _judged_cells(frame: Frame, block: int, runner: Runner, progress: Progress) -> list[CellsFound]:
-    shape, count = frame.pieces.blocks[block]
-    size = CELLS // LARGER if shape == POLYHEDRON else CELLS
+def _judged_cells(task: ScanTask, block: int, runner: Runner, progress: Progress) -> list[CellsFound]:
+    shape, count = task.pieces.blocks[block]
+    size = limits.LIMITS.cells // LARGER if shape == POLYHEDRON else limits.LIMITS.cells
     items = [(block, start, min(start + size, count)) for start in range(0, count, size)]
     found = []
-    for i, own in enumerate(runner.map(judged, frame, items), 1):
+    for i, own in enumerate(runner.map(scan_cells, task, items), 1):
         found.append(own)
         progress(f"cells ({shape})", i / len(items))
     return found
 
 
-def _refuse_loose(mesh: MeshInPieces, frame: Frame, missing: Keys) -> None:
+def _refuse_loose(mesh: MeshInPieces, task: ScanTask, missing: Keys) -> None:
     loose = []
     for patch in mesh.patches:
-        numbers = [replace(faces, nodes=np.searchsorted(frame.boundary, faces.nodes)) for faces in patch.faces]
-        count = np.count_nonzero(np.isin(patch_keys(Patch(patch.name, tuple(numbers)), frame.keys), missing))
+        numbers = [replace(faces, nodes=np.searchsorted(task.boundary, faces.nodes)) for faces in patch.faces]
+        count = np.count_nonzero(np.isin(patch_keys(Patch(patch.name, tuple(numbers)), task.keys), missing))
         loose += [f"{count} of {len(patch)} faces of patch {patch.name}"] if count else []
     raise InputError(f"{mesh.name}: {', '.join(loose)} are of no cell")
 
@@ -171,8 +172,8 @@ def _refuse_loose(mesh: MeshInPieces, frame: Frame, missing: Keys) -> None:
 def gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
     """Return the coordinates (K, 3) of sorted nodes, range by range."""
     found = np.empty((len(nodes), 3))
-    for start in range(0, pieces.points, POINTS) if len(nodes) else ():
-        first, end = np.searchsorted(nodes, (start, start + POINTS))
+    for start in range(0, pieces.points, limits.LIMITS.points) if len(nodes) else ():
+        first, end = np.searchsorted(nodes, (start, start + limits.LIMITS.points))
         if end > first:
             low = int(nodes[first])
             found[first:end] = pieces.coordinates(low, int(nodes[end - 1]) + 1)[nodes[first:end] - low]

@@ -11,7 +11,7 @@ from sdm_deflect.deform.mesh.selection import Selection, selected
 from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
 from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
-from sdm_deflect.deform.surface.motions import Moving
+from sdm_deflect.deform.surface.motions import Motion, Moving
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.box import Automatic, BoxRule
 
@@ -88,15 +88,13 @@ class Job(JobOptions):
     @property
     def names(self) -> tuple[str, ...]:
         """Every name of a patch in it, and every wildcard."""
-        motions = [moving.motion for moving in self.surfaces if isinstance(moving.motion, Blended)]
-        sets = [nodes for motion in motions for nodes in (motion.held, motion.driven) if isinstance(nodes, OnPatches)]
         return (
             *(name for moving in self.surfaces for name in moving.patches),
             *self.fixed,
             *(sliding.patch for sliding in (*self.slides, *self.repair_slides)),
             *(section.patch for section in self.sections),
             *(name for pair in self.periodic for name in (pair.first, pair.second)),
-            *(name for nodes in sets for name in nodes.names),
+            *(name for moving in self.surfaces for name in _named_by(moving.motion)),
         )
 
     @property
@@ -137,3 +135,9 @@ class Job(JobOptions):
         amounts = self.amounts_at(angle)
         moved = (replace(one, amount=amount) for one, amount in zip(self.surfaces, amounts, strict=True))
         return replace(self, surfaces=tuple(moved))
+
+
+def _named_by(motion: Motion) -> tuple[str, ...]:
+    """Return every name of a patch, and every wildcard, in a motion."""
+    sets = (motion.held, motion.driven) if isinstance(motion, Blended) else ()
+    return tuple(name for nodes in sets if isinstance(nodes, OnPatches) for name in nodes.names)

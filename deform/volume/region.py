@@ -14,7 +14,7 @@ from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Zone
 from sdm_deflect.deform.volume.boundary import SAME, Amounts, Boundary
-from sdm_deflect.deform.volume.box import Chosen, Scene
+from sdm_deflect.deform.volume.box import BoxScene, Chosen
 from sdm_deflect.deform.volume.job import Section
 
 POSES = 4  # positions between rest and the full angle that the box has to hold
@@ -123,17 +123,23 @@ def _inside(mesh: Mesh, zones: tuple[Zone, ...], hexahedron: Hexahedron) -> IntA
     return np.concatenate(parts)
 
 
-def _scene(boundary: Boundary, zones: tuple[Zone, ...], all_amounts: Sequence[Amounts]) -> Scene:
-    mesh, moving = boundary.mesh, boundary.mesh.points[boundary.nodes]
+def _scene(boundary: Boundary, zones: tuple[Zone, ...], all_amounts: Sequence[Amounts]) -> BoxScene:
+    moving = boundary.mesh.points[boundary.nodes]
     shares = [k / POSES for k in range(1, POSES + 1)]
     poses = dict.fromkeys(tuple(share * one for one in amounts) for amounts in all_amounts for share in shares)
     moves = [boundary.displacement(pose) for pose in poses]
     largest = max(float(np.linalg.norm(move, axis=1).max()) for move in moves)
-    axes = [moving.motion.axis for moving in boundary.job.surfaces if moving.motion.axis is not None]
-    nodes = mesh.on(*(name for name in mesh.names if name not in (*boundary.declared, *boundary.sides)))
-    others = np.concatenate([nodes[(nodes >= zone.start) & (nodes < zone.stop)] for zone in zones])
     track = np.vstack([moving + move for move in moves])
-    return Scene(moving, track, largest, axes[0] if axes else None, mesh.points[others])
+    axes = (surface.motion.axis for surface in boundary.job.surfaces)
+    hinge = next((axis for axis in axes if axis is not None), None)
+    return BoxScene(moving, track, largest, hinge, boundary.mesh.points[_obstacles(boundary, zones)])
+
+
+def _obstacles(boundary: Boundary, zones: tuple[Zone, ...]) -> IntArray:
+    """Return the nodes (O,) of patches of which nothing is known, in the zones that deform."""
+    known = (*boundary.declared, *boundary.sides)
+    nodes = boundary.mesh.on(*(name for name in boundary.mesh.names if name not in known))
+    return np.concatenate([nodes[(nodes >= zone.start) & (nodes < zone.stop)] for zone in zones])
 
 
 def check_moving(boundary: Boundary, hexahedron: Hexahedron, all_amounts: Sequence[Amounts]) -> None:
@@ -219,9 +225,7 @@ def _at_rest(boundary: Boundary, inside: IntArray) -> tuple[IntArray, tuple[tupl
     """Return the boundary nodes inside that stay, and those of each section that slide in its plane."""
     mesh, tol = boundary.mesh, ON_FACE * boundary.size
     slides = [section for section in boundary.job.sections if section.slides]
-    moving = [name for surface in boundary.surfaces for name in surface.patches]
-    free = (*moving, *(one.patch for one in boundary.sliding), *boundary.pairs, *boundary.sides)
-    others = [name for name in mesh.names if name not in free]
+    others = [name for name in mesh.names if name not in boundary.free]
     walls = mesh.on(*(name for name in others if name not in {section.patch for section in slides}))
     sections = []
     for section in slides:

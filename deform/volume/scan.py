@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.sets import distinct
@@ -16,13 +17,11 @@ from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.mesh.touched import touching
 
-POINTS, CELLS = 1 << 20, 1 << 19
-"""Points and cells of a piece."""
 PROBES, PROBED = 8, 1 << 14
 """Places in a block of cells where their order is looked at, and cells at each."""
 
 
-class View(NamedTuple):
+class Window(NamedTuple):
     """The points that some cells need.
 
     Attributes
@@ -38,7 +37,7 @@ class View(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frame:
+class ScanTask:
     """What every piece is compared with.
 
     Attributes
@@ -62,17 +61,17 @@ class Frame:
     keys: Keys = field(repr=False)
     faces: Keys = field(repr=False)
     sign: tuple[float, ...]
-    held: View | None = field(default=None, repr=False)
+    held: Window | None = field(default=None, repr=False)
 
-    def holding(self) -> "Frame":
+    def holding(self) -> "ScanTask":
         """Return it with all points held in memory."""
         points = np.empty((self.pieces.points, 3))
-        for start in range(0, len(points), POINTS):
-            stop = min(start + POINTS, len(points))
+        for start in range(0, len(points), limits.LIMITS.points):
+            stop = min(start + limits.LIMITS.points, len(points))
             points[start:stop] = self.pieces.coordinates(start, stop)
         return replace(self, held=self.view_of(points, 0))
 
-    def view(self, nodes: IntArray) -> tuple[View, IntArray]:
+    def view(self, nodes: IntArray) -> tuple[Window, IntArray]:
         """Return the points that cells with nodes (M, k) or (K,) need, and the rows of these there, as many.
 
         Where cells near one another in the file have nodes near one another, they are a range of points, else the
@@ -85,7 +84,7 @@ class Frame:
             )
         if self.held:
             return self.held, nodes
-        if high - low <= max(nodes.size, POINTS):
+        if high - low <= max(nodes.size, limits.LIMITS.points):
             return self.view_of(self.pieces.coordinates(low, high), low), nodes - low
         own = distinct(nodes)
         points = self.pieces.places(own)
@@ -93,9 +92,9 @@ class Frame:
         changed[_common(own, self.moving)[0]] = True
         on, known = _common(own, self.boundary)
         keys[on] = self.keys[known]
-        return View(points, changed, keys), np.searchsorted(own, nodes)
+        return Window(points, changed, keys), np.searchsorted(own, nodes)
 
-    def view_of(self, points: FloatArray, first: int) -> View:
+    def view_of(self, points: FloatArray, first: int) -> Window:
         """Return a view of a range of points (P, 3), the first of which has that index."""
         changed = self.inside(points, np.arange(first, first + len(points)))
         keys = np.zeros(len(points), dtype=np.uint64)
@@ -103,7 +102,7 @@ class Frame:
         changed[self.moving[own] - first] = True
         own = slice(*np.searchsorted(self.boundary, (first, first + len(points))))
         keys[self.boundary[own] - first] = self.keys[own]
-        return View(points, changed, keys)
+        return Window(points, changed, keys)
 
     def inside(self, points: FloatArray, nodes: IntArray) -> BoolArray:
         """Return which nodes (K,) at points (K, 3) lie in the box, and in a zone that deforms."""
@@ -119,7 +118,7 @@ class Frame:
         for block, (_, count) in enumerate(self.pieces.blocks):
             for start in np.linspace(0, max(0, count - PROBED), PROBES).astype(int).tolist() if count else ():
                 nodes = self.pieces.cells_of(block, start, min(start + PROBED, count)).nodes
-                far += int(np.ptp(nodes)) > POINTS
+                far += int(np.ptp(nodes)) > limits.LIMITS.points
                 places += 1
         return 2 * far > places
 
@@ -133,13 +132,13 @@ class CellsFound(NamedTuple):
     faces: IntArray
 
 
-def nodes_inside(frame: Frame, item: tuple[int, int]) -> tuple[IntArray, FloatArray]:
+def nodes_inside(task: ScanTask, item: tuple[int, int]) -> tuple[IntArray, FloatArray]:
     """Return which points of a range lie inside (M,), and where (M, 3); InputError for coordinates that are none."""
     start, stop = item
-    points = frame.held.points[start:stop] if frame.held else frame.pieces.coordinates(start, stop)
+    points = task.held.points[start:stop] if task.held else task.pieces.coordinates(start, stop)
     numbers = np.arange(start, stop)
-    check_points(frame.pieces, points, numbers)
-    rows = np.flatnonzero(frame.inside(points, numbers))
+    check_points(task.pieces, points, numbers)
+    rows = np.flatnonzero(task.inside(points, numbers))
     return start + rows, points[rows]
 
 
@@ -151,26 +150,26 @@ def check_points(pieces: Pieces, points: FloatArray, numbers: IntArray) -> None:
         raise InputError(f"{pieces.source}: points are {what}, the first is point {int(numbers[np.argmax(bad)])}")
 
 
-def judged(frame: Frame, item: tuple[int, int, int]) -> CellsFound:
+def scan_cells(task: ScanTask, item: tuple[int, int, int]) -> CellsFound:
     """Judge some cells of a block."""
     block, start, stop = item
-    stored = frame.pieces.cells_of(block, start, stop)
-    view, nodes = frame.view(stored.nodes)
+    stored = task.pieces.cells_of(block, start, stop)
+    view, nodes = task.view(stored.nodes)
     cells: Volume
     if isinstance(stored, Cells):
         cells, rows = Cells(stored.shape, nodes), None
     else:
         cells, rows = stored.counted(nodes, start, stop), np.arange(stop - start)
-    inverted = int(np.count_nonzero(inverted_of(view.points, cells, rows, frame.sign[block])))
-    found = touching(cells, view.changed) if frame.held or view.changed.any() else np.empty(0, dtype=np.intp)
+    inverted = int(np.count_nonzero(inverted_of(view.points, cells, rows, task.sign[block])))
+    found = touching(cells, view.changed) if task.held or view.changed.any() else np.empty(0, dtype=np.intp)
     found = found[found < stop - start]  # the last of polyhedra stands for all others
-    return CellsFound(start + found, _some(stored, cells, found), inverted, _faces_seen(frame, view, cells))
+    return CellsFound(start + found, _some(stored, cells, found), inverted, _faces_seen(task, view, cells))
 
 
-def beside(frame: Frame, item: tuple[int, IntArray]) -> CellsFound:
+def beside(task: ScanTask, item: tuple[int, IntArray]) -> CellsFound:
     """Return some polyhedra (R,) of a block, none of which is touched, with all their faces."""
     block, rows = item
-    stored = frame.pieces.cells_of(block, int(rows[0]), int(rows[-1]) + 1)
+    stored = task.pieces.cells_of(block, int(rows[0]), int(rows[-1]) + 1)
     assert isinstance(stored, SomePolyhedra)
     sides, none = stored.sides, np.empty(0, dtype=np.intp)
     wanted = np.isin(sides.owner, rows)
@@ -199,13 +198,13 @@ def _common(own: IntArray, known: IntArray) -> tuple[IntArray, IntArray]:
     return place[there], first + there
 
 
-def _faces_seen(frame: Frame, view: View, cells: Volume) -> IntArray:
+def _faces_seen(task: ScanTask, view: Window, cells: Volume) -> IntArray:
     """Return which faces (F,) of patches the cells have."""
     if isinstance(cells, Polyhedra):
         found = face_keys(cells.faces.rows(len(cells.neighbour), len(cells.faces)), view.keys)
     else:
         found = np.concatenate([np.empty(0, np.uint64), *cell_face_keys((cells,), view.keys, view.keys > 0)])
-    if not len(frame.faces):
+    if not len(task.faces):
         return np.empty(0, dtype=np.intp)
-    place = np.minimum(np.searchsorted(frame.faces, found), len(frame.faces) - 1)
-    return distinct(place[frame.faces[place] == found])
+    place = np.minimum(np.searchsorted(task.faces, found), len(task.faces) - 1)
+    return distinct(place[task.faces[place] == found])

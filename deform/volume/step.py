@@ -7,6 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
+from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.points import farthest
@@ -15,10 +16,9 @@ from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.pieces import HERE, Runner
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
-from sdm_deflect.deform.rbf.bases import RecordingBasis, with_values
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import Fitting, RuleName, Strategy
-from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, adapt, fused
+from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Stop, adapt, fused
 from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError
 from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
@@ -31,8 +31,6 @@ from sdm_deflect.deform.volume.sites import REACH, Sites
 
 DIRECTIONS = ("x", "y", "z")
 NO_NODES = np.empty((0, 3))
-SENT, SENT_PAIRS = 1 << 18, 1 << 28
-"""Points sent at a time to be evaluated elsewhere, and pairs with centres from which on they are sent at all."""
 ROUNDS = 8  # of putting nodes on several shapes, one after another
 RULES: dict[RuleName, Rule] = {"separated": Separated(), "worst": Worst()}
 GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]] = {
@@ -43,10 +41,26 @@ GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fits:
-    """Fitted groups of directions, and the factors that found them."""
+    """Fitted groups of directions."""
 
     adaptations: tuple[Adaptation, ...]
-    factors: tuple[CholeskyBasis, ...] = field(repr=False)
+
+    @classmethod
+    def on(cls, state: "StepState", groups: Sequence[DataSites], centers: Sequence[IntArray]) -> "Fits":
+        """Fit groups of sites on centres, the rows (C,) of each; InputError if a system cannot be solved."""
+        found = []
+        for group, rows in zip(groups, centers, strict=True):
+            try:
+                basis = CholeskyBasis.of(Problem.of(group, state.sites.kernel, state.fitting.polynomial), rows)
+            except (SolveError, ValueError) as error:
+                raise InputError(f"{state.boundary.mesh.name}: {error}") from None
+            found.append(_solved(basis, Stop.CONVERGED))
+        return cls(tuple(found))
+
+    @property
+    def factors(self) -> tuple[CholeskyBasis, ...]:
+        """The factors that found them; none if the coefficients were read from a file."""
+        return tuple(fit.basis for fit in self.adaptations if isinstance(fit.basis, CholeskyBasis))
 
     @property
     def interpolant(self) -> Interpolant:
@@ -204,28 +218,17 @@ class Step:
         return max(fits.error for fits in (self.first, self.fits) if fits)
 
 
-def solve(
-    state: StepState, move: FloatArray, progress: Progress, earlier: Step | None = None, runner: Runner = HERE
-) -> Step:
-    """Carry out one step: moving nodes (K, 3) go by `move`, on the centres of an earlier step if there is one."""
+Fit = Callable[[bool, FloatArray], Fits]
+"""What interpolates displacements (S, 3) of the known points; first whether the sliding nodes are among these."""
+
+
+def solve(state: StepState, move: FloatArray, fit: Fit, runner: Runner = HERE) -> Step:
+    """Carry out one step: moving nodes (K, 3) go by `move`, sliding ones stay on their shapes, all others follow."""
     first, slid, sliding = None, NO_NODES, bool(len(state.sites.slid))
     if sliding:
-        first = _fit(state, False, state.values(move), progress, earlier.first if earlier else None)
+        first = fit(False, state.values(move))
         slid = state.slid(move, first.interpolant(state.points[state.sites.slid]))
-    values = state.values(move, slid if sliding else None)
-    fits = _fit(state, sliding, values, progress, earlier.fits if earlier else None)
-    return carried_out(state, move, fits, first, slid, runner)
-
-
-def carried_out(
-    state: StepState,
-    move: FloatArray,
-    fits: Fits,
-    first: Fits | None = None,
-    slid: FloatArray = NO_NODES,
-    runner: Runner = HERE,
-) -> Step:
-    """Move all nodes by fits that are known, those of the moving surfaces by `move` (K, 3), sliding ones by `slid`."""
+    fits = fit(sliding, state.values(move, slid if sliding else None))
     known, boundary = state.sites.known, state.boundary_values(move, slid)
     interpolant = fits.interpolant
     off = np.linalg.norm(boundary - interpolant(state.points[known]), axis=1)
@@ -238,9 +241,10 @@ def carried_out(
 
 def evaluated(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
     """Evaluate at points (M, 3); the bits do not depend on how they are shared out."""
-    if runner.shares_memory or len(points) * len(interpolant.centers) < SENT_PAIRS:
+    if runner.shares_memory or len(points) * len(interpolant.centers) < limits.LIMITS.sent_pairs:
         return interpolant(points)
-    parts = [points[start : start + SENT] for start in range(0, len(points), SENT)]
+    size = limits.LIMITS.sent
+    parts = [points[start : start + size] for start in range(0, len(points), size)]
     return np.concatenate(list(runner.map(_sums, interpolant, parts)))
 
 
@@ -275,38 +279,40 @@ def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> I
     return np.concatenate([farthest(own, count[0]), surface + farthest(others, count[1])])
 
 
-def _fit(state: StepState, sliding: bool, values: FloatArray, progress: Progress, earlier: Fits | None) -> Fits:
-    """Adapt centres to displacements `values` (S, 3) of the known points.
+def adapted(state: StepState, progress: Progress, earlier: Step | None = None) -> Fit:
+    """Return the fit that adapts centres until every site is within the tolerance.
 
-    With an earlier fit its centres and factors come first: every site is checked, and centres are added where one is
+    With an earlier step its centres and factors come first: every site is checked, and centres are added where one is
     off by more than the tolerance.
     """
+
+    def fit(sliding: bool, values: FloatArray) -> Fits:
+        groups = state.groups(values, sliding)
+        known = (earlier.fits if sliding or not earlier.first else earlier.first).factors if earlier else None
+        bases = known or (None,) * len(groups)
+        return Fits(tuple(_adapted(state, *pair, progress) for pair in zip(groups, bases, strict=True)))
+
+    return fit
+
+
+def _adapted(state: StepState, group: DataSites, known: CholeskyBasis | None, progress: Progress) -> Adaptation:
+    """Adapt the centres of one group of directions, from those of a known basis if there is one."""
     fitting, tolerance = state.fitting, state.sites.tolerance
-    found: list[Adaptation] = []
-    kept: list[CholeskyBasis] = []
     options = GreedyOptions(
         n_add=fitting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=fitting.max_centers,
         polynomial=fitting.polynomial,
     )  # fmt: skip
-    for i, group in enumerate(state.groups(values, sliding)):
-        if earlier:
-            initial = earlier.factors[i].chosen
-        else:
-            counts = fitting.initial_surface, fitting.initial_hexahedron
-            initial = initial_centers(group, len(state.sites.distinct), counts)
+    counts = fitting.initial_surface, fitting.initial_hexahedron
+    initial = known.chosen if known else initial_centers(group, len(state.sites.distinct), counts)
 
-        def start(problem: Problem, rows: IntArray, i: int = i) -> Basis:
-            basis = with_values(earlier.factors[i], problem.values) if earlier else CholeskyBasis.of(problem, rows)
-            return RecordingBasis(basis, kept.append)
+    def start(problem: Problem, rows: IntArray) -> Basis:
+        return known.with_values(problem.values) if known else CholeskyBasis.of(problem, rows)
 
-        with _solvable(state):
-            found.append(
-                adapt(
-                    group, state.sites.kernel, initial, options,
-                    rule=RULES[fitting.rule], basis=start, progress=_named(progress, group),
-                )
-            )  # fmt: skip
-    return Fits(tuple(found), tuple(kept))
+    with _solvable(state):
+        return adapt(
+            group, state.sites.kernel, initial, options,
+            rule=RULES[fitting.rule], basis=start, progress=_named(progress, group),
+        )  # fmt: skip
 
 
 @contextmanager
@@ -334,13 +340,16 @@ def _named(progress: Progress, group: DataSites) -> Progress:
 
 def _on_same_centers(earlier: Fits, groups: Sequence[DataSites]) -> Interpolant:
     """Interpolate other values at the same points on exactly the centres of an earlier fit."""
-    solved = []
     with single_threaded_blas():
-        for group, factor, fit in zip(groups, earlier.factors, earlier.adaptations, strict=True):
-            basis = with_values(factor, group.values)
-            interpolant = basis.kernel.problem.interpolant(basis.chosen, basis.refined())
-            solved.append(Adaptation(interpolant, group.components, factor.chosen, (), fit.stop, np.nan))
-    return fused(solved)
+        parts = zip(groups, earlier.factors, earlier.adaptations, strict=True)
+        return fused([_solved(factor.with_values(group.values), fit.stop) for group, factor, fit in parts])
+
+
+def _solved(basis: CholeskyBasis, stop: Stop) -> Adaptation:
+    """Return the interpolant on the centres of a basis, without a history."""
+    problem = basis.kernel.problem
+    interpolant = problem.interpolant(basis.chosen, basis.refined())
+    return Adaptation(interpolant, problem.sites.components, basis.chosen, (), stop, np.nan, basis)
 
 
 def _carried(state: StepState, displacement: FloatArray, move: FloatArray) -> FloatArray:

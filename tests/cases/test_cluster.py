@@ -11,7 +11,7 @@ import ssl
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 from urllib.request import urlopen
@@ -23,7 +23,6 @@ import pytest
 from distributed import Client, Security
 
 from benchmarks.large_block import write_block
-from sdm_deflect.cases import cli
 from sdm_deflect.cases.run import cluster, deflect_file
 from sdm_deflect.cases.run.cluster import Cluster, Wanted, workers
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
@@ -31,12 +30,14 @@ from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.mesh.pieces import HERE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.volume import excerpt, step
+from sdm_deflect.deform.volume import step
 from sdm_deflect.meshing.formats import tables
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces
+from tests import calls
 from tests.cases.test_in_pieces import FLAP, written
+from tests.limits import limited
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
 
@@ -57,10 +58,7 @@ def block(tmp_path_factory):
 def small_pieces():
     """Pieces so small that there are some of a small block."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(excerpt, "POINTS", 6_000)
-        patch.setattr(excerpt, "CELLS", 6_000)
-        patch.setattr(step, "SENT", 300)
-        patch.setattr(step, "SENT_PAIRS", 0)
+        limited(patch, points=6_000, cells=6_000, sent=300, sent_pairs=0)
         patch.setattr(tables, "RANGE", 100_003)
         yield
 
@@ -70,7 +68,7 @@ def deflected(block):
     """The bytes of the deflected block as one process has them, from memory and from pieces."""
     assert sdm(block, out(block, "one"))[0] == 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(deflect_file, "LARGE", 1)
+        limited(patch, file=1)
         assert sdm(block, out(block, "pieces"))[0] == 0
     found = out(block, "one").read_bytes()
     assert found == out(block, "pieces").read_bytes() != block.read_bytes()
@@ -130,23 +128,9 @@ def out(block, name):
 def sdm(block, to, *more, options=None):
     """Carry out the command in this process; return its code and what it says on the standard error output."""
     options = options or (*OPTIONS, "--table", block.with_suffix(".npz"))
-    words = ["sdm", "deflect", block, *options, "--no-report", "--out", to, *more]
-    with pytest.MonkeyPatch.context() as patch, Path(os.devnull).open("w") as nowhere, said() as lines:
-        patch.setattr(sys, "argv", list(map(str, words)))
-        patch.setattr(sys, "stdout", nowhere)
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-    return end.value.code, "".join(lines)
-
-
-@contextmanager
-def said():
-    """Give the list to which what is written to standard error is added at the end."""
-    found, buffer = [], StringIO()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "stderr", buffer)
-        yield found
-    found.append(buffer.getvalue())
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
+        code = calls.sdm("deflect", block, *options, "--no-report", "--out", to, *more)
+    return code, said.getvalue()
 
 
 class Interrupted:
@@ -276,12 +260,12 @@ def test_killed_workers_lose_nothing(block, deflected, two):
 def test_sums_have_the_same_bits_whatever_the_chunks(two, monkeypatch):
     rng = np.random.default_rng(1)
     interpolant, points = fit(ThinPlateSpline(), rng.random((301, 3)), rng.random((301, 3))), rng.random((20_001, 3))
-    monkeypatch.setattr(step, "SENT", 1_237)
+    limited(monkeypatch, sent=1_237)
     assert np.array_equal(step.evaluated(interpolant, points, two), step.evaluated(interpolant, points, HERE))
 
 
 def test_an_error_of_a_piece_is_that_of_one_process(block, two, monkeypatch):
-    monkeypatch.setattr(deflect_file, "LARGE", 1)
+    limited(monkeypatch, file=1)
     with in_pieces(block) as mesh:
         own = mesh.pieces.ranges[0]
     place = block.with_name("nan.cgns")

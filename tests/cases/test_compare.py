@@ -2,8 +2,8 @@
 
 import json
 import shutil
-import sys
 from dataclasses import replace
+from functools import partial
 from io import BytesIO
 
 import numpy as np
@@ -11,7 +11,6 @@ import pytest
 from PIL import Image
 
 from sdm_deflect import deflect, read
-from sdm_deflect.cases.cli import main
 from sdm_deflect.cases.compare import pictures
 from sdm_deflect.cases.compare.figures import Row, differing_settings, tables
 from sdm_deflect.cases.compare.page import page, write_page
@@ -254,19 +253,13 @@ def test_names_cannot_inject_markup(runs, shown, tmp_path):
 
 
 @pytest.fixture
-def sdm(monkeypatch, capsys, tmp_path):
-    def call(*words):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "argv", ["sdm", "compare", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return end.value.code, *capsys.readouterr()
-
-    return call
+def compare(sdm, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    return partial(sdm, "compare")
 
 
-def test_the_command_writes_the_page_and_prints_the_numbers(folders, sdm, tmp_path):
-    code, out, _ = sdm(folders["tps"], folders["steep"], "--json")
+def test_the_command_writes_the_page_and_prints_the_numbers(folders, compare, tmp_path):
+    code, out, _ = compare(folders["tps"], folders["steep"], "--json")
     found = json.loads(out)
     assert code == 0
     assert [one["name"] for one in found["runs"]] == ["tps-report", "steep-report"]
@@ -275,11 +268,11 @@ def test_the_command_writes_the_page_and_prints_the_numbers(folders, sdm, tmp_pa
     rows = {row["name"]: row for row in found["tables"]["Interpolation"]}
     assert rows["kernel"] == {"name": "kernel", "unit": "", "values": ["tps", "mq"], "same": False}
     assert (tmp_path / found["page"]).stat().st_size > 1e5
-    code, out, _ = sdm(folders["tps"], folders["steep"], "--out", "other.html", "-q")
+    code, out, _ = compare(folders["tps"], folders["steep"], "--out", "other.html", "-q")
     assert (code, out.startswith("other.html: ")) == (0, True)
 
 
-def test_what_cannot_be_compared_is_one_sentence(folders, sdm, tmp_path):
+def test_what_cannot_be_compared_is_one_sentence(folders, compare, tmp_path):
     damaged = tmp_path / "damaged"
     shutil.copytree(folders["steep"], damaged)
     (damaged / "metrics.json").write_text("{")
@@ -303,7 +296,7 @@ def test_what_cannot_be_compared_is_one_sentence(folders, sdm, tmp_path):
         ([one, other, "--out", tmp_path / "folder.html"], "is there and no file"),
     ):
         (tmp_path / "folder.html").mkdir(exist_ok=True)
-        code, _, err = sdm(*words, "-q")
+        code, _, err = compare(*words, "-q")
         assert (code, said in err, err.count("\n")) == (2, True, 1), (words, err)
     assert not list(tmp_path.glob("*.pdf"))
 

@@ -1,17 +1,16 @@
 """Hinge line and angle from a CPACS file: wings whose hinge points are known without it."""
 
-import sys
 import tracemalloc
 
 import numpy as np
 import pytest
 
 import sdm_deflect
-from sdm_deflect.cases import cli
 from sdm_deflect.cases.settings.cpacs import Device, Limits, hinge_and_angle
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.registry import FORMATS
+from tests.calls import sdm
 from tests.cases.cpacs_wing import STEPS, WING, X, Z, border, positioning, section, transformation, written
 from tests.deform.blocks import two_bodies
 
@@ -163,28 +162,14 @@ def test_settings_take_hinge_and_angle_from_it(tmp_path):
         hinge_and_angle(tmp_path / "aircraft.xml", "flap=1", 3.0)
 
 
-def test_the_command_and_python_turn_a_surface_about_it(tmp_path, monkeypatch, capsys):
+def test_the_command_and_python_turn_a_surface_about_it(tmp_path):
     """A plate from y = -0.5 to 0.5 turns about its middle, as with the hinge itself."""
     place = transformation((1, 1, 1), (0, 0, 0), (0.75, -1.0, 0.0), "absGlobal")
     middle = "<hingeXsi>0.5</hingeXsi><hingeRelHeight>0.5</hingeRelHeight>"
     cpacs = written(tmp_path, sections=section(1) + section(2), wing=place, inner=middle, outer=middle)
     FORMATS["su2"].write(two_bodies(), tmp_path / "plates.su2")
-    words = [
-        "--surface",
-        "right",
-        "--fixed",
-        "left,wall",
-        "--cpacs",
-        cpacs,
-        "--device",
-        "flap=0.2",
-        "-q",
-        "--no-report",
-    ]
-    monkeypatch.setattr(sys, "argv", ["sdm", "deflect", *map(str, [tmp_path / "plates.su2", *words])])
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    assert end.value.code == 0, capsys.readouterr()
+    words = ["--surface", "right", "--fixed", "left,wall", "--cpacs", cpacs, "--device", "flap=0.2", "--no-report"]
+    assert sdm("deflect", tmp_path / "plates.su2", *words, "-q") == 0
     found = sdm_deflect.read(tmp_path / "plates-deflected.su2").points
     plain = sdm_deflect.deflect(two_bodies(), "right", [[1.25, -0.5, 0], [1.25, 0.5, 0]], 6, fixed="left,wall")
     same = sdm_deflect.deflect(two_bodies(), "right", cpacs=str(cpacs), device="flap=0.2", fixed="left,wall")

@@ -2,13 +2,11 @@
 
 import re
 import shutil
-import sys
 
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from sdm_deflect.cases import cli
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from tests.cases import foam
 
@@ -31,17 +29,6 @@ boundary
 """
 METHODS = {"binary": "manual", "ascii": "random", "collated": "random"}
 """How decomposePar cuts, whatever the points: by cells in order, or at random. Debian's OpenFOAM has no scotch."""
-
-
-@pytest.fixture
-def sdm(monkeypatch, capsys):
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["sdm", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return call
 
 
 @pytest.fixture(scope="module")

@@ -1,16 +1,14 @@
 """`sdm deflect` from the command line, on files."""
 
 import json
-import resource
 import shutil
-import sys
 
 import numpy as np
 import pytest
 
-from sdm_deflect.cases import cli
 from sdm_deflect.meshing.formats.known import written
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
+from tests.calls import files_of_at_most
 from tests.deform.blocks import block_with_body, two_bodies
 from tests.meshing.formats import fluent_files
 
@@ -33,15 +31,8 @@ def files(tmp_path_factory, hybrid_wing):
 
 
 @pytest.fixture
-def sdm(monkeypatch, capsys):
-    def call(command, *arguments):
-        quick = ["--no-report"] if command == "deflect" else []
-        monkeypatch.setattr(sys, "argv", ["sdm", command, *quick, *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return call
+def sdm(sdm):
+    return lambda command, *words: sdm(command, "--no-report", *words)
 
 
 def content(path):
@@ -294,11 +285,8 @@ def test_a_full_disk_is_one_line_and_leaves_earlier_files(share, files, sdm, tmp
     assert sdm(*arguments)[0] == 0
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     largest = max(map(len, before.values()))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * largest), resource.RLIM_INFINITY))
-    try:
+    with files_of_at_most(int(share * largest)):
         code, _, complaint = sdm(*arguments)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     assert code == 2
     assert f"{tmp_path}" in complaint
     assert "cannot be written" in complaint

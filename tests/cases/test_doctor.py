@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from sdm_deflect.cases.cli import examination as doctor
-from sdm_deflect.cases.cli import main
 from sdm_deflect.cases.cli.console import findings
 from sdm_deflect.cases.run.surroundings import EXTRAS, missing
 
@@ -49,14 +48,12 @@ def test_a_missing_module_is_one_sentence_that_says_what_brings_it():
     assert missing(ModuleNotFoundError("", name="numpyy")) == ""
 
 
-def test_a_command_without_its_extra_ends_with_that_sentence(monkeypatch, capsys):
+def test_a_command_without_its_extra_ends_with_that_sentence(monkeypatch, sdm):
     monkeypatch.setitem(sys.modules, "aiohttp", None)
     monkeypatch.delitem(sys.modules, "sdm_deflect.cases.view.serve", raising=False)
-    monkeypatch.setattr(sys, "argv", ["sdm", "view", "nowhere"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 2
-    assert "sdm-deflect[view]" in capsys.readouterr().err
+    code, _, complaint = sdm("view", "nowhere")
+    assert code == 2
+    assert "sdm-deflect[view]" in complaint
 
 
 def test_an_extra_that_is_not_installed_is_no_fault(monkeypatch):

@@ -1,6 +1,5 @@
 """Exported runs hold the run's mesh, by name, in every format; nothing of the run changes."""
 
-import resource
 import subprocess
 import sys
 
@@ -18,6 +17,7 @@ from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
+from tests.calls import files_of_at_most
 
 CORNERS = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
 TETS = np.array([[0, 1, 2, 4], [1, 3, 2, 7], [4, 6, 7, 2], [4, 7, 5, 1], [1, 2, 4, 7]])
@@ -124,10 +124,6 @@ def test_the_command_says_what_it_wrote(run):
 
 def test_a_full_disk_names_the_case_to_be(run, tmp_path):
     """A limit of the size of files stands for the disk."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
-    try:
-        with pytest.raises(MeshFileError, match=rf"^{tmp_path / 'case'}: cannot be written: "):
-            export_run(run, "openfoam", out=tmp_path / "case")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    with files_of_at_most(100), pytest.raises(MeshFileError, match=rf"^{tmp_path / 'case'}: cannot be written: "):
+        export_run(run, "openfoam", out=tmp_path / "case")
     assert not (tmp_path / "case").exists()

@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import sys
 from concurrent.futures import Future
 from dataclasses import replace
 
@@ -12,7 +11,6 @@ import pytest
 from scipy.stats import t
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.cli import main
 from sdm_deflect.cases.flow.forces import Forces
 from sdm_deflect.cases.flow.setup import FreeStream
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
@@ -20,7 +18,6 @@ from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.meshing.mesh import triangles_of
-from studies.__main__ import study
 from studies.flow.members import (
     DEFLECTED,
     FRESH,
@@ -38,16 +35,8 @@ from studies.flow.page import several
 from studies.flow.results import Increment, Results, Value, fresh_increments, increments, results_of
 from studies.flow.solve import FOLDER, carried_out, computed, seconds_of, standing
 from studies.flow.trend import Slope
+from tests.calls import run_study
 from tests.cases.foam import needed
-
-
-def ended(*words):
-    """Run `sdm` in this process; return its exit code."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["studies", *words])
-        with pytest.raises(SystemExit) as stop:
-            main(study, "python -m studies")
-    return stop.value.code
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +47,7 @@ def flow(tmp_path_factory, make_mesh):
     folder = tmp_path_factory.mktemp("flow")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        code = ended("flow", "--fresh", "1", "--iterations", "50", "--quiet", "--out", "out")
+        code = run_study("flow", "--fresh", "1", "--iterations", "50", "--quiet", "--out", "out")
     return code, folder / "out"
 
 
@@ -135,7 +124,7 @@ def test_processor_time_is_known_of_a_study_that_was_killed(flow, tmp_path):
 
 def test_without_openfoam_it_says_so(monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert ended("flow", "--out", str(tmp_path / "out")) == 2
+    assert run_study("flow", "--out", str(tmp_path / "out")) == 2
     assert "rhoCentralFoam is not on PATH: install OpenFOAM" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
@@ -153,7 +142,7 @@ def test_without_openfoam_it_says_so(monkeypatch, tmp_path, capsys):
 )
 def test_what_cannot_be_studied_is_one_sentence(words, sentence, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert ended(*words) == 2
+    assert run_study(*words) == 2
     assert sentence in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
 

@@ -2,9 +2,7 @@
 
 import json
 import re
-import resource
 import shutil
-import sys
 from dataclasses import replace
 from math import pi, sin
 
@@ -12,7 +10,6 @@ import numpy as np
 import pytest
 
 from benchmarks.foam_motion import LAPLACIAN, GivenBoundary, Motion
-from sdm_deflect.cases import cli
 from sdm_deflect.cases.run.history import MOST_TIMES, History, deflect_history
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.faces import FACE_SHAPES, FACES
@@ -23,6 +20,7 @@ from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
 from sdm_deflect.meshing.formats.openfoam_history import Times
 from sdm_deflect.meshing.formats.openfoam_write import header
 from sdm_deflect.meshing.formats.registry import FORMATS
+from tests.calls import files_of_at_most
 from tests.cases import foam
 from tests.deform.blocks import grid
 from tests.deform.jobs import turn
@@ -58,17 +56,6 @@ def field(path):
         found.append(np.frombuffer(data[number.end() : at], "<f8"))
     uniform = re.search(rb"(?:internalField|value)\s+uniform\s+([-+.e\d]+)", data)
     return np.concatenate(found) if found else np.array([float(uniform[1])])
-
-
-@pytest.fixture
-def sdm(monkeypatch, capsys):
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["sdm", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return call
 
 
 @pytest.fixture(scope="module")
@@ -386,11 +373,8 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(share, cases, sdm, tmp_path)
     FORMATS["su2"].write(body_in("hexahedron"), tmp_path / "body.su2")
     largest = max(path.stat().st_size for path in cases["hexahedron"].rglob("*"))
     words = ["--history", written(tmp_path / "t.csv"), "--set", "near_wall=false"]
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * largest), resource.RLIM_INFINITY))
-    try:
+    with files_of_at_most(int(share * largest)):
         code, _, complaint = sdm("deflect", tmp_path / "body.su2", *BODY, *words)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     assert (code, complaint.count("\n")) == (2, 1)
     assert "cannot be written" in complaint
     assert sorted(path.name for path in tmp_path.iterdir()) == ["body.su2", "t.csv"]

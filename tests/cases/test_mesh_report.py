@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from sdm_deflect.cases.cli import main
 from sdm_deflect.cases.report import folder as folders
 from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view, name_of, round_length
 from sdm_deflect.cases.report.folder import part_of, report_of_folder, write_deflected, write_run_folder
@@ -31,6 +30,7 @@ from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.deform.blocks import block_with_body
+from tests.limits import limited
 from tests.meshing.formats.examples import hybrid, polyhedral
 from tests.meshing.formats.wing import wing
 
@@ -151,7 +151,7 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
             if key != "version" or key not in figures:
                 with pytest.raises(InputError, match=r"metrics\.json"):
                     page(replace(data, figures=figures), Gallery(()))
-    monkeypatch.setattr(folders, "SHOWN_WHOLE", 10)
+    limited(monkeypatch, shown=10)
     write_deflected(folder / "deflected.vtu", one)
     assert (folder / "deflected.vtu").stat().st_size < 0.8 * len(before["deflected.vtu"])
     np.testing.assert_array_equal(report_of_folder(folder).points, one.points)
@@ -279,30 +279,22 @@ def test_lengths_are_shown_in_their_unit():
     assert [round_length(most) for most in (0.9, 1.0, 4.99, 7e-4, 2100.0)] == [0.5, 1.0, 2.0, 5e-4, 2000.0]
 
 
-def test_the_command_writes_a_folder_unless_told_not_to(coarse_wing, tmp_path, monkeypatch, capsys):
+def test_the_command_writes_a_folder_unless_told_not_to(coarse_wing, tmp_path, sdm):
     source = tmp_path / "wing.su2"
     format_of(source).write(coarse_wing.mesh, source)
     hinge = [",".join(map(str, point)) for point in coarse_wing.hinge.tolist()]
-    common = ["sdm", "deflect", str(source), "--surface", "flap_*", "--fixed", "wing_*", "--motion", "blended", "-q",
+    common = ["deflect", source, "--surface", "flap_*", "--fixed", "wing_*", "--motion", "blended", "-q",
               "--angle", "3", "--hinge", *hinge]  # fmt: skip
 
-    def run(*more):
-        monkeypatch.setattr("sys.argv", [*common, *more])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code
-
-    assert run("--no-report", "--out", str(tmp_path / "bare.su2")) == 0
+    assert sdm(*common, "--no-report", "--out", tmp_path / "bare.su2")[0] == 0
     assert not (tmp_path / "bare-report").exists()
-    assert run("--out", str(tmp_path / "bent.su2")) == 0
+    assert sdm(*common, "--out", tmp_path / "bent.su2")[0] == 0
     assert (tmp_path / "bent.su2").read_bytes() == (tmp_path / "bare.su2").read_bytes()
-    monkeypatch.setattr("sys.argv", ["sdm", "report", str(tmp_path / "bent-report")])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 0
+    assert sdm("report", tmp_path / "bent-report")[0] == 0
     (tmp_path / "foreign-report").mkdir()
-    assert run("--out", str(tmp_path / "foreign.su2")) == 2
-    assert "is no earlier report" in capsys.readouterr().err
+    code, _, complaint = sdm(*common, "--out", tmp_path / "foreign.su2")
+    assert code == 2
+    assert "is no earlier report" in complaint
     assert not (tmp_path / "foreign.su2").exists()
 
 

@@ -1,11 +1,8 @@
 """Cases whose patches bind nodes: cyclic by translation and by rotation, one cell thick as a plane and as a wedge."""
 
-import sys
-
 import numpy as np
 import pytest
 
-from sdm_deflect.cases import cli
 from sdm_deflect.cases.flow.openfoam import write_settings
 from sdm_deflect.cases.flow.setup import Setup
 from sdm_deflect.meshing.formats.registry import read
@@ -42,17 +39,13 @@ def cases(tmp_path_factory):
 
 
 @pytest.fixture
-def sdm(monkeypatch, capsys):
+def deflect(sdm):
     def call(case, *words, hinge=None):
         name = case.name
         annulus = ["blade", "--fixed", "hub", "--fixed", "casing"]
         still = {"sector": annulus, "known": annulus, "wedge": ["ring"]}.get(name, ["wing"])
         job = ["--surface", "flap", "--fixed", *still, "--motion", "blended", "--no-report", "-q"]
-        given = ["sdm", "deflect", case, *job, "--hinge", *(hinge or HINGES[name]), *words]
-        monkeypatch.setattr(sys, "argv", list(map(str, given)))
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
+        return sdm("deflect", case, *job, "--hinge", *(hinge or HINGES[name]), *words)
 
     return call
 
@@ -64,9 +57,9 @@ def apart(mesh, points):
 
 
 @pytest.mark.parametrize("name", HINGES)
-def test_nodes_stay_images_and_openfoam_takes_the_mesh(name, cases, sdm, tmp_path):
+def test_nodes_stay_images_and_openfoam_takes_the_mesh(name, cases, deflect, tmp_path):
     case, out = cases[name], tmp_path / "out"
-    code, said, error = sdm(case, "--angle", 12, "--out", out)
+    code, said, error = deflect(case, "--angle", 12, "--out", out)
     assert code == 0, error + said
     assert ("plane_" if name in ("empty", "wedge") else "periodic_") in said
     before, after = read(case), read(out)

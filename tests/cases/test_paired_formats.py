@@ -1,14 +1,12 @@
 """A wing between periodic sides: the same deflection, whoever says which nodes are images of which."""
 
-import sys
-
 import numpy as np
 import pytest
 
-from sdm_deflect.cases import cli
 from sdm_deflect.deform.mesh.pairing import PeriodicPatches
 from sdm_deflect.deform.mesh.pairing import paired as with_pairs
 from sdm_deflect.meshing.formats.registry import FORMATS, read
+from tests.calls import sdm
 from tests.deform import paired
 
 JOB = ["--surface", "flap", "--fixed", "wing", "--motion", "blended", "--hinge", "0.7,0,0", "0.7,0.4,0", "--angle", "8"]
@@ -23,20 +21,15 @@ def meshes(tmp_path_factory):
     return folder
 
 
-def deflected(source, out, monkeypatch, *words):
-    monkeypatch.setattr(
-        sys, "argv", ["sdm", "deflect", str(source), *JOB, "--no-report", "-q", "--out", str(out), *words]
-    )
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    return end.value.code
+def deflected(source, out, *words):
+    return sdm("deflect", source, *JOB, "--no-report", "-q", "--out", out, *words)
 
 
-def test_pairs_of_the_user_and_of_files_give_the_same_mesh(meshes, tmp_path, monkeypatch, capsys):
+def test_pairs_of_the_user_and_of_files_give_the_same_mesh(meshes, tmp_path, capsys):
     points = {}
     for suffix, words in ((".su2", ["--periodic", "side0", "side1"]), (".msh", []), (".cgns", [])):
         out = tmp_path / f"out{suffix}"
-        assert deflected(meshes / f"wing{suffix}", out, monkeypatch, *words) == 0
+        assert deflected(meshes / f"wing{suffix}", out, *words) == 0
         assert "periodic_side0" in capsys.readouterr().out
         points[suffix] = read(out).points
     (pair,) = read(meshes / "wing.cgns").periodic
@@ -47,7 +40,7 @@ def test_pairs_of_the_user_and_of_files_give_the_same_mesh(meshes, tmp_path, mon
         np.testing.assert_allclose(points[suffix], points[".su2"], atol=1e-12)
 
 
-def test_patches_that_are_no_images_end_the_command(meshes, tmp_path, monkeypatch, capsys):
-    assert deflected(meshes / "wing.su2", tmp_path / "out.su2", monkeypatch, "--periodic", "side0", "far") == 2
+def test_patches_that_are_no_images_end_the_command(meshes, tmp_path, capsys):
+    assert deflected(meshes / "wing.su2", tmp_path / "out.su2", "--periodic", "side0", "far") == 2
     assert "they must match node by node" in capsys.readouterr().err
     assert not (tmp_path / "out.su2").exists()

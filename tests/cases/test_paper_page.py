@@ -2,7 +2,6 @@
 
 import re
 import string
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.cli import main
 from sdm_deflect.deform.rbf.bases import DirectBasis
 from sdm_deflect.deform.rbf.greedy import Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import direct
@@ -18,12 +16,12 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Worst
 from sdm_deflect.deform.rbf.sites import DataSites
 from studies import centres, studies
-from studies.__main__ import study
 from studies.loop import Gmres, adapted
 from studies.page import read_page
 from studies.stored import Counted
 from studies.trials import Trial, factors
 from studies.verdicts import UNKNOWN, because, counted, reasons, verdicts
+from tests.calls import run_study
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -89,11 +87,8 @@ def test_cells_below_the_limit_are_judged_by_what_is_new(page):
 )
 def test_mistake_is_one_line_and_code_2(words, message, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["studies", *words])
-    with pytest.raises(SystemExit) as stop:
-        main(study, "python -m studies")
+    assert run_study(*words) == 2
     err = capsys.readouterr().err
-    assert stop.value.code == 2
     assert message in err
     assert err.count("\n") == 1
     assert not (tmp_path / "empty" / "paper.md").exists()

@@ -1,14 +1,12 @@
 """Choosing what moves where a file has one marker: from the command line, TOML and Python, and for a report."""
 
 import json
-import sys
 from tomllib import loads
 
 import numpy as np
 import pytest
 
 import sdm_deflect
-from sdm_deflect.cases import cli
 from sdm_deflect.cases.report.folder import read_folder
 from sdm_deflect.cases.run.inspection import inspect, inspected
 from sdm_deflect.cases.settings.job_settings import job_settings, selections_of
@@ -31,17 +29,6 @@ def channel(tmp_path_factory):
     path = tmp_path_factory.mktemp("channel") / "channel.su2"
     FORMATS["su2"].write(Mesh(mesh.points, mesh.cells, (Patch("wall", (Cells("quad", faces),)),)), path)
     return path
-
-
-@pytest.fixture
-def sdm(monkeypatch, capsys):
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["sdm", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return call
 
 
 def moved(source, out):

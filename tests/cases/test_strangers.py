@@ -3,14 +3,12 @@
 import json
 import os
 import stat
-import sys
 from pathlib import Path
 from zlib import crc32
 
 import pytest
 
 from sdm_deflect import deflect, read
-from sdm_deflect.cases import cli
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.meshing.formats.wing import wing
 
@@ -27,17 +25,6 @@ COMMANDS = (
     ("view", "."),
     ("compare", ".", "."),
 )
-
-
-@pytest.fixture
-def sdm(monkeypatch, capsys):
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["sdm", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return call
 
 
 def content(folder: Path) -> dict[str, bytes]:

@@ -1,7 +1,6 @@
 """The paper's studies: the paper's numbers pass every test of its own trends, and ours are measured row by row."""
 
 import csv
-import sys
 from dataclasses import replace
 from math import isnan
 
@@ -9,8 +8,6 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.cli import main
-from studies.__main__ import study
 from studies.files import FIELDS, markdown, write_study
 from studies.measure import DEFAULT, GMRES, GROWN, LAPACK, carry_out, filter_is_cheap, initial_centers, savings
 from studies.paper import Row, Setting, paper
@@ -25,6 +22,7 @@ from studies.trends import (
     y_least,
     z_equals_mv,
 )
+from tests.calls import run_study
 
 
 def test_paper_has_all_rows():
@@ -112,11 +110,8 @@ def test_paper_s_timings_agree_with_its_points():
 )
 def test_mistake_is_one_line_and_code_2(words, message, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["studies", *words])
-    with pytest.raises(SystemExit) as stop:
-        main(study, "python -m studies")
+    assert run_study(*words) == 2
     err = capsys.readouterr().err
-    assert stop.value.code == 2
     assert message in err
     assert err.count("\n") == 1
     assert not any(tmp_path.iterdir())

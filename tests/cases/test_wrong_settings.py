@@ -1,7 +1,6 @@
 """Every setting with every kind of bad value, wherever it may be given: it is taken, or refused in one sentence."""
 
 import os
-import sys
 from dataclasses import fields, is_dataclass, replace
 from datetime import date
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 import sdm_deflect as sd
-from sdm_deflect.cases import cli
 from sdm_deflect.cases.aircraft.registry import case_named, resolve
 from sdm_deflect.cases.api import deflect, read, sweep
 from sdm_deflect.cases.cli.deflect import deflect as command
@@ -126,17 +124,6 @@ def block_of():
 
 
 @pytest.fixture
-def sdm(monkeypatch, capsys):
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["sdm", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, capsys.readouterr().err
-
-    return call
-
-
-@pytest.fixture
 def folder(tmp_path, monkeypatch, hybrid_wing):
     monkeypatch.chdir(tmp_path)
     FORMATS["su2"].write(hybrid_wing.mesh, tmp_path / "wing.su2")
@@ -174,7 +161,7 @@ def test_an_option_of_deflect(option, sdm, folder):
         for other in {"--angles": ["--angle"], "--history": ["--angle"], "--table": ["--hinge"]}.get(option, ()):
             del given[other]
         words = [word for name, values in given.items() for word in (name, *values)]
-        code, said = sdm("deflect", "wing.su2", "--quiet", "--dry-run", *words)
+        code, _, said = sdm("deflect", "wing.su2", "--quiet", "--dry-run", *words)
         if code not in (0, 2) or said.count("\n") != (code == 2) or "Warning" in said:
             found.append((text, code, said))
     assert found == []
@@ -229,7 +216,9 @@ def test_a_device_or_a_pipe_is_not_read(setting, sdm, folder):
         given = {**TURN, setting: [path]}
         for other in {"--table": ["--hinge"], "--history": ["--angle"]}.get(setting, ()):
             del given[other]
-        code, said = sdm("deflect", "wing.su2", "--quiet", "--dry-run", *[w for n, v in given.items() for w in (n, *v)])
+        code, _, said = sdm(
+            "deflect", "wing.su2", "--quiet", "--dry-run", *[w for n, v in given.items() for w in (n, *v)]
+        )
         assert (code, said.count("\n")) == (2, 1)
 
 

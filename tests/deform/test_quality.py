@@ -7,12 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from sdm_deflect.deform.mesh.compiled_quality import BLOCK
 from sdm_deflect.deform.mesh.mesh import VOLUMES, Cells, Mesh, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas, pyramids_of
 from sdm_deflect.deform.mesh.quality import (
-    BLOCK,
     MEASURES,
     inverted_of,
+    judged,
     mean_ratio,
     oriented,
     quality_of,
@@ -131,6 +132,18 @@ def test_volumes_of_the_cells_fill_a_box_across_blocks():
     tets = mesh.cells[0].nodes[:, split].reshape(-1, 4)
     assert len(tets) > BLOCK
     assert signed_volumes(mesh.points, tets).sum() == pytest.approx(4.0**3 - 1.0)
+
+
+@pytest.mark.parametrize("shape", VOLUMES)
+def test_what_is_no_number_stays_none(shape):
+    """A cell with a node at nan is not inverted, whichever of its corners that node is, and has no quality."""
+    points, cells = distorted(shape, 0.0)
+    for corner in range(cells.nodes.shape[1]):
+        points[cells.nodes[corner, corner]] = np.nan
+    quality, inverted = judged(points, cells)
+    assert not inverted_of(points, cells)[: cells.nodes.shape[1]].any()
+    assert not inverted.any()
+    assert np.isnan(quality).sum() == cells.nodes.shape[1]
 
 
 @given(coordinates)

@@ -2,29 +2,19 @@
 
 import json
 import runpy
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from sdm_deflect.cases import cli
 from sdm_deflect.cases.view.pieces import CutPlane, ViewPieces, outline
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.registry import read
+from tests.calls import sdm
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
-
-
-def main(words):
-    """Carry out a command; return its exit code."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["sdm", *words])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-    return end.value.code
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +28,14 @@ def folder(tmp_path_factory):
 def deflected(folder):
     """The NACA 0012 with a blended flap of 25 % chord, trailing edge down by 20 degrees, with its report."""
     words = ["deflect", str(folder / "naca0012.su2"), "--surface", "flap", "--fixed", "wing", "--hinge", "0.75,0"]
-    assert main([*words, "--angle", "-20", "--motion", "blended", "--json", "--quiet"]) == 0
+    assert sdm(*words, "--angle", "-20", "--motion", "blended", "--json", "--quiet") == 0
     return folder / "naca0012-deflected.su2"
 
 
 @pytest.mark.parametrize("hinge", [["--hinge=0.75,0"], ["--hinge", "0.75,0"], ["--hinge", "0.75,0", "0.75,0"]])
 def test_a_hinge_of_one_point(hinge, folder, capsys):
     words = ["deflect", str(folder / "naca0012.su2"), "--surface", "flap", "--fixed", "wing", "--motion", "blended"]
-    assert main([*words, *hinge, "--angle", "3", "--dry-run", "--quiet"]) == 0
+    assert sdm(*words, *hinge, "--angle", "3", "--dry-run", "--quiet") == 0
     capsys.readouterr()
 
 
@@ -70,10 +60,10 @@ def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
     }
     again = folder / "again.su2"
     config = ["--config", str(report / "settings.toml"), "--out", str(again), "--no-report", "--quiet"]
-    assert main(["deflect", str(folder / "naca0012.su2"), *config]) == 0
+    assert sdm("deflect", str(folder / "naca0012.su2"), *config) == 0
     assert again.read_bytes() == deflected.read_bytes()
     page = (report / "report.html").read_bytes()
-    assert main(["report", str(report), "--quiet"]) == 0
+    assert sdm("report", str(report), "--quiet") == 0
     assert len((report / "report.html").read_bytes()) == pytest.approx(len(page), rel=0.01)
     run = InteractiveRun.of(report)
     pieces, frame = ViewPieces.of(run), run.at(-20.0)
@@ -88,7 +78,7 @@ def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
 def test_the_flap_of_one_marker_turns_and_its_slot_stays(folder):
     """The second component of the marker goes down by 10 degrees, below the main element that it overlaps."""
     words = ["deflect", str(folder / "three_elements.su2"), "--surface", "wall#2", "--fixed", "wall"]
-    assert main([*words, "--hinge", "0.79,-0.055", "--angle", "-10", "--no-report", "--quiet"]) == 0
+    assert sdm(*words, "--hinge", "0.79,-0.055", "--angle", "-10", "--no-report", "--quiet") == 0
     old, new = read(folder / "three_elements.su2"), read(folder / "three_elements-deflected.su2")
     assert old.names == new.names == ("wall", "far_field")
     moved = np.flatnonzero((old.points != new.points).any(axis=1))

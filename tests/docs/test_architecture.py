@@ -5,8 +5,6 @@ import re
 import sys
 from pathlib import Path
 
-import pytest
-
 from sdm_deflect.cases.cli import cli
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.deform.blocks import block_with_body
@@ -65,8 +63,3 @@ def test_a_deflection_enters_the_files_that_the_page_follows(tmp_path, monkeypat
     followed = [name for cell in rows(FOLLOWED) for name in files_in(cell) if not any(part in name for part in OTHERS)]
     assert len(followed) > 8
     assert [name for name in followed if str(ROOT / name) not in known] == []
-
-
-@pytest.mark.parametrize("word", ["made anew", "is told"])
-def test_the_page_uses_the_words_of_engineers(word):
-    assert word not in PAGE.partition("## Words")[0]

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.cases.cli import cli, main
+from sdm_deflect.cases.cli import cli
 from sdm_deflect.cases.cli.examination import PACKAGES
+from tests.calls import sdm
 from tests.docs.commands import ROOT, lines_of, mentioned, pages, shown
 
 CI = ".ci/run"
@@ -28,7 +29,7 @@ ELSEWHERE = (
     (r"sdm run rudder$", "tests/cases/view/test_run.py", 'case_named("rudder")'),
     (r"sdm run all$", "tests/cases/view/test_run.py", 'case_named("all")'),
     (r"(blockMesh|surfaceFeatureExtract|snappyHexMesh) -case sdm-case", "tests/docs/test_meshers.py", "snappyHexMesh"),
-    (r"sdm validate", "tests/cases/test_finished.py", "validate_folder(folder)"),
+    (r"sdm validate", "tests/cases/test_cli.py", 'sdm("validate", '),
     (r"sdm limit aileron", "tests/cases/sdm/test_limit.py", "limit"),
     (r"python -m studies flow", "tests/cases/test_flow_study.py", '"flow"'),
     (r"python -m studies", "tests/cases/test_studies.py", "study"),
@@ -86,10 +87,7 @@ def run(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> int:
         python = f'python() {{ {shlex.quote(sys.executable)} "$@"; }}; '
         return subprocess.run(["bash", "-c", python + command], cwd=folder, stdout=subprocess.DEVNULL).returncode
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(sys, "argv", shlex.split(command))
-    with pytest.raises(SystemExit) as stop:
-        main()
-    return int(stop.value.code or 0)
+    return int(sdm(*shlex.split(command)[1:]) or 0)
 
 
 @pytest.mark.parametrize("path", [path for _, path, _ in ELSEWHERE])

@@ -1,7 +1,5 @@
 """What the guide's own Sphinx extensions make of formulas, docstrings and signatures."""
 
-import re
-
 import pytest
 from accessible import reachable, with_levels
 from docstrings import escaped, is_elsewhere, process, rewritten
@@ -15,9 +13,6 @@ from sphinx.util.inspect import signature, stringify_signature
 import sdm_deflect
 from sdm_deflect.deform.hexahedron import box
 from sdm_deflect.meshing.formats.adapters import Accepted
-from tests.docs.commands import ROOT
-
-PICTURE = re.compile(r"!\[([^\]]*)\]\((figures/[^)]+)\)")
 
 
 @pytest.mark.parametrize(
@@ -101,10 +96,3 @@ def test_types_of_properties_have_their_short_names():
     document += addnodes.desc_annotation("", ": ndarray[tuple[Any, ...], dtype[float64]]")
     rename(None, document)
     assert document.astext() == ": FloatArray"
-
-
-@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
-def test_pictures_are_small_and_have_a_text_alternative(page):
-    for text, path in PICTURE.findall(page.read_text(encoding="utf-8")):
-        assert len(text) > 20
-        assert (page.parent / path).stat().st_size < 300_000

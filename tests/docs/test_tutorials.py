@@ -34,15 +34,6 @@ def imported(source):
     return {name.partition(".")[0] for name in names}
 
 
-def test_the_gallery_shows_each_tutorial_once_and_in_order():
-    text = (FOLDER / "index.md").read_text(encoding="utf-8")
-    cards = re.findall(r"^:::\{tutorial\} (\S+)\n\S.*\.\n:::", text, re.MULTILINE)
-    listed = re.findall(r"^[\w-]+$", text.partition(":hidden:\n")[2], re.MULTILINE)
-    assert cards == listed
-    assert sorted(cards) == [page.stem for page in PAGES]
-    assert len(cards) == 9
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_notebook_is_one_and_needs_no_more_than_the_package(page):
     notebook = notebook_of(page)
@@ -54,30 +45,6 @@ def test_a_notebook_is_one_and_needs_no_more_than_the_package(page):
     known |= {"sdm_deflect", *sys.stdlib_module_names}
     wanted = {name for cell in code(page) for name in imported(cell.source)}
     assert {MODULES.get(name, name) for name in wanted} <= known
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_every_picture_has_a_text_alternative_and_one_is_for_the_gallery(page):
-    text = page.read_text(encoding="utf-8")
-    drawing = re.findall(r"^```\{code-cell\}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    drawing = [cell for cell in drawing if re.search(r"plt\.(subplots|figure)\(|\.plot\(\)$", cell, re.MULTILINE)]
-    assert drawing
-    for cell in drawing:
-        assert len(re.findall(r"^    alt: .{40,}$", cell, re.MULTILINE)) == 1, cell
-    assert text.count("tags: [gallery]") == 1
-    assert "\n## Try next\n" in text
-
-
-def test_the_method_from_scratch_has_forty_lines():
-    first = code(FOLDER / "rbf-from-scratch.md")[0].source
-    assert len([line for line in first.splitlines() if line.strip()]) <= 40
-    assert imported(first) == {"matplotlib", "numpy"}
-
-
-@pytest.mark.parametrize("name", ["large-angles", "sweeps", "choosing"])
-def test_the_mesh_of_the_first_tutorial_is_the_same_where_it_is_made_again(name):
-    first, again = (code(FOLDER / f"{one}.md")[0].source for one in ("first-deflection", name))
-    assert again == first
 
 
 def test_links_of_a_notebook_do_not_lead_to_pages_that_are_not_there(tmp_path):

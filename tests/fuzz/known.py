@@ -273,22 +273,6 @@ def _cycle(file: Any) -> None:
     file[f"{GRID}/again"] = file["Base"]
 
 
-def others(sound: Sound) -> Iterator[Input]:
-    """VTK's own files, cut and with counts that cannot be."""
-    for name in ("text.vtk", "binary.vtk"):
-        data = sound[name].files[name]
-        yield sound[name].with_file(name, data[: len(data) // 5])
-        yield sound[name].with_file(name, data[: len(data) * 4 // 5])
-    text = sound["text.vtk"]
-    for key, number in (
-        (b"POINTS", b"99999999999"),
-        (b"CELLS", b"99999999999"),
-        (b"POINTS", b"-5"),
-        (b"CELL_TYPES", b"-5"),
-    ):
-        yield _with(text, "text.vtk", key + rb" \d+", key + b" " + number)
-
-
 def tables(sound: Sound) -> Iterator[Input]:
     """Archives that are none, empty files, numbers that are not finite, points told twice."""
     csv, npz, nodes, box = (sound[name] for name in ("table.csv", "table.npz", "nodes.txt", "box.toml"))
@@ -421,6 +405,6 @@ def cache(sound: Sound) -> Iterator[Input]:
 MAKERS: dict[str, Callable[[Sound], Iterator[Input]]] = {
     "su2": su2, "gmsh": gmsh, "ugrid": ugrid, "tau": tau, "fluent": fluent, "plot3d": plot3d,
     "openfoam": openfoam, "vtu": vtu, "cgns": cgns,
-    "others": others, "tables": tables, "options": options, "settings": settings, "folders": folders,
+    "tables": tables, "options": options, "settings": settings, "folders": folders,
     "geometry": geometry, "cache": cache,
 }  # fmt: skip

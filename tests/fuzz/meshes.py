@@ -2,7 +2,7 @@
 
 import gzip
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from tests.deform.blocks import block_with_body
 from tests.fuzz.inputs import Input, of_path
 from tests.meshing.formats.adf_files import in_adf
 from tests.meshing.formats.blocks import in_a_layer, two_blocks, write_blocks
-from tests.meshing.formats.examples import grid, hybrid, polyhedral, with_gmsh
+from tests.meshing.formats.examples import hybrid, polyhedral, with_gmsh
 from tests.meshing.formats.fluent_files import LAYOUTS, plane_mesh
 from tests.meshing.formats.fluent_files import written as fluent_written
 from tests.meshing.formats.foam_parts import parts_of, write_parts
@@ -343,39 +343,6 @@ def _write_text(shape: Any, path: Path) -> None:
     writer.Write()
 
 
-def others(folder: Path) -> Iterator[Input]:
-    """Files that only VTK and meshio know."""
-    import meshio
-    import pyvista as pv
-
-    shape = grid(hybrid())
-    makers: dict[str, Callable[[Path], object]] = {
-        "text.vtk": lambda path: shape.save(path, binary=False),
-        "binary.vtk": lambda path: shape.save(path, binary=True),
-        "image.vtk": lambda path: pv.ImageData(dimensions=(3, 3, 3)).save(path),
-        "lattice.vtk": lambda path: pv.ImageData(dimensions=(3, 3, 3)).cast_to_structured_grid().save(path),
-        "faces.vtk": lambda path: pv.Cube().save(path),
-        "image.vti": lambda path: pv.ImageData(dimensions=(3, 3, 3)).save(path),
-        "lattice.vts": lambda path: pv.ImageData(dimensions=(3, 3, 3)).cast_to_structured_grid().save(path),
-        "faces.vtp": lambda path: pv.Cube().save(path),
-        "faces.stl": lambda path: pv.Cube().save(path),
-        "faces.ply": lambda path: pv.Cube().triangulate().save(path),
-        "mesh.vtm": lambda path: pv.MultiBlock([shape]).save(path),
-    }
-    for name, make in makers.items():
-        make(folder / name)
-        yield from _with_parts(folder / name)
-    plain = meshio.Mesh(tetrahedra().points, [("tetra", tetrahedra().cells[0].nodes)])
-    for name in ("mesh.inp", "mesh.mesh", "mesh.bdf", "mesh.med"):
-        meshio.write(folder / name, plain)
-        yield of_path(folder / name)
-
-
-def _with_parts(path: Path) -> Iterator[Input]:
-    own, parts = of_path(path), path.with_suffix("")
-    yield Input({**own.files, **(of_path(parts).files if parts.is_dir() else {})})
-
-
 WORDS: dict[str, tuple[bytes, ...]] = {
     "su2": (b"NDIME= 3\n", b"NDIME= 2\n", b"NPOIN= 5\n", b"NPOIN=\n", b"NELEM= 2\n", b"NELEM= 0\n", b"NMARK= 1\n",
             b"MARKER_TAG= wall\n", b"MARKER_ELEMS= 6\n", b"NZONE= 2\n", b"IZONE= 2\n", b"NCHUNK= 1\n",
@@ -412,9 +379,4 @@ WORDS: dict[str, tuple[bytes, ...]] = {
     "fluent": (b"\x89HDF\r\n\x1a\n", b"TREE", b"SNOD", b"HEAP", b"OHDR", b"minId", b"nnodes", b"c0", b"zoneType"),
     "plot3d": (b"2\n3 3 2\n", b"1 ", b"-1 ", b"99999999999", b"nan", b"3*0.5", b"1.0D+00", b"\0\0\0\1", b"\1\0\0\0",
                b"\xff\xff\xff\x7f", b"one_to_one 1 4 1 3 1 3 2 3 1 3 1 3 TRUE\n", b"patched", b"collapsed", b"# wing"),
-    "others": (b"DATASET UNSTRUCTURED_GRID\n", b"CELLS 999999999 9999999999\n", b"POINTS -5 float\n", b"CELL_TYPES 7\n",
-               b"POINTS 99999999999 double\n", b"METADATA\n", b"BINARY\n", b"ASCII\n", b"SCALARS a float\n",
-               b"FIELD f 1\n",
-               b"LOOKUP_TABLE default\n", b"DIMENSIONS 100000 100000 100000\n",
-               b'WholeExtent="0 99999 0 99999 0 99999"'),
 }  # fmt: skip

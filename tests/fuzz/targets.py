@@ -139,13 +139,6 @@ def _plan(mesh, random: Random) -> None:
             checks_of(one, 0.1)
 
 
-def inspect_other(folder: Path, given: Input, random: Random) -> None:
-    """Inspect a file that is not of our formats."""
-    from sdm_deflect.cases.run.inspection import inspect
-
-    inspect(folder / given.main)
-
-
 SAMPLES = {
     "su2": 800,
     "cgns": 250,
@@ -161,7 +154,6 @@ READERS = tuple(
     Target(name, getattr(meshes, name), read_mesh, meshes.WORDS[name], sample=sample)
     for name, sample in SAMPLES.items()
 )
-OTHERS = Target("others", meshes.others, inspect_other, meshes.WORDS["others"], 0.3, 24)
 FIGURES = (b"corners", b"nan", b"PK\x03\x04", b"x,y,z,dx,dy,dz\n")
 COMMANDS = (
     Target("tables", commands.tables, commands.run_command, FIGURES),
@@ -177,4 +169,4 @@ COMMANDS = (
     Target("geometry", commands.geometry, commands.build, (), 0.5, 10, commands.made_geometry),
     Target("cache", commands.cache, commands.load_cached, (b"PK\x03\x04", b"\x93NUMPY"), 0.5, 400),
 )
-TARGETS = {target.name: target for target in (*READERS, OTHERS, *COMMANDS)}
+TARGETS = {target.name: target for target in (*READERS, *COMMANDS)}

@@ -12,7 +12,7 @@ from tests.fuzz.targets import TARGETS
 ROOT = Path(__file__).resolve().parents[2]
 
 
-QUICK = [name for name in TARGETS if name not in ("vtu", "others", "options", "folders", "geometry")]
+QUICK = [name for name in TARGETS if name not in ("vtu", "options", "folders", "geometry")]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,3 @@
-import resource
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files.cache import MeshCache, cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import skin, tets_of
+from tests.calls import files_of_at_most
 
 
 @dataclass(frozen=True)
@@ -72,13 +72,8 @@ def test_neither_a_file_of_another_key_nor_one_without_checksum_is_taken(cube: M
 
 
 def test_a_folder_that_is_full_or_cannot_be_used_is_named(cube: Mesh, tmp_path: Path) -> None:
-    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
-    try:
-        with pytest.raises(MeshFileError, match=r"k\.npz: cannot be written: File too large"):
-            MeshCache(tmp_path / "full").store("k", cube, {})
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+    with files_of_at_most(1000), pytest.raises(MeshFileError, match=r"k\.npz: cannot be written: File too large"):
+        MeshCache(tmp_path / "full").store("k", cube, {})
     assert list((tmp_path / "full").iterdir()) == []
     (tmp_path / "file").touch()
     assert MeshCache(tmp_path / "file").load("k") is None

@@ -1,15 +1,14 @@
 """`--to-solver`: cases from Gmsh's mesh of a wing with a flap, which OpenFOAM runs as they are."""
 
 import json
-import sys
 from contextlib import closing
+from functools import partial
 
 import naca_wing
 import numpy as np
 import pytest
 
 import sdm_deflect
-from sdm_deflect.cases import cli
 from sdm_deflect.cases.flow.forces import Forces, coefficients, hinge_moment
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
 from sdm_deflect.cases.flow.solver import lines
@@ -38,14 +37,8 @@ def naca(tmp_path_factory):
 
 
 @pytest.fixture
-def sdm(monkeypatch, capsys):
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["sdm", "deflect", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return call
+def sdm(sdm):
+    return partial(sdm, "deflect")
 
 
 def run(case, iterations):

@@ -157,21 +157,8 @@ def fixed_bit(points, before, after):
     points[node, 0] = np.nextafter(points[node, 0], 9.0)
 
 
-def swapped_nodes(points, before, after):
-    own = inside(before, after)[:2]
-    points[own] = points[own[::-1]]
-
-
 def inverted(points, before, after):
     points[inside(before, after)[0]] += [0.0, 0.0, 0.05]
-
-
-def mirrored(points, before, after):
-    points[:] = 2.0 * before.points - after.points
-
-
-def shifted(points, before, after):
-    points += 1e-9
 
 
 def undone(points, before, after):
@@ -221,20 +208,10 @@ def without_third(mesh):
     return with_triangles(np.delete(np.arange(len(skin(mesh).patch)), own[::3]), mesh)
 
 
-def twice(mesh):
-    own = np.flatnonzero(skin(mesh).patch == mesh.names.index(FLAP))
-    return with_triangles(np.append(np.arange(len(skin(mesh).patch)), own), mesh)
-
-
 def flipped(mesh):
     own, triangles = skin(mesh).patch == mesh.names.index(WING), skin(mesh).triangles.copy()
     triangles[own] = triangles[own][:, ::-1]
     return changed(mesh, triangles=triangles)
-
-
-def turned(mesh):
-    """The same triangles, each begun at another node."""
-    return changed(mesh, triangles=np.roll(skin(mesh).triangles, 1, axis=1))
 
 
 def relabelled(mesh):
@@ -265,11 +242,6 @@ def names_swapped(mesh):
 
 def reordered(mesh):
     return changed(mesh, tets=tets_of(mesh)[::-1])
-
-
-def renumbered(mesh):
-    count = len(mesh.points) - 1
-    return changed(mesh, points=mesh.points[::-1], tets=count - tets_of(mesh), triangles=count - skin(mesh).triangles)
 
 
 def with_node(mesh):
@@ -323,20 +295,9 @@ def npz(change):
     return edit
 
 
-def other_angle(arrays):
-    for name in arrays:
-        if name.startswith(("beta", "alpha")):
-            arrays[name] *= 11.0 / 12.0
-
-
 def fewer(arrays):
     for part in ("centers_z", "beta_z"):
         arrays[part] = arrays[part][:-1]
-
-
-def exchanged(arrays):
-    for part in ("centers", "beta", "alpha"):
-        arrays[f"{part}_x"], arrays[f"{part}_z"] = arrays[f"{part}_z"], arrays[f"{part}_x"]
 
 
 def add(name, value):
@@ -407,53 +368,36 @@ def cell(row, column, value):
 
 
 EDITS = {
-    "volume nodes undeflected": (share(0.0), "same_deflection"),
-    "volume nodes x 0.9": (share(0.9), "same_deflection"),
     "volume nodes x 0.999": (share(0.999), "same_deflection"),
-    "volume nodes with 0.2 mm of noise": (noise(2e-4), "same_deflection"),
     "volume nodes with 1e-8 m of noise": (noise(1e-8), "same_deflection"),
     "one volume node by 1e-8 m": (noise(1e-8, 1), "same_deflection"),
-    "two volume nodes exchanged": (moved(swapped_nodes), "same_deflection"),
     "a cell turned inside out by a node": (moved(inverted), "inverted_cells"),
-    "a wall node slid by 1.6 mm in its plane": (wall((1.6e-3, 0.0)), "same_deflection"),
     "a wall node slid by 1e-8 m in its plane": (wall((1e-8, 0.0)), "same_deflection"),
     "a wall node off its face by 1e-8 m": (wall((0.0, 1.01e-8)), "surface_to_cad"),
     "a fixed wall node slid by 1e-8 m": (wall((1e-8, 0.0), WING), "fixed_surfaces_moved"),
     "an outside node by one bit": (moved(bit), "outside_moved"),
     "a fixed wall node by one bit": (moved(fixed_bit), "fixed_surfaces_moved"),
-    "all nodes by 1e-9 m": (moved(shifted), "outside_moved"),
     "deflected.vtu is not deflected": (moved(undone), "surface_to_cad"),
-    "deflected the other way": (moved(mirrored), "surface_to_cad"),
-    "5 tetrahedra deleted in both": (in_both(partial(without_cells, [7, 70, 700, 7000, 70000])), "undeflected_mesh"),
     "1 tetrahedron deleted in both": (in_both(partial(without_cells, [7])), "undeflected_mesh"),
-    "5 tetrahedra doubled in both": (in_both(partial(doubled, [7, 70, 700, 7000, 70000])), "undeflected_mesh"),
     "1 tetrahedron doubled in both": (in_both(partial(doubled, [7])), "undeflected_mesh"),
     "1 tetrahedron turned inside out in both": (in_both(inside_out), "inverted in the file"),
-    "1 tetrahedron deleted in deflected.vtu": (in_one(partial(without_cells, [7])), "differ in tets"),
     "tetrahedra in another order in deflected.vtu": (in_one(reordered), "differ in tets"),
-    "nodes in another order in deflected.vtu": (in_one(renumbered), "differ in tets"),
     "a node of no cell in both": (in_both(with_node), "undeflected_mesh"),
     "a node of no cell in deflected.vtu": (in_one(with_node), "differ in their number of points"),
     "a third of the aileron's triangles deleted in both": (in_both(without_third), "undeflected_mesh"),
-    "a third of the aileron's triangles deleted in deflected.vtu": (in_one(without_third), "differ in triangles"),
-    "the aileron's triangles doubled in both": (in_both(twice), "undeflected_mesh"),
     "triangles flipped in both": (in_both(flipped), "undeflected_mesh"),
     "triangles flipped in deflected.vtu": (in_one(flipped), "differ in triangles"),
-    "triangles begun at another node in deflected.vtu": (in_one(turned), "differ in triangles"),
     "a triangle relabelled in both": (in_both(relabelled), "undeflected_mesh"),
     "a triangle relabelled in deflected.vtu": (in_one(relabelled), "differ in patch"),
     "CAD faces exchanged in both": (in_both(other_face), "undeflected_mesh"),
     "CAD faces exchanged in deflected.vtu": (in_one(other_face), "differ in face"),
     "a CAD face that does not exist in both": (in_both(foreign_face), "undeflected_mesh"),
     "a patch renamed in both": (in_both(renamed), "no patch aileron_left"),
-    "a patch renamed in deflected.vtu": (in_one(renamed), "differ in names"),
     "names exchanged in both": (in_both(names_swapped), "aileron_left"),
     "names exchanged in deflected.vtu": (in_one(names_swapped), "differ in names"),
     "a fuselage node moved by 1 mm in both": (cylinder_moved, "undeflected_mesh"),
-    "a wing node off its face by 1e-6 m in both": (both_moved(WING, (0.0, 1e-6)), "undeflected_mesh"),
     "a wing node slid by 1 mm in its plane in both": (both_moved(WING, (1e-3, 0.0)), "stored_figures"),
     "an aileron node slid by 1 mm in its plane in both": (both_moved(FLAP, (1e-3, 0.0)), "same_deflection"),
-    "undeflected.vtu missing": (gone("undeflected.vtu"), "undeflected.vtu"),
     "deflected.vtu missing": (gone("deflected.vtu"), "deflected.vtu"),
     "undeflected.vtu truncated": (half("undeflected.vtu"), "undeflected.vtu"),
     "displacement x 0.9": (array("displacement", lambda values: 0.9 * values), "stored_arrays"),
@@ -461,13 +405,8 @@ EDITS = {
     "quality of a cell is 1": (array("quality", first_is_one), "stored_arrays"),
     "no quality": (array("quality", None), "no array quality"),
     "interpolant.npz missing": (gone("interpolant.npz"), "interpolant.npz"),
-    "interpolant.npz is junk": (content("interpolant.npz", b"junk" * 99), "interpolant.npz: no archive of arrays"),
-    "interpolant.npz is empty": (content("interpolant.npz", b""), "interpolant.npz: no archive of arrays"),
     "interpolant.npz truncated": (half("interpolant.npz"), "interpolant.npz: no archive of arrays"),
-    "interpolant.npz of another angle": (npz(other_angle), "same_deflection"),
-    "interpolant.npz: x and z exchanged": (npz(exchanged), "same_deflection"),
     "interpolant.npz: a centre dropped": (npz(fewer), "same_deflection"),
-    "interpolant.npz: a centre moved by 1 mm": (add("centers_z", 1e-3), "same_deflection"),
     "interpolant.npz: a coefficient changed": (add("beta_z", 1e-3), "same_deflection"),
     "interpolant.npz: a constant by 1e-8 m": (add("alpha_z", 1e-8), "same_deflection"),
     "interpolant.npz: nan": (add("alpha_z", np.nan), "not finite"),
@@ -477,9 +416,7 @@ EDITS = {
     "interpolant.npz: an array too few": (npz(lambda arrays: arrays.pop("beta_y")), "beta_y"),
     "case.toml missing": (gone("case.toml"), "case.toml"),
     "case.toml: angle by 1e-7 deg": (text("case.toml", "angle = -12.0", "angle = -12.0000001"), "trailing_edge_angle"),
-    "case.toml: angle of the other sign": (text("case.toml", "angle = -12.0", "angle = 12.0"), "trailing_edge_angle"),
     "case.toml: name of another case": (text("case.toml", 'name = "aileron"', 'name = "rudder"'), "stored_figures"),
-    "case.toml: half span": (text("case.toml", "half_span = 0.3048", "half_span = 0.3058"), "aileron_left"),
     "case.toml: tolerance": (text("case.toml", "tolerance = 8e-05", "tolerance = 7e-05"), "site_error"),
     "case.toml: a larger tolerance": (text("case.toml", "tolerance = 8e-05", "tolerance = 9e-05"), "stored_figures"),
     "case.toml: another box": (text("case.toml", "outboard = 0.045", "outboard = 0.046"), "hexahedron is not that"),
@@ -492,22 +429,9 @@ EDITS = {
     "convergence.csv: residual": (cell(-1, "max_error", "1e-05"), "stored_figures"),
     "convergence.csv: the last row removed": (rows(lambda table: table.pop()), "stored_figures"),
     "convergence.csv: a row removed": (rows(lambda table: table.pop(-3)), "do not count up"),
-    "convergence.csv: another direction": (cell(-1, "direction", "y"), "do not count up"),
     "convergence.csv: another surface": (cell(-1, "surface", "fin"), "do not count up"),
 }  # fmt: skip
 """What is changed, how, and the check that fails or a part of the sentence."""
-NIGHTLY = {
-    "volume nodes undeflected", "volume nodes x 0.9", "volume nodes with 0.2 mm of noise", "two volume nodes exchanged",
-    "a wall node slid by 1.6 mm in its plane", "all nodes by 1e-9 m", "deflected the other way",
-    "5 tetrahedra deleted in both", "5 tetrahedra doubled in both", "1 tetrahedron deleted in deflected.vtu",
-    "nodes in another order in deflected.vtu", "a third of the aileron's triangles deleted in deflected.vtu",
-    "the aileron's triangles doubled in both", "triangles begun at another node in deflected.vtu",
-    "a patch renamed in deflected.vtu", "a wing node off its face by 1e-6 m in both", "undeflected.vtu missing",
-    "interpolant.npz is junk", "interpolant.npz is empty", "interpolant.npz of another angle",
-    "interpolant.npz: x and z exchanged", "interpolant.npz: a centre moved by 1 mm",
-    "case.toml: angle of the other sign", "case.toml: half span", "convergence.csv: another direction",
-}  # fmt: skip
-"""Edits much like others."""
 FIGURES = {
     "not passed": figure("validation", "passed", value=False),
     "a check not passed": figure("validation", "checks", 0, "passed", value=False),
@@ -542,9 +466,7 @@ def test_another_figure_is_noticed(figures_and_run, name):
     assert not stored.stored_figures(figures, run).passed
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.nightly if name in NIGHTLY else ()) for name in EDITS]
-)
+@pytest.mark.parametrize("name", EDITS)
 def test_an_edit_is_noticed(finished, judge, tmp_path, name):
     folder = shutil.copytree(finished[1], tmp_path / "run")
     edit, by = EDITS[name]

@@ -2,13 +2,11 @@
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import pytest
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.cli import main
 
 pytestmark = pytest.mark.mesher
 
@@ -136,13 +134,11 @@ def test_without_a_report_everything_else_is_there(aileron_run, finish):
         assert (folder / name).read_bytes() == (whole / name).read_bytes(), name
 
 
-def test_too_few_centres_fail_the_run(aileron_mesh, tmp_path, monkeypatch, capsys):
-    words = ["sdm", "run", "aileron", "--set", "adaptation.max_centers=50", "--no-report", "-q", "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", words)
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 1
-    line, last = (line for line in capsys.readouterr().out.splitlines() if "FAILED" in line and "site_error" in line)
+def test_too_few_centres_fail_the_run(aileron_mesh, tmp_path, sdm):
+    words = ["run", "aileron", "--set", "adaptation.max_centers=50", "--no-report", "-q", "--out", tmp_path]
+    code, table, _ = sdm(*words)
+    assert code == 1
+    line, last = (line for line in table.splitlines() if "FAILED" in line and "site_error" in line)
     assert last == "A VALIDATION FAILED: site_error"
     assert "<= 8e-05 m" in line
     validation = read(tmp_path)["validation"]

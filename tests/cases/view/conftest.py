@@ -16,7 +16,7 @@ from sdm_deflect.cases.run.mesh_files import SETTINGS, write_mesh
 from sdm_deflect.cases.run.output import write_interpolants
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.progress import silent
-from sdm_deflect.deform.volume.deflection import _stepped, combined
+from sdm_deflect.deform.volume.deflection import adapted_steps, combined
 
 
 @pytest.fixture(scope="session")
@@ -36,7 +36,7 @@ def bare_run(tmp_path_factory, make_mesh):
 
 def in_two_steps(case, plans):
     """Deflect in two steps, which a run does only where one inverts cells."""
-    return tuple(_stepped(plan, case.angle, 2, silent, None) for plan in plans)
+    return tuple(adapted_steps(plan, case.angle, 2, silent) for plan in plans)
 
 
 @pytest.fixture(scope="session")

@@ -2,13 +2,12 @@
 
 import shutil
 import socket
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.report import interactive_run
-from sdm_deflect.cases.cli import main
 from sdm_deflect.cases.view.serve import check_free
 from sdm_deflect.deform.base.errors import InputError
 
@@ -16,15 +15,8 @@ pytestmark = pytest.mark.mesher
 
 
 @pytest.fixture
-def view(capsys, monkeypatch):
-    def call(*words: str):
-        monkeypatch.setattr(sys, "argv", ["sdm", "view", "--no-open", *words])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        captured = capsys.readouterr()
-        return stop.value.code, captured.out, captured.err
-
-    return call
+def view(sdm):
+    return partial(sdm, "view", "--no-open")
 
 
 @pytest.fixture

@@ -72,8 +72,8 @@ def test_the_residual_is_that_of_an_interpolant_fitted_afresh(aileron, angle):
     (box,), frame = aileron.boxes, aileron.at(angle)
     state, worst = box.steps[0].state, 0.0
     groups = state.groups(state.values(box.plan.boundary.displacement((angle,))), sliding=False)
-    for prepared, group in zip(box.steps[0].fits, groups, strict=True):
-        fresh = fit(ThinPlateSpline(), group.points[prepared.chosen], group.values[prepared.chosen])
+    for prepared, group in zip(box.steps[0].all, groups, strict=True):
+        fresh = fit(ThinPlateSpline(), *(at[prepared.basis.chosen] for at in (group.points, group.values)))
         worst = max(worst, np.abs(fresh(group.points) - group.values).max())
     assert frame.residual == pytest.approx(worst, rel=1e-6, abs=1e-12)
 

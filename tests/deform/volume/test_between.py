@@ -14,7 +14,7 @@ from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.appendix_a import blend
 from sdm_deflect.deform.volume import between
 from sdm_deflect.deform.volume.between import ErrorBetween, _corners, _means
-from sdm_deflect.deform.volume.deflection import Plan, _stepped, deflect
+from sdm_deflect.deform.volume.deflection import Plan, adapted_steps, deflect
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import FLAP, Y_AXIS, blended, job, turn
 
@@ -33,7 +33,7 @@ def finer_points(n):
 def test_it_is_the_error_at_the_nodes_of_a_finer_mesh(steps):
     mesh = block_with_body(8)
     plan = Plan.of(mesh, job(("body",), angle=20.0, near_wall=False))
-    one = _stepped(plan, 20.0, steps, silent, None)
+    one = adapted_steps(plan, 20.0, steps, silent)
     start = finer_points(8)
     places = start.copy()
     for step in one.steps:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.volume.box import Automatic, Given, Scene, frame
+from sdm_deflect.deform.volume.box import Automatic, BoxScene, Given, frame
 
 rng = np.random.default_rng(2)
 FLAP = rng.uniform([0, 0, -0.05], [1, 3, 0.05], (200, 3))
@@ -24,7 +24,7 @@ def scene(seed=0, obstacles=NONE, angle=20.0):
     points = turned(FLAP, seed)
     moves = axis.displacement(points, angle)
     largest = float(np.linalg.norm(moves, axis=1).max())
-    return Scene(points, points + moves, largest, axis, turned(obstacles, seed))
+    return BoxScene(points, points + moves, largest, axis, turned(obstacles, seed))
 
 
 @settings(max_examples=20, deadline=None)

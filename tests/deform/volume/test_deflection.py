@@ -11,7 +11,7 @@ from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume import deflection
 from sdm_deflect.deform.volume.deflection import Plan, combined, deflect, sweep
-from sdm_deflect.deform.volume.step import rate, solve
+from sdm_deflect.deform.volume.step import adapted, rate, solve
 from tests.deform.blocks import two_bodies
 from tests.deform.jobs import FLAP, blended, job, turn
 
@@ -59,11 +59,14 @@ def test_sensitivities_on_a_cylinder(block_on_cylinder):
 def test_sensitivity_of_the_last_of_several_steps(inboard_wing):
     """The end of the last step varies, the steps before it do not."""
     h, plan = 1e-3, flapped(inboard_wing, 8.0)
-    course = deflection._stepped(plan, 8.0, 2, silent, None)
+    course = deflection.adapted_steps(plan, 8.0, 2, silent)
     boundary, last = plan.boundary, course.steps[-1]
     assert len(course.steps) == 2
     before = boundary.displacement((4.0,))
-    ends = [solve(last.state, boundary.displacement((8.0 + d,)) - before, silent, last).points for d in (-h, h)]
+    ends = [
+        solve(last.state, boundary.displacement((8.0 + d,)) - before, adapted(last.state, silent, last)).points
+        for d in (-h, h)
+    ]
     np.testing.assert_allclose(course.sensitivity(), central(ends, h), atol=1e-8)
     assert np.array_equal(course.sensitivity(), rate(last, boundary.rate((8.0,), (1.0,))))
 
@@ -128,14 +131,14 @@ def counted(monkeypatch):
 
     def count(mesh, inverted, max_steps=8):
         plan = Plan.of(mesh, job(("body",), fitting=Fitting(max_steps=max_steps)))
-        tried, stepped = [], deflection._stepped
+        tried, stepped = [], deflection.adapted_steps
 
-        def known(plan, angle, count, progress, earlier):
+        def known(plan, angle, count, progress, earlier=None):
             tried.append(count)
             found = stepped(plan, angle, count, progress, earlier)
             return replace(found, inverted=inverted[count])
 
-        monkeypatch.setattr(deflection, "_stepped", known)
+        monkeypatch.setattr(deflection, "adapted_steps", known)
         return deflect(plan, plan.angle), tried
 
     return count
@@ -159,7 +162,7 @@ def test_of_equal_attempts_the_one_of_fewer_steps_is_kept(block, counted):
 def test_steps_end_where_one_step_does_and_at_the_places_asked_for(block):
     """The moving nodes are set, not added up: no rounding of steps is left in them."""
     plan = Plan.of(block, job(("body",)))
-    one, four = (deflection._stepped(plan, 10.0, count, silent, None) for count in (1, 4))
+    one, four = (deflection.adapted_steps(plan, 10.0, count, silent) for count in (1, 4))
     moving = plan.sites.moving
     assert np.array_equal(one.points[moving], four.points[moving])
     assert np.array_equal(four.points[moving], block.points[moving] + plan.boundary.displacement((10.0,)))

@@ -6,7 +6,7 @@ import pytest
 from sdm_deflect import deflect
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import silent
-from sdm_deflect.deform.volume.deflection import Plan, _stepped
+from sdm_deflect.deform.volume.deflection import Plan, adapted_steps
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.field import Field
 from tests.deform.blocks import two_bodies
@@ -23,7 +23,7 @@ def plan(inboard_wing):
 
 
 def two_steps(plan):
-    return _stepped(plan, 12.0, 2, silent, None)
+    return adapted_steps(plan, 12.0, 2, silent)
 
 
 @pytest.mark.parametrize("how", [lambda plan: carried_out(plan, 12.0), two_steps])

@@ -10,7 +10,7 @@ from sdm_deflect.deform.mesh.closest import Triangles
 from sdm_deflect.deform.mesh.edges import polygons_of
 from sdm_deflect.deform.mesh.mesh import Cells, Patch, Polygons
 from sdm_deflect.deform.mesh.sliding import SlidingPatch
-from sdm_deflect.deform.mesh.triangulated import Pieces, Triangulated
+from sdm_deflect.deform.mesh.triangulated import TriangleSet, Triangulated
 from tests.deform.blocks import block_with_body, grid
 from tests.deform.jobs import turn
 
@@ -163,7 +163,9 @@ def test_where_sharp_edges_meet_or_bend_nodes_stay():
     along = np.where(np.abs(u[ridge]) > 0.0, out[:, 0], out[:, 1])[~top]
     np.testing.assert_allclose(np.abs(out[~top]).sum(axis=1), 2.0 * np.abs(along), atol=1e-15)
     assert np.abs(along).min() > 1e-3
-    bent = Pieces.curves(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [1.1, 2, 0]]), np.array([[0, 1], [1, 2], [2, 3]]))
+    bent = TriangleSet.curves(
+        np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [1.1, 2, 0]]), np.array([[0, 1], [1, 2], [2, 3]])
+    )
     assert np.array_equal(bent.projectors.any(axis=(1, 2)), [False, False, True, False])
 
 

@@ -4,7 +4,6 @@ A limit of the size of files stands for the full disk; each format is tried in a
 in C crash on such disks.
 """
 
-import resource
 import shutil
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from sdm_deflect.meshing.formats.known import written
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
+from tests.calls import files_of_at_most
 from tests.meshing.formats import fluent_files, plot3d_files
 from tests.meshing.formats.examples import hybrid
 
@@ -57,10 +57,11 @@ def on_full_disks(form: str, folder: Path) -> None:
             out.write_bytes(b"what was there")
         before = content(folder)
         for share in SHARES:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * whole), resource.RLIM_INFINITY))
-            with pytest.raises(MeshFileError, match=rf"^{out}: cannot be written: "):
+            with (
+                files_of_at_most(int(share * whole)),
+                pytest.raises(MeshFileError, match=rf"^{out}: cannot be written: "),
+            ):
                 task()
-            resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
             assert content(folder) == before
 
 
