@@ -101,7 +101,7 @@ class Desk:
         if len(self.guards) >= PAGES_AT_ONCE:
             raise web.HTTPServiceUnavailable(text=f"{PAGES_AT_ONCE} pages are open; close one")
         opened: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        self.open(Page(self.control.afresh()), free_port(), opened.set_result, "task")
+        self.open(Page(self.control.for_another_page()), free_port(), opened.set_result, "task")
         return await opened
 
 
