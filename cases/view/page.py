@@ -86,9 +86,9 @@ class Control:
     def of(cls, run: InteractiveRun) -> "Control":
         """Prepare a run for display."""
         undeflected = run.at(0.0)
-        return cls(run, Spans.of(run), ViewPieces.of(run), ViewScene(), undeflected, undeflected).afresh()
+        return cls(run, Spans.of(run), ViewPieces.of(run), ViewScene(), undeflected, undeflected).for_another_page()
 
-    def afresh(self) -> "Control":
+    def for_another_page(self) -> "Control":
         """Return the same run with a scene of its own, in which nothing is shown yet."""
         scene = ViewScene()
         scene.show({"box": boxes(self.run), "outline": outline(self.run)})

@@ -204,8 +204,6 @@ class ViewPieces:
         colours = {name: SURFACE for one in run.surfaces for name in one.patches}
         colours |= {name: PANEL for one in run.surfaces for name in one.following}
         rows = _around(run)
-        parts = zip(mesh.cells, rows, run.touched.orientation, strict=True)
-        quality = np.concatenate([np.empty(0), *(drawn_quality(mesh.points, *part) for part in parts if len(part[1]))])
         return cls(
             run,
             OuterFaces.of(mesh, dict.fromkeys(still, BODY)),
@@ -213,7 +211,7 @@ class ViewPieces:
             union(*(mesh.patch(name).loose for name in moving)),
             Solids.of(mesh, run.touched.rows),
             Solids.of(mesh, rows),
-            quality_rgb(quality),
+            quality_rgb(_undeflected_quality(run, rows)),
             run.at(0.0).quality,
         )
 
@@ -318,6 +316,12 @@ def _around(run: InteractiveRun) -> list[IntArray]:
         np.setdiff1d(np.flatnonzero(with_node(block, close)), rows, assume_unique=True)
         for block, rows in zip(run.mesh.cells, run.touched.rows, strict=True)
     ]
+
+
+def _undeflected_quality(run: InteractiveRun, rows: list[IntArray]) -> FloatArray:
+    """Return the quality of some cells of each block, as it is drawn."""
+    parts = zip(run.mesh.cells, rows, run.touched.orientation, strict=True)
+    return np.concatenate([np.empty(0), *(drawn_quality(run.mesh.points, *part) for part in parts if len(part[1]))])
 
 
 def _faces(block: Volume, rows: IntArray) -> list[Faces]:
