@@ -15,7 +15,7 @@ from sdm_deflect.cases.report.figures import panels
 from sdm_deflect.cases.report.pictures import PIXELS, Exhibit, close, saved, towards
 from sdm_deflect.cases.report.raster import Image, rendered
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE, View, framed
-from sdm_deflect.cases.report.slices import AXES, SlicePlane, draw_slice, planes
+from sdm_deflect.cases.report.slices import AXES, CutPlane, draw_slice, planes
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
 
@@ -151,7 +151,7 @@ def _sections(runs: Sequence[ComparedRun], pair: Pair, row: int, folder: Path) -
     return Overlay(f"{surface.name}: {place}", caption, exhibits)
 
 
-def _section(data: ReportData, points: FloatArray, box: Box, plane: SlicePlane, measure: str) -> tuple[Figure, float]:
+def _section(data: ReportData, points: FloatArray, box: Box, plane: CutPlane, measure: str) -> tuple[Figure, float]:
     """Draw a section without a title, which the line would cut, and return the smallest quality in it."""
     figure = Figure(figsize=(6.6, 5.8))
     axes = figure.add_axes(AXES_AT)
