@@ -22,9 +22,10 @@ from sdm_deflect.cases.run.metrics import (
     travels,
 )
 from sdm_deflect.deform.base.errors import printable
+from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.checks import Check, Verdict
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.deflection import Plan, Planned
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.cli.examination import Finding
@@ -69,10 +70,10 @@ def findings(found: Sequence["Finding"]) -> Group:
     return Group(table, *_texts(ill or ["all is well"]))
 
 
-def plan_table(plan: Plan) -> Group:
+def plan_table(plan: Planned) -> Group:
     """Return patches with their part, the box, and what will be computed."""
     table = _table(f"{plan.mesh.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
-    inside = plan.region.inside
+    inside = union(*(box.region.inside for box in plan.boxes))
     for patch in plan.mesh.patches:
         count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
         table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
@@ -83,12 +84,13 @@ def result_table(done: "Outcome") -> Group:
     """Return the checks of a single angle, or a row for each of many, and what was written."""
     plan, unit = done.plan, done.plan.job.surfaces[0].motion.unit
     ordered = sorted(done.angles, key=lambda one: one.angle)
-    title = f"{plan.boundary.surfaces[0].named} of {plan.mesh.name}"
+    title = f"{plan.moving[0][1].named} of {plan.mesh.name}"
     if len(ordered) == 1:
         only = ordered[0]
         body = [verdict(only.checks, f"{title}, {only.angle:+g} {unit}"), quality_table(plan.before, only.quality)]
         body += face_table(only.figures)
-        told = [text for text in [repair_text(only.figures), fit_text(only.figures)] if text]
+        fits = [f"{name} {fit_text(one)}" for name, one in only.figures.get("deflections", {}).items()]
+        told = [text for text in [repair_text(only.figures), *(fits or [fit_text(only.figures)])] if text]
     else:
         failed = [one for one in ordered if not one.passed]
         body = [sweep_table(ordered, title), *(verdict(one.checks, f"{one.angle:+g} {unit}") for one in failed)]
@@ -159,27 +161,34 @@ def _word(verdict: Verdict) -> Text:
     return Text(verdict, style="bold" if verdict == "FAILED" else "")
 
 
-def _lines(plan: Plan) -> list[str]:
-    sites, region = plan.sites, plan.region
-    low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
+def _lines(plan: Planned) -> list[str]:
     return [
         *(f"{name} moves by up to {travel}" for name, travel in travels(plan)),
         *(f"{name} reaches {text}" for name, text in motions(plan)),
+        *(line for box in plan.boxes for line in _box_lines(box)),
+        *(f"note: {note}" for note in notes_of(plan)),
+    ]
+
+
+def _box_lines(plan: Plan) -> list[str]:
+    """Return what the box of a plan is, what is in it, and by what is interpolated there."""
+    sites, region = plan.sites, plan.region
+    low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
+    return [
         f"box {region.box.why}; from ({low}) to ({high})",
         f"{len(region.inside)} of {plan.mesh.point_count} nodes inside, {plan.touched.count} cells touched",
         f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
         f"{sum(map(len, sites.zero))} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
         f"kernel: {kernel_text(kernel_figures(plan))}",
-        *(f"note: {note}" for note in notes_of(plan)),
     ]
 
 
-def _part(plan: Plan, name: str) -> str:
-    for moving, surface in zip(plan.job.surfaces, plan.boundary.surfaces, strict=True):
+def _part(plan: Planned, name: str) -> str:
+    for moving, surface in plan.moving:
         if name in surface.patches:
             return f"moves by {moving.amount:+g} {moving.motion.unit}"
-    if name in plan.boundary.fixed:
+    if name in plan.stays:
         return "fixed"
-    if name in (*plan.boundary.pairs, *plan.boundary.sides):
+    if any(name in (*box.boundary.pairs, *box.boundary.sides) for box in plan.boxes):
         return "moves as its image"
-    return "slides" if name in plan.boundary.declared else "outside"
+    return "slides" if any(name in box.boundary.declared for box in plan.boxes) else "outside"

@@ -42,7 +42,7 @@ class Iteration:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class History:
+class Recorder:
     """Records one step for each interpolant that was evaluated at all sites."""
 
     options: GreedyOptions
@@ -169,7 +169,7 @@ def adapt(
     basis : `CholeskyBasis.of` extends one factor; `studies.solves` solves again in every iteration, as the paper does.
     """
     _check_initial(initial, sites, options)
-    history = History(options, progress, perf_counter())
+    history = Recorder(options, progress, perf_counter())
     with single_threaded_blas():
         problem = Problem.of(sites, kernel, options.polynomial)
         trail = [TrialBasis.of(basis(problem, initial))]
@@ -203,7 +203,7 @@ class CheckedBasis(NamedTuple):
     stop: Stop | None
 
 
-def _checked(problem: Problem, trail: Sequence[TrialBasis], rule: Rule, history: History) -> CheckedBasis:
+def _checked(problem: Problem, trail: Sequence[TrialBasis], rule: Rule, history: Recorder) -> CheckedBasis:
     """Evaluate a trail of ever larger bases at all sites, and follow it as far as `rule` would have gone.
 
     The first basis of the trail is certain; each of the others rests on a guess of the block that follows.
