@@ -118,7 +118,9 @@ def test_several_surfaces_are_named_in_their_checks(finish):
         for one in case.deflections
         for name in (TAIL if one.surface.startswith("tail") else HINGED)
     }
-    assert {check["name"] for check in figures["validation"]["checks"]} == EVERY | ANY_MESH | expected | repairs_of(figures)
+    assert {check["name"] for check in figures["validation"]["checks"]} == EVERY | ANY_MESH | expected | repairs_of(
+        figures
+    )
     assert figures["deflections"].keys() == {one.surface for one in case.deflections}
 
 
