@@ -1,7 +1,8 @@
 """A process that does not outlive its parent, and says which results it replaces.
 
 ``python -m sdm_deflect.meshing.files.orphan PARENT MODULE ...`` runs a module as ``python -m MODULE ...`` does,
-but before any library is loaded it binds itself to the process whose id is PARENT. ``PARENT -- PROGRAM ...`` becomes another program.
+but before any library is loaded it binds itself to the process whose id is PARENT. ``PARENT -- PROGRAM ...``
+becomes another program.
 """
 
 import ctypes
