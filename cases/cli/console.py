@@ -22,9 +22,10 @@ from sdm_deflect.cases.run.metrics import (
     travels,
 )
 from sdm_deflect.deform.base.errors import printable
+from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.checks import Check, Verdict
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.deflection import Plan, Planned
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.cli.examination import Finding
@@ -69,10 +70,10 @@ def findings(found: Sequence["Finding"]) -> Group:
     return Group(table, *_texts(ill or ["all is well"]))
 
 
-def plan_table(plan: Plan) -> Group:
+def plan_table(plan: Planned) -> Group:
     """Return patches with their part, the box, and what will be computed."""
     table = _table(f"{plan.mesh.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
-    inside = plan.region.inside
+    inside = union(*(box.region.inside for box in plan.boxes))
     for patch in plan.mesh.patches:
         count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
         table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
@@ -97,7 +98,8 @@ def _of_one_angle(done: "Outcome", judged: "Judged") -> tuple[list[Table], list[
     """Return the tables of a single angle, and what is said of its repair and its fit."""
     checks = verdict(judged.checks, f"{_title(done)}, {judged.angle:+g} {_unit(done)}")
     tables = [checks, quality_table(done.plan.before, judged.quality), *face_table(judged.figures)]
-    return tables, [text for text in (repair_text(judged.figures), fit_text(judged.figures)) if text]
+    fits = [f"{name} {fit_text(figures)}" for name, figures in judged.figures.get("deflections", {}).items()]
+    return tables, [text for text in (repair_text(judged.figures), *(fits or [fit_text(judged.figures)])) if text]
 
 
 def _of_many_angles(done: "Outcome", ordered: Sequence["Judged"]) -> tuple[list[Table], list[str]]:
@@ -109,7 +111,7 @@ def _of_many_angles(done: "Outcome", ordered: Sequence["Judged"]) -> tuple[list[
 
 
 def _title(done: "Outcome") -> str:
-    return f"{done.plan.boundary.surfaces[0].named} of {done.plan.mesh.name}"
+    return f"{done.plan.moving[0][1].named} of {done.plan.mesh.name}"
 
 
 def _unit(done: "Outcome") -> str:
@@ -180,27 +182,34 @@ def _word(verdict: Verdict) -> Text:
     return Text(verdict, style="bold" if verdict == "FAILED" else "")
 
 
-def _lines(plan: Plan) -> list[str]:
-    sites, region = plan.sites, plan.region
-    low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
+def _lines(plan: Planned) -> list[str]:
     return [
         *(f"{name} moves by up to {travel}" for name, travel in travels(plan)),
         *(f"{name} reaches {text}" for name, text in motions(plan)),
+        *(line for box in plan.boxes for line in _box_lines(box)),
+        *(f"note: {note}" for note in notes_of(plan)),
+    ]
+
+
+def _box_lines(plan: Plan) -> list[str]:
+    """Return what the box of a plan is, what is in it, and by what is interpolated there."""
+    sites, region = plan.sites, plan.region
+    low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
+    return [
         f"box {region.box.why}; from ({low}) to ({high})",
         f"{len(region.inside)} of {plan.mesh.point_count} nodes inside, {plan.touched.count} cells touched",
         f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
         f"{sum(map(len, sites.zero))} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
         f"kernel: {kernel_text(kernel_figures(plan))}",
-        *(f"note: {note}" for note in notes_of(plan)),
     ]
 
 
-def _part(plan: Plan, name: str) -> str:
-    for moving, surface in zip(plan.job.surfaces, plan.boundary.surfaces, strict=True):
+def _part(plan: Planned, name: str) -> str:
+    for moving, surface in plan.moving:
         if name in surface.patches:
             return f"moves by {moving.amount:+g} {moving.motion.unit}"
-    if name in plan.boundary.fixed:
+    if name in plan.stays:
         return "fixed"
-    if name in (*plan.boundary.pairs, *plan.boundary.sides):
+    if any(name in (*box.boundary.pairs, *box.boundary.sides) for box in plan.boxes):
         return "moves as its image"
-    return "slides" if name in plan.boundary.declared else "outside"
+    return "slides" if any(name in box.boundary.declared for box in plan.boxes) else "outside"
