@@ -24,6 +24,7 @@ SAME_MESH = 0.01
 """Of the tolerance: the mesh at the run's angle is no farther from that of the run."""
 BEYOND = 3.0
 """A table of displacements is shown up to so many times the run's share of it."""
+FOREIGN = "does not belong to the mesh and the settings of the run; run it again"
 STEP = 0.5
 """The ends of what is possible are found to this many degrees; for a table, to as large a part of its range."""
 
@@ -170,20 +171,11 @@ class InteractiveRun:
 
         Raises InputError if the centres or the points do not belong to the plan.
         """
-        mesh, stored = plan.mesh, read_arrays(folder / "interpolant.npz")
-        foreign = "does not belong to the mesh and the settings of the run; run it again"
-        boxes = []
-        for i, box in enumerate(plan.boxes):
-            try:
-                found = centers_of(stored, f"_{box.surface}" if i else "")
-                boxes.append(PreparedDeflection.of(box, box.angle, found))
-            except InputError:
-                raise InputError(f"{folder}: interpolant.npz {foreign}") from None
-        flat = [FLAT if isinstance(block, Polyhedra) else 1.0 for block in mesh.cells]
+        flat = [FLAT if isinstance(block, Polyhedra) else 1.0 for block in plan.mesh.cells]
         run = cls(
             manner=manner,
             angle=angle,
-            boxes=tuple(boxes),
+            boxes=_prepared_boxes(folder, plan),
             factors=tuple(box.angle / angle if angle else 1.0 for box in plan.boxes),
             changed=tuple(box.changed for box in plan.boxes),
             surfaces=tuple(
@@ -196,7 +188,7 @@ class InteractiveRun:
         )
         frame = run.at(angle)
         if np.abs(frame.points + run.moved - points).max() > SAME_MESH * frame.tolerance:
-            raise InputError(f"{folder}: deflected.vtu {foreign}")
+            raise InputError(f"{folder}: deflected.vtu {FOREIGN}")
         return run
 
     @property
@@ -280,6 +272,17 @@ class InteractiveRun:
         """Return the quality (L,) of the cells touched, and the rows of the inverted ones."""
         quality, inverted = self.touched.judged(points)
         return quality, np.flatnonzero(inverted)
+
+
+def _prepared_boxes(folder: Path, plan: Planned) -> tuple[PreparedDeflection, ...]:
+    """Return each box of a plan with the centres that a run has left for it; InputError if they do not belong to it."""
+    stored = read_arrays(folder / "interpolant.npz")
+    tags = [f"_{box.surface}" if i else "" for i, box in enumerate(plan.boxes)]
+    try:
+        pairs = zip(plan.boxes, tags, strict=True)
+        return tuple(PreparedDeflection.of(box, box.angle, centers_of(stored, tag)) for box, tag in pairs)
+    except InputError:
+        raise InputError(f"{folder}: interpolant.npz {FOREIGN}") from None
 
 
 def centers_of(stored: dict[str, Any], tag: str) -> list[Centers]:
