@@ -12,13 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.flow.frozen import hinge_moment, hinge_moment_rate
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
-from sdm_deflect.geometry.reference_values import surface_reference
+from sdm_deflect.deform.volume.deflection import deflected
 from studies.flow.members import DEFLECTED, Member, study_of, undeflected_mesh
 from studies.flow.pictures import Skin
+from studies.flow.reference import surface_reference
 from studies.flow.solve import FOLDER, SETTINGS
 
 STEP = 0.01
@@ -32,15 +33,15 @@ def rates(folder: Path, angle: float) -> tuple[float, float]:
     study = study_of(case, (angle,))
     skin = Skin.of(study, folder / FOLDER / Member(DEFLECTED, angle).name)
     flow = undeflected_mesh(study, Stopwatch(Silent()))
-    plans = plans_of(study.at(angle), flow)
-    (here,) = deflected(study.at(angle), plans)
+    plan = plan_of(study.at(angle), flow)
+    here = deflected(plan, plan.angle)
     np.testing.assert_array_equal(here.points, skin.points)  # the mesh whose flow was computed
     own = skin.own == 1
     pressure, triangles = study.stream.dynamic_pressure * skin.pressure[own], skin.triangles[own]
     hinge = next(one for one in study.setup(True).hinges if one.name == study.surface)
     moments = []
-    for turn in (angle + STEP, angle - STEP):
-        (one,) = deflected(study.at(turn), plans, earlier=(here,))
+    for step in (STEP, -STEP):
+        one = deflected(plan, plan.angle + step * plan.angle / angle, earlier=here)
         moments.append(hinge_moment(one.points, triangles, pressure, hinge))
     reference = surface_reference(case.fighter, study.surface)
     scale = study.stream.dynamic_pressure * reference.area * reference.chord

@@ -39,7 +39,7 @@ def wing(folder: Path) -> Task:
         result = deflect(
             mesh, "flap", HINGE, ANGLE, motion="blended", fixed="wing", slide="symmetry:plane", repair=repair
         )
-        return result.deflection
+        return result.deflection.boxes[0]
 
     title = f"Half wing of the guide, {len(mesh.cells[0])} tetrahedra, {ANGLE:g} degrees blended"
     return Task.of(title, mesh, "far_field", ours, folder / "wing")

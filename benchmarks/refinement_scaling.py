@@ -21,12 +21,12 @@ import numpy as np
 from benchmarks.measure import exponent
 from benchmarks.results import machine
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.meshing.files.child import peak_bytes
 from sdm_deflect.meshing.generate.generation import generate
@@ -131,7 +131,8 @@ def size(mesh: Mesh, case: Case, first: Interpolant, refinements: int, made: Cos
 
 def turned(mesh: Mesh, case: Case) -> Deflection:
     """Deflect the case's control surface."""
-    return deflected(case, plans_of(case, mesh))[0]
+    (plan,) = plan_of(case, mesh).boxes
+    return deflect(plan, plan.angle)
 
 
 def measured(action: Callable[[], T]) -> tuple[T, Cost]:

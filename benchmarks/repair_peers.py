@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.foam_motion import LAPLACIAN, SBR, GivenBoundary, Motion
 from benchmarks.measure import FloatArray, processor_seconds
 from benchmarks.results import machine
-from sdm_deflect.cases.aircraft.job import BLOCK, deflected, plans_of
+from sdm_deflect.cases.aircraft.job import BLOCK, plan_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.api import deflect
@@ -39,7 +39,7 @@ from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.fitting import RepairMode
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
-from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.deflection import Deflection, deflected
 from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
@@ -130,7 +130,8 @@ def chimera(folder: Path, angle: float) -> Task:
 
     def ours(repair: RepairMode) -> Deflection:
         wanted = replace(case, repair=repair)
-        return deflected(wanted, plans_of(wanted, mesh))[0]
+        plan = plan_of(wanted, mesh)
+        return deflected(plan, plan.angle).boxes[0]
 
     title = f"Chimera block, {len(mesh.cells[0])} tetrahedra, {angle:g} degrees"
     return Task.of(title, mesh, BLOCK, ours, folder / "block")
@@ -143,7 +144,7 @@ def aircraft(source: Path, folder: Path, angle: float) -> Task:
     fixed = [name for name in mesh.names if name not in (moving, "far_field")]
 
     def ours(repair: RepairMode) -> Deflection:
-        return deflect(mesh, [moving], angle=angle, motion=motion, fixed=fixed, repair=repair).deflection
+        return deflect(mesh, [moving], angle=angle, motion=motion, fixed=fixed, repair=repair).deflection.boxes[0]
 
     title = f"snappyHexMesh, {len(mesh.cells[0])} cells with layers, {angle:g} degrees blended"
     return Task.of(title, mesh, "far_field", ours, folder / "aircraft")

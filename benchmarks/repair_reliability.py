@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
@@ -66,7 +66,7 @@ def named(name: str, angle: float, ahead: float) -> str:
 
 def trial(case: Case, mesh: Mesh) -> Trial:
     """Deflect every surface of a case in one step."""
-    parts = [part(deflect(plan, plan.angle)) for plan in plans_of(case, mesh)]
+    parts = [part(deflect(plan, plan.angle)) for plan in plan_of(case, mesh).boxes]
     sums = {name: sum(getattr(one, name) for one in parts) for name in ("torn", "inverted", "seconds")}
     return Trial(**{name: min(getattr(one, name) for one in parts) for name in Trial.__slots__} | sums)
 

@@ -21,7 +21,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import Threads
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.deform.volume.deflection import Deflected, Planned, Plans
 from sdm_deflect.deform.volume.deflection import sweep as swept
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
@@ -71,7 +71,7 @@ class Result:
     min_quality : the share of the least quality that was asked for.
     """
 
-    deflection: Deflection
+    deflection: Deflected
     mesh: Any
     checks: tuple[Check, ...]
     min_quality: float = MIN_QUALITY
@@ -92,8 +92,8 @@ class Result:
         return self.points - self.plan.mesh.points
 
     @property
-    def plan(self) -> Plan:
-        """What was decided before the fit, such as box, sites and cells."""
+    def plan(self) -> Planned:
+        """What was decided before the fit: sites, cells, the box; of several boxes, `boxes` has the plan of each."""
         return self.deflection.plan
 
     @property
@@ -108,8 +108,11 @@ class Result:
 
     @property
     def interpolants(self) -> tuple[Interpolant, ...]:
-        """The displacement of each step as a function of the points at its start; zero outside the box."""
-        return tuple(step.fits.interpolant for step in self.deflection.steps)
+        """The displacement of each step as a function of the points at its start; zero outside the box.
+
+        Those of several boxes follow one another.
+        """
+        return tuple(step.fits.interpolant for box in self.deflection.boxes for step in box.steps)
 
     @property
     def sensitivity(self) -> FloatArray:
@@ -353,8 +356,8 @@ def deflect(
         result.save("naca-15.su2")
     """
     settings = settings_of(surfaces, hinge, angle, options)
-    job = settings.job()
-    return _run(mesh, job, (job.angle,), settings.min_quality, progress)[0]
+    jobs = settings.jobs()
+    return _run(mesh, jobs, (jobs[0].angle,), settings.min_quality, progress)[0]
 
 
 def plan(
@@ -386,11 +389,11 @@ def plan(
     from sdm_deflect.meshing.formats.registry import in_pieces
 
     settings = settings_of(surfaces, hinge, angle, options)
-    job = settings.job()
+    jobs = settings.jobs()
     if isinstance(mesh, str | PathLike):
         with _about_files(), in_pieces(_path(mesh), progress) as large:
-            mesh = excerpt(large, job, (), Threads(), progress) if large else mesh
-    (found,) = _run(mesh, job, (job.angle,), settings.min_quality, progress)
+            mesh = excerpt(large, jobs, (), Threads(), progress) if large else mesh
+    (found,) = _run(mesh, jobs, (jobs[0].angle,), settings.min_quality, progress)
     if not found.passed:
         raise InputError(found.title)
     return found.field
@@ -428,15 +431,17 @@ def sweep(
     wanted = angles_of(angles)
     largest = None if tables_of(surfaces) else max(wanted, key=abs)
     settings = settings_of(surfaces, hinge, largest, options)
-    return _run(mesh, settings.job(), wanted, settings.min_quality, progress)
+    return _run(mesh, settings.jobs(), wanted, settings.min_quality, progress)
 
 
-def _run(mesh: Any, job: Job, angles: Sequence[float], least: float, progress: Progress) -> tuple[Result, ...]:
-    """Plan a job for all angles and bring the mesh to each; results in the order of the angles."""
+def _run(
+    mesh: Any, jobs: Sequence[Job], angles: Sequence[float], least: float, progress: Progress
+) -> tuple[Result, ...]:
+    """Plan jobs for all angles and bring the mesh to each; results in the order of the angles."""
     if not callable(progress):
         raise InputError(f"progress = {shortened(progress)} must be a function of a text and a fraction")
     given = adapters.accepted(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
-    plan = Plan.of(given.mesh, job, angles, progress)
+    plan = Plans.of(given.mesh, jobs, angles, progress)
     results = [
         (i, Result(one, given.with_points(one.points), checks_of(one, least), least))
         for i, one in swept(plan, angles, progress)

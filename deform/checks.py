@@ -1,12 +1,13 @@
 """Checks that can fail: what must hold of a deflected mesh."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
@@ -16,7 +17,7 @@ from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.precision import EVERY_BIT
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer
-from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.deflection import Deflected, Deflection, Plan, Planned
 
 LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1  # of the first layer's height; of thick layers of polyhedra
 ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid
@@ -34,7 +35,7 @@ class Check:
 
     Attributes
     ----------
-    name : fixed name, with the surface appended when a case deflects several.
+    name : fixed name; with the surface appended where it is of one box of several.
     value, limit : what was measured and what was asked, in `unit`.
     unit : of both; none for shares, and for lengths in the mesh's own unit.
     where : what was measured, over how many nodes, and where the worst one lies.
@@ -92,49 +93,51 @@ def worst(distances: FloatArray, points: FloatArray) -> str:
     return f"{len(distances)} nodes, rms {rms:.1e}, worst at ({x:.4f}, {y:.4f}, {z:.4f})"
 
 
-def layers_of(deflection: Deflection) -> Layers | None:
+def layers_of(deflection: Deflected) -> Layers | None:
     """Return how the first prism layer's height changed; None without prisms."""
     return first_layer(deflection.plan.touched, deflection.plan.walls, deflection.points)
 
 
-def checks_of(deflection: Deflection, min_quality: float = MIN_QUALITY) -> tuple[Check, ...]:
+def checks_of(deflection: Deflected, min_quality: float = MIN_QUALITY, unit: str = "") -> tuple[Check, ...]:
     """Return what must hold of the mesh at one angle, as the file holds it; of what rounding alone breaks, it says so.
 
     Parameters
     ----------
     min_quality : Share of the undeflected mesh's least quality that the cells of each type must keep; 0: no such check.
+    unit : Unit of lengths, where the mesh's is known.
     """
-    found = tuple(_checks(deflection, min_quality))
+    found = tuple(_checks(deflection, min_quality, unit))
     precision = deflection.plan.precision
     if precision.is_double or all(check.passed for check in found):
         return found
-    failing = {check.name for check in _checks(deflection.stored(EVERY_BIT), min_quality) if not check.passed}
+    failing = {check.name for check in _checks(deflection.stored(EVERY_BIT), min_quality, unit) if not check.passed}
     why = f"; fails by rounding to {precision}"
     return tuple(one if one.passed or one.name in failing else replace(one, where=one.where + why) for one in found)
 
 
 def site_error(deflection: Deflection, unit: str = "") -> Check:
-    """Check that every data site is as near to its displacement as was asked."""
+    """Check that every data site of a box is as near to its displacement as was asked."""
     error, steps = max(step.error for step in deflection.steps), len(deflection.steps)
     where = f"all data sites, {steps} step{'s' if steps > 1 else ''}"
     return Check("site_error", error, deflection.plan.sites.tolerance, unit, where)
 
 
-def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
+def _checks(deflection: Deflected, min_quality: float, unit: str) -> Iterator[Check]:
     plan, points = deflection.plan, deflection.points
-    mesh, sites = plan.mesh, plan.sites
+    mesh = plan.mesh
     moved = np.abs(points - plan.undeflected).max(axis=1)
     outside = np.ones(len(points), dtype=bool)
-    outside[plan.region.inside] = outside[plan.sites.moving] = False
+    outside[plan.changed] = False
     rest = mesh.point_count - len(points)
     beyond = f", of all {rest + int(outside.sum())}: the others are copied" if rest else ""
-    yield _unmoved("outside_moved", moved[outside], f"nodes outside the box{beyond}")
+    yield _unmoved("outside_moved", moved[outside], f"nodes outside the box{beyond}", unit)
     slid = slid_nodes(deflection)
-    fixed = np.setdiff1d(sites.fixed, slid, assume_unique=True)
-    yield _unmoved("fixed_surfaces_moved", moved[fixed], "nodes inside the box")
+    fixed = np.setdiff1d(plan.fixed, slid, assume_unique=True)
+    yield _unmoved("fixed_surfaces_moved", moved[fixed], "nodes inside the box", unit)
     if len(slid):
-        yield _slid_on_surfaces(deflection, slid)
-    yield site_error(deflection)
+        yield _slid_on_surfaces(deflection, slid, unit)
+    for box in deflection.boxes:
+        yield from named([site_error(box, unit)], box.plan, plan)
     if mesh.cells:
         yield _inverted_cells(deflection)
         yield from _boundary_checks(deflection)
@@ -145,21 +148,23 @@ def _checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
         yield from _quality_checks(deflection, min_quality)
     if plan.faces and deflection.faces:
         yield from (Check(*row) for row in plan.faces.verdicts(deflection.faces))
-    yield from _sliding(deflection)
+    yield from _sliding(deflection, unit)
     yield from _pairs(deflection)
     yield from _first_layer(deflection)
 
 
-def _sliding(deflection: Deflection) -> Iterator[Check]:
+def _sliding(deflection: Deflected, unit: str) -> Iterator[Check]:
     """Check that the nodes of each sliding patch are on its shape."""
-    plan, points = deflection.plan, deflection.points
-    for patch, nodes in zip(plan.boundary.sliding, plan.sites.sliding, strict=True):
-        drift = np.abs(patch.surface.distance(points[nodes]) - patch.surface.distance(plan.mesh.points[nodes]))
-        allowed, where = _on_shape(deflection), f"{len(nodes)} sliding nodes"
-        yield Check(f"on_{patch.patch}", float(drift.max(initial=0.0)), allowed, "", where, over=len(nodes))
+    for box in deflection.boxes:
+        own = []
+        for patch, nodes in zip(box.plan.boundary.sliding, box.plan.sites.sliding, strict=True):
+            before, now = (patch.surface.distance(at[nodes]) for at in (box.plan.mesh.points, box.points))
+            drift, where = float(np.abs(now - before).max(initial=0.0)), f"{len(nodes)} sliding nodes"
+            own.append(Check(f"on_{patch.patch}", drift, _on_shape(box), unit, where, over=len(nodes)))
+        yield from named(own, box.plan, deflection.plan)
 
 
-def _first_layer(deflection: Deflection) -> Iterator[Check]:
+def _first_layer(deflection: Deflected) -> Iterator[Check]:
     """Check that the first layers off the walls kept their heights."""
     layers = layers_of(deflection)
     if layers:
@@ -167,7 +172,7 @@ def _first_layer(deflection: Deflection) -> Iterator[Check]:
         yield Check("first_layer", layers.largest, THICK_CHANGE if layers.thick else LAYER_CHANGE, "", where)
 
 
-def _pairs(deflection: Deflection) -> Iterator[Check]:
+def _pairs(deflection: Deflected) -> Iterator[Check]:
     """Check that nodes in the box are where the images of others are; those of cases one cell thick, on their side."""
     mesh, points = deflection.plan.mesh, deflection.points
     may_move = np.zeros(len(points), dtype=np.bool_)
@@ -190,7 +195,7 @@ def _pairs(deflection: Deflection) -> Iterator[Check]:
             yield Check(f"{name}_{pair.name}", now, limit, "", where, over=len(nodes))
 
 
-def _inverted_cells(deflection: Deflection) -> Check:
+def _inverted_cells(deflection: Deflected) -> Check:
     """Check that no cell is inverted that was not before."""
     touched = deflection.plan.touched
     before = sum(one.inverted for one in deflection.plan.before)
@@ -209,23 +214,22 @@ def surfaces_crossed(mesh: Mesh, points: FloatArray) -> Check:
     return Check("surfaces_crossed", found.faces, 0, "faces", where, over=found.moved)
 
 
-def slid_nodes(deflection: Deflection) -> IntArray:
+def slid_nodes(deflection: Deflected) -> IntArray:
     """Return the sorted nodes (K,) of fixed patches that the repair moved on their shapes, as it may."""
-    if deflection.repaired is None:
-        return np.empty(0, dtype=np.intp)
-    found, fixed = deflection.repaired, deflection.plan.sites.fixed
-    return np.intersect1d(fixed, np.intersect1d(found.moved, found.freedom.sliding, True), assume_unique=True)
+    slid = (np.intersect1d(one.moved, one.freedom.sliding, assume_unique=True) for one in deflection.repairs)
+    return np.intersect1d(deflection.plan.fixed, union(*slid), assume_unique=True)
 
 
-def _slid_on_surfaces(deflection: Deflection, slid: IntArray) -> Check:
+def _slid_on_surfaces(deflection: Deflected, slid: IntArray, unit: str) -> Check:
     """Check that nodes (K,) of fixed patches which a repair slid are still on the undeflected patch."""
     points, off = deflection.points, np.zeros(len(slid))
-    for one in deflection.repaired.freedom.slides if deflection.repaired else ():
-        rows = np.flatnonzero(np.isin(slid, one.nodes, assume_unique=True))
-        before, now = (one.shape.distance(where[slid[rows]]) for where in (deflection.interpolated, points))
-        off[rows] = np.abs(now - before)
+    for box in deflection.boxes:
+        for one in box.repaired.freedom.slides if box.repaired else ():
+            rows = np.flatnonzero(np.isin(slid, one.nodes, assume_unique=True))
+            before, now = (one.shape.distance(where[slid[rows]]) for where in (box.interpolated, points))
+            off[rows] = np.abs(now - before)
     where = f"{worst(off, points[slid])}, of fixed patches"
-    return Check("slid_on_surfaces", float(off.max()), _on_shape(deflection), "", where)
+    return Check("slid_on_surfaces", float(off.max()), max(map(_on_shape, deflection.boxes)), unit, where)
 
 
 def _on_shape(deflection: Deflection) -> float:
@@ -234,7 +238,12 @@ def _on_shape(deflection: Deflection) -> float:
     return max(ON_SHAPE * plan.boundary.size, plan.precision.resolution(plan.mesh.points))
 
 
-def first_inverted(deflection: Deflection) -> str:
+def named(checks: Iterable[Check], box: Plan, plan: Planned) -> list[Check]:
+    """Return checks of a box; of one of several with its surface in their names."""
+    return [replace(one, name=f"{one.name}:{box.surface}") if len(plan.boxes) > 1 else one for one in checks]
+
+
+def first_inverted(deflection: Deflected) -> str:
     """Say which cell is the first inverted one that was not before, on which patches, and whether it can be mended."""
     plan, mesh, row = deflection.plan, deflection.plan.mesh, 0
     numbers = mesh.whole.rows if mesh.whole else tuple(np.arange(len(block)) for block in mesh.cells)
@@ -250,18 +259,18 @@ def first_inverted(deflection: Deflection) -> str:
     raise ValueError("no cell is inverted that was not before")
 
 
-def cell_text(deflection: Deflection, row: int, nodes: IntArray, shape: str) -> str:
+def cell_text(deflection: Deflected, row: int, nodes: IntArray, shape: str) -> str:
     """Describe an inverted cell by its row in the mesh, its type, and the patches that its nodes are on."""
-    plan, found = deflection.plan, deflection.repaired
+    plan, repairs = deflection.plan, deflection.repairs
     on = [patch.name for patch in plan.mesh.patches if np.isin(nodes, patch.nodes).any()]
     text = f"the first is cell {row} ({shape})" + (f" with nodes on {', '.join(on)}" if on else "")
-    if found is None:
+    if not repairs:
         return text
-    held = not np.isin(nodes, found.freedom.nodes).any()
+    held = not any(np.isin(nodes, one.freedom.nodes).any() for one in repairs)
     return f"{text}; all its nodes are held: no repair can mend it" if held else f"{text}; the repair could not mend it"
 
 
-def _rounding(deflection: Deflection) -> Check:
+def _rounding(deflection: Deflected) -> Check:
     """Check that the undeflected mesh, all of it, survives the rounding to a file of fewer bits than its own."""
     plan, largest, count = deflection.plan, 0.0, 0
     for block in plan.mesh.cells:
@@ -276,7 +285,7 @@ def _rounding(deflection: Deflection) -> Check:
     return Check("rounding", largest, LAYER_CHANGE, "", where, over=count)
 
 
-def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
+def _boundary_checks(deflection: Deflected) -> Iterator[Check]:
     """Check patches that miss a part of the boundary where nodes may move, or hold what is no part of it."""
     found = deflection.plan.unheld
     if found.faces:
@@ -287,7 +296,7 @@ def _boundary_checks(deflection: Deflection) -> Iterator[Check]:
         yield Check("faces_off_boundary", found.loose + found.inner, 0, "faces", where)
 
 
-def _quality_checks(deflection: Deflection, min_quality: float) -> Iterator[Check]:
+def _quality_checks(deflection: Deflected, min_quality: float) -> Iterator[Check]:
     """Check that the touched cells of each type keep a share of the least quality that they had.
 
     Cells that were inverted, or of quality 0, are left out.
@@ -300,6 +309,6 @@ def _quality_checks(deflection: Deflection, min_quality: float) -> Iterator[Chec
         yield Check(f"quality_min:{of.shape}", new.quality, limit, "", where, "at least", over=new.cells)
 
 
-def _unmoved(name: str, moved: FloatArray, what: str) -> Check:
+def _unmoved(name: str, moved: FloatArray, what: str, unit: str) -> Check:
     """Check that nodes which moved by (K,) did not move by a single bit."""
-    return Check(name, float(moved.max(initial=0.0)), 0.0, "", f"{len(moved)} {what}", over=len(moved))
+    return Check(name, float(moved.max(initial=0.0)), 0.0, unit, f"{len(moved)} {what}", over=len(moved))

@@ -5,14 +5,14 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.overset import Donors, donors, hole
 from sdm_deflect.cases.aircraft.pipeline import background_mesh, meshed
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.deform.volume.deflection import combined
+from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.meshing.mesh import tets_of, touching
 
 ANGLES = tuple(float(angle) for angle in range(-30, 31, 5))
@@ -49,12 +49,12 @@ def donors_at(case: Case, angles: Sequence[float], watch: Stopwatch, cache: bool
             progress(f"{angle:+g} deg", k / len(angles))
             turned = replace(case, angle=angle)
             try:
-                plans = plans_of(turned, mesh)
-                moved = mesh.with_points(combined(mesh, deflected(turned, plans)))
+                plan = plan_of(turned, mesh)
+                moved = mesh.with_points(deflected(plan, plan.angle).points)
             except InputError as error:
                 found.append(Position(angle, reason=str(error)))
                 continue
-            inside = tets_of(moved)[touching(mesh, plans[0].region.inside)]
+            inside = tets_of(moved)[touching(mesh, plan.boxes[0].region.inside)]
             quality = float(mean_ratio(moved.points, inside).min())
             found.append(Position(angle, quality, donors(moved, background, low, high)))
         progress(f"{sum(one.donors.orphans for one in found)} orphans at {len(found)} angles", 1.0)

@@ -10,7 +10,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 from numba import get_num_threads
 
-from sdm_deflect.cases.aircraft import pictures as aircraft
 from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.aircraft.pipeline import meshed, run_case
 from sdm_deflect.cases.aircraft.registry import case_named
@@ -23,6 +22,7 @@ from sdm_deflect.deform.rbf.fitting import Strategy
 from sdm_deflect.meshing.files.temporary import scratch_folder
 from sdm_deflect.meshing.mesh import tets_of
 from studies import centres_findings
+from studies import pictures as aircraft
 from studies.files import markdown, write_csv, write_plot
 from studies.measure import run_study, sites_of, timed
 from studies.paper import paper

@@ -9,7 +9,7 @@ from time import process_time
 import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import deflected, panel_of, plans_of
+from sdm_deflect.cases.aircraft.job import panel_of, plan_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Display, Stopwatch
@@ -18,6 +18,7 @@ from sdm_deflect.deform.base.threads import SERIAL_PAIRS
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import Interpolant
+from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.meshing.mesh import tets_of
 from studies import centres
 from studies.measure import GMRES, GROWN, REPETITIONS, Result, Task, sites_of
@@ -55,7 +56,8 @@ def spoiled_cells(case: Case, mesh: Mesh) -> Spoiled:
     for factor in (1.0, 8.0):
         adaptation = replace(case.adaptation, rule="worst", tolerance=case.adaptation.tolerance / factor)
         one = replace(case, repair="off", adaptation=adaptation)
-        points = deflected(one, plans_of(one, mesh))[0].points
+        plan = plan_of(one, mesh)
+        points = deflected(plan, plan.angle).points
         found.append(np.flatnonzero(mean_ratio(points, tets_of(mesh)) < below))
     cells = tets_of(mesh)[found[0]]
     middles, edge = mesh.points[cells].mean(axis=1), mesh.points[root[np.argmax(mesh.points[root, 0])]]

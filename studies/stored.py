@@ -49,7 +49,7 @@ class Counted:
     @classmethod
     def of(cls, theirs: QualityStatement, run: Run, before: FloatArray, after: FloatArray) -> "Counted":
         """Count in the mean ratios (M,) before and after."""
-        near = touching(run.mesh, run.deflections[0].plan.region.inside)
+        near = touching(run.mesh, run.deflection.boxes[0].plan.region.inside)
         old, new, near_old, near_new = (
             int(np.sum(one < theirs.below)) for one in (before, after, before[near], after[near])
         )

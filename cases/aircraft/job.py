@@ -19,9 +19,8 @@ from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation
 from sdm_deflect.deform.surface.surface import Listed
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder
 from sdm_deflect.deform.volume.box import Given
-from sdm_deflect.deform.volume.deflection import Deflection, Plan, deflect
+from sdm_deflect.deform.volume.deflection import Planned, Plans
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
-from sdm_deflect.deform.volume.region import check_disjoint
 from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.confinement import Margins, gap_faces, hexahedron_corners, inward_face, rib_faces
 from sdm_deflect.geometry.datum import hinged
@@ -35,29 +34,13 @@ ON_LINE = 1e-6
 """Nodes within this distance (m) of a datum line are on it: boundary nodes lie on the CAD to 1e-7 m."""
 
 
-def plans_of(case: Case, mesh: Mesh, angles: Sequence[float] = (), progress: Progress = silent) -> tuple[Plan, ...]:
-    """Plan the deflection of every control surface; angles are those of the case.
+def plan_of(case: Case, mesh: Mesh, angles: Sequence[float] = (), progress: Progress = silent) -> Planned:
+    """Plan the deflection of every control surface, each in a box of its own; angles are those of the case.
 
     Raises InputError if a surface leaves its box, something is in a box that must not move, or two boxes overlap.
     """
-    wanted = tuple(angles) or (case.angle,)
-    plans = tuple(
-        Plan.of(mesh, job_of(case, mesh, turn), [turn.factor * angle for angle in wanted], progress)
-        for turn in case.deflections
-    )
-    check_disjoint([(plan.patches[0], plan.region.hexahedron) for plan in plans], CONFINEMENT)
-    return plans
-
-
-def deflected(
-    case: Case, plans: Sequence[Plan], progress: Progress = silent, earlier: Sequence[Deflection] = ()
-) -> tuple[Deflection, ...]:
-    """Deflect every control surface by its share of the angle of the case, on the centres of earlier deflections."""
-    reuse: Sequence[Deflection | None] = earlier or [None] * len(plans)
-    return tuple(
-        deflect(plan, turn.factor * case.angle, progress, known)
-        for plan, turn, known in zip(plans, case.deflections, reuse, strict=True)
-    )
+    jobs = [job_of(case, mesh, turn) for turn in case.deflections]
+    return Plans.of(mesh, jobs, [case.deflections[0].factor * angle for angle in angles], progress)
 
 
 def job_of(case: Case, mesh: Mesh, turn: SurfaceTurn) -> Job:

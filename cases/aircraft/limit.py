@@ -10,14 +10,14 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.run.output import write_table
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 from sdm_deflect.deform.mesh.quality import judged
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, RepairMode
-from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.deflection import Deflection, deflected
 
 STEPS = 3
 """Angles of the curve are so many times the resolution apart."""
@@ -118,7 +118,8 @@ def attempt(case: Case, mesh: Mesh, angle: float) -> Trial:
     """Deflect every surface of the case by its share of the angle; judge the worst cell."""
     turned = replace(case, angle=angle)
     try:
-        results = deflected(turned, plans_of(turned, mesh))
+        plan = plan_of(turned, mesh)
+        results = deflected(plan, plan.angle).boxes
     except InputError as error:
         return Trial(angle, 0.0, 0, reason=str(error))
     worst = min(results, key=lambda one: min(quality.min for quality in one.quality))

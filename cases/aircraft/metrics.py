@@ -20,7 +20,7 @@ from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
 from sdm_deflect.deform.surface.reached import Reached
-from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.deflection import Deflected
 from sdm_deflect.meshing.mesh import tets_of
 
 SHOWN = ("min", "p01", "mean", "below_0_2", "below_0_4")
@@ -50,7 +50,7 @@ class Run:
     ----------
     mesh, deflected : the mesh before and after; same cells, same order.
     origin : how the undeflected mesh came to be.
-    deflections : one entry per control surface.
+    deflection : of every control surface.
     whole_mesh_seconds : time to evaluate the first interpolant at every mesh node, for comparison.
     checks : the validation.
     seconds : per stage.
@@ -62,7 +62,7 @@ class Run:
     mesh: Mesh
     origin: MeshOrigin
     deflected: Mesh
-    deflections: tuple[Deflection, ...]
+    deflection: Deflected
     whole_mesh_seconds: float
     checks: tuple[Check, ...]
     seconds: dict[str, float] = field(default_factory=dict)
@@ -77,10 +77,10 @@ class Run:
 
 def metrics(run: Run) -> Json:
     """Return the content of metrics.json of a case (SI units, degrees)."""
-    case, first = run.case, run.deflections[0]
+    case, first = run.case, run.deflection.boxes[0]
     before, after = (summarise(mean_ratio(mesh.points, tets_of(mesh))) for mesh in (run.mesh, run.deflected))
     quality = [{name: getattr(state, name) for name in SHOWN} for state in (before, after)]
-    surfaces = {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflections}
+    surfaces = {d.plan.surface: {"angle_deg": d.angle, **deflection_figures(d)} for d in run.deflection.boxes}
     surface = surfaces[first.plan.surface]
     if run.pinned:
         surface["quality_inside"]["after_pinned"] = by_shape([run.pinned])
@@ -128,7 +128,7 @@ def summary(run: Run) -> Iterator[str]:
         if one["repair"]:
             yield f"{name} {repair_text(one)}"
     if run.pinned:
-        for state, q in (("sliding", run.deflections[0].quality[0]), ("pinned", run.pinned)):
+        for state, q in (("sliding", run.deflection.boxes[0].quality[0]), ("pinned", run.pinned)):
             yield (
                 f"Chimera face {state}: smallest quality inside {q.min:.3f}, {q.below_0_4:.3%} below 0.4, "
                 f"{q.inverted} inverted"
@@ -138,10 +138,10 @@ def summary(run: Run) -> Iterator[str]:
 
 def _evaluation(run: Run) -> Json:
     """Return the time of the interpolants alone; compiled code is loaded before the clock starts."""
-    seconds = sum(step.evaluation_seconds for d in run.deflections for step in d.steps)
+    seconds = sum(step.evaluation_seconds for d in run.deflection.boxes for step in d.steps)
     pairs = sum(
         len(step.state.free) * len(fit.chosen) * len(fit.components)
-        for d in run.deflections
+        for d in run.deflection.boxes
         for step in d.steps
         for fit in step.fits.adaptations
     )

@@ -1,6 +1,6 @@
 """One case, from parameters to validated result: geometry, mesh, deformation, validation, output."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from math import nan
 from pathlib import Path
@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.metrics import MeshOrigin, Run, metrics
 from sdm_deflect.cases.aircraft.overset import finer_background
 from sdm_deflect.cases.aircraft.reference import reference
@@ -18,7 +18,7 @@ from sdm_deflect.deform.base.cache_folder import default_folder
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.volume.deflection import Deflection, combined, repair_of
+from sdm_deflect.deform.volume.deflection import Deflected, deflected
 from sdm_deflect.meshing.files.cache import MeshCache, cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import tets_of
@@ -33,29 +33,28 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
     """Run a case and write its files into `folder`, with pictures and a page if a `report` is wanted."""
     with reference(case) as deflected_cad:
         # Matplotlib, pyvista and trimesh load while the CAD is being built.
-        from sdm_deflect.cases.aircraft.validation import site_checks, validate
+        from sdm_deflect.cases.aircraft.validation import further_checks, validate
 
         mesh, origin = meshed(case, watch, cache)
         background = background_mesh(case, watch, cache) if case.domain == "block" else None
         with watch.stage("deformation") as progress:
-            plans = plans_of(case, mesh, progress=progress)
-            results = deflected(case, plans, progress)
-            moved = mesh.with_points(combined(mesh, results))
-            whole = whole_mesh_seconds(mesh, results[0])
+            plan = plan_of(case, mesh, progress=progress)
+            found = deflected(plan, plan.angle, progress)
+            moved = mesh.with_points(found.points)
+            whole = whole_mesh_seconds(found)
             stiff = pinned_quality(case, mesh, progress) if case.domain == "block" else None
-            progress(adapted(results), 1.0)
+            progress(adapted(found), 1.0)
         if report:
-            shown, gallery = drawn_report(case, mesh, moved, results, folder, watch)
+            shown, gallery = drawn_report(case, found, folder, watch)
         with watch.stage("files") as progress:
-            write_deformation(folder, case, mesh, moved, results, background)
+            write_deformation(folder, case, moved, found, background)
             progress(f"{sum(path.stat().st_size for path in folder.glob('*.*')) / 1e6:.1f} MB", 1.0)
         with watch.stage("validation") as progress:
             progress("waiting for the deflected CAD", nan)
-            checks = validate(case, mesh, moved, plans, deflected_cad(), background, repair_of(results)) + site_checks(
-                results
-            )
+            checks = validate(case, mesh, moved, plan, deflected_cad(), background, found.moved_by_repair)
+            checks += further_checks(found, checks)
             progress(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
-    run = Run(case, mesh, origin, moved, results, whole, checks, watch.seconds, background, stiff)
+    run = Run(case, mesh, origin, moved, found, whole, checks, watch.seconds, background, stiff)
     if report:
         from sdm_deflect.cases.aircraft.report import compared
         from sdm_deflect.cases.report.page import write_report
@@ -68,15 +67,13 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
     return run
 
 
-def drawn_report(
-    case: Case, mesh: Mesh, moved: Mesh, results: Sequence[Deflection], folder: Path, watch: Stopwatch
-) -> tuple["ReportData", "Gallery"]:
+def drawn_report(case: Case, found: Deflected, folder: Path, watch: Stopwatch) -> tuple["ReportData", "Gallery"]:
     """Return what the report shows, and its pictures, which are in `folder`."""
     from sdm_deflect.cases.aircraft.report import report_data_of
     from sdm_deflect.cases.report.pictures import drawn
 
     with watch.stage("pictures") as progress:
-        shown = report_data_of(case, mesh, moved, results)
+        shown = report_data_of(case, found)
         gallery = drawn(shown, folder / "figures")
         progress(f"{len(gallery.exhibits)} pictures", 1.0)
     return shown, gallery
@@ -148,9 +145,9 @@ def cached(
     return made.mesh, origin
 
 
-def adapted(results: Sequence[Deflection]) -> str:
+def adapted(found: Deflected) -> str:
     """Say how many centres all adaptations took and the largest residual that is left."""
-    fits = [fit for one in results for step in one.steps for fit in step.fits.adaptations]
+    fits = [fit for box in found.boxes for step in box.steps for fit in step.fits.adaptations]
     centres, residual = sum(len(fit.chosen) for fit in fits), max(fit.max_error for fit in fits)
     return f"{centres} centres, residual {residual:.1e} m"
 
@@ -158,11 +155,12 @@ def adapted(results: Sequence[Deflection]) -> str:
 def pinned_quality(case: Case, mesh: Mesh, progress: Progress) -> Quality:
     """Quality inside the box if the Chimera face were pinned instead of sliding: what sliding is worth."""
     stiff = replace(case, repair="off", confinement=replace(case.confinement, slide=False))
-    return deflected(stiff, plans_of(stiff, mesh, progress=progress), progress)[0].quality[0]
+    plan = plan_of(stiff, mesh, progress=progress)
+    return deflected(plan, plan.angle, progress).quality[0]
 
 
-def whole_mesh_seconds(mesh: Mesh, result: Deflection) -> float:
+def whole_mesh_seconds(found: Deflected) -> float:
     """Time (s) to evaluate the first surface's interpolant at every node: what confinement saves (section 5.1)."""
-    interpolant, start = result.steps[0].fits.interpolant, perf_counter()
-    interpolant(mesh.points)
+    interpolant, start = found.boxes[0].steps[0].fits.interpolant, perf_counter()
+    interpolant(found.plan.mesh.points)
     return perf_counter() - start

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import BLOCK, plans_of
+from sdm_deflect.cases.aircraft.job import BLOCK, plan_of
 from sdm_deflect.cases.aircraft.reference import reference
 from sdm_deflect.cases.aircraft.run_folder import read_run, stored_repair
 from sdm_deflect.cases.aircraft.validation import validate
@@ -33,15 +33,12 @@ from sdm_deflect.cases.report.data import (
 from sdm_deflect.cases.report.page import write_report
 from sdm_deflect.cases.report.pictures import Exhibit, drawn, saved
 from sdm_deflect.cases.report.scene3d import triangles_of
-from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.cases.run.output import PAGE, output_folder
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.cases.view.run import InteractiveRun, Manner
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.reading import damaged
-from sdm_deflect.deform.checks import Check
-from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.volume.deflection import Deflection, Plan, repair_of
+from sdm_deflect.deform.volume.deflection import Deflected, Plan, Planned
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.formats.vtu import read_vtu
 
@@ -58,40 +55,33 @@ COMPARED = {"cad_map": ("surface_to_cad", "root_on_cylinder"), "rigid_cad_map": 
 BLENDED, RIGID = "the deflected CAD, blended by the same rule as the surface", "the CAD that was rotated rigidly"
 
 
-def report_data_of(case: Case, mesh: Mesh, deflected: Mesh, deflections: Sequence[Deflection]) -> ReportData:
+def report_data_of(case: Case, found: Deflected) -> ReportData:
     """Return what the report of a case shows, before it is judged."""
-    data = _data(case, mesh, deflected, [_box(one.plan, FitRows.of(one)) for one in deflections])
-    return replace(data, interpolated=unrepaired(deflected.points, repair_of(deflections)))
+    return _data(case, found.plan, found.points, [FitRows.of(one) for one in found.boxes], found.moved_by_repair)
 
 
 def report_data_of_folder(folder: Path) -> ReportData:
     """Return what a finished case's report shows, validated again; InputError if a file is missing or damaged."""
     case, mesh, deflected = read_run(folder)
     background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
-    plans = plans_of(case, mesh)
-    figures, stored, boxes = _stored(folder, plans)
+    plan, repair = plan_of(case, mesh), stored_repair(folder, mesh)
+    data = _stored(folder, case, plan, deflected.points, repair)
     with reference(case) as deflected_cad:
-        repair = stored_repair(folder, mesh)
-        checks = validate(case, mesh, deflected, plans, deflected_cad(), background, repair)
-    # the interpolants are not fitted again
-    checks += tuple(check for check in stored if check.name.startswith("site_error"))
-    data = _data(case, mesh, deflected, boxes).judged(checks, figures)
-    return replace(data, interpolated=unrepaired(deflected.points, repair))
+        checks = validate(case, mesh, deflected, plan, deflected_cad(), background, repair)
+    names = {check.name for check in checks}  # the others need the fits, which are not made again
+    return replace(data, checks=(*checks, *(check for check in data.checks if check.name not in names)))
 
 
 def stored_report_data(folder: Path) -> ReportData:
     """Return the same with the checks that the run made itself, so that no CAD is built."""
     case, mesh, deflected = read_run(folder)
-    figures, checks, boxes = _stored(folder, plans_of(case, mesh))
-    data = _data(case, mesh, deflected, boxes).judged(checks, figures)
-    return replace(data, interpolated=unrepaired(deflected.points, stored_repair(folder, mesh)))
+    return _stored(folder, case, plan_of(case, mesh), deflected.points, stored_repair(folder, mesh))
 
 
-def _stored(folder: Path, plans: Sequence[Plan]) -> tuple[Json, tuple[Check, ...], list[Box]]:
-    """Return the figures and checks of a finished case, and its boxes."""
+def _stored(folder: Path, case: Case, plan: Planned, points: FloatArray, repair: FloatArray | None) -> ReportData:
     figures, checks, fits = read_figures(folder)
     with damaged(folder, RUN):
-        return figures, checks, [_box(plan, own) for plan, own in zip(plans, fits, strict=True)]
+        return _data(case, plan, points, fits, repair).judged(checks, figures)
 
 
 def report_of_folder(folder: Path) -> ReportData:
@@ -106,19 +96,22 @@ def report_of_folder(folder: Path) -> ReportData:
 def interactive_run(folder: Path) -> InteractiveRun:
     """Return a finished case that turns to any angle; InputError if its files do not belong together."""
     case, mesh, deflected = read_run(folder)
-    plans = plans_of(case, mesh)
-    positive = "to port" if plans[0].surface == "rudder" else "trailing edge down"
+    plan = plan_of(case, mesh)
+    positive = "to port" if plan.surface == "rudder" else "trailing edge down"
     manner = Manner(case.title, positive, METRES, (FAR_FIELD, BLOCK), leading=1)
-    return InteractiveRun.prepared(folder, plans, deflected.points, case.angle, manner)
+    return InteractiveRun.prepared(folder, plan, deflected.points, case.angle, manner)
 
 
-def _data(case: Case, mesh: Mesh, deflected: Mesh, boxes: Sequence[Box]) -> ReportData:
+def _data(
+    case: Case, plan: Planned, points: FloatArray, fits: Sequence[FitRows], repair: FloatArray | None
+) -> ReportData:
+    mesh = plan.mesh
     return ReportData(
         title=f"{case.title[:1].upper()}{case.title[1:]}, {case.angle:+g}\N{DEGREE SIGN}",
         facts=(("case", case.name), ("scale, strategy", f"{case.scale}, {case.strategy.upper()}")),
         mesh=mesh,
-        points=deflected.points,
-        boxes=tuple(boxes),
+        points=points,
+        boxes=tuple(_box(*pair) for pair in zip(plan.boxes, fits, strict=True)),
         length=METRES,
         settings=to_toml(case),
         settings_file="case.toml",
@@ -128,6 +121,7 @@ def _data(case: Case, mesh: Mesh, deflected: Mesh, boxes: Sequence[Box]) -> Repo
         drawn=tuple(name for name in mesh.names if name not in (FAR_FIELD, BLOCK)),
         hidden=tuple(name for name in mesh.names if name == BLOCK),
         quality_limit=case.limits.quality_min,
+        interpolated=unrepaired(points, repair),
     )
 
 

@@ -1,7 +1,6 @@
 """The output folder of a case: written, read back, validated again."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +18,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.deform.volume.deflection import Deflection, repair_of
+from sdm_deflect.deform.volume.deflection import Deflected
 from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import skin, tets_of
@@ -28,15 +27,12 @@ if TYPE_CHECKING:
     from sdm_deflect.geometry.model import CadModel
 
 
-def write_deformation(
-    folder: Path, case: Case, mesh: Mesh, deflected: Mesh, deflections: Sequence[Deflection], background: Mesh | None
-) -> None:
+def write_deformation(folder: Path, case: Case, deflected: Mesh, found: Deflected, background: Mesh | None) -> None:
     """Write every file of the contract that needs no validation into `folder`."""
     (folder / "case.toml").write_text(to_toml(case), encoding="utf-8")
-    write_vtu(folder / "undeflected.vtu", mesh)
-    arrays = {"displacement": deflected.points - mesh.points}
-    repair = repair_of(deflections)
-    if repair is not None:
+    write_vtu(folder / "undeflected.vtu", found.plan.mesh)
+    arrays = {"displacement": deflected.points - found.plan.mesh.points}
+    if (repair := found.moved_by_repair) is not None:
         arrays["repair"] = repair
     write_vtu(
         folder / "deflected.vtu",
@@ -46,8 +42,8 @@ def write_deformation(
     )
     if background is not None:
         write_vtu(folder / "background.vtu", background)
-    write_interpolants(folder / "interpolant.npz", deflections)
-    write_convergence(folder / "convergence.csv", deflections)
+    write_interpolants(folder / "interpolant.npz", found.boxes)
+    write_convergence(folder / "convergence.csv", found.boxes)
 
 
 def write_metrics(run: Run, folder: Path) -> None:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.metrics import MeshOrigin, Run, metrics
 from sdm_deflect.cases.aircraft.reference import Reference
 from sdm_deflect.cases.aircraft.run_folder import stored_repair
-from sdm_deflect.cases.aircraft.validation import site_checks, validate
+from sdm_deflect.cases.aircraft.validation import further_checks, validate
 from sdm_deflect.cases.report.data import RUN, Convergence, read_courses, read_json
 from sdm_deflect.cases.run.metrics import Json
 from sdm_deflect.deform.base.arrays import FloatArray
@@ -27,7 +27,7 @@ from sdm_deflect.deform.rbf.greedy import Adaptation, Iteration, Stop
 from sdm_deflect.deform.rbf.interpolant import Interpolant, check_finite
 from sdm_deflect.deform.rbf.kernels import KERNEL, arrays_of
 from sdm_deflect.deform.rbf.sites import DataSites
-from sdm_deflect.deform.volume.deflection import Deflection, Plan, as_repaired, combined, stepped
+from sdm_deflect.deform.volume.deflection import Deflected, Deflection, Deflections, Plan, Planned, as_repaired, stepped
 from sdm_deflect.deform.volume.sites import Sites
 from sdm_deflect.deform.volume.step import DIRECTIONS, Fits, Step, solve
 from sdm_deflect.geometry.model import CadModel
@@ -75,37 +75,38 @@ def judged(
         If a file is missing or damaged, or is of another run.
     """
     meshes = [mesh, *([read_vtu(folder / "background.vtu")] if case.domain == "block" else [])]
-    plans = plans_of(case, mesh)
+    plan = plan_of(case, mesh)
     repair, arrays = stored_repair(folder, mesh), stored_arrays(folder, mesh, deflected)
-    again = stored_deflections(folder, plans)
+    again = stored_deflection(folder, plan)
     if repair is not None:
-        again = tuple(as_repaired(one, repair) for one in again)
+        again = Deflections.of([as_repaired(box, repair) for box in again.boxes])
     figures = read_json(folder)
     parts = zip(
         ("undeflected_mesh", "background_mesh"), meshes, models(case), (case.mesh, case.background), strict=False
     )
     own = tuple(mesh_check(*part) for part in parts)
     background = meshes[1] if len(meshes) > 1 else None
-    checks = validate(case, mesh, deflected, plans, deflected_cad(), background, repair) + site_checks(again)
+    checks = validate(case, mesh, deflected, plan, deflected_cad(), background, repair)
+    checks += further_checks(again, checks)
     run = Run(case, mesh, MeshOrigin(own[0].value, 1, 0.0), deflected, again, 0.0, checks)
     return (*checks, same_deflection(deflected, again), *own, arrays, stored_figures(figures, run))
 
 
-def stored_deflections(folder: Path, plans: Sequence[Plan]) -> tuple[Deflection, ...]:
-    """Carry out plans with the interpolants of a finished run, whose histories are those of convergence.csv.
+def stored_deflection(folder: Path, plan: Planned) -> Deflected:
+    """Carry out a plan with the interpolants of a finished run, whose histories are those of convergence.csv.
 
     Raises InputError if interpolant.npz or convergence.csv is of other surfaces, steps or boxes.
     """
     path = folder / "interpolant.npz"
     arrays, courses = read_arrays(path), read_courses(folder)
     with damaged(folder, RUN):
-        found = tuple(
-            _deflection(plan, courses.pop(plan.surface), arrays, f"_{plan.surface}" if i else "")
-            for i, plan in enumerate(plans)
-        )
+        found = [
+            _deflection(box, courses.pop(box.surface), arrays, f"_{box.surface}" if i else "")
+            for i, box in enumerate(plan.boxes)
+        ]
         for name in (*(name for name in arrays if name != KERNEL), *courses):
             raise ValueError(f"{name} is of no surface or step of the run")
-    return found
+    return Deflections.of(found)
 
 
 def _deflection(plan: Plan, courses: Sequence[Convergence], arrays: dict[str, Any], tag: str) -> Deflection:
@@ -153,11 +154,10 @@ def _fit(group: DataSites, course: Convergence, arrays: dict[str, Any], suffix: 
     return Adaptation(interpolant, group.components, chosen, history, stop, error)
 
 
-def same_deflection(deflected: Mesh, again: Sequence[Deflection]) -> Check:
+def same_deflection(deflected: Mesh, again: Deflected) -> Check:
     """Check that every node is where the interpolants put it, and the repair, if there was one, from there."""
-    mesh = again[0].plan.mesh
-    off = np.linalg.norm(deflected.points - combined(mesh, again), axis=1)
-    return Check("same_deflection", float(off.max()), SAME, "m", worst(off, mesh.points))
+    off = np.linalg.norm(deflected.points - again.points, axis=1)
+    return Check("same_deflection", float(off.max()), SAME, "m", worst(off, again.plan.mesh.points))
 
 
 def stored_arrays(folder: Path, mesh: Mesh, deflected: Mesh) -> Check:
@@ -206,7 +206,7 @@ def mesh_faults(mesh: Mesh, model: CadModel) -> list[str]:
 def stored_figures(figures: Json, run: Run) -> Check:
     """Check that the content of metrics.json, and the last rows of convergence.csv, are what comes out again."""
     wrong = list(differing(figures, json.loads(json.dumps(metrics(run))), "metrics.json"))
-    for fit in (fit for one in run.deflections for step in one.steps for fit in step.fits.adaptations):
+    for fit in (fit for box in run.deflection.boxes for step in box.steps for fit in step.fits.adaptations):
         last, place = fit.history[-1], "convergence.csv: " + "".join(DIRECTIONS[c] for c in fit.components)
         wrong += differing(last.n_centers, len(fit.chosen), f"{place}.centres")
         if not isclose(last.max_residual, fit.max_error, rel_tol=WRITTEN, abs_tol=ROUNDING):

@@ -11,12 +11,12 @@ from sdm_deflect.cases.aircraft.job import BLOCK, Wedge, axis_of, fuselage_cylin
 from sdm_deflect.cases.aircraft.overset import overset_checks
 from sdm_deflect.cases.aircraft.reference import Faces, Reference
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.checks import Check, site_error, surfaces_crossed, worst
+from sdm_deflect.deform.checks import Check, checks_of, named, surfaces_crossed, worst
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.closest import Triangles
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
-from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.deform.volume.deflection import Deflected, Plan, Planned
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.mesh import FREE_FORM, nodes_by_face, tets_of, triangles_of
 
@@ -25,7 +25,7 @@ def validate(
     case: Case,
     mesh: Mesh,
     deflected: Mesh,
-    plans: Sequence[Plan],
+    plan: Planned,
     reference: Reference,
     background: Mesh | None = None,
     repair: FloatArray | None = None,
@@ -35,34 +35,29 @@ def validate(
     Parameters
     ----------
     mesh, deflected : before and after; same cells, same order.
-    plans : what each control surface was to do, at the angle of the case.
+    plan : what every control surface was to do, at the angle of the case.
     reference : the deflected CAD.
     background : the mesh around a Chimera block.
     repair : (N, 3) how far a repair moved each node; None without one.
     """
-    moves = Repairs.of(mesh, plans, deflected.points, repair)
-    checks = list(mesh_checks(case, mesh, deflected, plans, moves.slid))
+    moves = Repairs.of(mesh, plan, deflected.points, repair)
+    checks = list(mesh_checks(case, mesh, deflected, plan, moves.slid))
     if repair is not None:
         checks.append(unmoved("repair_elsewhere", np.linalg.norm(repair, axis=1), moves.held, mesh.points))
     if len(moves.slid):
         checks.append(slid_on_surfaces(mesh, deflected, moves.slid, reference))
-    for plan in plans:
-        shape = Shape(case, mesh, deflected, plan, repair)
-        checks += [suffixed(check, plan, plans) for check in surface_checks(shape, reference)]
+    for box in plan.boxes:
+        shape = Shape(case, mesh, deflected, box, repair)
+        checks += named(surface_checks(shape, reference), box, plan)
     if background is not None:
         checks += overset_checks(case, mesh, deflected, background)
     return tuple(checks)
 
 
-def site_checks(deflections: Sequence[Deflection]) -> tuple[Check, ...]:
-    """Check that the interpolant of every control surface is as near to its data sites as was asked."""
-    plans = [one.plan for one in deflections]
-    return tuple(suffixed(site_error(one, "m"), one.plan, plans) for one in deflections)
-
-
-def suffixed(check: Check, plan: Plan, plans: Sequence[Plan]) -> Check:
-    """Return the check with its surface in its name where there are several."""
-    return replace(check, name=f"{check.name}:{plan.patches[0]}") if len(plans) > 1 else check
+def further_checks(found: Deflected, judged: Sequence[Check]) -> tuple[Check, ...]:
+    """Return the checks of any mesh that are not among those which were judged with the CAD."""
+    names = {check.name for check in judged}
+    return tuple(check for check in checks_of(found, unit="m") if check.name not in names)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,35 +68,34 @@ class Repairs:
     slid: IntArray
 
     @classmethod
-    def of(cls, mesh: Mesh, plans: Sequence[Plan], points: FloatArray, repair: FloatArray | None) -> "Repairs":
+    def of(cls, mesh: Mesh, plan: Planned, points: FloatArray, repair: FloatArray | None) -> "Repairs":
         """Find them, with the nodes at points (N, 3) of which repairs (N, 3) are a part."""
         held, slid = np.ones(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
         if repair is not None:
-            for plan in plans:
-                if plan.job.repair.mode != "off":
-                    freedom = plan.freedom(points - repair)
+            for box in plan.boxes:
+                if box.job.repair.mode != "off":
+                    freedom = box.freedom(points - repair)
                     held[freedom.nodes] = False
                     slid[freedom.sliding] = True
             slid &= repair.any(axis=1)
-        return cls(np.flatnonzero(held), np.intersect1d(fixed_nodes(mesh, plans), np.flatnonzero(slid), True))
+        return cls(np.flatnonzero(held), np.intersect1d(fixed_nodes(mesh, plan), np.flatnonzero(slid), True))
 
 
-def fixed_nodes(mesh: Mesh, plans: Sequence[Plan]) -> IntArray:
+def fixed_nodes(mesh: Mesh, plan: Planned) -> IntArray:
     """Return the sorted nodes (K,) of the patches that stay."""
-    moving = [patch for plan in plans for patch in plan.patches]
-    return mesh.on(*(name for name in mesh.names if name not in (*moving, BLOCK)))
+    return mesh.on(*(name for name in mesh.names if name not in (*plan.patches, BLOCK)))
 
 
-def mesh_checks(case: Case, mesh: Mesh, deflected: Mesh, plans: Sequence[Plan], slid: IntArray) -> Iterator[Check]:
+def mesh_checks(case: Case, mesh: Mesh, deflected: Mesh, plan: Planned, slid: IntArray) -> Iterator[Check]:
     """Checks of the whole mesh: nothing outside or on a fixed patch moved, no cell inverted, good shape.
 
     Nodes (K,) that a repair slid on fixed patches are none of these; `slid_on_surfaces` is theirs.
     """
     moved = np.linalg.norm(deflected.points - mesh.points, axis=1)
     outside = np.ones(len(moved), dtype=bool)
-    for plan in plans:
-        outside[plan.region.inside] = False
-        outside[slid[plan.region.hexahedron.contains(mesh.points[slid], ON_PLANE)]] = False
+    for box in plan.boxes:
+        outside[box.region.inside] = False
+        outside[slid[box.region.hexahedron.contains(mesh.points[slid], ON_PLANE)]] = False
     yield unmoved("outside_moved", moved, np.flatnonzero(outside), mesh.points)
     volumes = signed_volumes(deflected.points, tets_of(deflected))
     inverted, where = np.flatnonzero(volumes <= 0.0), f"of {len(volumes)}"
@@ -109,11 +103,10 @@ def mesh_checks(case: Case, mesh: Mesh, deflected: Mesh, plans: Sequence[Plan], 
         on = [name for name in mesh.names if np.isin(tets_of(mesh)[inverted[0]], mesh.on(name)).any()]
         where += f"; the first is cell {inverted[0]} (tetra)" + (f" with nodes on {', '.join(on)}" if on else "")
     yield Check("inverted_cells", float(len(inverted)), 0.0, "cells", where)
-    yield surfaces_crossed(plans[0].mesh, deflected.points)
-    moving = [patch for plan in plans for patch in plan.patches]
-    fixed = np.setdiff1d(fixed_nodes(mesh, plans), slid, assume_unique=True)
+    yield surfaces_crossed(plan.mesh, deflected.points)
+    fixed = np.setdiff1d(fixed_nodes(mesh, plan), slid, assume_unique=True)
     check = unmoved("fixed_surfaces_moved", moved, fixed, mesh.points)
-    border = np.intersect1d(fixed, mesh.on(*moving), assume_unique=True)
+    border = np.intersect1d(fixed, mesh.on(*plan.patches), assume_unique=True)
     yield replace(check, where=f"{check.where}, of which {len(border)} border a moving patch")
     quality = mean_ratio(deflected.points, tets_of(deflected))
     x, y, z = deflected.points[tets_of(deflected)[quality.argmin()]].mean(axis=0)

@@ -1,7 +1,7 @@
 """What commands print: calm tables, at the end."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,9 +22,10 @@ from sdm_deflect.cases.run.metrics import (
     travels,
 )
 from sdm_deflect.deform.base.errors import printable
+from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.checks import Check, Verdict
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.deflection import Plan, Planned
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.cli.examination import Finding
@@ -69,10 +70,10 @@ def findings(found: Sequence["Finding"]) -> Group:
     return Group(table, *_texts(ill or ["all is well"]))
 
 
-def plan_table(plan: Plan) -> Group:
+def plan_table(plan: Planned) -> Group:
     """Return patches with their part, the box, and what will be computed."""
     table = _table(f"{plan.mesh.name}: what would be done", ("patch", "part"), ("nodes", "in the box"))
-    inside = plan.region.inside
+    inside = union(*(box.region.inside for box in plan.boxes))
     for patch in plan.mesh.patches:
         count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
         table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
@@ -81,29 +82,51 @@ def plan_table(plan: Plan) -> Group:
 
 def result_table(done: "Outcome") -> Group:
     """Return the checks of a single angle, or a row for each of many, and what was written."""
-    plan, unit = done.plan, done.plan.job.surfaces[0].motion.unit
-    ordered = sorted(done.angles, key=lambda one: one.angle)
-    title = f"{plan.boundary.surfaces[0].named} of {plan.mesh.name}"
-    if len(ordered) == 1:
-        only = ordered[0]
-        body = [verdict(only.checks, f"{title}, {only.angle:+g} {unit}"), quality_table(plan.before, only.quality)]
-        body += face_table(only.figures)
-        told = [text for text in [repair_text(only.figures), fit_text(only.figures)] if text]
-    else:
-        failed = [one for one in ordered if not one.passed]
-        body = [sweep_table(ordered, title), *(verdict(one.checks, f"{one.angle:+g} {unit}") for one in failed)]
-        told = [f"{one.angle:+g} {unit}: {text}" for one in ordered if (text := repair_text(one.figures))]
-    together = [verdict(done.checks, "from time to time")] if done.checks else []
-    extra = [one.seconds for one in done.angles[1:]]
-    further = f", {sum(extra) / len(extra):.2f} s for each further one" if extra else ""
-    speed = f"first angle {done.angles[0].seconds:.2f} s{further}"
-    warned = "" if done.passed else ", of which the mesh should not be used as it is"
-    wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}{warned}"] if done.files else []
-    case = [done.flow.text(plan)] if done.flow else []
-    last = outcome([*(check for one in done.angles for check in one.checks), *done.checks])
-    losses = [f"not held by this format: {text}" for text in done.lost]
-    notes = [f"note: {text}" for text in done.notes]
-    return Group(*body, *together, *_texts([*told, *_lines(plan), *notes, *losses, *case, speed, *wrote, last]))
+    ordered = sorted(done.angles, key=lambda judged: judged.angle)
+    tables, texts = _of_one_angle(done, ordered[0]) if len(ordered) == 1 else _of_many_angles(done, ordered)
+    if done.checks:
+        tables.append(verdict(done.checks, "from time to time"))
+    texts += _lines(done.plan)
+    texts += [f"note: {text}" for text in done.notes]
+    texts += [f"not held by this format: {text}" for text in done.lost]
+    texts += [done.flow.text(done.plan)] if done.flow else []
+    texts += _closing(done)
+    return Group(*tables, *_texts(texts))
+
+
+def _of_one_angle(done: "Outcome", judged: "Judged") -> tuple[list[Table], list[str]]:
+    """Return the tables of a single angle, and what is said of its repair and its fit."""
+    checks = verdict(judged.checks, f"{_title(done)}, {judged.angle:+g} {_unit(done)}")
+    tables = [checks, quality_table(done.plan.before, judged.quality), *face_table(judged.figures)]
+    fits = [f"{name} {fit_text(figures)}" for name, figures in judged.figures.get("deflections", {}).items()]
+    return tables, [text for text in (repair_text(judged.figures), *(fits or [fit_text(judged.figures)])) if text]
+
+
+def _of_many_angles(done: "Outcome", ordered: Sequence["Judged"]) -> tuple[list[Table], list[str]]:
+    """Return a table with a row for each angle and the checks of those that failed, and what is said of repairs."""
+    named = [(f"{judged.angle:+g} {_unit(done)}", judged) for judged in ordered]
+    failed = [verdict(judged.checks, name) for name, judged in named if not judged.passed]
+    repairs = [f"{name}: {text}" for name, judged in named if (text := repair_text(judged.figures))]
+    return [sweep_table(ordered, _title(done)), *failed], repairs
+
+
+def _title(done: "Outcome") -> str:
+    return f"{done.plan.moving[0][1].named} of {done.plan.mesh.name}"
+
+
+def _unit(done: "Outcome") -> str:
+    return done.plan.job.surfaces[0].motion.unit
+
+
+def _closing(done: "Outcome") -> Iterator[str]:
+    """Yield how long it took, what was written, and whether all checks hold."""
+    further = [judged.seconds for judged in done.angles[1:]]
+    mean = f", {sum(further) / len(further):.2f} s for each further one" if further else ""
+    yield f"first angle {done.angles[0].seconds:.2f} s{mean}"
+    if done.files:
+        warning = "" if done.passed else ", of which the mesh should not be used as it is"
+        yield f"wrote {', '.join(map(str, (*done.files, *done.reports)))}{warning}"
+    yield outcome([*(check for judged in done.angles for check in judged.checks), *done.checks])
 
 
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:
@@ -159,27 +182,34 @@ def _word(verdict: Verdict) -> Text:
     return Text(verdict, style="bold" if verdict == "FAILED" else "")
 
 
-def _lines(plan: Plan) -> list[str]:
-    sites, region = plan.sites, plan.region
-    low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
+def _lines(plan: Planned) -> list[str]:
     return [
         *(f"{name} moves by up to {travel}" for name, travel in travels(plan)),
         *(f"{name} reaches {text}" for name, text in motions(plan)),
+        *(line for box in plan.boxes for line in _box_lines(box)),
+        *(f"note: {note}" for note in notes_of(plan)),
+    ]
+
+
+def _box_lines(plan: Plan) -> list[str]:
+    """Return what the box of a plan is, what is in it, and by what is interpolated there."""
+    sites, region = plan.sites, plan.region
+    low, high = (", ".join(f"{x:.4g}" for x in region.hexahedron.corners[i]) for i in (0, 7))
+    return [
         f"box {region.box.why}; from ({low}) to ({high})",
         f"{len(region.inside)} of {plan.mesh.point_count} nodes inside, {plan.touched.count} cells touched",
         f"data sites: {len(sites.distinct)} moving, {len(sites.sampled)} fixed, {len(sites.sampled_sliding)} sliding, "
         f"{sum(map(len, sites.zero))} on the box {sites.spacing:.3g} apart; tolerance {sites.tolerance:.3g}",
         f"kernel: {kernel_text(kernel_figures(plan))}",
-        *(f"note: {note}" for note in notes_of(plan)),
     ]
 
 
-def _part(plan: Plan, name: str) -> str:
-    for moving, surface in zip(plan.job.surfaces, plan.boundary.surfaces, strict=True):
+def _part(plan: Planned, name: str) -> str:
+    for moving, surface in plan.moving:
         if name in surface.patches:
             return f"moves by {moving.amount:+g} {moving.motion.unit}"
-    if name in plan.boundary.fixed:
+    if name in plan.stays:
         return "fixed"
-    if name in (*plan.boundary.pairs, *plan.boundary.sides):
+    if any(name in (*box.boundary.pairs, *box.boundary.sides) for box in plan.boxes):
         return "moves as its image"
-    return "slides" if name in plan.boundary.declared else "outside"
+    return "slides" if any(name in box.boundary.declared for box in plan.boxes) else "outside"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.run.mesh_files import Targets
     from sdm_deflect.cases.run.progress import Stopwatch
     from sdm_deflect.deform.mesh.pieces import Runner
-    from sdm_deflect.deform.volume.deflection import Plan
+    from sdm_deflect.deform.volume.deflection import Planned
 
 CASE = ("to_solver", "mach", "alpha", "far_field")
 """Options of a case for a flow solver."""
@@ -37,7 +37,7 @@ IDLE_IN_TIME = ("angle", "angles", "sensitivity", *HELPERS, *CASE)
 moved = partial(click.option, cls=options.Grouped, group="What moves")
 
 
-@click.command(cls=options.Deflection, params=options.settings_options(FLAT.values()))
+@click.command(cls=options.DeflectCommand, params=options.settings_options(FLAT.values()))
 @click.argument("mesh", type=options.FILE)
 @moved("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")
 @moved("--history", type=options.FILE, help="Many times: a .csv of time,angle; an OpenFOAM case that moves.")
@@ -70,8 +70,8 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     if many:
         given["angle"] = max(many, key=abs)
     settings, inputs = _settings(given)
-    job = settings.job()
-    angles = many or (job.angle,)
+    jobs = settings.jobs()
+    angles = many or (jobs[0].angle,)
     if history:
         from sdm_deflect.cases.run.history import target_of
 
@@ -84,7 +84,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
         workers(helpers, watch, mesh, wanted.out.absolute().parent) as runner,
     ):
         if dry_run:
-            plan = planned(wanted, job, watch, runner, angles)
+            plan = planned(wanted, jobs, watch, runner, angles)
         else:
             done, shown = _deflected(wanted, settings, history, watch, runner)
     if dry_run:
@@ -125,15 +125,15 @@ def _deflected(
     from sdm_deflect.cases.run.deflect_file import deflect_file, figures
 
     if history is None:
-        done = deflect_file(wanted, settings.job(), watch, settings.min_quality, runner)
+        done = deflect_file(wanted, settings.jobs(), watch, settings.min_quality, runner)
         return done, (figures(done, watch), result_table(done))
     from sdm_deflect.cases.run.history import deflect_in_time
 
-    moved = deflect_in_time(wanted, settings.job(), history, watch, settings.min_quality)
+    moved = deflect_in_time(wanted, settings.jobs(), history, watch, settings.min_quality)
     return moved.outcome, (moved.figures(watch), result_table(moved.outcome))
 
 
-def _show_plan(wanted: "Targets", plan: "Plan", as_json: bool) -> int:
+def _show_plan(wanted: "Targets", plan: "Planned", as_json: bool) -> int:
     """Print what would be done."""
     from sdm_deflect.cases.cli.console import plan_table
     from sdm_deflect.cases.run.deflect_file import plan_figures

@@ -88,7 +88,7 @@ def _help(setting: Setting) -> str:
     return text if hidden else f"{text.removesuffix('.')} (default: {setting.shown})."
 
 
-class Deflection(click.Command):
+class DeflectCommand(click.Command):
     """A command with its options in groups, whose ``--hinge`` takes two points, or one of a plane mesh."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

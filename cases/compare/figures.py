@@ -6,7 +6,7 @@ from math import isclose, isfinite
 from tomllib import loads
 from typing import Any
 
-from sdm_deflect.cases.compare.runs import Run
+from sdm_deflect.cases.compare.runs import ComparedRun
 from sdm_deflect.cases.report.data import shown
 from sdm_deflect.cases.run.metrics import Json
 
@@ -50,29 +50,29 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class FigureTable:
     """Rows that belong together."""
 
     title: str
     rows: tuple[Row, ...]
 
 
-def tables(runs: Sequence[Run]) -> tuple[Table, ...]:
+def tables(runs: Sequence[ComparedRun]) -> tuple[FigureTable, ...]:
     """Return the figures of runs, in tables; none without a row that any run has a value for."""
-    found = [Table("What was run", tuple(_subject(runs)))]
+    found = [FigureTable("What was run", tuple(_subject(runs)))]
     for title, blocks in _deflections(runs):
         place = f": {title}" if title else ""
         unit = _common([run.data.length.name for run in runs])
         found += [
-            Table(f"Interpolation{place}", tuple(_interpolation(blocks, unit))),
-            Table(f"Mesh{place}", tuple(_mesh(blocks))),
+            FigureTable(f"Interpolation{place}", tuple(_interpolation(blocks, unit))),
+            FigureTable(f"Mesh{place}", tuple(_mesh(blocks))),
         ]
-    found += [Table("Verdict", tuple(_verdict(runs))), Table("Time", tuple(_time(runs)))]
-    kept = [Table(one.title, tuple(row for row in one.rows if set(row.values) != {None})) for one in found]
+    found += [FigureTable("Verdict", tuple(_verdict(runs))), FigureTable("Time", tuple(_time(runs)))]
+    kept = [FigureTable(one.title, tuple(row for row in one.rows if set(row.values) != {None})) for one in found]
     return tuple(one for one in kept if one.rows)
 
 
-def differing_settings(runs: Sequence[Run]) -> tuple[Row, ...]:
+def differing_settings(runs: Sequence[ComparedRun]) -> tuple[Row, ...]:
     """Return the settings that are not the same in all runs, by their names in the file of settings."""
     own = [dict(_flat(loads(run.data.settings))) for run in runs]
     names = dict.fromkeys(name for one in own for name in one)
@@ -80,7 +80,7 @@ def differing_settings(runs: Sequence[Run]) -> tuple[Row, ...]:
     return tuple(row for row in rows if not row.same)
 
 
-def _subject(runs: Sequence[Run]) -> Iterator[Row]:
+def _subject(runs: Sequence[ComparedRun]) -> Iterator[Row]:
     data = [run.data for run in runs]
     yield Row("mesh", tuple(one.mesh.name for one in data))
     yield Row("moves", tuple("; ".join(f"{s.name} {s.turned}" for s in one.surfaces) for one in data))
@@ -121,20 +121,20 @@ def _mesh(blocks: Sequence[Json]) -> Iterator[Row]:
     yield Row("nodes moved by the repair", _of(blocks, "repair", "moved"))
 
 
-def _verdict(runs: Sequence[Run]) -> Iterator[Row]:
+def _verdict(runs: Sequence[ComparedRun]) -> Iterator[Row]:
     checks = [run.data.checks for run in runs]
     yield Row("checks passed", tuple(f"{sum(c.passed for c in own)} of {len(own)}" for own in checks))
     yield Row("failed", tuple(", ".join(c.name for c in own if not c.passed) or "none" for own in checks))
 
 
-def _time(runs: Sequence[Run]) -> Iterator[Row]:
+def _time(runs: Sequence[ComparedRun]) -> Iterator[Row]:
     figures = [run.data.figures for run in runs]
     deformation = [sum(one["seconds"] for one in _blocks(own).values() if _is(one.get("seconds"))) for own in figures]
     yield Row("deflection", tuple(deformation), "s", ".2f")
     yield Row("all stages", _of(figures, "total_seconds"), "s", ".1f")
 
 
-def _deflections(runs: Sequence[Run]) -> Iterator[tuple[str, list[Json]]]:
+def _deflections(runs: Sequence[ComparedRun]) -> Iterator[tuple[str, list[Json]]]:
     """Yield the figures of each deflection by run, empty where a run has none of its name; a single one has no name."""
     own = [_blocks(run.data.figures) for run in runs]
     if all(len(blocks) == 1 for blocks in own):

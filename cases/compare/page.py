@@ -7,9 +7,9 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from sdm_deflect.cases.compare.figures import Row, Table, differing_settings, tables
+from sdm_deflect.cases.compare.figures import FigureTable, Row, differing_settings, tables
 from sdm_deflect.cases.compare.pictures import Shown, drawn
-from sdm_deflect.cases.compare.runs import Run, alike
+from sdm_deflect.cases.compare.runs import ComparedRun, alike
 from sdm_deflect.cases.report.page import inline, pixels, policy, read, style
 from sdm_deflect.meshing.files.staged import fresh, permitted_as
 from sdm_deflect.meshing.files.temporary import scratch_folder
@@ -17,7 +17,7 @@ from sdm_deflect.meshing.files.temporary import scratch_folder
 HERE = "sdm_deflect.cases.compare"
 
 
-def write_page(runs: Sequence[Run], out: Path) -> dict[str, Any]:
+def write_page(runs: Sequence[ComparedRun], out: Path) -> dict[str, Any]:
     """Write the page that compares runs, and return its numbers as JSON has them.
 
     Raises MeshFileError if the file cannot be written.
@@ -29,7 +29,7 @@ def write_page(runs: Sequence[Run], out: Path) -> dict[str, Any]:
     return figures_of(runs, found, settings) | {"page": str(out)}
 
 
-def figures_of(runs: Sequence[Run], found: Sequence[Table], settings: Sequence[Row]) -> dict[str, Any]:
+def figures_of(runs: Sequence[ComparedRun], found: Sequence[FigureTable], settings: Sequence[Row]) -> dict[str, Any]:
     """Return what the page's tables hold, as JSON has it."""
     return {
         "runs": [
@@ -46,7 +46,7 @@ def figures_of(runs: Sequence[Run], found: Sequence[Table], settings: Sequence[R
     }
 
 
-def page(runs: Sequence[Run], found: Sequence[Table], settings: Sequence[Row], pictures: Shown) -> str:
+def page(runs: Sequence[ComparedRun], found: Sequence[FigureTable], settings: Sequence[Row], pictures: Shown) -> str:
     """Return the page; every text in it is escaped, and no script but its own can run."""
     script = read(HERE, "slider.js")
     jinja = Environment(

@@ -6,16 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from sdm_deflect.cases.compare.runs import Run, alike
+from sdm_deflect.cases.compare.runs import ComparedRun, alike
 from sdm_deflect.cases.report.data import Box, MovedSurface, ReportData, drawn_measure, shape_of
 from sdm_deflect.cases.report.figures import panels
 from sdm_deflect.cases.report.pictures import PIXELS, Exhibit, close, saved, towards
 from sdm_deflect.cases.report.raster import Image, rendered
 from sdm_deflect.cases.report.scene3d import QUALITY_MAP, QUALITY_RANGE, View, framed
-from sdm_deflect.cases.report.slices import AXES, Plane, draw_slice, planes
+from sdm_deflect.cases.report.slices import AXES, CutPlane, draw_slice, planes
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, quality_of
 
@@ -55,7 +56,7 @@ class Shown:
     missing: tuple[str, ...]
 
 
-def drawn(runs: Sequence[Run], folder: Path) -> Shown:
+def drawn(runs: Sequence[ComparedRun], folder: Path) -> Shown:
     """Draw every picture into `folder`."""
     histograms = [saved(folder, "quality", "", *found) for found in _histograms(runs)]
     same, missing = alike(runs), []
@@ -77,7 +78,7 @@ Pair = tuple[tuple[Box, MovedSurface], ...]
 """A surface, and its box, of each run."""
 
 
-def _surfaces(runs: Sequence[Run]) -> tuple[list[Pair], list[str]]:
+def _surfaces(runs: Sequence[ComparedRun]) -> tuple[list[Pair], list[str]]:
     """Return the surfaces that all runs move, and the names of those for which there is no room."""
     own = [{s.patches: (box, s) for box in run.data.boxes for s in box.surfaces} for run in runs]
     common = [patches for patches in own[0] if all(patches in one for one in own)]
@@ -86,33 +87,38 @@ def _surfaces(runs: Sequence[Run]) -> tuple[list[Pair], list[str]]:
     return pairs[:room], [pair[0][1].name for pair in pairs[room:]]
 
 
-def _histograms(runs: Sequence[Run]) -> Iterator[tuple[Figure, str]]:
+def _histograms(runs: Sequence[ComparedRun]) -> Iterator[tuple[Figure, str]]:
     """Draw the quality of the touched cells, a panel for each type, as shares: meshes may differ in size."""
     before, after = _qualities(runs[0].data, True), [_qualities(run.data, False) for run in runs]
-    shapes = dict.fromkeys(shape for one in after for shape in one)
+    shapes = dict.fromkeys(shape for qualities in after for shape in qualities)
     if not shapes:
         return
     figure, axes = panels(len(shapes))
     names = [f"{runs[0].name}, {BEFORE}", *(run.name for run in runs)]
     looks: list[dict[str, Any]] = [{"color": "black", "lw": 1.0}]
     looks += [{"color": color, "ls": dashes, "lw": 2.0} for color, dashes in STYLES]
-    texts = []
-    for one, shape in zip(axes, shapes, strict=True):
-        lines = zip(names, (before, *after), looks, strict=False)
-        curves = [(name, own[shape], look) for name, own, look in lines if shape in own]
-        top = 1.0 if shape != POLYHEDRON else 0.25
-        bins = np.linspace(min(0.0, *(float(values.min()) for _, values, _ in curves)), top, 41)
-        for name, values, look in curves:
-            share = 100.0 * np.histogram(np.clip(values, bins[0], top), bins)[0] / len(values)
-            one.stairs(share, bins, label=name, **look)
-        one.set(xlabel=f"{MEASURES[shape]} of a cell", ylabel="share of the cells, %", xlim=(bins[0], top))
-        one.set_yscale("symlog", linthresh=0.1)
-        one.set_title(shape, fontsize="medium")
-        one.legend(loc="upper left", fontsize="small")
-        one.grid(alpha=0.3)
-        least = ", ".join(f"{name} {values.min():.3f}" for name, values, _ in curves)
-        texts.append(f"Smallest {MEASURES[shape]} of the {shape} cells: {least}.")
+    curves = list(zip(names, (before, *after), looks, strict=False))
+    texts = [
+        _histogram(panel, shape, [(name, parts[shape], look) for name, parts, look in curves if shape in parts])
+        for panel, shape in zip(axes, shapes, strict=True)
+    ]
     yield figure, "Histograms of the quality of the cells that touch the boxes, over each other. " + " ".join(texts)
+
+
+def _histogram(panel: Axes, shape: str, curves: Sequence[tuple[str, FloatArray, dict[str, Any]]]) -> str:
+    """Draw the quality of cells of a type by name of the run, and say how large the smallest is."""
+    top = 1.0 if shape != POLYHEDRON else 0.25
+    bins = np.linspace(min(0.0, *(float(values.min()) for _, values, _ in curves)), top, 41)
+    for name, values, look in curves:
+        share = 100.0 * np.histogram(np.clip(values, bins[0], top), bins)[0] / len(values)
+        panel.stairs(share, bins, label=name, **look)
+    panel.set(xlabel=f"{MEASURES[shape]} of a cell", ylabel="share of the cells, %", xlim=(bins[0], top))
+    panel.set_yscale("symlog", linthresh=0.1)
+    panel.set_title(shape, fontsize="medium")
+    panel.legend(loc="upper left", fontsize="small")
+    panel.grid(alpha=0.3)
+    least = ", ".join(f"{name} {values.min():.3f}" for name, values, _ in curves)
+    return f"Smallest {MEASURES[shape]} of the {shape} cells: {least}."
 
 
 def _qualities(data: ReportData, before: bool) -> dict[str, FloatArray]:
@@ -126,14 +132,14 @@ def _qualities(data: ReportData, before: bool) -> dict[str, FloatArray]:
     return {shape: np.concatenate(own) for shape, own in parts.items()}
 
 
-def _states(runs: Sequence[Run], pair: Pair) -> Iterator[tuple[str, ReportData, FloatArray, Box, MovedSurface]]:
+def _states(runs: Sequence[ComparedRun], pair: Pair) -> Iterator[tuple[str, ReportData, FloatArray, Box, MovedSurface]]:
     """Yield name, data, points (N, 3), box and surface of the undeflected mesh, and of each run."""
     yield BEFORE, runs[0].data, runs[0].data.mesh.points, *pair[0]
     for run, own in zip(runs, pair, strict=True):
         yield run.name, run.data, run.data.points, *own
 
 
-def _sections(runs: Sequence[Run], pair: Pair, row: int, folder: Path) -> Overlay:
+def _sections(runs: Sequence[ComparedRun], pair: Pair, row: int, folder: Path) -> Overlay:
     """Draw one of the two sections of a surface in each state, with the same axes."""
     first, (box, surface) = runs[0].data, pair[0]
     plane = planes(first, box, surface)[row]
@@ -151,7 +157,7 @@ def _sections(runs: Sequence[Run], pair: Pair, row: int, folder: Path) -> Overla
     return Overlay(f"{surface.name}: {place}", caption, exhibits)
 
 
-def _section(data: ReportData, points: FloatArray, box: Box, plane: Plane, measure: str) -> tuple[Figure, float]:
+def _section(data: ReportData, points: FloatArray, box: Box, plane: CutPlane, measure: str) -> tuple[Figure, float]:
     """Draw a section without a title, which the line would cut, and return the smallest quality in it."""
     figure = Figure(figsize=(6.6, 5.8))
     axes = figure.add_axes(AXES_AT)
@@ -163,7 +169,7 @@ def _section(data: ReportData, points: FloatArray, box: Box, plane: Plane, measu
     return figure, least
 
 
-def _surface_views(runs: Sequence[Run], pairs: Sequence[Pair], folder: Path) -> list[Overlay]:
+def _surface_views(runs: Sequence[ComparedRun], pairs: Sequence[Pair], folder: Path) -> list[Overlay]:
     """Draw each surface in each state, seen from one place."""
     overlays = []
     for states in (list(_states(runs, pair)) for pair in pairs):

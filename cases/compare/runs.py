@@ -20,7 +20,7 @@ LEAST, MOST = 2, 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Run:
+class ComparedRun:
     """A finished run.
 
     Attributes
@@ -34,7 +34,7 @@ class Run:
     data: ReportData = field(repr=False)
 
 
-def read_runs(folders: Sequence[Path], progress: Progress = silent) -> tuple[Run, ...]:
+def read_runs(folders: Sequence[Path], progress: Progress = silent) -> tuple[ComparedRun, ...]:
     """Read the folders of `sdm run` or `sdm deflect`.
 
     Raises InputError or MeshFileError if they are too few or too many, one is given twice, or is none.
@@ -53,11 +53,11 @@ def read_runs(folders: Sequence[Path], progress: Progress = silent) -> tuple[Run
         data = report_data_of_folder(folder) if is_report(folder) else stored_report_data(folder)
         with damaged(folder, RUN):
             sum(check.passed and len(check.name) for check in data.checks)  # what the page says of each
-        found.append(Run(name if alone else str(folder), folder, data))
+        found.append(ComparedRun(name if alone else str(folder), folder, data))
     return tuple(found)
 
 
-def alike(runs: Sequence[Run]) -> tuple[Run, ...]:
+def alike(runs: Sequence[ComparedRun]) -> tuple[ComparedRun, ...]:
     """Return the runs whose undeflected mesh is that of the first one, itself included: their pictures fit."""
     first = runs[0].data.mesh
     return tuple(run for run in runs if run is runs[0] or _same_mesh(run.data.mesh, first))

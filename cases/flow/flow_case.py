@@ -15,7 +15,7 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.parts import MARK
 from sdm_deflect.deform.mesh.unchanged import check_unchanged
-from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.deflection import Planned
 from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam_write import UNFIT
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
@@ -74,7 +74,7 @@ class FlowCase:
         if self.solver == "su2":
             check_name(out)
 
-    def setup(self, plan: Plan) -> Setup:
+    def setup(self, plan: Planned) -> Setup:
         """Return the flow to compute: each moving surface with a hinge is a monitor of its moment about it.
 
         Raises InputError if the mesh has no far field or no wall, or zones that are meshes of their own.
@@ -84,10 +84,7 @@ class FlowCase:
         if len(plan.mesh.zones) > 1:
             names = ", ".join(zone.name for zone in plan.mesh.zones)
             raise InputError(f"{plan.mesh.name}: {OPTION} takes a mesh of one zone, and this one has several: {names}")
-        monitored = [
-            (surface.patches, moving.motion.axis)
-            for moving, surface in zip(plan.job.surfaces, plan.boundary.surfaces, strict=True)
-        ]
+        monitored = [(surface.patches, moving.motion.axis) for moving, surface in plan.moving]
         called = fitting_names([patches[0] for patches, _ in monitored], UNFIT, RESERVED)
         hinges = (
             Hinge.through(called[patches[0]], patches, np.array([axis.point, axis.point + axis.direction]))
@@ -97,7 +94,7 @@ class FlowCase:
         kinds = kinds_of(plan.mesh, self.far, plan.patches)
         return Setup(self.stream, tuple(hinges), iterations=self.iterations, far=self.far, kinds=kinds)
 
-    def figures(self, plan: Plan) -> dict[str, Any]:
+    def figures(self, plan: Planned) -> dict[str, Any]:
         """Return what each patch is, and what is monitored, as JSON has it."""
         setup = self.setup(plan)
         kinds = setup.kinds_on(plan.mesh).items()
@@ -111,7 +108,7 @@ class FlowCase:
             "hinges": hinges,
         }
 
-    def text(self, plan: Plan) -> str:
+    def text(self, plan: Planned) -> str:
         """Return the same as a sentence."""
         own = self.figures(plan)
         flow = f"case for {self.solver}, Mach {own['mach']:g}, alpha {own['alpha']:g} deg"
@@ -120,7 +117,7 @@ class FlowCase:
         return "; ".join([flow, *parts, f"hinge moment of: {monitors}"])
 
     def write(
-        self, plan: Plan, points: FloatArray, out: Path, progress: Progress = silent
+        self, plan: Planned, points: FloatArray, out: Path, progress: Progress = silent
     ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
         """Write the case with the mesh at `points` (N, 3); return what was written, and what it cannot hold.
 
@@ -158,7 +155,7 @@ def configuration_of(mesh: Path) -> Path:
     return mesh.with_suffix(".cfg")
 
 
-def _is_copy(plan: Plan) -> bool:
+def _is_copy(plan: Planned) -> bool:
     """Whether the mesh is a file of SU2 that has all its patches, as it has not where parts of them became patches."""
     mesh = plan.mesh
     parted = bool(plan.job.selections) or any(MARK in name for name in mesh.names)

@@ -29,6 +29,7 @@ from sdm_deflect.cases.run.mesh_files import SETTINGS
 from sdm_deflect.cases.run.metrics import (
     Json,
     deflection_figures,
+    figures_by_box,
     mesh_figures,
     motions,
     notes_of,
@@ -60,7 +61,7 @@ from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
-from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.deform.volume.deflection import Deflected, Plan, Planned, Plans
 from sdm_deflect.deform.volume.job import Sliding
 from sdm_deflect.meshing.formats.registry import ending, format_of
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
@@ -75,7 +76,7 @@ def folder_of(out: Path) -> Path:
 
 def write_run_folder(
     folder: Path,
-    one: Deflection,
+    one: Deflected,
     checks: tuple[Check, ...],
     out: Path | None,
     timings: Mapping[str, float],
@@ -97,8 +98,8 @@ def write_run_folder(
     home : Where `folder` will be; it follows from `out` if that is given, else it is `folder` if None.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    write_convergence(folder / "convergence.csv", [one])
-    write_interpolants(folder / "interpolant.npz", [one])
+    write_convergence(folder / "convergence.csv", one.boxes)
+    write_interpolants(folder / "interpolant.npz", one.boxes)
     place = folder_of(out) if out else home or folder
     nested = {**settings_of(one, place, folder), "min_quality": min_quality}
     settings = tomli_w.dumps(nested)
@@ -134,11 +135,11 @@ def report_data_of_folder(folder: Path) -> ReportData:
         settings = (folder / SETTINGS).read_text(encoding="utf-8")
     figures, checks, all_fits = read_figures(folder)
     plan, points = read_folder(folder)
-    data = _data(plan, plan.angle, points, settings, all_fits[0]).judged(checks, figures)
+    data = _data(plan, plan.angle, points, settings, all_fits).judged(checks, figures)
     return replace(data, interpolated=unrepaired(points, moved_by_repair(folder / "deflected.vtu", len(points))))
 
 
-def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
+def read_folder(folder: Path) -> tuple[Planned, FloatArray]:
     """Return the plan made anew and the points (N, 3); InputError if a file is missing, damaged or of another mesh."""
     with damaged(folder, RUN):
         path = loads((folder / SETTINGS).read_text(encoding="utf-8")).get("mesh", "")
@@ -149,22 +150,24 @@ def read_folder(folder: Path) -> tuple[Plan, FloatArray]:
     mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
     if len(mesh.points) != count:
         raise InputError(f"{source} has {len(mesh.points)} points, but {count} when it was deflected")
-    plan = Plan.of(mesh, job_settings(read_job(folder / SETTINGS)).job())
+    plan = Plans.of(mesh, job_settings(read_job(folder / SETTINGS)).jobs())
     return plan, _read_points(folder / "deflected.vtu", plan)
 
 
-def data_of(one: Deflection, settings: str = "") -> ReportData:
+def data_of(one: Deflected, settings: str = "") -> ReportData:
     """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
-    moved = None if one.repaired is None else one.moved_by_repair
-    return replace(
-        _data(one.plan, one.angle, one.points, settings, FitRows.of(one)), interpolated=unrepaired(one.points, moved)
+    data = _data(one.plan, one.angle, one.points, settings, [FitRows.of(box) for box in one.boxes])
+    return replace(data, interpolated=unrepaired(one.points, one.moved_by_repair))
+
+
+def _data(plan: Planned, angle: float, points: FloatArray, settings: str, fits: Sequence[FitRows]) -> ReportData:
+    mesh = plan.mesh
+    boxes = tuple(
+        Box.of(box, plan.angle_of(box, angle), name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, own)
+        for box, own in zip(plan.boxes, fits, strict=True)
     )
-
-
-def _data(plan: Plan, angle: float, points: FloatArray, settings: str, fits: FitRows) -> ReportData:
-    mesh, box = plan.mesh, Box.of(plan, angle, name_of(plan.patches), fits)
-    moves = "; ".join(f"{surface.name} by {surface.turned}" for surface in box.surfaces)
-    shown = in_view(mesh, (*plan.patches, *plan.boundary.fixed))
+    moves = "; ".join(f"{surface.name} by {surface.turned}" for box in boxes for surface in box.surfaces)
+    shown = in_view(mesh, (*plan.patches, *plan.stays))
     places, nested = mesh.points[mesh.on(*shown)], loads(settings)
     tables = {f"surface[{i}]": rows_of(one) for i, one in enumerate(nested.pop("surface", []))}
     return ReportData(
@@ -176,7 +179,7 @@ def _data(plan: Plan, angle: float, points: FloatArray, settings: str, fits: Fit
         ),
         mesh=mesh,
         points=points,
-        boxes=(box,),
+        boxes=boxes,
         length=MESH_UNITS,
         settings=settings,
         settings_file=SETTINGS,
@@ -188,9 +191,10 @@ def _data(plan: Plan, angle: float, points: FloatArray, settings: str, fits: Fit
     )
 
 
-def metrics_of(one: Deflection, checks: tuple[Check, ...], out: Path | None, timings: Mapping[str, float]) -> Json:
+def metrics_of(one: Deflected, checks: tuple[Check, ...], out: Path | None, timings: Mapping[str, float]) -> Json:
     """Return the content of metrics.json; lengths in the mesh's unit."""
     plan, own = one.plan, deflection_figures(one)
+    boxes = figures_by_box(one) if len(one.boxes) > 1 else {name_of(plan.patches): own}
     part = [] if is_small(plan.mesh) else [PART.format(cells=plan.touched.count)]
     return {
         "mesh": mesh_figures(plan),
@@ -199,9 +203,9 @@ def metrics_of(one: Deflection, checks: tuple[Check, ...], out: Path | None, tim
         "strategy": plan.job.fitting.strategy,
         "version": version("sdm-deflect"),
         **own,
-        "evaluation": {"seconds": sum(step.evaluation_seconds for step in one.steps)},
+        "evaluation": {"seconds": sum(step.evaluation_seconds for box in one.boxes for step in box.steps)},
         "validation": verdict_figures(checks),
-        "deflections": {name_of(plan.patches): own},
+        "deflections": boxes,
         "notes": [*notes_of(plan), *part],
         "files": [str(out)] if out else [],
         "timings": dict(timings),
@@ -210,11 +214,15 @@ def metrics_of(one: Deflection, checks: tuple[Check, ...], out: Path | None, tim
     }
 
 
-def settings_of(one: Deflection, home: Path, folder: Path) -> dict[str, Any]:
+def settings_of(one: Deflected, home: Path, folder: Path) -> dict[str, Any]:
     """Return every setting as resolved, as a configuration in `home` has it; tables become files in `folder`."""
     plan, job = one.plan, one.plan.job
-    source = plan.mesh.source
-    surfaces = zip(job.surfaces, plan.boundary.surfaces, one.amounts, strict=True)
+    source, tables = plan.mesh.source, []
+    for number, ((moving, surface), amount) in enumerate(zip(plan.moving, one.amounts, strict=True)):
+        tables.append(_surface(number, moving, surface, amount, folder))
+    for table, box in zip(tables, plan.boxes, strict=True) if len(plan.boxes) > 1 else ():
+        table["corners"] = box.region.hexahedron.corners.tolist()
+    boxes = {"box_each": True} if len(plan.boxes) > 1 else _numbers(plan.boxes[0])
 
     def shapes(slides: Sequence[Sliding], setting: str) -> dict[str, str]:
         return {name: slide.shape for slide in slides for name in plan.mesh.named([slide.patch], setting)}
@@ -223,15 +231,22 @@ def settings_of(one: Deflection, home: Path, folder: Path) -> dict[str, Any]:
         **({"mesh": relpath(source, home)} if source else {}),
         **({"select": {chosen.name: chosen.text for chosen in job.selections}} if job.selections else {}),
         **table_of(job, JobOptions),
-        "fixed": list(plan.boundary.fixed),
+        "fixed": list(plan.stays),
         "slide": shapes(job.slides, "slide"),
+        **boxes,
+        "repair_slide": shapes(job.repair_slides, "repair_slide"),
+        "surface": tables,
+    }
+
+
+def _numbers(plan: Plan) -> dict[str, Any]:
+    """Return the settings of a box and of its sites that were chosen."""
+    return {
         "box": plan.region.hexahedron.corners.tolist(),
         "zones": [name for name in plan.region.zones if name],
-        "repair_slide": shapes(job.repair_slides, "repair_slide"),
         "tolerance": plan.sites.tolerance,
         "spacing": plan.sites.spacing,
         "kernel_radius": plan.sites.radius,
-        "surface": [_surface(i, *surface, folder) for i, surface in enumerate(surfaces)],
     }
 
 
@@ -277,7 +292,7 @@ def is_small(mesh: Mesh) -> bool:
     return mesh.whole is None and sum(mesh.cell_counts) <= limits.LIMITS.shown
 
 
-def write_deflected(path: Path, one: Deflection) -> None:
+def write_deflected(path: Path, one: Deflected) -> None:
     """Write cells and faces with displacement and quality: of the whole mesh, or those that may change."""
     plan, points, whole = one.plan, one.points, is_small(one.plan.mesh)
     rows = [np.arange(len(block)) for block in plan.mesh.cells] if whole else list(plan.touched.rows)
@@ -288,8 +303,8 @@ def write_deflected(path: Path, one: Deflection) -> None:
         moved, node = part_of(moved, rows, plan.changed)
     numbers = {} if whole else {"node": plan.mesh.numbers(node)}
     arrays = {"displacement": points[node] - plan.mesh.points[node], **numbers}
-    if one.repaired is not None:
-        arrays["repair"] = one.moved_by_repair[node]
+    if (repair := one.moved_by_repair) is not None:
+        arrays["repair"] = repair[node]
     write_vtu(path, moved, arrays, {"quality": quality})
 
 
@@ -321,7 +336,7 @@ def _numbered(block: Any, place: IntArray) -> Any:
     return replace(block, nodes=place[block.nodes])
 
 
-def _read_points(path: Path, plan: Plan) -> FloatArray:
+def _read_points(path: Path, plan: Planned) -> FloatArray:
     """Return the points (N, 3), from a file that holds all or those that may change; InputError if it is another's."""
     points, out = format_of(path).read(path).points, plan.mesh.points.copy()
     node = np.arange(len(out))

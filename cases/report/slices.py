@@ -38,7 +38,7 @@ EDGES = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plane:
+class CutPlane:
     """A plane x, y or z = const, where it lies, what it shows, and the part (2, 3) of it that is drawn."""
 
     axis: int
@@ -65,7 +65,7 @@ def directions(points: FloatArray, surface: MovedSurface) -> tuple[int, int]:
     return span, int(np.argmax(reach))
 
 
-def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Plane, Plane]:
+def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[CutPlane, CutPlane]:
     """The two planes of a surface: a chord at half span; across the chord, close to the inner end.
 
     In a plane mesh both are its own: all of the hexahedron, and what is around the worst cell of the deflected mesh.
@@ -84,8 +84,8 @@ def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Plane, Pl
     around = np.array([corners.min(axis=0) - AROUND * size, corners.max(axis=0) + AROUND * size])
     half = float(points[:, span].min() + points[:, span].max()) / 2
     return (
-        Plane(span, half, "section at half span", around),
-        Plane(
+        CutPlane(span, half, "section at half span", around),
+        CutPlane(
             chord,
             float(station),
             "section along the span, close to the inner end",
@@ -94,7 +94,7 @@ def planes(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Plane, Pl
     )
 
 
-def _windows(data: ReportData, box: Box) -> tuple[Plane, Plane]:
+def _windows(data: ReportData, box: Box) -> tuple[CutPlane, CutPlane]:
     """Return the two views of a plane mesh."""
     corners, z = box.hexahedron.corners, float(data.mesh.points[0, 2])
     size = float(np.ptp(corners, axis=0).max())
@@ -106,7 +106,7 @@ def _windows(data: ReportData, box: Box) -> tuple[Plane, Plane]:
                 worst, place = float(quality.min()), data.points[block.nodes[rows[quality.argmin()]]].mean(axis=0)
     around = np.array([corners.min(axis=0) - AROUND * size, corners.max(axis=0) + AROUND * size])
     near = np.array([place - CLOSE * size, place + CLOSE * size])
-    return Plane(2, z, "the plane", around), Plane(2, z, "around the worst cell", near)
+    return CutPlane(2, z, "the plane", around), CutPlane(2, z, "around the worst cell", near)
 
 
 def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, str]:
@@ -137,7 +137,7 @@ def slices(data: ReportData, box: Box, surface: MovedSurface) -> tuple[Figure, s
     )
 
 
-def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane: Plane, state: str) -> float:
+def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane: CutPlane, state: str) -> float:
     """Draw one slice; return the smallest quality of a cell in it."""
     factor, unit, (right, up) = data.length.factor, data.length.shown, plane.across
     signed = zip(data.mesh.cells, box.touched.orientation, strict=True)
@@ -162,7 +162,7 @@ def draw_slice(axes: Axes, data: ReportData, points: FloatArray, box: Box, plane
 
 
 def cut_cells(
-    points: FloatArray, block: Volume, plane: Plane, orientation: float = 1.0
+    points: FloatArray, block: Volume, plane: CutPlane, orientation: float = 1.0
 ) -> tuple[list[FloatArray], FloatArray]:
     """Polygons (k, 2) in which the plane cuts the cells of its window, and the drawn quality (P,) of those cells.
 
@@ -177,7 +177,7 @@ def cut_cells(
     return [polygons[i] for i in kept], drawn_quality(points, block, rows[kept], orientation)
 
 
-def cut_walls(mesh: Mesh, points: FloatArray, plane: Plane) -> FloatArray:
+def cut_walls(mesh: Mesh, points: FloatArray, plane: CutPlane) -> FloatArray:
     """Segments (S, 2, 2) in which the plane cuts the boundary."""
     faces = polygons_of(tuple(chain.from_iterable(patch.faces for patch in mesh.patches)))
     if not len(faces):
@@ -194,7 +194,7 @@ def cut_walls(mesh: Mesh, points: FloatArray, plane: Plane) -> FloatArray:
     return np.asarray(walls[((walls.min(axis=1) <= high) & (walls.max(axis=1) >= low)).all(axis=1)])
 
 
-def _crossed(points: FloatArray, block: Volume, plane: Plane) -> IntArray:
+def _crossed(points: FloatArray, block: Volume, plane: CutPlane) -> IntArray:
     """Rows of the cells that the plane cuts in its window."""
     above = points[:, plane.axis] >= plane.station
     (right, up), window = plane.across, plane.window
@@ -224,7 +224,7 @@ def cell_edges(block: Volume, rows: IntArray) -> tuple[IntArray, IntArray]:
     return cell[once], np.column_stack([first[once], last[once]])
 
 
-def _cut(points: FloatArray, cell: IntArray, edges: IntArray, count: int, plane: Plane) -> list[FloatArray]:
+def _cut(points: FloatArray, cell: IntArray, edges: IntArray, count: int, plane: CutPlane) -> list[FloatArray]:
     """Return for each of `count` convex cells the corners (k, 2) of its section, one after another around it."""
     places, own = section(points, cell, edges, plane.axis, plane.station)
     number = np.bincount(own, minlength=count)

@@ -1,6 +1,7 @@
 """`sdm deflect` carried out: read, deflect, write, all files or none."""
 
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from sdm_deflect.cases.run.metrics import (
     Json,
     deflection_figures,
     farthest,
+    figures_by_box,
     mesh_figures,
     motion_figures,
     notes_of,
@@ -26,7 +28,7 @@ from sdm_deflect.deform.mesh.pieces import HERE, Runner
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Layers
 from sdm_deflect.deform.mesh.unchanged import check_unchanged, held
-from sdm_deflect.deform.volume.deflection import Deflection, Plan, sweep
+from sdm_deflect.deform.volume.deflection import Deflected, Plan, Planned, Plans, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.files.staged import permitted_as
@@ -60,7 +62,7 @@ class Outcome:
     `checks` are those of all angles together, `notes` sentences on what is left to do.
     """
 
-    plan: Plan
+    plan: Planned
     angles: tuple[Judged, ...] = field(repr=False)
     files: tuple[Path, ...]
     reports: tuple[Path, ...]
@@ -75,21 +77,21 @@ class Outcome:
         return all(one.passed for one in self.angles) and all(check.passed for check in self.checks)
 
 
-def needed(wanted: Targets, job: Job, progress: Progress, runner: Runner = HERE) -> Mesh:
-    """Read what a job needs of a mesh: of a large file an excerpt, if it can be read and written in pieces.
+def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
+    """Read what jobs need of a mesh: of a large file an excerpt, if it can be read and written in pieces.
 
     Raises InputError if others than this process are to work on it and it cannot.
     """
     if not runner.shares_memory:
-        return _by_workers(wanted, job, progress, runner)
+        return _by_workers(wanted, jobs, progress, runner)
     if wanted.is_copy and size_of(wanted.source) >= limits.LIMITS.file:
         with in_pieces(wanted.source, progress) as large:
             if large:
-                return excerpt(large, job, wanted.angles, runner, progress)
+                return excerpt(large, jobs, wanted.angles, runner, progress)
     return read(wanted.source, progress)
 
 
-def _by_workers(wanted: Targets, job: Job, progress: Progress, runner: Runner) -> Mesh:
+def _by_workers(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner) -> Mesh:
     if not format_of(wanted.source).for_workers:
         raise InputError(f"{wanted.source}: workers need {_sent()}; leave out --workers and --scheduler, or convert it")
     if not wanted.is_copy:
@@ -98,7 +100,7 @@ def _by_workers(wanted: Targets, job: Job, progress: Progress, runner: Runner) -
         )
     with in_pieces(wanted.source, progress) as mesh:
         if mesh:
-            return excerpt(mesh, job, wanted.angles, runner, progress)
+            return excerpt(mesh, jobs, wanted.angles, runner, progress)
     raise InputError(f"{wanted.source}: workers need {_sent()}, and this file is none of them")
 
 
@@ -108,26 +110,29 @@ def _sent() -> str:
     return f"{', '.join(first)}, or {last}"
 
 
-def planned(wanted: Targets, job: Job, watch: Stopwatch, runner: Runner = HERE, angles: tuple[float, ...] = ()) -> Plan:
+def planned(
+    wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE, angles: tuple[float, ...] = ()
+) -> Planned:
     """Read the mesh and decide everything, for the angles of the targets or for others; fit and write nothing."""
     with watch.stage("read") as progress:
-        mesh = needed(wanted, job, progress, runner)
+        mesh = needed(wanted, jobs, progress, runner)
     with watch.stage("plan") as progress:
-        plan = Plan.of(mesh, job, angles or wanted.angles, progress)
-        plan = replace(plan, runner=runner, precision=wanted.precision(plan.mesh))
+        plan = Plans.of(mesh, jobs, angles or wanted.angles, progress)
+        plan = plan.keeping(wanted.precision(plan.mesh), runner)
     if wanted.flow:
         wanted.flow.setup(plan)
     return plan
 
 
-def judged(one: Deflection, min_quality: float) -> Judged:
+def judged(one: Deflected, min_quality: float) -> Judged:
     """Judge the mesh at one angle."""
     measured = one.quality, layers_of(one), checks_of(one, min_quality)
-    return Judged(one.angle, deflection_figures(one), *measured, one.seconds)
+    own = {"deflections": figures_by_box(one)} if len(one.boxes) > 1 else {}
+    return Judged(one.angle, {**deflection_figures(one), **own}, *measured, one.seconds)
 
 
 def deflect_file(
-    wanted: Targets, job: Job, watch: Stopwatch, min_quality: float = MIN_QUALITY, runner: Runner = HERE
+    wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, min_quality: float = MIN_QUALITY, runner: Runner = HERE
 ) -> Outcome:
     """Deflect a mesh file to each angle; the files appear together at the end, or none of them.
 
@@ -135,11 +140,12 @@ def deflect_file(
     judged.
     """
     with held(files_of(wanted.source)):
-        return _deflected(wanted, job, watch, min_quality, runner)
+        return _deflected(wanted, jobs, watch, min_quality, runner)
 
 
-def _deflected(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float, runner: Runner) -> Outcome:
-    plan = planned(wanted, job, watch, runner)
+def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, min_quality: float, runner: Runner) -> Outcome:
+    plan = planned(wanted, jobs, watch, runner)
+    unit = plan.job.surfaces[0].motion.unit
     wanted.check_names(plan.mesh)
     found: list[Judged] = []
     names: list[Path] = []
@@ -149,7 +155,7 @@ def _deflected(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float, 
         for _ in wanted.angles:
             with watch.stage("deflect") as progress:
                 _, one = next(results)
-                progress(f"{one.angle:+g} {job.surfaces[0].motion.unit}", 1.0)
+                progress(f"{one.angle:+g} {unit}", 1.0)
             with watch.stage("quality"):
                 found.append(judged(one, min_quality))
             mesh = wanted.mesh(one.angle)
@@ -165,8 +171,9 @@ def _deflected(wanted: Targets, job: Job, watch: Stopwatch, min_quality: float, 
             if wanted.sensitive:
                 with watch.stage("sensitivity"):
                     arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))
-                    unit = f"mesh length per {job.surfaces[0].motion.unit}"
-                    write_sensitivity(plan.mesh, one.points, one.sensitivity(), (arrays, picture), unit)
+                    write_sensitivity(
+                        plan.mesh, one.points, one.sensitivity(), (arrays, picture), f"mesh length per {unit}"
+                    )
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
     return Outcome(
@@ -181,7 +188,7 @@ def _without_page(wanted: Targets) -> tuple[str, ...]:
 
 
 def write_angle(
-    wanted: Targets, one: Deflection, out: Path, progress: Progress
+    wanted: Targets, one: Deflected, out: Path, progress: Progress
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Write the mesh at one angle, or the case that it is to be in; return the names of what is written, and losses.
 
@@ -199,18 +206,30 @@ def write_angle(
     return names, lost
 
 
-def plan_figures(plan: Plan, flow: "FlowCase | None" = None) -> Json:
-    """Return what was decided before the fit, as JSON has it, with the case for a flow solver if there is one."""
-    region, sites = plan.region, plan.sites
+def plan_figures(plan: Planned, flow: "FlowCase | None" = None) -> Json:
+    """Return what was decided before the fit, as JSON has it, with the case for a flow solver if there is one.
+
+    Box and sites are those of the first box; of several all are in `boxes`.
+    """
+    boxes = [_box_figures(box) for box in plan.boxes]
     return {
         "mesh": mesh_figures(plan),
-        "box": {"corners": region.hexahedron.corners.tolist(), "why": region.box.why, "inside": len(region.inside)},
-        "sites": {"surface": len(sites.distinct), "fixed": len(sites.sampled), "tolerance": sites.tolerance},
+        **boxes[0],
+        **({"boxes": dict(zip((box.surface for box in plan.boxes), boxes, strict=True))} if boxes[1:] else {}),
         "cells_touched": plan.touched.count,
         "farthest": {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan)},
         "motion": motion_figures(plan, max(plan.angles, key=abs)),
         "notes": list(notes_of(plan)),
         **({"case": flow.figures(plan)} if flow else {}),
+    }
+
+
+def _box_figures(plan: Plan) -> Json:
+    """Return the box of a plan and its data sites."""
+    region, sites = plan.region, plan.sites
+    return {
+        "box": {"corners": region.hexahedron.corners.tolist(), "why": region.box.why, "inside": len(region.inside)},
+        "sites": {"surface": len(sites.distinct), "fixed": len(sites.sampled), "tolerance": sites.tolerance},
     }
 
 

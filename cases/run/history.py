@@ -24,7 +24,7 @@ from sdm_deflect.deform.checks import MIN_QUALITY, Check
 from sdm_deflect.deform.mesh.mesh import bounded
 from sdm_deflect.deform.mesh.swept import CONSERVED
 from sdm_deflect.deform.mesh.unchanged import check_unchanged, held
-from sdm_deflect.deform.volume.deflection import Plan, sweep
+from sdm_deflect.deform.volume.deflection import Planned, sweep
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.files.staged import permitted_as
 from sdm_deflect.meshing.formats import openfoam_history as foam
@@ -169,7 +169,7 @@ def deflect_history(
     try:
         wanted = target_of(_path(mesh, "mesh"), None if out is None else _path(out, "out"), given)
         wanted.check()
-        return deflect_in_time(wanted, settings.job(), given, Stopwatch(Told(progress)), settings.min_quality)
+        return deflect_in_time(wanted, settings.jobs(), given, Stopwatch(Told(progress)), settings.min_quality)
     except (MeshFileError, OutputError) as error:
         raise InputError(str(error)) from None
 
@@ -190,18 +190,18 @@ def target_of(source: Path, out: Path | None, history: History) -> Targets:
 
 
 def deflect_in_time(
-    wanted: Targets, job: Job, history: History, watch: Stopwatch, min_quality: float = MIN_QUALITY
+    wanted: Targets, jobs: Sequence[Job], history: History, watch: Stopwatch, min_quality: float = MIN_QUALITY
 ) -> InTime:
     """Deflect a mesh file to the angle of each time; the case appears at the end, or nothing.
 
     Every different angle is computed once; points of one angle at a time are in memory, then of two times.
     """
     with held(files_of(wanted.source)):
-        return _deflected(wanted, job, history, watch, min_quality)
+        return _deflected(wanted, jobs, history, watch, min_quality)
 
 
-def _deflected(wanted: Targets, job: Job, history: History, watch: Stopwatch, min_quality: float) -> InTime:
-    plan = planned(wanted, job, watch, angles=history.distinct)
+def _deflected(wanted: Targets, jobs: Sequence[Job], history: History, watch: Stopwatch, min_quality: float) -> InTime:
+    plan = planned(wanted, jobs, watch, angles=history.distinct)
     times = foam.Times(history.times)
     found: list[Judged] = []
     with permitted_as(wanted.source), output_files(wanted.out.parent) as scratch:
@@ -212,7 +212,7 @@ def _deflected(wanted: Targets, job: Job, history: History, watch: Stopwatch, mi
         for _ in history.distinct:
             with watch.stage("deflect") as progress:
                 _, one = next(results)
-                progress(f"{one.angle:+g} {job.surfaces[0].motion.unit}", 1.0)
+                progress(f"{one.angle:+g} {plan.job.surfaces[0].motion.unit}", 1.0)
             with watch.stage("quality"):
                 found.append(judged(one, min_quality))
             with watch.stage("write"):
@@ -239,7 +239,7 @@ def conservation(balances: Sequence[foam.Balance]) -> Check:
     return Check("face_sweeps", gap, CONSERVED, "", where, over=cells)
 
 
-def _write_case(wanted: Targets, plan: Plan, case: Path, times: foam.Times, progress: Progress) -> tuple[str, ...]:
+def _write_case(wanted: Targets, plan: Planned, case: Path, times: foam.Times, progress: Progress) -> tuple[str, ...]:
     """Write the undeflected mesh: a new case, or a copy of the one that was read."""
     lost = write_mesh(wanted.source, plan.mesh, plan.mesh.points, case, progress)
     if format_of(wanted.source) is not FORMATS["openfoam"]:

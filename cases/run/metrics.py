@@ -12,7 +12,8 @@ from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.orthogonality import SEVERE, SKEW
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
-from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.deform.surface.reached import Reached
+from sdm_deflect.deform.volume.deflection import Deflected, Deflection, Plan, Planned
 from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Json = dict[str, Any]
@@ -26,7 +27,7 @@ FACES = {
 """What the figures of faces are called, and their format."""
 
 
-def mesh_figures(plan: Plan) -> Json:
+def mesh_figures(plan: Planned) -> Json:
     """Return the sizes of a mesh and of its patches."""
     return {
         "name": plan.mesh.name,
@@ -36,9 +37,18 @@ def mesh_figures(plan: Plan) -> Json:
     }
 
 
-def deflection_figures(one: Deflection) -> Json:
-    """Return box, sites, adaptation and quality of one deflection of any mesh; lengths in the mesh's unit."""
-    plan = one.plan
+def figures_by_box(one: Deflected) -> Json:
+    """Return the figures of the deflection in each box, by its first moving patch."""
+    return {box.plan.surface: deflection_figures(box) for box in one.boxes}
+
+
+def deflection_figures(one: Deflected) -> Json:
+    """Return box, sites, adaptation and quality of one deflection of any mesh; lengths in the mesh's unit.
+
+    Of several boxes box, sites and adaptation are the first one's; cells, repair and motion are those of all.
+    """
+    first, whole = one.boxes[0], one.plan
+    plan = first.plan
     sites, region = plan.sites, plan.region
     return {
         "confinement": {
@@ -58,16 +68,16 @@ def deflection_figures(one: Deflection) -> Json:
             "coincident": sites.coincident,
         },
         "kernel": kernel_figures(plan),
-        "adaptation": _adaptation(one),
-        "error_between_sites": asdict(one.error_between) if one.error_between else None,
-        "motion": motion_figures(plan, one.angle),
-        "cells_touched": plan.touched.count,
-        "quality_inside": {"before": by_shape(plan.before), "after": by_shape(one.quality)},
+        "adaptation": _adaptation(first),
+        "error_between_sites": asdict(first.error_between) if first.error_between else None,
+        "motion": motion_figures(whole, one.angle),
+        "cells_touched": whole.touched.count,
+        "quality_inside": {"before": by_shape(whole.before), "after": by_shape(one.quality)},
         **face_figures(one),
         "repair": repair_figures(one),
-        "steps": len(one.steps),
+        "steps": max(len(box.steps) for box in one.boxes),
         "seconds": one.seconds,
-        "largest_correction": max(step.correction for step in one.steps),
+        "largest_correction": max(step.correction for box in one.boxes for step in box.steps),
     }
 
 
@@ -95,7 +105,7 @@ def fit_text(figures: Json, unit: str = "") -> str:
     return f"interpolation: condition {condition:.1e}, error at the sites {error:.1e}{end}{off}"
 
 
-def face_figures(one: Deflection) -> Json:
+def face_figures(one: Deflected) -> Json:
     """Return what checkMesh says of the faces of touched polyhedra before and after, and of the whole mesh.
 
     Nothing without polyhedra; nothing of the whole mesh where it is not held in memory.
@@ -118,19 +128,22 @@ def face_rows(figures: Json) -> tuple[str, list[tuple[str, str, str]]]:
     return "", []
 
 
-def repair_figures(one: Deflection) -> Json | None:
-    """Return what a repair did, and the quality of the touched cells before it; None without one."""
-    found = one.repaired
-    if found is None:
+def repair_figures(one: Deflected) -> Json | None:
+    """Return what repairs did, and the quality of the touched cells before them; None without one."""
+    found = one.repairs
+    if not found:
         return None
+    quality = found[0].quality
+    if len(one.boxes) > 1 and (moved := one.moved_by_repair) is not None:
+        quality = one.plan.touched.quality(one.points - moved)
     return {
-        "spoiled": found.spoiled,
-        "left": found.left,
-        "moved": len(found.moved),
-        "search_steps": found.steps,
-        "seconds": found.seconds,
-        "quality": by_shape(found.quality),
-        "inverted_before": sum(quality.inverted for quality in found.quality),
+        "spoiled": sum(repair.spoiled for repair in found),
+        "left": sum(repair.left for repair in found),
+        "moved": sum(len(repair.moved) for repair in found),
+        "search_steps": sum(repair.steps for repair in found),
+        "seconds": sum(repair.seconds for repair in found),
+        "quality": by_shape(quality),
+        "inverted_before": sum(one.inverted for one in quality),
     }
 
 
@@ -160,11 +173,12 @@ def verdict_figures(checks: Sequence[Check]) -> Json:
     return {"checks": [check.as_dict() for check in checks], "passed": all(check.passed for check in checks)}
 
 
-def notes_of(plan: Plan) -> tuple[str, ...]:
+def notes_of(plan: Planned) -> tuple[str, ...]:
     """Return sentences on what a user may not expect of a mesh."""
-    notes = [*plan.mesh.notes, *(note for placement in plan.boundary.placements for note in placement.notes())]
-    if plan.sites.coincident:
-        notes.append(f"{plan.sites.coincident} moving nodes coincide with others; they move as one")
+    placements = (placement for box in plan.boxes for placement in box.boundary.placements)
+    notes = [*plan.mesh.notes, *(note for placement in placements for note in placement.notes())]
+    if coincident := sum(box.sites.coincident for box in plan.boxes):
+        notes.append(f"{coincident} moving nodes coincide with others; they move as one")
     if min(plan.touched.orientation, default=1.0) < 0.0:
         notes.append("the file counts the nodes of cells left-handed; judged accordingly")
     inverted = sum(plan.touched.inverted)
@@ -173,26 +187,33 @@ def notes_of(plan: Plan) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def farthest(plan: Plan) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+def farthest(plan: Planned) -> Iterator[tuple[str, FloatArray, FloatArray]]:
     """Yield each surface's name, place and displacement (3,) of its node that moves farthest, at the largest angle."""
-    for surface, place, move in plan.boundary.farthest(plan.job.amounts_at(max(plan.angles, key=abs))):
-        yield surface.named, place, move
+    for box in plan.boxes:
+        for surface, place, move in box.boundary.farthest(box.job.amounts_at(max(box.angles, key=abs))):
+            yield surface.named, place, move
 
 
-def motion_figures(plan: Plan, angle: float) -> Json:
+def motion_figures(plan: Planned, angle: float) -> Json:
     """Return, of each surface, what it reaches of its angle (see `Reached`); null for a motion without one."""
-    found = plan.boundary.reached(plan.job.amounts_at(angle))
-    return {surface.named: asdict(one) if one else None for surface, one in found}
+    return {name: asdict(one) if one else None for name, one in _reached(plan, angle)}
 
 
-def motions(plan: Plan) -> Iterator[tuple[str, str]]:
+def motions(plan: Planned) -> Iterator[tuple[str, str]]:
     """Yield the name of each surface that turns, and what it reaches of the largest angle, as text."""
-    for surface, one in plan.boundary.reached(plan.job.amounts_at(max(plan.angles, key=abs))):
+    for name, one in _reached(plan, max(plan.angles, key=abs)):
         if one:
-            yield surface.named, one.text
+            yield name, one.text
 
 
-def travels(plan: Plan) -> Iterator[tuple[str, str]]:
+def _reached(plan: Planned, angle: float) -> Iterator[tuple[str, Reached | None]]:
+    """Yield the name of each surface, and what it reaches at an angle of the first."""
+    for box in plan.boxes:
+        for surface, one in box.boundary.reached(box.job.amounts_at(plan.angle_of(box, angle))):
+            yield surface.named, one
+
+
+def travels(plan: Planned) -> Iterator[tuple[str, str]]:
     """Yield each surface's name, how far its node that moves farthest does, where that is, and whereto, as text."""
     for name, place, move in farthest(plan):
         size = float(np.linalg.norm(move))

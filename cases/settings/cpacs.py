@@ -30,7 +30,7 @@ ATTRIBUTES = ("uID", "refType")
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class FileLimits:
     """How large a file may be: bytes, elements, and levels of elements in one another."""
 
     size: int = 10_000_000
@@ -38,11 +38,11 @@ class Limits:
     depth: int = 100
 
 
-USUAL = Limits()
+USUAL = FileLimits()
 Point = tuple[float, float, float]
 
 
-class Step(NamedTuple):
+class PathStep(NamedTuple):
     """A step of a device's path: its parameter, how far it turns in degrees, and whether the hinge line moves."""
 
     parameter: float
@@ -63,10 +63,10 @@ class Device:
 
     uid: str
     hinge: FloatArray
-    steps: tuple[Step, ...]
+    steps: tuple[PathStep, ...]
 
     @classmethod
-    def read(cls, path: Path, uid: str, limits: Limits = USUAL) -> "Device":
+    def read(cls, path: Path, uid: str, limits: FileLimits = USUAL) -> "Device":
         """Read a device by its uID.
 
         Raises InputError if the file is larger than the limits, has no such device, or describes it by what is not
@@ -122,7 +122,7 @@ def hinge_and_angle(path: Path, text: str, angle: float | None) -> tuple[tuple[P
 class _Bounded(TreeBuilder):
     """Builds elements without namespaces, and of their attributes those that are read, within limits."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: FileLimits) -> None:
         super().__init__()
         self.limits, self.count, self.depth = limits, 0, 0
 
@@ -296,12 +296,12 @@ def _point(row: FloatArray) -> Point:
     return x, y, z
 
 
-def _step(step: Element) -> Step:
+def _step(step: Element) -> PathStep:
     """Return a step; before CPACS 3.1 its parameter was called relDeflection."""
     name = "controlParameter" if step.find("controlParameter") is not None else "relDeflection"
     found = [step.find(f"{border}HingeTranslation") for border in BORDERS]
     moves = any(_number(one, axis, 0.0) for one in found if one is not None for axis in "xyz")
-    return Step(_number(step, name), _number(step, "hingeLineRotation", 0.0), moves)
+    return PathStep(_number(step, name), _number(step, "hingeLineRotation", 0.0), moves)
 
 
 def _transformation(element: Element) -> tuple[FloatArray, FloatArray]:

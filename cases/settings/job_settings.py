@@ -143,6 +143,8 @@ class SurfaceSettings:
         "What moves", "CPACS file with the hinge line, in the mesh's unit, and the angle of `device`.")] = None
     device: Annotated[str | None, Option(metavar="UID[=STEP]"), IN_WORDS, Doc(
         "What moves", "Trailing edge device of `cpacs`, its uID; a step of its path, for the angle.")] = None
+    corners: Annotated[tuple[Corner, ...] | None, ONLY_SET, Doc(
+        "Box", "Of `box_each`: corners of this surface's box, as of `box`, instead of an automatic one.")] = None
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -225,6 +227,8 @@ class JobSettings(JobOptions):
         "Or eight corners (8, 3), or two opposite ones (2, 3) of a box along the axes; in a plane mesh four or two, "
         "without z; in Python also a `Hexahedron`.")] = "auto"
     margin: Annotated[float, Doc("Box", "Distance from the surface to an automatic box; 0: chosen.")] = 0.0
+    box_each: Annotated[bool, Doc(
+        "Box", "A box for each surface, not one around all; boxes must not overlap.")] = False
     open_faces: Annotated[tuple[str, ...], ONLY_SET, Doc(
         "Box", "Faces of a given box without zero sites, of x-, x+, y-, y+, z-, z+.")] = ()
     section: Annotated[tuple[SectionSettings, ...], ONLY_SET, Doc(
@@ -241,11 +245,11 @@ class JobSettings(JobOptions):
     def __post_init__(self) -> None:
         check_settings(self)
 
-    def job(self) -> "Job":
-        """Return the job, files read; InputError if one cannot be, or a value does not fit or is missing."""
-        from sdm_deflect.cases.settings.jobs import job_of
+    def jobs(self) -> "tuple[Job, ...]":
+        """Return a job for each box, files read; InputError if one cannot be, or a value does not fit or is missing."""
+        from sdm_deflect.cases.settings.jobs import jobs_of
 
-        return job_of(self)
+        return jobs_of(self)
 
 
 @dataclass(frozen=True, slots=True)

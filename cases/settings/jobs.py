@@ -33,6 +33,21 @@ class _BoxFile:
     corners: tuple[Corner, ...]
 
 
+def jobs_of(settings: JobSettings) -> tuple[Job, ...]:
+    """Return one job for all surfaces, or one for each if each is to have a box; InputError as `job_of`."""
+    own, job = [surface.corners for surface in settings.surface], job_of(settings)
+    if not settings.box_each:
+        if any(own):
+            raise InputError("corners = of a surface: it has a box of its own only if box_each = true")
+        return (job,)
+    if len(own) == 1:
+        raise InputError("box_each = true: there is one surface, which has one box; leave box_each out")
+    if not isinstance(job.box, Automatic):
+        raise InputError("box_each = true: each surface has a box of its own; leave box out, and give corners of each")
+    boxes = [_at(corners) if corners else job.box for corners in own]
+    return tuple(replace(job, surfaces=(moving,), box=box) for moving, box in zip(job.surfaces, boxes, strict=True))
+
+
 def job_of(settings: JobSettings) -> Job:
     """Return the job, files read; InputError if one cannot be, or a value does not fit or is missing."""
     if not settings.surface:

@@ -25,6 +25,7 @@ class Options(TypedDict, total=False):
     table: str | PathLike[str]
     cpacs: str | PathLike[str]
     device: str | PathLike[str]
+    corners: ArrayLike
     fixed: str | Sequence[str]
     zones: str | Sequence[str]
     near_wall: bool
@@ -34,6 +35,7 @@ class Options(TypedDict, total=False):
     periodic: Mapping[str, Any] | Sequence[Any]
     box: str | PathLike[str] | ArrayLike | BoxRule | Hexahedron
     margin: float
+    box_each: bool
     open_faces: str | Sequence[str]
     section: Sequence[Mapping[str, Any]]
     min_quality: float

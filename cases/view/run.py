@@ -1,6 +1,5 @@
 """A finished run that turns to any angle: the same centres, a factor used again, no adaptation."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,11 @@ from sdm_deflect.cases.run.output import moved_by_repair
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import read_arrays
-from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.surface.surface import TrailingEdge
-from sdm_deflect.deform.volume.deflection import Deflection, Plan, mended
+from sdm_deflect.deform.volume.deflection import Deflection, Plan, Planned, mended
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
 
@@ -154,46 +152,45 @@ class InteractiveRun:
         """
         plan, points = read_folder(folder)
         mesh, degrees = plan.mesh, plan.job.surfaces[0].motion.unit == "deg"
-        drawn = in_view(mesh, (*plan.patches, *plan.boundary.fixed))
+        drawn = in_view(mesh, (*plan.patches, *plan.stays))
         hidden = tuple(name for name in mesh.names if name not in drawn)
         positive = "right-handed about the hinge" if degrees else "as in the table"
-        return cls.prepared(folder, [plan], points, plan.angle, Manner(mesh.name, positive, MESH_UNITS, hidden))
+        return cls.prepared(folder, plan, points, plan.angle, Manner(mesh.name, positive, MESH_UNITS, hidden))
 
     @classmethod
     def prepared(
-        cls, folder: Path, plans: Sequence[Plan], points: FloatArray, angle: float, manner: Manner
+        cls, folder: Path, plan: Planned, points: FloatArray, angle: float, manner: Manner
     ) -> "InteractiveRun":
-        """Prepare the plans of a run for other angles, with the centres of its folder.
+        """Prepare the plan of a run for other angles, with the centres of its folder.
 
         Parameters
         ----------
         points : (N, 3) where the run has brought the mesh.
         angle : Of the run.
 
-        Raises InputError if the centres or the points do not belong to the plans.
+        Raises InputError if the centres or the points do not belong to the plan.
         """
-        mesh, stored = plans[0].mesh, read_arrays(folder / "interpolant.npz")
+        mesh, stored = plan.mesh, read_arrays(folder / "interpolant.npz")
         foreign = "does not belong to the mesh and the settings of the run; run it again"
         boxes = []
-        for i, plan in enumerate(plans):
+        for i, box in enumerate(plan.boxes):
             try:
-                found = centers_of(stored, f"_{plan.surface}" if i else "")
-                boxes.append(PreparedDeflection.of(plan, plan.angle, found))
+                found = centers_of(stored, f"_{box.surface}" if i else "")
+                boxes.append(PreparedDeflection.of(box, box.angle, found))
             except InputError:
                 raise InputError(f"{folder}: interpolant.npz {foreign}") from None
-        rows = [union(*some) for some in zip(*(plan.touched.rows for plan in plans), strict=True)]
         flat = [FLAT if isinstance(block, Polyhedra) else 1.0 for block in mesh.cells]
         run = cls(
             manner=manner,
             angle=angle,
             boxes=tuple(boxes),
-            factors=tuple(plan.angle / angle if angle else 1.0 for plan in plans),
-            changed=tuple(plan.changed for plan in plans),
+            factors=tuple(box.angle / angle if angle else 1.0 for box in plan.boxes),
+            changed=tuple(box.changed for box in plan.boxes),
             surfaces=tuple(
-                Mover.of(plan, row, angle, manner.leading) for plan in plans for row in range(len(plan.job.surfaces))
+                Mover.of(box, row, angle, manner.leading) for box in plan.boxes for row in range(len(box.job.surfaces))
             ),
-            touched=replace(plans[0].touched, rows=tuple(rows)),
-            weights=np.repeat(flat, [len(own) for own in rows]),
+            touched=plan.touched,
+            weights=np.repeat(flat, [len(own) for own in plan.touched.rows]),
             points=points,
             moved=moved_by_repair(folder / "deflected.vtu", len(points)),
         )
@@ -288,13 +285,13 @@ class InteractiveRun:
 def centers_of(stored: dict[str, Any], tag: str) -> list[Centers]:
     """Return the centres of each step of the box whose arrays bear a tag (see `write_interpolants`)."""
 
-    def found(prefix: str, step: str) -> dict[int, FloatArray]:
+    def by_direction(prefix: str, step: str) -> dict[int, FloatArray]:
         names = {c: f"{prefix}centers_{letter}{tag}{step}" for c, letter in enumerate(DIRECTIONS)}
         return {c: stored[name] for c, name in names.items() if name in stored}
 
     count = 1 + sum(name.startswith(f"centers_x{tag}_step") for name in stored)
     return [
-        Centers(*(found(prefix, f"_step{k}" if k > 1 else "") for prefix in ("sliding_", "")))
+        Centers(*(by_direction(prefix, f"_step{k}" if k > 1 else "") for prefix in ("sliding_", "")))
         for k in range(1, count + 1)
     ]
 

@@ -42,7 +42,7 @@ class Iteration:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class History:
+class Recorder:
     """Records one step for each interpolant that was evaluated at all sites."""
 
     options: GreedyOptions
@@ -166,10 +166,10 @@ def adapt(
     initial : (M,) rows of the sites: the first centres; at least four that span a volume, for a linear polynomial.
     options : Steps (5) and (6).
     rule : `Separated()` adds large blocks of sites that are no neighbours, `Worst()` is the paper's.
-    basis : `CholeskyBasis.of` extends one factor; `DirectBasis.of` solves again in every iteration, as the paper does.
+    basis : `CholeskyBasis.of` extends one factor; `studies.solves` solves again in every iteration, as the paper does.
     """
     _check_initial(initial, sites, options)
-    history = History(options, progress, perf_counter())
+    history = Recorder(options, progress, perf_counter())
     with single_threaded_blas():
         problem = Problem.of(sites, kernel, options.polynomial)
         trail = [TrialBasis.of(basis(problem, initial))]
@@ -203,7 +203,7 @@ class CheckedBasis(NamedTuple):
     stop: Stop | None
 
 
-def _checked(problem: Problem, trail: Sequence[TrialBasis], rule: Rule, history: History) -> CheckedBasis:
+def _checked(problem: Problem, trail: Sequence[TrialBasis], rule: Rule, history: Recorder) -> CheckedBasis:
     """Evaluate a trail of ever larger bases at all sites, and follow it as far as `rule` would have gone.
 
     The first basis of the trail is certain; each of the others rests on a guess of the block that follows.

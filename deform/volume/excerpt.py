@@ -21,7 +21,7 @@ from sdm_deflect.deform.mesh.pieces import MeshInPieces, Pieces, Runner
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import POLYHEDRON
 from sdm_deflect.deform.volume.boundary import Boundary
-from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.job import Job, prepared
 from sdm_deflect.deform.volume.region import confined
 from sdm_deflect.deform.volume.scan import CellsFound, ScanTask, beside, check_points, nodes_inside, scan_cells
 
@@ -30,18 +30,18 @@ LARGER = 4
 Block = TypeVar("Block", bound=Faces)
 
 
-def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runner, progress: Progress = silent) -> Mesh:
-    """Return what a plan for a job and its angles needs of a mesh.
+def excerpt(
+    mesh: MeshInPieces, jobs: Sequence[Job], angles: Sequence[float], runner: Runner, progress: Progress = silent
+) -> Mesh:
+    """Return what the plans for jobs and the first one's angles need of a mesh.
 
     All points and cells are read once and judged, piece by piece.
 
-    Raises InputError if the job does not suit the mesh, or the mesh is damaged.
+    Raises InputError if a job does not suit the mesh, or the mesh is damaged.
     """
     pieces = mesh.pieces
     border = _border(mesh)
-    boundary = Boundary.of(job.prepared(border), job)
-    zones, box = confined(boundary, job.ends(tuple(angles) or (job.angle,)))
-    task = _task(mesh, border, box.hexahedron, zones, boundary.mesh.numbers(boundary.nodes))
+    task = _task(mesh, border, *_boxes(border, jobs, angles))
     task = _in_memory(task) if runner.shares_memory else task
     inside, places = _nodes_inside(task, runner, progress)
     found, task = _cells(mesh, task, runner, progress)
@@ -55,6 +55,19 @@ def excerpt(mesh: MeshInPieces, job: Job, angles: Sequence[float], runner: Runne
     bad = tuple(sum(one.inverted for one in block) for block in found)
     whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), task.sign, bad)
     return _numbered(mesh, points, tuple(cells for cells, _ in blocks), whole)
+
+
+def _boxes(
+    border: Mesh, jobs: Sequence[Job], angles: Sequence[float]
+) -> tuple[list[tuple[Hexahedron, tuple[Zone, ...]]], IntArray]:
+    """Return the box of each job with the zones that deform in it, and the nodes in the file that move."""
+    mesh, boxes, moving = prepared(border, jobs), [], []
+    for job in jobs:
+        boundary = Boundary.of(mesh, job)
+        zones, box = confined(boundary, job.ends([job.beside(jobs[0], angle) for angle in angles] or [job.angle]))
+        boxes.append((box.hexahedron, zones))
+        moving.append(mesh.numbers(boundary.nodes))
+    return boxes, union(*moving)
 
 
 def _border(mesh: MeshInPieces) -> Mesh:
@@ -87,14 +100,18 @@ def _numbered(mesh: MeshInPieces, points: FloatArray, cells: tuple[Volume, ...],
     return Mesh(points, cells, patches, zones, mesh.name, source, mesh.notes, whole, periodic, files)
 
 
-def _task(mesh: MeshInPieces, border: Mesh, box: Hexahedron, zones: Sequence[Zone], moving: IntArray) -> ScanTask:
+def _task(
+    mesh: MeshInPieces, border: Mesh, boxes: Sequence[tuple[Hexahedron, tuple[Zone, ...]]], moving: IntArray
+) -> ScanTask:
     assert border.whole is not None
-    deforming = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in {own.name for own in zones}]
+    spans = []
+    for box, zones in boxes:
+        deforming = [(zone.start, zone.stop) for zone in mesh.zones if zone.name in {own.name for own in zones}]
+        spans.append((box, np.array(deforming, dtype=np.intp).reshape(-1, 2)))
     keys = node_keys(len(border.points))
     faces = distinct(np.concatenate([np.empty(0, np.uint64), *(patch_keys(patch, keys) for patch in border.patches)]))
     sign = (1.0,) * len(mesh.pieces.blocks)
-    spans = np.array(deforming, dtype=np.intp).reshape(-1, 2)
-    return ScanTask(mesh.pieces, box, spans, moving, border.whole.nodes, keys, faces, sign)
+    return ScanTask(mesh.pieces, tuple(spans), moving, border.whole.nodes, keys, faces, sign)
 
 
 def _in_memory(task: ScanTask) -> ScanTask:

@@ -25,7 +25,7 @@ from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.mesh import bounded
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.rbf.kernels import KERNEL, ThinPlateSpline, arrays_of, stored_kernel
-from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.deflection import Deflected
 from sdm_deflect.deform.volume.near_wall import Nearby, NearWall
 from sdm_deflect.deform.volume.region import ON_FACE
 from sdm_deflect.deform.volume.sites import REACH
@@ -98,9 +98,15 @@ class Field:
     planes: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, one: Deflection) -> "Field":
-        """Take what a deflection has found; of a mesh with several zones it is that of the zones that deform."""
+    def of(cls, deflected: Deflected) -> "Field":
+        """Take what a deflection has found; of a mesh with several zones it is that of the zones that deform.
+
+        Raises InputError if it is of several boxes, or its points are rounded.
+        """
+        one = deflected.boxes[0]
         plan, sites = one.plan, one.plan.sites
+        if len(deflected.boxes) > 1:
+            raise InputError(f"{plan.mesh.name}: a field is of one box, and there are {len(deflected.boxes)}")
         if not plan.precision.is_double:
             raise InputError(f"{plan.mesh.name}: a field is of double precision; take that of the result itself")
         told = np.zeros(len(plan.mesh.points), dtype=np.bool_)

@@ -115,16 +115,15 @@ class Job(JobOptions):
             )
         return tuple(amount / self.angle if self.angle else 1.0 for amount in self.amounts)
 
-    def prepared(self, mesh: Mesh) -> Mesh:
-        """Return a mesh with the selections as patches, and the periodic pairs that the job names.
-
-        Raises InputError if one of them does not suit the mesh.
-        """
-        return paired(selected(mesh, self.selections, self.names), self.periodic)
-
     def amounts_at(self, angle: float) -> tuple[float, ...]:
         """Return the amount of each surface when the first one's is `angle` and the others keep their ratio to it."""
         return self.amounts if angle == self.angle else tuple(angle * ratio for ratio in self.ratios)
+
+    def beside(self, first: "Job", angle: float) -> float:
+        """Return the amount of its first surface when that of the first of several jobs is `angle`."""
+        if self is first:
+            return angle
+        return replace(self, surfaces=(first.surfaces[0], *self.surfaces)).amounts_at(angle)[1]
 
     def ends(self, angles: Sequence[float]) -> tuple[tuple[float, ...], ...]:
         """Return the amounts at the least and the largest of the first surface's angles, once if they are equal."""
@@ -135,6 +134,15 @@ class Job(JobOptions):
         amounts = self.amounts_at(angle)
         moved = (replace(one, amount=amount) for one, amount in zip(self.surfaces, amounts, strict=True))
         return replace(self, surfaces=tuple(moved))
+
+
+def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
+    """Return a mesh with the selections of jobs as patches, and the periodic pairs that they name: all name the same.
+
+    Raises InputError if one of them does not suit the mesh.
+    """
+    names = tuple(dict.fromkeys(name for job in jobs for name in job.names))
+    return paired(selected(mesh, jobs[0].selections, names), jobs[0].periodic)
 
 
 def _named_by(motion: Motion) -> tuple[str, ...]:

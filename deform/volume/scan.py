@@ -43,8 +43,7 @@ class ScanTask:
     Attributes
     ----------
     pieces : where they are read.
-    box : the hexahedron.
-    zones : (Z, 2) first and last but one point of each zone that deforms.
+    boxes : each hexahedron, with the first and last but one point (Z, 2) of each zone that deforms in it.
     moving : (K,) sorted indices of the nodes that move.
     boundary : (B,) sorted indices of the nodes on patches.
     keys : (B,) random numbers of these, of which a face's key is the sum.
@@ -54,8 +53,7 @@ class ScanTask:
     """
 
     pieces: Pieces
-    box: Hexahedron
-    zones: IntArray = field(repr=False)
+    boxes: tuple[tuple[Hexahedron, IntArray], ...] = field(repr=False)
     moving: IntArray = field(repr=False)
     boundary: IntArray = field(repr=False)
     keys: Keys = field(repr=False)
@@ -105,11 +103,14 @@ class ScanTask:
         return Window(points, changed, keys)
 
     def inside(self, points: FloatArray, nodes: IntArray) -> BoolArray:
-        """Return which nodes (K,) at points (K, 3) lie in the box, and in a zone that deforms."""
-        own = np.zeros(len(nodes), dtype=np.bool_)
-        for first, end in self.zones:
-            own |= (nodes >= first) & (nodes < end)
-        return self.box.contains(points) & own
+        """Return which nodes (K,) at points (K, 3) lie in a box, and in a zone that deforms in it."""
+        inside = np.zeros(len(nodes), dtype=np.bool_)
+        for box, zones in self.boxes:
+            own = np.zeros(len(nodes), dtype=np.bool_)
+            for first, end in zones:
+                own |= (nodes >= first) & (nodes < end)
+            inside |= box.contains(points) & own
+        return inside
 
     @property
     def is_scattered(self) -> bool:

@@ -18,10 +18,11 @@ import pyvista as pv
 from PIL import Image
 
 import sdm_deflect as sdm
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.meshing.formats.adapters import to_pyvista
 
 AIRCRAFT, AIRFOIL = 15.0, 25.0
@@ -55,12 +56,11 @@ def aircraft(parts: Sequence[float]) -> Iterator[Any]:
     """Yield the aircraft with all control surfaces at each share of their angle; they reuse the first one's centres."""
     case = replace(case_named("all"), angle=AIRCRAFT)
     mesh = meshed(case, Stopwatch(Silent()))[0]
-    plans = plans_of(case, mesh, [AIRCRAFT * part for part in parts])
-    known = deflected(case, plans)
-    orientation = plans[0].touched.orientation
+    plan = plan_of(case, mesh, [AIRCRAFT * part for part in parts])
+    known = deflected(plan, plan.angle)
+    orientation = plan.touched.orientation
     for part in parts:
-        results = deflected(replace(case, angle=AIRCRAFT * part), plans, earlier=known)
-        displacement = sum(one.points - mesh.points for one in results)
+        displacement = deflected(plan, plan.angle * part, earlier=known).points - mesh.points
         yield to_pyvista(mesh.with_points(mesh.points + displacement), displacement, orientation)
 
 

@@ -16,11 +16,11 @@ HINGE = [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]]
 
 def deflected(source: Path, out: Path, settings: JobSettings, helpers: Wanted) -> Outcome:
     """Write the deflected mesh and return what was found: checks, quality, figures."""
-    job, watch = settings.job(), Stopwatch(Silent())
-    wanted = Targets.of(source, out, (job.angle,))
+    jobs, watch = settings.jobs(), Stopwatch(Silent())
+    wanted = Targets.of(source, out, (jobs[0].angle,))
     wanted.check()
     with workers(helpers, watch, source, out.absolute().parent) as runner:
-        return deflect_file(wanted, job, watch, settings.min_quality, runner)
+        return deflect_file(wanted, jobs, watch, settings.min_quality, runner)
 
 
 if __name__ == "__main__":  # workers import this file

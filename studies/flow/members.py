@@ -8,7 +8,7 @@ import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.flow_case import setup_of
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.pipeline import cached, meshed
 from sdm_deflect.cases.aircraft.reference import turned
 from sdm_deflect.cases.flow.openfoam import write_case
@@ -20,7 +20,7 @@ from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import RepairMode
-from sdm_deflect.deform.volume.deflection import combined
+from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.meshing.mesh import tets_of
 
@@ -167,7 +167,8 @@ def fresh_deflected_meshes(
 
 def moved_points(case: Case, flow: Mesh) -> FloatArray:
     """Return the points (N, 3) of a case's mesh, deflected; InputError as a run has it."""
-    return combined(flow, deflected(case, plans_of(case, flow)))
+    plan = plan_of(case, flow)
+    return deflected(plan, plan.angle).points
 
 
 def fresh_mesh(study: FlowStudy, member: Member, watch: Stopwatch) -> Mesh:

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.pipeline import run_case
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.validation import site_checks, validate
+from sdm_deflect.cases.aircraft.validation import further_checks, validate
 from sdm_deflect.cases.run.output import output_folder
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
-from sdm_deflect.deform.volume.deflection import combined, repair_of
+from sdm_deflect.deform.volume.deflection import deflected
 from tests.cases.sdm.deflected_cad import built
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -105,11 +105,10 @@ def turned(make_mesh):
 
     def turn(case):
         mesh, _ = make_mesh(case)
-        flow = mesh
-        plans = plans_of(case, flow)
-        results = deflected(case, plans)
-        moved = mesh.with_points(combined(flow, results))
-        checks = validate(case, mesh, moved, plans, built(case), repair=repair_of(results))
-        return mesh, moved, checks + site_checks(results)
+        plan = plan_of(case, mesh)
+        found = deflected(plan, plan.angle)
+        moved = mesh.with_points(found.points)
+        checks = validate(case, mesh, moved, plan, built(case), repair=found.moved_by_repair)
+        return mesh, moved, checks + further_checks(found, checks)
 
     return turn

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import sdm_deflect
-from sdm_deflect.cases.settings.cpacs import Device, Limits, hinge_and_angle
+from sdm_deflect.cases.settings.cpacs import Device, FileLimits, hinge_and_angle
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.registry import FORMATS
@@ -70,9 +70,9 @@ def test_transformations_scale_turn_and_shift_in_this_order(tmp_path):
 @pytest.mark.parametrize(
     ("limits", "said"),
     [
-        (Limits(size=1000), r"is larger than 0.001 MB: leave out what is not of the wing$"),
-        (Limits(elements=20), r"has more than 20 elements: leave out what is not of the wing$"),
-        (Limits(depth=5), r"has elements more than 5 levels deep"),
+        (FileLimits(size=1000), r"is larger than 0.001 MB: leave out what is not of the wing$"),
+        (FileLimits(elements=20), r"has more than 20 elements: leave out what is not of the wing$"),
+        (FileLimits(depth=5), r"has elements more than 5 levels deep"),
     ],
 )
 def test_a_file_beyond_the_limits_is_refused(limits, said, tmp_path):
@@ -82,7 +82,7 @@ def test_a_file_beyond_the_limits_is_refused(limits, said, tmp_path):
 
 def test_memory_is_bounded_by_the_limits(tmp_path):
     """Elements, attributes and levels that come to nothing: each takes little more than it takes in the file."""
-    path, limits = tmp_path / "wide.xml", Limits(size=300_000, elements=30_000, depth=50)
+    path, limits = tmp_path / "wide.xml", FileLimits(size=300_000, elements=30_000, depth=50)
     for text in ("<a b=''/>" * 29_000, "<a>" * 49 + "</a>" * 49, "".join(f"<a uID='{i}'/>" for i in range(15_000))):
         path.write_text(f"<c>{text}</c>")
         tracemalloc.start()
@@ -148,7 +148,7 @@ def test_what_is_not_read_is_one_sentence(words, tmp_path):
 def test_settings_take_hinge_and_angle_from_it(tmp_path):
     written(tmp_path)
     (tmp_path / "job.toml").write_text("[[surface]]\npatches = 'a'\ncpacs = 'aircraft.xml'\ndevice = 'flap=-1'\n")
-    moving = job_settings(read_job(tmp_path / "job.toml")).job().surfaces[0]
+    moving = job_settings(read_job(tmp_path / "job.toml")).jobs()[0].surfaces[0]
     assert moving.amount == -20.0
     assert moving.motion.axis.point == pytest.approx([0.4375, 0.5, 0.0])
     for wrong in (
@@ -157,7 +157,7 @@ def test_settings_take_hinge_and_angle_from_it(tmp_path):
         {"cpacs": "x.xml", "device": "flap", "hinge": [[0, 0], [1, 0]]},
     ):
         with pytest.raises(InputError, match=r"go together|leave out hinge"):
-            job_settings({"surface": [{"patches": "a", "angle": 1, **wrong}]}).job()
+            job_settings({"surface": [{"patches": "a", "angle": 1, **wrong}]}).jobs()[0]
     with pytest.raises(InputError, match="the angle is given already"):
         hinge_and_angle(tmp_path / "aircraft.xml", "flap=1", 3.0)
 

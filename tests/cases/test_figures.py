@@ -6,8 +6,6 @@ from itertools import pairwise, permutations
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.aircraft import pictures as aircraft
-from sdm_deflect.cases.aircraft.pictures import cells_by_quality, histograms, shell, walls
 from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
 from sdm_deflect.cases.report.raster import rendered
 from sdm_deflect.cases.report.scene3d import (
@@ -27,6 +25,8 @@ from sdm_deflect.cases.report.scene3d import (
 )
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing.mesh import tets_of
+from studies import pictures as aircraft
+from studies.pictures import cells_by_quality, histograms, shell, walls
 from tests.pictures import differing, inked, pixels, shades, share
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -147,7 +147,7 @@ def test_png_is_written_small(tmp_path):
 def test_histograms_hold_every_cell_before_and_after(tail_run):
     run, _ = tail_run
     figure, text = histograms([run], ["+12 deg"])
-    near = np.isin(tets_of(run.mesh), run.deflections[0].plan.region.inside).any(axis=1)
+    near = np.isin(tets_of(run.mesh), run.deflection.boxes[0].plan.region.inside).any(axis=1)
     counts = [patch.get_data().values.sum() for patch in figure.axes[0].patches]
     assert counts == [len(near), len(near), near.sum(), near.sum()]
     assert "smallest" in text

@@ -108,7 +108,7 @@ def foam_points(path, n):
 def run(source, out, angle=5.0, **asked):
     """Deflect a file as the command does."""
     settings = settings_of(asked.pop("surfaces"), asked.pop("hinge"), angle, asked)
-    return command.deflect_file(Targets.of(source, out, (angle,)), settings.job(), Stopwatch(Told(silent)))
+    return command.deflect_file(Targets.of(source, out, (angle,)), settings.jobs(), Stopwatch(Told(silent)))
 
 
 def value(checks, name):
@@ -350,7 +350,7 @@ def test_a_source_that_changed_since_it_was_read_is_not_copied(tmp_path):
 def in_time(source, out):
     settings = settings_of("body", BODY["hinge"], 4.0, {})
     times = History((0.0, 1.0, 2.0), (0.0, 4.0, 2.0))
-    return deflect_in_time(target_of(source, out, times), settings.job(), times, Stopwatch(Told(silent)))
+    return deflect_in_time(target_of(source, out, times), settings.jobs(), times, Stopwatch(Told(silent)))
 
 
 @pytest.mark.parametrize("name", ["mesh", "mesh.su2"])

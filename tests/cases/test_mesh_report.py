@@ -17,7 +17,7 @@ from sdm_deflect.cases.report.folder import part_of, report_of_folder, write_def
 from sdm_deflect.cases.report.page import page
 from sdm_deflect.cases.report.pictures import Gallery
 from sdm_deflect.cases.report.scene3d import by_size, triangles_of
-from sdm_deflect.cases.report.slices import Plane, cut_cells, cut_walls, planes
+from sdm_deflect.cases.report.slices import CutPlane, cut_cells, cut_walls, planes
 from sdm_deflect.cases.report.turnable import TABLES, turnable
 from sdm_deflect.cases.run.output import RUN, check_report
 from sdm_deflect.deform.base.errors import InputError
@@ -41,7 +41,7 @@ EVERYWHERE = np.array([[-9.0] * 3, [9.0] * 3])
 
 
 def plane(axis, station):
-    return Plane(axis, station, "a plane", EVERYWHERE)
+    return CutPlane(axis, station, "a plane", EVERYWHERE)
 
 
 def area(polygon):
@@ -171,7 +171,7 @@ def blended(hinge):
     from sdm_deflect.cases.settings.job_settings import job_settings
 
     surface = {"patches": ["flap_*"], "hinge": hinge.tolist(), "angle": 3.0, "motion": "blended"}
-    return job_settings({"surface": [surface], "fixed": ["wing_*"]}).job()
+    return job_settings({"surface": [surface], "fixed": ["wing_*"]}).jobs()[0]
 
 
 def test_arrays_of_the_whole_mesh_are_in_the_vtu_file(coarse_wing, tmp_path):

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.mesher
 
 def data_of(run):
     """What the page of a run shows, of one that has just ended."""
-    return report_data_of(run.case, run.mesh, run.deflected, run.deflections).judged(run.checks, metrics(run))
+    return report_data_of(run.case, run.deflection).judged(run.checks, metrics(run))
 
 
 def seen(tab):
@@ -131,7 +131,7 @@ def test_threshold_shows_the_cells_below_it(aileron_run, opened):
     before = seen(tab)
     tab.locator("#scene-threshold").fill("0.8")
     assert changed(before, seen(tab)) > 500
-    near = run.deflections[0].plan.touched.rows[0]
+    near = run.deflection.boxes[0].plan.touched.rows[0]
     expected = np.count_nonzero(mean_ratio(run.deflected.points, tets_of(run.mesh)[near]) < 0.8)
     said = f"{expected} of {len(near)} cells below 0.80, 0 inverted"
     assert tab.locator("#scene-count").inner_text() == said
@@ -154,8 +154,9 @@ def test_every_picture_says_what_it_shows(aileron_run, opened):
 def test_names_cannot_inject_markup(aileron_run, opened, tmp_path):
     run, _ = aileron_run
     names = tuple(EVIL if name == "fin" else name for name in run.mesh.names)
-    mesh, deflected = (labelled.changed(one, names=names) for one in (run.mesh, run.deflected))
-    data = data_of(replace(run, case=replace(run.case, title=EVIL, name=EVIL), mesh=mesh, deflected=deflected))
+    data = data_of(replace(run, case=replace(run.case, title=EVIL, name=EVIL)))
+    drawn = tuple(EVIL if name == "fin" else name for name in data.drawn)
+    data = replace(data, mesh=labelled.changed(run.mesh, names=names), drawn=drawn)
     (tmp_path / "report.html").write_text(page(data, Gallery(())), encoding="utf-8")
     tab, _, complaints = opened(tmp_path / "report.html")
     assert "broken" not in tab.title().replace(EVIL, "")

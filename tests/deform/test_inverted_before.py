@@ -127,7 +127,7 @@ def test_a_repair_ends_where_no_cell_is_inverted_that_was_not_before():
 def test_an_excerpt_counts_the_same_cells():
     mesh = floor("tetra")
     job = pulled(mesh, 0.9, "off")
-    part = excerpt(in_pieces(mesh), job, (1.0,), Elsewhere())
+    part = excerpt(in_pieces(mesh), (job,), (1.0,), Elsewhere())
     whole, found = (checked(deflect(Plan.of(one, job), 1.0)) for one in (mesh, part))
     assert found["inverted_cells"].value > 0
     for name in ("inverted_cells", "quality_min:tetra"):

@@ -2,9 +2,10 @@
 
 import pytest
 
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import write_interpolants
+from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
 
@@ -12,7 +13,8 @@ from sdm_deflect.meshing.formats.vtu_write import write_vtu
 def finished(tmp_path_factory, aileron_mesh):
     """The aileron at -12 degrees, and a folder with those files of a run that the examples read."""
     case, (mesh, _), folder = case_named("aileron"), aileron_mesh, tmp_path_factory.mktemp("aileron")
-    (result,) = deflected(case, plans_of(case, mesh))
+    plan = plan_of(case, mesh)
+    result = deflected(plan, plan.angle)
     write_interpolants(folder / "interpolant.npz", (result,))
     displacement = {"displacement": result.points - mesh.points}
     write_vtu(folder / "deflected.vtu", mesh.with_points(result.points), point_data=displacement)

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.api import deflect
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation, Table
 from sdm_deflect.deform.surface.surface import OnPatches
-from sdm_deflect.deform.volume.deflection import combined
+from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
 from tests.meshing.formats.wing import wing
 
@@ -75,8 +75,9 @@ def test_cases(meshes, name, angle, strategy):
     case = replace(case, angle=angle, adaptation=adaptation, repair="off", fighter=fighter)
     mesh = meshes["block" if case.domain == "block" else "aircraft"]
     kept = frozen(f"{name}{angle:+g}" + (f"_{strategy}" if strategy else ""))
-    results = deflected(case, plans_of(case, mesh))
-    points = combined(mesh, results)
+    plan = plan_of(case, mesh)
+    found = deflected(plan, plan.angle)
+    results, points = found.boxes, found.points
     assert np.abs(points - expected(mesh.points, kept)).max() < SAME
     centers = [[len(fit.chosen) for fit in one.steps[0].fits.adaptations] for one in results]
     assert centers == kept["centers"].tolist()

@@ -43,7 +43,7 @@ REFERENCE = "aircraft.pipeline.reference"
 SLOW = {
     "deflect": ("run.deflect_file.planned", "run.deflect_file.sweep", "report.page.page"),
     "run": (
-        "aircraft.pipeline.meshed", "aircraft.pipeline.plans_of", "aircraft.pipeline.deflected",
+        "aircraft.pipeline.meshed", "aircraft.pipeline.plan_of", "aircraft.pipeline.deflected",
         "aircraft.pipeline.whole_mesh_seconds", REFERENCE, "aircraft.validation.validate", "report.page.page",
     ),
     "report": ("aircraft.report.report_data_of_folder", "report.page.page"),

@@ -69,22 +69,22 @@ def test_interpolant_file_alone_gives_the_interior(aileron_run):
     run, folder = aileron_run
     with np.load(folder / "interpolant.npz", allow_pickle=False) as file:
         assert str(file["kernel"]) == "thin_plate_spline"
-        inner = np.setdiff1d(run.deflections[0].plan.region.inside, run.mesh.on(*run.mesh.names))
+        inner = np.setdiff1d(run.deflection.boxes[0].plan.region.inside, run.mesh.on(*run.mesh.names))
         x = run.mesh.points[inner]
         for column, d in enumerate("xyz"):
             r = np.linalg.norm(x[:, None] - file[f"centers_{d}"], axis=2)
             phi = r**2 * np.log(np.where(r > 0.0, r, 1.0))
             s = np.column_stack([np.ones(len(x)), x]) @ file[f"alpha_{d}"] + phi @ file[f"beta_{d}"]
-            moved = (run.deflections[0].interpolated - run.mesh.points)[inner, column]
+            moved = (run.deflection.boxes[0].interpolated - run.mesh.points)[inner, column]
             np.testing.assert_allclose(s, moved, atol=1e-11)
 
 
 def test_trailing_edge_turns_and_all_else_stays(aileron_run):
     run, _ = aileron_run
     moved = np.any(run.deflected.points != run.mesh.points, axis=1)
-    assert set(np.flatnonzero(moved)) <= set(run.deflections[0].plan.region.inside)
+    assert set(np.flatnonzero(moved)) <= set(run.deflection.boxes[0].plan.region.inside)
     still = run.mesh.on(*(n for n in run.mesh.names if n != "aileron_left"))
-    interpolated = run.deflections[0].interpolated  # a repair may move nodes within the planes of the wing
+    interpolated = run.deflection.boxes[0].interpolated  # a repair may move nodes within the planes of the wing
     assert interpolated[still].tobytes() == run.mesh.points[still].tobytes()
     nodes = run.mesh.on("aileron_left")
     trailing = nodes[run.mesh.points[nodes, 0] > run.case.fighter.wing.x_te - 1e-6]
@@ -93,10 +93,10 @@ def test_trailing_edge_turns_and_all_else_stays(aileron_run):
 
 
 def test_squv_needs_fewest_centres_in_y_and_both_strategies_converge(aileron_run, aileron_mv_run):
-    squv = {f.components[0]: f for f in aileron_run[0].deflections[0].steps[0].fits.adaptations}
+    squv = {f.components[0]: f for f in aileron_run[0].deflection.boxes[0].steps[0].fits.adaptations}
     assert len(squv[1].chosen) < min(len(squv[0].chosen), len(squv[2].chosen))
     for run, _ in (aileron_run, aileron_mv_run):
-        for fit in run.deflections[0].steps[0].fits.adaptations:
+        for fit in run.deflection.boxes[0].steps[0].fits.adaptations:
             assert fit.history[-1].max_residual < run.case.adaptation.tolerance
 
 

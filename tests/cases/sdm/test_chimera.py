@@ -8,7 +8,7 @@ import numpy as np
 import overset_flow
 import pytest
 
-from sdm_deflect.cases.aircraft.job import BLOCK, block_stations, deflected, plans_of
+from sdm_deflect.cases.aircraft.job import BLOCK, block_stations, plan_of
 from sdm_deflect.cases.aircraft.overset import has_donor, orphans
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.run_folder import read_run, undeflected_models
@@ -16,7 +16,7 @@ from sdm_deflect.cases.aircraft.stored import judged
 from sdm_deflect.cases.flow.setup import Setup
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.volume.deflection import combined
+from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.geometry.parameters import Aileron, Fighter
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
@@ -99,8 +99,8 @@ def test_a_case_without_a_block_has_no_donors():
 def test_block_and_background_are_one_overset_case(chimera_run, tmp_path):
     run, _ = chimera_run
     case = replace(run.case, angle=-12.0)
-    flow = run.mesh
-    block = flow.with_points(combined(flow, deflected(case, plans_of(case, flow))))
+    plan = plan_of(case, run.mesh)
+    block = run.mesh.with_points(deflected(plan, plan.angle).points)
     folder = tmp_path / "overset"
     overset_flow.write_overset(block, run.background, BLOCK, Setup(), folder)
     types = {patch.name: patch.type for patch in parse(open_foam(folder / MESH, "boundary").text())}

@@ -13,10 +13,10 @@ import pytest
 from skfem import Basis, ElementTetP1, MeshTet, condense, solve
 from skfem.models.poisson import laplace
 
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.export import export_run
-from sdm_deflect.deform.volume.deflection import combined
+from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import skin, tets_of
@@ -72,8 +72,8 @@ def bent(make_mesh, tmp_path_factory):
         if name not in made:
             case = case_of(name)
             mesh, _ = make_mesh(case)
-            flow = mesh
-            after = mesh.with_points(combined(flow, deflected(case, plans_of(case, flow))))
+            plan = plan_of(case, mesh)
+            after = mesh.with_points(deflected(plan, plan.angle).points)
             folder = tmp_path_factory.mktemp(name)
             write_vtu(folder / "undeflected.vtu", mesh)
             write_vtu(folder / "deflected.vtu", after)

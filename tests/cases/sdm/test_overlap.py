@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.case import Confinement
-from sdm_deflect.cases.aircraft.job import plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.base.errors import InputError
 
@@ -28,4 +28,4 @@ def test_overlapping_pair_is_named(make_mesh):
     mesh, _ = make_mesh(case)
     pair = tuple(d for d in case.deflections if d.surface in ("tail_left", "rudder"))
     with pytest.raises(InputError, match=r"boxes of tail_left and rudder overlap by .*smaller \(confinement\.up, down"):
-        plans_of(replace(case, deflections=pair), mesh)
+        plan_of(replace(case, deflections=pair), mesh)

@@ -53,10 +53,10 @@ def changed(folder, change):
 def test_a_repaired_run_tells_of_it_and_passes_again(finished, failing):
     run, folder = finished
     figures = json.loads((folder / "metrics.json").read_text())
-    repair, repaired = vtu_arrays(folder / "deflected.vtu")["repair"], run.deflections[0].repaired
+    repair, repaired = vtu_arrays(folder / "deflected.vtu")["repair"], run.deflection.boxes[0].repaired
     assert figures["repair"]["moved"] == len(repaired.moved) == np.count_nonzero(repair.any(axis=1))
     before = figures["repair"]["quality"]["tetra"]["min"]
-    assert before < figures["quality_inside"]["after"]["tetra"]["min"] == run.deflections[0].quality[0].min
+    assert before < figures["quality_inside"]["after"]["tetra"]["min"] == run.deflection.boxes[0].quality[0].min
     assert run.passed
     assert failing(folder) == set()
 

@@ -18,7 +18,7 @@ def test_every_check_passes(tail_run):
 
 def test_quality_of_the_cells_at_the_box_falls_by_less_than_a_tenth(tail_run):
     run, _ = tail_run
-    (before,), (after,) = run.deflections[0].plan.before, run.deflections[0].quality
+    (before,), (after,) = run.deflection.boxes[0].plan.before, run.deflection.boxes[0].quality
     assert after.p01 > before.p01 - 0.1
     assert after.mean > before.mean - 0.03
     assert after.min >= run.case.limits.quality_min  # a single cell, which the mesher makes now better, now worse
@@ -32,7 +32,7 @@ def test_beyond_the_root_region_the_tail_is_rigid(tail_run):
     reach = fuselage_cylinder(run.case.fighter).radius + run.case.blending.root
     outboard = np.abs(run.mesh.points[nodes, 1]) > reach
     assert outboard.sum() > 50
-    interpolated = run.deflections[0].interpolated[nodes]
+    interpolated = run.deflection.boxes[0].interpolated[nodes]
     np.testing.assert_allclose(interpolated[outboard], rigid[outboard], atol=1e-15)
     assert np.linalg.norm(interpolated - rigid, axis=1).max() > 1e-4  # the root was extended
 

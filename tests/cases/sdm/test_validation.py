@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.validation import plane_deviation, validate
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.volume.deflection import deflected
 from tests.cases.sdm.deflected_cad import built
 
 pytestmark = pytest.mark.mesher
@@ -16,8 +17,8 @@ pytestmark = pytest.mark.mesher
 def checked(run, points, case=None):
     """The checks of these points by name."""
     case = case or run.case
-    plans = plans_of(case, run.mesh)
-    checks = validate(case, run.mesh, run.mesh.with_points(points), plans, built(case))
+    plan = plan_of(case, run.mesh)
+    checks = validate(case, run.mesh, run.mesh.with_points(points), plan, built(case))
     return {check.name: check for check in checks}
 
 
@@ -72,7 +73,7 @@ def test_a_bulged_panel_is_noticed(tail_run):
     run, _ = tail_run
     points = run.deflected.points.copy()
     panel = np.setdiff1d(run.mesh.on("fuselage_panel_left"), run.mesh.on("fuselage", "fuselage_rear", "tail_left"))
-    panel = np.intersect1d(panel, run.deflections[0].plan.region.inside)
+    panel = np.intersect1d(panel, run.deflection.boxes[0].plan.region.inside)
     points[panel, 1:] *= 1.0 + 1e-9
     assert failing(run, points) == {"cylindricity"}
 
@@ -97,7 +98,7 @@ def test_one_moved_border_node_is_noticed(tail_run):
 def test_one_node_moved_outside_is_noticed(aileron_run):
     run, _ = aileron_run
     points = run.deflected.points.copy()
-    inner = np.setdiff1d(np.arange(len(points)), run.deflections[0].plan.region.inside)
+    inner = np.setdiff1d(np.arange(len(points)), run.deflection.boxes[0].plan.region.inside)
     inner = np.setdiff1d(inner, run.mesh.on(*run.mesh.names))
     points[inner[0], 2] = np.nextafter(points[inner[0], 2], 1.0)
     assert failing(run, points) == {"outside_moved"}
@@ -106,7 +107,7 @@ def test_one_node_moved_outside_is_noticed(aileron_run):
 def test_a_node_of_the_panel_that_slides_outside_is_noticed(tail_run):
     run, _ = tail_run
     points = run.deflected.points.copy()
-    panel = np.setdiff1d(run.mesh.on("fuselage_panel_left"), run.deflections[0].plan.region.inside)
+    panel = np.setdiff1d(run.mesh.on("fuselage_panel_left"), run.deflection.boxes[0].plan.region.inside)
     panel = np.setdiff1d(panel, run.mesh.on(*(name for name in run.mesh.names if name != "fuselage_panel_left")))
     points[panel[0], 0] += 1e-6
     assert failing(run, points) == {"outside_moved"}
@@ -115,7 +116,7 @@ def test_a_node_of_the_panel_that_slides_outside_is_noticed(tail_run):
 def test_one_inverted_cell_is_noticed(aileron_run):
     run, _ = aileron_run
     points = run.deflected.points.copy()
-    free = np.setdiff1d(run.deflections[0].plan.region.inside, run.mesh.on(*run.mesh.names))
+    free = np.setdiff1d(run.deflection.boxes[0].plan.region.inside, run.mesh.on(*run.mesh.names))
     points[free[0]] += [0.0, 0.0, 0.05]
     assert {"inverted_cells", "quality_min"} <= failing(run, points)
 
@@ -135,7 +136,8 @@ def test_deviation_from_a_plane_is_the_height_of_a_bump():
 def test_steps_are_taken_where_one_would_invert_cells(chimera_run):
     run, _ = chimera_run
     stiff = replace(run.case, confinement=replace(run.case.confinement, slide=False), repair="off")
-    (result,) = deflected(stiff, plans_of(stiff, run.mesh))
+    plan = plan_of(stiff, run.mesh)
+    result = deflected(plan, plan.angle)
     assert len(result.steps) > 1
     boundary = result.plan.boundary
     np.testing.assert_allclose(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import tomli_w
 
-from sdm_deflect.cases.aircraft.job import deflected, plans_of
+from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.report import interactive_run
 from sdm_deflect.cases.aircraft.run_folder import write_deformation
@@ -16,7 +16,7 @@ from sdm_deflect.cases.run.mesh_files import SETTINGS, write_mesh
 from sdm_deflect.cases.run.output import write_interpolants
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.progress import silent
-from sdm_deflect.deform.volume.deflection import adapted_steps, combined
+from sdm_deflect.deform.volume.deflection import Deflections, adapted_steps, deflected
 
 
 @pytest.fixture(scope="session")
@@ -25,18 +25,18 @@ def bare_run(tmp_path_factory, make_mesh):
 
     def run(case, solve=deflected):
         mesh, _ = make_mesh(case)
-        flow = mesh
-        results = solve(case, plans_of(case, flow))
+        plan = plan_of(case, mesh)
+        found = solve(plan, plan.angle)
         folder = tmp_path_factory.mktemp(case.name)
-        write_deformation(folder, case, mesh, mesh.with_points(combined(flow, results)), results, None)
+        write_deformation(folder, case, mesh.with_points(found.points), found, None)
         return folder
 
     return run
 
 
-def in_two_steps(case, plans):
+def in_two_steps(plan, angle):
     """Deflect in two steps, which a run does only where one inverts cells."""
-    return tuple(adapted_steps(plan, case.angle, 2, silent) for plan in plans)
+    return Deflections.of([adapted_steps(box, angle, 2, silent) for box in plan.boxes])
 
 
 @pytest.fixture(scope="session")
@@ -58,7 +58,7 @@ def written(folder, one):
     figures = {"mesh": {"points": len(one.points)}}
     (folder / "metrics.json").write_text(json.dumps(figures), encoding="utf-8")
     write_deflected(folder / "deflected.vtu", one)
-    write_interpolants(folder / "interpolant.npz", [one])
+    write_interpolants(folder / "interpolant.npz", one.boxes)
     return folder
 
 

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume import deflection
-from sdm_deflect.deform.volume.deflection import Plan, combined, deflect, sweep
+from sdm_deflect.deform.volume.deflection import Plan, Plans, deflect, sweep
 from sdm_deflect.deform.volume.step import adapted, rate, solve
 from tests.deform.blocks import two_bodies
 from tests.deform.jobs import FLAP, blended, job, turn
@@ -168,18 +169,47 @@ def test_steps_end_where_one_step_does_and_at_the_places_asked_for(block):
     assert np.array_equal(four.points[moving], block.points[moving] + plan.boundary.displacement((10.0,)))
 
 
-def test_deflections_of_one_mesh_are_carried_out_together():
+def sides(width=0.9, angles=(10.0, 10.0)):
+    return [
+        job((name,), [[x, 0, 0], [x, 1, 0]], angle, box=[[x - width, -1.4, -1.5], [x + width, 1.4, 1.5]])
+        for name, x, angle in (("left", -1.25, angles[0]), ("right", 1.25, angles[1]))
+    ]
+
+
+def test_several_boxes_of_one_mesh_give_what_each_gives_alone():
+    mesh, jobs = two_bodies(), sides(angles=(10.0, -4.0))
+    plan = Plans.of(mesh, jobs, (5.0, 10.0))
+    found = dict(sweep(plan, (5.0, 10.0)))
+    for i, angles in ((0, (5.0, -2.0)), (1, (10.0, -4.0))):
+        both, rest = found[i], np.ones(len(mesh.points), dtype=bool)
+        for k, (own, angle) in enumerate(zip(jobs, angles, strict=True)):
+            alone = Plan.of(mesh, own, [(5.0, 10.0), (-2.0, -4.0)][k])
+            one = dict(sweep(alone, alone.angles))[i]
+            assert one.angle == angle
+            assert np.array_equal(both.points[alone.changed], one.points[alone.changed])
+            assert np.array_equal(both.boxes[k].points, one.points)
+            rest[alone.changed] = False
+        assert np.array_equal(both.points[rest], mesh.points[rest])
+        assert both.amounts == angles
+        assert not both.inverted
+    assert plan.touched.count == sum(part.touched.count for part in plan.boxes)
+    checks = {check.name: check for check in checks_of(found[1])}
+    assert {"site_error:left", "site_error:right", "outside_moved", "quality_min:hexahedron"} < checks.keys()
+    assert all(check.passed for check in checks.values())
+
+
+def test_the_sensitivity_of_several_boxes_is_per_degree_of_the_first():
     mesh = two_bodies()
-    left, right = (
-        Plan.of(mesh, job((name,), [[x, 0, 0], [x, 1, 0]], box=[[x - 0.9, -1.4, -1.5], [x + 0.9, 1.4, 1.5]]))
-        for name, x in (("left", -1.25), ("right", 1.25))
-    )
-    one, other = deflect(left, 10.0), deflect(right, 10.0)
-    both = combined(mesh, (one, other))
-    assert np.array_equal(both[left.changed], one.points[left.changed])
-    assert np.array_equal(both[right.changed], other.points[right.changed])
-    rest = np.setdiff1d(np.arange(len(both)), np.union1d(left.changed, right.changed))
-    assert np.array_equal(both[rest], mesh.points[rest])
+    ((_, both),) = sweep(Plans.of(mesh, sides(angles=(10.0, -5.0))), (10.0,))
+    one, other = (deflect(Plan.of(mesh, own), own.angle) for own in sides(angles=(10.0, -5.0)))
+    nodes = other.plan.changed
+    assert np.array_equal(both.sensitivity()[one.plan.changed], one.sensitivity()[one.plan.changed])
+    np.testing.assert_allclose(both.sensitivity()[nodes], -0.5 * other.sensitivity()[nodes], rtol=1e-12, atol=1e-15)
+
+
+def test_boxes_that_overlap_are_refused():
+    with pytest.raises(InputError, match=r"the boxes of left and right overlap by 0\.1; make them smaller"):
+        Plans.of(two_bodies(), sides(1.3))
 
 
 def test_the_mesh_given_is_never_touched(block):

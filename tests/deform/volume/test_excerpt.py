@@ -11,7 +11,7 @@ from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.mesh.pieces import MeshInPieces, Threads
 from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.deform.volume.box import Automatic
-from sdm_deflect.deform.volume.deflection import Plan, deflect
+from sdm_deflect.deform.volume.deflection import Plan, Plans, deflect, sweep
 from tests.deform.blocks import block_with_body, joined, two_bodies
 from tests.deform.jobs import job
 from tests.limits import limited
@@ -95,7 +95,7 @@ MESHES = {
 def test_points_and_cells_of_a_deflection(name, runner):
     mesh, moving = MESHES[name]
     own = job(moving, angle=4.0, fixed=far(mesh.names, *moving), box=Automatic(margin=0.6))
-    part = excerpt.excerpt(in_pieces(mesh), own, (4.0,), runner)
+    part = excerpt.excerpt(in_pieces(mesh), (own,), (4.0,), runner)
     assert len(part.points) < len(mesh.points)
     numbers = part.numbers(np.arange(len(part.points)))
     assert (np.diff(numbers) > 0).all()
@@ -110,12 +110,26 @@ def test_points_and_cells_of_a_deflection(name, runner):
     assert found.quality == whole.quality
 
 
+def test_an_excerpt_holds_what_lies_in_any_of_several_boxes():
+    mesh, hinges = two_bodies(), {"left": -1.25, "right": 1.25}
+    jobs = [
+        job((name,), [[x, 0, 0], [x, 1, 0]], 4.0, box=[[x - 0.9, -1.4, -1.5], [x + 0.9, 1.4, 1.5]])
+        for name, x in hinges.items()
+    ]
+    part = excerpt.excerpt(in_pieces(mesh), jobs, (4.0,), Elsewhere())
+    numbers = part.numbers(np.arange(len(part.points)))
+    (_, whole), (_, found) = (next(sweep(Plans.of(one, jobs, (4.0,)), (4.0,))) for one in (mesh, part))
+    np.testing.assert_array_equal(found.points, whole.points[numbers])
+    assert found.plan.touched.count == whole.plan.touched.count
+    assert found.quality == whole.quality
+
+
 @pytest.mark.parametrize("runner", [Threads(), Elsewhere()], ids=["threads", "elsewhere"])
 def test_cells_of_the_other_hand_are_judged_as_such(runner):
     mesh = block_with_body()
     turned = Mesh(mesh.points, (Cells("hexahedron", mesh.cells[0].nodes[:, [0, 3, 2, 1, 4, 7, 6, 5]]),), mesh.patches)
     own = job(("body",), angle=4.0, fixed=far(mesh.names, "body"))
-    part = excerpt.excerpt(in_pieces(turned), own, (4.0,), runner)
+    part = excerpt.excerpt(in_pieces(turned), (own,), (4.0,), runner)
     assert (part.whole.orientation, part.whole.inverted) == ((-1.0,), (0,))
     assert Plan.of(turned, own).touched.orientation == (-1.0,)
 
@@ -130,14 +144,14 @@ def test_a_job_that_does_not_suit_is_refused_before_cells_are_read():
     one = MeshInPieces("block", NoCells(mesh), mesh.patches, mesh.zones)
     for own, said in ((job(("bod",)), "'bod' is no patch"), (job(("body",), fixed=("bogus",)), "'bogus' is no patch")):
         with pytest.raises(InputError, match=said):
-            excerpt.excerpt(one, own, (4.0,), Threads())
+            excerpt.excerpt(one, (own,), (4.0,), Threads())
 
 
 def test_a_mesh_without_cells_and_a_patch_beyond_the_points():
     mesh = block_with_body()
     own = job(("body",), angle=4.0, fixed=far(mesh.names, "body"))
     with pytest.raises(InputError, match="there are no volume cells"):
-        excerpt.excerpt(in_pieces(Mesh(mesh.points, (), mesh.patches)), own, (4.0,), Threads())
+        excerpt.excerpt(in_pieces(Mesh(mesh.points, (), mesh.patches)), (own,), (4.0,), Threads())
     short = Held(Mesh(mesh.points[:700], (), ()))
     with pytest.raises(InputError, match="patches name points that are not among the 700"):
-        excerpt.excerpt(MeshInPieces("block", short, mesh.patches, ()), own, (4.0,), Threads())
+        excerpt.excerpt(MeshInPieces("block", short, mesh.patches, ()), (own,), (4.0,), Threads())

@@ -152,7 +152,7 @@ def test_sensitivities_are_central_differences(name, turned):
 def test_an_excerpt_gives_the_same_bits(name, turned):
     mesh, wanted = made(name)
     pieces = MeshInPieces(mesh.name, Held(mesh), mesh.patches, mesh.zones, periodic=mesh.periodic)
-    some = excerpt(pieces, wanted, (), Elsewhere())
+    some = excerpt(pieces, (wanted,), (), Elsewhere())
     found = deflect(Plan.of(some, wanted), 10.0)
     points = mesh.points.copy()
     points[some.whole.nodes] = found.points

@@ -72,7 +72,7 @@ def cells_by_quality(mesh: Mesh, chosen: BoolArray, **looks: Any) -> Layer:
 
 def overlapping(run: Run, background: Mesh) -> View:
     """Look at the block around the aileron from behind, port and above."""
-    corners = block_corners(run.case.fighter, run.case.block, run.deflections[0].plan.surface)
+    corners = block_corners(run.case.fighter, run.case.block, run.deflection.boxes[0].plan.surface)
     around = scene3d.patches(background, walls(background), edge=(120, 120, 120), width=0.4)
     own = scene3d.patches(run.mesh, walls(run.mesh), edge=(60, 60, 60), width=0.6)
     outside = scene3d.plain(run.mesh.points, triangles_of(run.mesh, BLOCK), scene3d.MAGENTA, opacity=0.12)
@@ -94,7 +94,7 @@ def gaps(runs: Sequence[Run]) -> Picture:
 
 def gap(run: Run) -> View:
     """Look at the gap from behind and a little from above and inboard."""
-    plan, mesh = run.deflections[0].plan, run.deflected
+    plan, mesh = run.deflection.boxes[0].plan, run.deflected
     own, face, end = stations(run)
     width = abs(face - own)
     grey = scene3d.patches(mesh, walls(mesh), scene3d.DARK)
@@ -107,7 +107,7 @@ def gap(run: Run) -> View:
 
 def stations(run: Run) -> tuple[float, float, FloatArray]:
     """Return y of the aileron's end and of the block's face in the gap, and the aileron's section (3, 3) there."""
-    surface, fighter = run.deflections[0].plan.surface, run.case.fighter
+    surface, fighter = run.deflection.boxes[0].plan.surface, run.case.fighter
     section = ends(fighter, surface)[0][2:5]
     return float(ribs(fighter, surface)[0]), float(gap_faces(fighter, run.case.block, surface)[0]), section
 
@@ -126,10 +126,10 @@ def in_gap(run: Run) -> BoolArray:
 
 def confinement(run: Run) -> Picture:
     """Figure 6: surface meshes of tail and panel, the hexahedron and the zero sites on its faces."""
-    plan, mesh = run.deflections[0].plan, run.mesh
+    plan, mesh = run.deflection.boxes[0].plan, run.mesh
     surface = plan.surface
     shown = scene3d.patches(mesh, (surface, panel_of(surface)), edge=(60, 60, 60), width=0.7)
-    others = [name for name in walls(mesh) if name not in run.deflections[0].plan.patches]
+    others = [name for name in walls(mesh) if name not in run.deflection.boxes[0].plan.patches]
     rest = scene3d.patches(mesh, others, scene3d.GREY, opacity=0.25)
     zero = tuple(scene3d.dots(part.points, scene3d.BLUE, 10.0) for part in plan.sites.zero)
     corners = plan.region.hexahedron.corners
@@ -157,9 +157,9 @@ def around(run: Run) -> Picture:
 
 def section(run: Run, mesh: Mesh) -> View:
     """Look from the tip at the cells inboard of a cut across the tail."""
-    span, region = ends(run.case.fighter, run.deflections[0].plan.surface), run.deflections[0].plan.region
+    span, region = ends(run.case.fighter, run.deflection.boxes[0].plan.surface), run.deflection.boxes[0].plan.region
     middle = (1.0 - CUT) * span[0].mean(axis=0) + CUT * span[1].mean(axis=0)
-    grey = scene3d.patches(mesh, (run.deflections[0].plan.surface,), scene3d.GREY)
+    grey = scene3d.patches(mesh, (run.deflection.boxes[0].plan.surface,), scene3d.GREY)
     y = run.mesh.points[tets_of(run.mesh), 1].mean(axis=1)
     chosen = touching(run.mesh, region.inside) & (np.abs(y) < abs(middle[1]))
     cells = cells_by_quality(mesh, chosen, width=0.8)  # chosen by where they were before the deflection
@@ -168,7 +168,7 @@ def section(run: Run, mesh: Mesh) -> View:
 
 def panel(run: Run, mesh: Mesh) -> View:
     """Look from behind at the fuselage panels with their surface meshes; all else is shaded."""
-    surface = run.deflections[0].plan.surface
+    surface = run.deflection.boxes[0].plan.surface
     meshed = [name for name in walls(mesh) if name.startswith("fuselage_")]
     shaded = [name for name in walls(mesh) if name not in meshed and not name.startswith("wing")]
     layers = (
@@ -200,7 +200,7 @@ def histograms(runs: Sequence[Run], titles: Sequence[str]) -> tuple[Figure, str]
 def pair(run: Run, axes: Axes, title: str) -> str:
     """Draw the histograms of one run: of the whole mesh as in the paper, and of the cells that touch the hexahedron."""
     before, after = (mean_ratio(mesh.points, tets_of(mesh)) for mesh in (run.mesh, run.deflected))
-    near = touching(run.mesh, run.deflections[0].plan.region.inside)
+    near = touching(run.mesh, run.deflection.boxes[0].plan.region.inside)
     bars(axes, after, BINS, "deflected", color="#d55e00", alpha=0.5, fill=True)
     bars(axes, before, BINS, "undeflected", color="black", lw=1.4)
     bars(axes, after[near], BINS, "deflected, at the hexahedron", color="#0072b2", lw=1.8)
