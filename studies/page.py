@@ -1,4 +1,4 @@
-"""The page `docs/paper.md`: every table and figure of the paper's section 5, every sentence from the numbers."""
+"""The page `docs/paper.md`: measures the tables and figures of the paper's section 5 and fills in `paper.md.jinja`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 from numba import get_num_threads
 
@@ -20,25 +21,16 @@ from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import Strategy
 from sdm_deflect.meshing.files.temporary import scratch_folder
 from sdm_deflect.meshing.mesh import tets_of
+from studies import centres_findings
 from studies import pictures as aircraft
-from studies import sections, verdicts
-from studies.centres_page import why
-from studies.files import write_csv, write_plot
+from studies.files import markdown, write_csv, write_plot
 from studies.measure import run_study, sites_of, timed
 from studies.paper import paper
-from studies.sections import Page, Text
-from studies.stored import FILE, REASONS, Counted, Reasons, Seen, Stored, read_json, read_result, write_json
+from studies.stored import FILE, REASONS, Counted, Page, Reasons, Seen, Stored, read_json, read_result, write_json
+from studies.trials import CASES, cell
+from studies.verdicts import PLACES, because, counted, verdicts
 
-INTRODUCTION = """# The paper's section 5, measured here
-
-This page is made by `python -m studies page --scale {scale} --out docs`; no sentence on it is written by hand that a
-measurement could contradict. Each verdict compares numbers: "holds" where the trend that the paper names is found in
-ours, "does not hold" where it is not. Every trend holds on the paper's own numbers by the same tests."""
-TERMS = """Our times are wall times on {threads} threads; the paper's are CPU times on {machine}.
-They can be compared within a column, not across. Geometry and meshes are our own (scale `{scale}`), so numbers of
-iterations and centres differ. The deformed meshes of the figures were made with the paper's settings and its rule of
-adding centres. What was measured is kept in `tables`; `python -m studies page --again --out docs`
-writes the page from it."""
+TEMPLATE = "paper.md.jinja"
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,19 +157,19 @@ def write_page(scale: str, folder: Path, display: Display, cache: bool = True, k
     stored = Stored(scale, get_num_threads())
     with scratch_folder() as scratch:
         runs = Sources(scale, scratch, display, cache)
-        for title, (measure, _) in SECTIONS.items():
-            _measured(title, measure, runs, stored, folder)
+        for name, measure in SECTIONS.items():
+            _measured(name, measure, runs, stored, folder)
     write_json(stored, folder / "tables" / FILE)
     write_again(folder, folder, kept or folder)
 
 
-def _measured(title: str, measure: Measure, runs: Sources, stored: Stored, folder: Path) -> None:
+def _measured(name: str, measure: Measure, runs: Sources, stored: Stored, folder: Path) -> None:
     try:
         measure(runs, stored, folder)
     except (ValueError, RuntimeError) as error:
         if not is_reported(error):
             raise
-        stored.missing[title] = str(error)
+        stored.missing[name] = str(error)
 
 
 def read_page(folder: Path, kept: Path | None = None) -> Page:
@@ -190,15 +182,25 @@ def read_page(folder: Path, kept: Path | None = None) -> Page:
 
 def write_again(source: Path, folder: Path, kept: Path | None = None) -> None:
     """Write paper.md into `folder` from what is stored in `source`; nothing is measured."""
-    page = read_page(source, kept)
-    known = {"scale": page.stored.scale, "threads": page.stored.threads, "machine": paper().machine}
-    parts = [INTRODUCTION.format(**known), verdicts.summary(page), TERMS.format(**known)]
-    for title, (_, text) in SECTIONS.items():
-        why_not = page.stored.missing.get(title)
-        parts.append(f"## {title}\n\n{f'Not made: {why_not}.' if why_not else text(page)}")
-    if page.reasons is not None:
-        parts.append(why(page))
-    (folder / "paper.md").write_text(sections.joined(parts) + "\n", encoding="utf-8")
+    text = text_of(read_page(source, kept))
+    (folder / "paper.md").write_text(text, encoding="utf-8")
+
+
+def text_of(page: Page) -> str:
+    """Return the page: the template with its numbers."""
+    jinja = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), autoescape=False, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    jinja.filters["number"] = format
+    tables = paper().tables
+    titles = {name: f"Table {name[-1]}: {table.title}" for name, table in tables.items()}
+    titles["table1"] = f"Table 1 and figure 2: {tables['table1'].title}"
+    return jinja.get_template(TEMPLATE).render(
+        stored=page.stored, results=page.results, paper=paper(), titles=titles, places=PLACES, cases=CASES, cell=cell,
+        verdicts=list(verdicts(page)), counted=counted(page), centres=centres_findings.numbers(page),
+        because=lambda verdict: because(verdict, page), body=lambda result: markdown(result).partition("\n\n")[2],
+    )  # fmt: skip
 
 
 _AILERON: Wanted = (("aileron", -12.0, "mv", "MV"), ("aileron", -12.0, "squv", "SQUV"))
@@ -206,25 +208,18 @@ _CHIMERA: Wanted = tuple(("aileron-chimera", angle, "squv", f"{angle:+g} deg") f
 _TAIL: Wanted = (("tail", 12.0, "squv", "+12 deg"),)
 
 
-def _table(name: str) -> tuple[Measure, Text]:
-    return partial(table, name=name), partial(sections.table, name=name)
-
-
-def _histograms(number: int, wanted: Wanted) -> tuple[Measure, Text]:
-    return partial(histograms, number=number, wanted=wanted), partial(sections.histograms, number=number)
-
-
-SECTIONS: dict[str, tuple[Measure, Text]] = {
-    "Figure 1: the configuration": (figure1, sections.figure1),
-    f"Table 1 and figure 2: {paper().tables['table1'].title}": _table("table1"),
-    f"Table 2: {paper().tables['table2'].title}": _table("table2"),
-    "Figure 3: mesh quality for the aileron without a gap, MV and SQUV": _histograms(3, _AILERON),
-    f"Table 3: {paper().tables['table3'].title}": _table("table3"),
-    "Figure 4: mesh quality for the aileron in the Chimera block": _histograms(4, _CHIMERA),
-    "Figure 5: the mesh in the gap": (figure5, partial(sections.checks, number=5, seen=sections.GAP_SEEN)),
-    "Figure 6: the tail, its hexahedron and data sites": (figure6, sections.figure6),
-    f"Table 4: {paper().tables['table4'].title}": _table("table4"),
-    "Figure 7: mesh quality for the tail": _histograms(7, _TAIL),
-    "Figure 8: the mesh around the tail": (figure8, partial(sections.checks, number=8, seen=sections.TAIL_SEEN)),
-    "Timings of section 5, for f_x": (timings, sections.timings),
+SECTIONS: dict[str, Measure] = {
+    "figure1": figure1,
+    "table1": partial(table, name="table1"),
+    "table2": partial(table, name="table2"),
+    "figure3": partial(histograms, number=3, wanted=_AILERON),
+    "table3": partial(table, name="table3"),
+    "figure4": partial(histograms, number=4, wanted=_CHIMERA),
+    "figure5": figure5,
+    "figure6": figure6,
+    "table4": partial(table, name="table4"),
+    "figure7": partial(histograms, number=7, wanted=_TAIL),
+    "figure8": figure8,
+    "timings": timings,
 }
+"""What measures each section of the page, by the section's name in the template."""

@@ -23,8 +23,7 @@ from sdm_deflect.meshing.mesh import tets_of
 from studies import centres
 from studies.measure import GMRES, GROWN, REPETITIONS, Result, Task, sites_of
 from studies.paper import Evaluation, Row, paper
-from studies.sections import Page
-from studies.stored import Calls, Reasons, Spoiled
+from studies.stored import Calls, Page, Reasons, Spoiled
 from studies.trends import among
 
 TIMES = 20

@@ -142,6 +142,15 @@ class Stored:
     missing: dict[str, str] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Page:
+    """All that is known when the page is written; `reasons` are None where they were not measured."""
+
+    stored: Stored
+    results: dict[str, Result]
+    reasons: Reasons | None
+
+
 def write_json(value: object, path: Path) -> None:
     """Write a dataclass."""
     path.write_text(json.dumps(asdict(value), indent=1) + "\n", encoding="utf-8")  # type: ignore[call-overload]

@@ -1,4 +1,4 @@
-"""Every verdict of the page of the paper in one table: what the paper says, whether it holds here, and why not."""
+"""The verdicts of the page of the paper: what the paper says, whether it holds here, and why not."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,11 +8,17 @@ from tomllib import loads
 
 from cattrs import structure
 
-from studies.measure import Result
+from studies.measure import Result, filter_is_cheap, savings
 from studies.reasons import figures_for
-from studies.sections import Page, evaluated, statement
+from studies.stored import Counted, Page
 from studies.trends import TRENDS, Finding
 
+SAID = {
+    "none": "At {:+g}° the deformed mesh has no cell below {:g}.",
+    "as before": "At {:+g}° no deterioration is visible below {:g}.",
+}
+SAVES = "confined evaluation is faster at least by the ratio of the numbers of points"
+CHEAP = "filter and confined evaluation together are cheaper than the whole mesh"
 UNKNOWN = "no reason was measured"
 PLACES = {
     "table1": "Table 1", "table2": "Table 2", "figure3": "Figure 3", "table3": "Table 3", "figure4": "Figure 4",
@@ -29,6 +35,12 @@ class Verdict:
     statement: str
     by: str
     finding: Finding
+
+    @property
+    def note(self) -> str:
+        """The loop or the strategy, as it stands behind the sentence."""
+        name = self.by if self.by in ("", "MV") else f"`{self.by}`"
+        return f" ({name})" if name else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +71,23 @@ def verdicts(page: Page) -> Iterator[Verdict]:
         if place in page.results:
             yield from _of_table(page.results[place])
         elif place == "timings":
-            for one, what, found in evaluated(page):
-                yield Verdict(place, f"{one.case}: {what}", "", found)
+            yield from _of_timings(page)
         for counted in page.stored.counted:
             if f"figure{counted.statement.figure}" == place:
-                by = "MV" if counted.strategy == "mv" else ""
-                yield Verdict(place, statement(counted), by, counted.finding())
+                yield _of_histogram(place, counted)
+
+
+def _of_timings(page: Page) -> Iterator[Verdict]:
+    for timed in page.stored.evaluations:
+        saved = savings(timed, page.stored.sizes[timed.case].points)
+        for statement, finding in ((SAVES, saved), (CHEAP, filter_is_cheap(timed))):
+            yield Verdict("timings", f"{timed.case}: {statement}", "", finding)
+
+
+def _of_histogram(place: str, counted: Counted) -> Verdict:
+    theirs = counted.statement
+    statement = SAID[theirs.finding].format(theirs.angle, theirs.below)
+    return Verdict(place, statement, "MV" if counted.strategy == "mv" else "", counted.finding())
 
 
 def _of_table(result: Result) -> Iterator[Verdict]:
@@ -89,17 +112,3 @@ def counted(page: Page) -> str:
     found = list(verdicts(page))
     good = sum(one.finding.holds for one in found)
     return f"Of {len(found)} verdicts on what the paper says {good} hold and {len(found) - good} do not."
-
-
-def summary(page: Page) -> str:
-    """Return the table with which the page opens."""
-    lines = [
-        f"{counted(page)} A sentence about "
-        "times is judged once for every loop with the paper's rule (their names are explained below table 1).",
-        "| | the paper says | here | measured; or why it does not hold |\n| --- | --- | --- | --- |",
-    ]
-    for one in verdicts(page):
-        by = f" (`{one.by}`)" if one.by and one.by != "MV" else " (MV)" if one.by else ""
-        verdict = one.finding.verdict if one.finding.holds else f"**{one.finding.verdict}**"
-        lines[-1] += f"\n| {PLACES[one.place]} | {one.statement}{by} | {verdict} | {because(one, page)} |"
-    return "\n\n".join(lines)
