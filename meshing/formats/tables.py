@@ -107,12 +107,12 @@ class Joined:
         return self.tables[0].width
 
     def read(self, start: int, stop: int) -> Array:
-        """See `Table.read`."""
+        """See `FileTable.read`."""
         none = self.tables[0].read(0, 0)
         return np.concatenate([none, *(table.read(low, high) for table, low, high in self._parts(start, stop))])
 
     def some(self, rows: IntArray) -> Array:
-        """See `Table.some`."""
+        """See `FileTable.some`."""
         order = np.argsort(rows, kind="stable")
         found, end = [], 0
         for table in self.tables:
@@ -154,15 +154,15 @@ class Held:
         return self.values.dtype.str
 
     def read(self, start: int, stop: int) -> Array:
-        """See `Table.read`."""
+        """See `FileTable.read`."""
         return self.values[start:stop]
 
     def some(self, rows: IntArray) -> Array:
-        """See `Table.some`."""
+        """See `FileTable.some`."""
         return self.values[rows]
 
     def integers(self) -> IntArray:
-        """See `Table.integers`."""
+        """See `FileTable.integers`."""
         return self.values.astype(np.intp)
 
 
