@@ -25,7 +25,7 @@ from scipy.optimize import nnls
 from benchmarks.large_block import DEGREES, write_block
 from benchmarks.measure import FloatArray
 from benchmarks.results import machine
-from sdm_deflect.deform.volume.excerpt import HELD
+from sdm_deflect.deform.base.limits import LIMITS
 
 EDGES = 100, 216, 464
 """Nodes along an edge."""
@@ -59,7 +59,7 @@ class Run:
     @property
     def room(self) -> list[float]:
         """What memory is proportional to."""
-        return [1.0, SIDE * self.nodes ** (2 / 3), self.inside, self.nodes * (self.nodes <= HELD)]
+        return [1.0, SIDE * self.nodes ** (2 / 3), self.inside, self.nodes * (self.nodes <= LIMITS.held)]
 
 
 def run(source: Path, edge: int, margin: float, tolerance: float) -> Run:

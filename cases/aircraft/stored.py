@@ -121,7 +121,7 @@ def _deflection(plan: Plan, courses: Sequence[Convergence], arrays: dict[str, An
 
         def fit(sliding: bool, values: FloatArray) -> Fits:
             pairs = zip(state.groups(values, sliding), (own for own in courses if own.step == k), strict=True)
-            return Fits(tuple(_fit(*pair, arrays, suffix, plan.sites) for pair in pairs), ())
+            return Fits(tuple(_fit(*pair, arrays, suffix, plan.sites) for pair in pairs))
 
         return solve(state, move, fit)
 

@@ -8,9 +8,9 @@ from scipy.spatial import KDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.meshing.formats.openfoam_write import header
+from sdm_deflect.meshing.formats.openfoam_write import CLASSES, header
 
-STARTED = {"U": "volVectorField", "p": "volScalarField", "T": "volScalarField"}
+STARTED = ("U", "p", "T")
 """What a compressible flow starts from."""
 UNIFORM = re.compile(rb"internalField\s+uniform\s+\(?([^;()]*)\)?\s*;")
 LISTED = re.compile(rb"internalField\s+nonuniform\s+List<(scalar|vector)>\s*(\d+)\s*\(")
@@ -33,13 +33,13 @@ def read_field(path: Path, cells: int) -> FloatArray:
     if uniform := UNIFORM.search(data):
         value = np.array([float(word) for word in uniform[1].split()])
         return np.full(cells, value[0]) if len(value) == 1 else np.tile(value, (cells, 1))
-    found = LISTED.search(data)
-    columns = 3 if found and found[1] == b"vector" else 1
-    size = 8 * columns * cells
-    if not found or int(found[2]) != cells or len(data) < found.end() + size + 1:
-        raise InputError(f"{path}: should have the values of {cells} cells; it is damaged, or of another mesh")
-    values = np.frombuffer(data, "<f8", columns * cells, found.end()).astype(np.float64)
-    return values.reshape(cells, 3) if columns == 3 else values
+    listed = LISTED.search(data)
+    if listed and int(listed[2]) == cells:
+        shape = (cells, 3) if listed[1] == b"vector" else (cells,)
+        count = int(np.prod(shape))
+        if len(data) > listed.end() + 8 * count:
+            return np.frombuffer(data, "<f8", count, listed.end()).astype(np.float64).reshape(shape)
+    raise InputError(f"{path}: should have the values of {cells} cells; it is damaged, or of another mesh")
 
 
 def start_from(case: Path, centres: FloatArray, other: Path, others: FloatArray) -> None:
@@ -54,7 +54,7 @@ def start_from(case: Path, centres: FloatArray, other: Path, others: FloatArray)
     """
     done = iterations_done(other)
     _, nearest = KDTree(others).query(centres)
-    for name, kind in STARTED.items():
+    for name in STARTED:
         values = read_field(other / str(done) / name, len(others))[nearest]
         path = case / "0" / name
         text = path.read_bytes()
@@ -63,5 +63,5 @@ def start_from(case: Path, centres: FloatArray, other: Path, others: FloatArray)
         what = "vector" if values.ndim > 1 else "scalar"
         listed = f"internalField nonuniform List<{what}> {len(values)}\n(".encode()
         numbers = np.ascontiguousarray(values, "<f8").tobytes()
-        start = header(kind, name, "0", form="binary").encode()
+        start = header(CLASSES[name], name, "0", form="binary").encode()
         path.write_bytes(start + text[:begin] + listed + numbers + b");\n" + text[end:])

@@ -62,11 +62,7 @@ class FlowCase:
         if solver not in SOLVERS:
             raise InputError(f"{OPTION} {shortened(solver)}: must be {' or '.join(SOLVERS)}")
         numbers = {name: _number(name, given[name]) for name in ("mach", "alpha") if given[name] is not None}
-        names = [far] if isinstance(far, str) else far
-        if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
-            raise InputError(f"far_field = {shortened(far)} must be a name of a patch, or several")
-        parts = (part.strip() for name in names for part in name.split(","))
-        return cls(solver, FreeStream(**numbers), tuple(parts))
+        return cls(solver, FreeStream(**numbers), _names(far))
 
     def check_files(self, source: Path, out: Path) -> None:
         """Refuse an `out` in another format than the solver's, and a source that is a case already: InputError."""
@@ -164,6 +160,14 @@ def _is_copy(plan: Planned) -> bool:
     mesh = plan.mesh
     parted = bool(plan.job.selections) or any(MARK in name for name in mesh.names)
     return bool(mesh.source) and format_of(mesh.source) is FORMATS["su2"] and not parted
+
+
+def _names(far: Any) -> tuple[str, ...]:
+    """Return the names of patches in a text with commas, or several of them; InputError for anything else."""
+    names = [far] if isinstance(far, str) else far
+    if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"far_field = {shortened(far)} must be a name of a patch, or several")
+    return tuple(part.strip() for name in names for part in name.split(","))
 
 
 def _number(name: str, value: Any) -> float:

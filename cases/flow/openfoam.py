@@ -9,8 +9,16 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files.staged import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
-from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
-from sdm_deflect.meshing.formats.openfoam_write import UNFIT, header, is_planar, write_mesh
+from sdm_deflect.meshing.formats.openfoam_files import MESH
+from sdm_deflect.meshing.formats.openfoam_write import (
+    UNFIT,
+    control,
+    field_file,
+    is_planar,
+    patch_types,
+    write_files,
+    write_mesh,
+)
 from sdm_deflect.meshing.formats.shapes import refuse_plane
 
 SOLVER = "rhoCentralFoam"
@@ -27,25 +35,8 @@ SMOOTHING = 0.5
 """Local time steps of neighbours differ by at most 1 + this factor; OpenFOAM's own .1 keeps those far away small."""
 FIRST, SECOND = "upwind", "vanLeer"
 """Reconstruction while the flow settles, and afterwards."""
-CONTROL = """// Run: {solver}. In parallel: decomposePar; mpirun -np 2 {solver} -parallel.
-application     {solver};
-startFrom       latestTime;
-startTime       0;
-stopAt          endTime;
-endTime         {end};
-deltaT          1;
-writeControl    timeStep;
-writeInterval   {interval};
-purgeWrite      1;
-writeFormat     binary;
-writePrecision  12;
-timePrecision   9;
-runTimeModifiable true;
-adjustTimeStep  no;
-maxCo           {courant};
-maxDeltaT       1;
-rDeltaTSmoothingCoeff {smoothing};
-OptimisationSwitches {{ fileModificationSkew 0; }}  // fvSchemes is read again however soon it changes
+USE = f"// Run: {SOLVER}. In parallel: decomposePar; mpirun -np 2 {SOLVER} -parallel.\n"
+FUNCTIONS = """OptimisationSwitches {{ fileModificationSkew 0; }}  // fvSchemes is read again however soon it changes
 functions
 {{
     settle  // of first order until the waves of the start have left
@@ -145,25 +136,22 @@ def write_case(mesh: Mesh, out: Path, setup: Setup, progress: Progress = silent)
 
 def write_settings(case: Path, setup: Setup, fields: bool = True) -> None:
     """Write all files of a case but its mesh, for the patches that this has; those of the start if `fields`."""
-    found = {patch.name: patch.type for patch in parse(open_foam(case / MESH, "boundary").text())}
-    for folder in ("system", "0"):
-        (case / folder).mkdir(exist_ok=True)
-    start = dict(_fields(found, setup.stream)) if fields else {}
-    for name, content in {**_system(found, setup), **GAS_FILES, **start}.items():
-        path = case / name
-        kind = CLASSES.get(path.name, "dictionary")
-        path.write_text(header(kind, path.name, path.parent.name) + content, encoding="utf-8")
+    patches = patch_types(case)
+    start = dict(_fields(patches, setup.stream)) if fields else {}
+    write_files(case, {**_system(patches, setup), **GAS_FILES, **start})
 
 
 def _system(patches: Mapping[str, str], setup: Setup) -> dict[str, str]:
     walls = [name for name, kind in patches.items() if kind == "wall"]
-    first, second = (SCHEMES.format(scheme=one, vector=vector_of(one)) for one in (FIRST, SECOND))
-    control = CONTROL.format(
-        solver=SOLVER, end=setup.iterations, interval=min(INTERVAL, setup.iterations), courant=COURANT,
-        smoothing=SMOOTHING, settling=setup.settling, functions="".join(_monitors(walls, setup)),
+    first, second = (SCHEMES.format(scheme=name, vector=vector_of(name)) for name in (FIRST, SECOND))
+    values = control(
+        application=SOLVER, startFrom="latestTime", endTime=setup.iterations,
+        writeInterval=min(INTERVAL, setup.iterations), writePrecision=12, timePrecision=9, runTimeModifiable="true",
+        adjustTimeStep="no", maxCo=COURANT, maxDeltaT=1, rDeltaTSmoothingCoeff=SMOOTHING,
     )  # fmt: skip
+    functions = FUNCTIONS.format(settling=setup.settling, functions="".join(_monitors(walls, setup)))
     return {
-        "system/controlDict": control,
+        "system/controlDict": USE + values + functions,
         "system/fvSchemes": first,
         "system/fvSchemes.first": first,
         "system/fvSchemes.second": second,
@@ -199,11 +187,7 @@ def forces(name: str, patches: list[str], point: tuple[float, float, float], set
     )
 
 
-CLASSES = {"U": "volVectorField", "p": "volScalarField", "T": "volScalarField"}
-DIMENSIONS = {
-    "U": "[0 1 -1 0 0 0 0]", "p": "[1 -1 -2 0 0 0 0]", "T": "[0 0 0 1 0 0 0]",
-    "pointDisplacement": "[0 1 0 0 0 0 0]", "zoneID": "[0 0 0 0 0 0 0]",
-}  # fmt: skip
+DIMENSIONS = {"U": "[0 1 -1 0 0 0 0]", "p": "[1 -1 -2 0 0 0 0]", "T": "[0 0 0 1 0 0 0]"}
 WALL = {"U": "type slip;", "p": "type zeroGradient;", "T": "type zeroGradient;"}
 FAR = {
     "U": "type freestreamVelocity; freestreamValue uniform {0}; value uniform {0};",
@@ -215,7 +199,7 @@ FAR = {
 def _fields(patches: Mapping[str, str], stream: FreeStream) -> Iterator[tuple[str, str]]:
     for name, value in initial_values(stream).items():
         conditions = {"wall": WALL[name], "patch": FAR[name].format(value)}
-        yield f"0/{name}", field_file(name, f"uniform {value}", patches, conditions)
+        yield f"0/{name}", field_file(DIMENSIONS[name], f"uniform {value}", patches, conditions)
 
 
 def initial_values(stream: FreeStream) -> dict[str, str]:
@@ -226,11 +210,3 @@ def initial_values(stream: FreeStream) -> dict[str, str]:
         "p": f"{stream.pressure:.17g}",
         "T": f"{stream.temperature:.17g}",
     }
-
-
-def field_file(name: str, inner: str, patches: Mapping[str, str], conditions: Mapping[str, str]) -> str:
-    """Return a field: its values inside, and a condition for each patch by its type, which else is its own."""
-    boundary = "".join(
-        f"    {patch} {{ {conditions.get(kind, f'type {kind};')} }}\n" for patch, kind in patches.items()
-    )
-    return f"dimensions {DIMENSIONS[name]};\ninternalField {inner};\nboundaryField\n{{\n{boundary}}}\n"

@@ -141,21 +141,32 @@ def kinds_of(mesh: Mesh, far: Sequence[str] = (), moving: Sequence[str] = ()) ->
     given = mesh.named(far, "far field")
     sides = {patch.name: sides_reached(mesh.points, patch.nodes) for patch in mesh.patches}
     flat = {patch.name for patch in mesh.patches if on_one_side(mesh.points, patch.nodes)}
-    said = {name: kind_of(name, planar=True, outside=sides[name] > 0) for name in sides}
-    kinds: dict[str, Kind] = {
-        name: "symmetry" if kind == "symmetryPlane" else "far" if kind == "patch" else "wall"
-        for name, kind in said.items()
-    }
+    kinds: dict[str, Kind] = {name: _kind_by_name(name, count > 0) for name, count in sides.items()}
     kinds |= dict.fromkeys(given, "far")
     if "far" not in kinds.values():
-        around = [name for name, count in sides.items() if count >= ENCLOSING and kinds[name] == "wall"]
-        kinds |= dict.fromkeys([name for name in around if name not in flat] or around, "far")
-    kinds |= {name: "symmetry" for name in flat if kinds[name] == "wall"}
-    kinds |= {name: "wall" for name in moving if name not in given}
+        around = {name for name in _walls(kinds) if sides[name] >= ENCLOSING}
+        kinds |= dict.fromkeys(around - flat or around, "far")
+    kinds |= dict.fromkeys(flat & _walls(kinds), "symmetry")
+    kinds |= dict.fromkeys([name for name in moving if name not in given], "wall")
+    _check_complete(mesh, kinds)
+    return kinds
+
+
+def _walls(kinds: Mapping[str, Kind]) -> set[str]:
+    return {name for name, kind in kinds.items() if kind == "wall"}
+
+
+def _check_complete(mesh: Mesh, kinds: Mapping[str, Kind]) -> None:
+    """Refuse a mesh without a far field, or without a wall."""
     for kind, wrong in MISSING.items():
         if kind not in kinds.values():
             raise InputError(f"{mesh.name}: {wrong}; the patches are {', '.join(mesh.names)}")
-    return kinds
+
+
+def _kind_by_name(name: str, outside: bool) -> Kind:
+    """Return what the name of a patch says, a wall if nothing."""
+    types: dict[str, Kind] = {"symmetryPlane": "symmetry", "patch": "far"}
+    return types.get(kind_of(name, planar=True, outside=outside), "wall")
 
 
 MISSING: Mapping[Kind, str] = {

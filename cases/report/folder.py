@@ -47,6 +47,7 @@ from sdm_deflect.cases.run.output import (
 )
 from sdm_deflect.cases.settings.conversion import table_of
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
+from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import damaged
@@ -65,8 +66,6 @@ from sdm_deflect.deform.volume.job import Sliding
 from sdm_deflect.meshing.formats.registry import ending, format_of
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
-SHOWN_WHOLE = 100_000
-"""Cells of meshes that deflected.vtu holds whole, those beyond the box as well."""
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
 
@@ -290,7 +289,7 @@ def _nodes(nodes: NodeSet, surface: Surface) -> list[str] | list[int]:
 
 def is_small(mesh: Mesh) -> bool:
     """True if the whole mesh is written."""
-    return mesh.whole is None and sum(mesh.cell_counts) <= SHOWN_WHOLE
+    return mesh.whole is None and sum(mesh.cell_counts) <= limits.LIMITS.shown
 
 
 def write_deflected(path: Path, one: Deflected) -> None:

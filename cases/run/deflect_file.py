@@ -19,6 +19,7 @@ from sdm_deflect.cases.run.metrics import (
 from sdm_deflect.cases.run.output import output_files, report_lacks
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.run.read_back import check_written
+from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.errors import InputError, printable
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
@@ -35,9 +36,6 @@ from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, i
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.flow.flow_case import FlowCase
-
-LARGE = 1 << 25
-"""Bytes of a file from which on it is read in pieces."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +84,7 @@ def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Run
     """
     if not runner.shares_memory:
         return _by_workers(wanted, jobs, progress, runner)
-    if wanted.is_copy and size_of(wanted.source) >= LARGE:
+    if wanted.is_copy and size_of(wanted.source) >= limits.LIMITS.file:
         with in_pieces(wanted.source, progress) as large:
             if large:
                 return excerpt(large, jobs, wanted.angles, runner, progress)

@@ -1,6 +1,5 @@
 """Meshes of finished runs in the files that flow solvers read; for OpenFOAM a case that it can start from."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from sdm_deflect.deform.base.errors import InputError
@@ -8,8 +7,7 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files.staged import fresh_folder, permitted_as
 from sdm_deflect.meshing.formats.openfoam import OpenFoam
-from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
-from sdm_deflect.meshing.formats.openfoam_write import header
+from sdm_deflect.meshing.formats.openfoam_write import field_file, patch_types, write_files
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.zones import joined
@@ -18,17 +16,19 @@ SPEED = 10.0
 """Speed (m/s) of the free stream along x."""
 VISCOSITY = 1.5e-5
 """Kinematic viscosity (m2/s) of air."""
-FIELDS = {
-    "U": ("volVectorField", "[0 1 -1 0 0 0 0]", f"({SPEED:g} 0 0)"),
-    "p": ("volScalarField", "[0 2 -2 0 0 0 0]", "0"),
-}
+STREAM = f"({SPEED:g} 0 0)"
+FIELDS = {"U": ("[0 1 -1 0 0 0 0]", STREAM), "p": ("[0 2 -2 0 0 0 0]", "0")}
+"""Dimensions and free stream of velocity and kinematic pressure."""
 CONDITIONS = {
-    ("U", "patch"): f"type freestreamVelocity; freestreamValue uniform ({SPEED:g} 0 0);",
-    ("p", "patch"): "type freestreamPressure; freestreamValue uniform 0;",
-    ("U", "wall"): "type slip;",
-    ("p", "wall"): "type zeroGradient;",
+    "U": {"patch": f"type freestreamVelocity; freestreamValue uniform {STREAM};", "wall": "type slip;"},
+    "p": {"patch": "type freestreamPressure; freestreamValue uniform 0;", "wall": "type zeroGradient;"},
 }
 """By field and type of patch; a plane of symmetry has its own type's condition."""
+ROW = "    {patch}\n    {{\n        {condition}\n    }}\n"
+PROPERTIES = {
+    "constant/transportProperties": f"transportModel Newtonian;\nnu {VISCOSITY:g};\n",
+    "constant/turbulenceProperties": "simulationType laminar;\n",
+}
 
 
 def export_run(
@@ -85,26 +85,10 @@ def write_case(mesh: Mesh, out: Path, progress: Progress) -> tuple[str, ...]:
     """
     with fresh_folder(out) as beside:
         lost = OpenFoam().write(mesh, beside, progress)
-        patches = {patch.name: patch.type for patch in parse(open_foam(beside / MESH, "boundary").text())}
-        (beside / "0").mkdir()
-        for name in FIELDS:
-            (beside / "0" / name).write_text(_field(name, patches), encoding="utf-8")
-        properties = {
-            "transportProperties": f"transportModel Newtonian;\nnu {VISCOSITY:g};\n",
-            "turbulenceProperties": "simulationType laminar;\n",
+        patches = patch_types(beside)
+        fields = {
+            f"0/{name}": field_file(dimensions, f"uniform {value}", patches, CONDITIONS[name], ROW)
+            for name, (dimensions, value) in FIELDS.items()
         }
-        for name, content in properties.items():
-            (beside / "constant" / name).write_text(header("dictionary", name, "constant") + content, encoding="utf-8")
+        write_files(beside, fields | PROPERTIES)
     return lost
-
-
-def _field(name: str, patches: Mapping[str, str]) -> str:
-    kind, dimensions, value = FIELDS[name]
-    conditions = (
-        f"    {patch}\n    {{\n        {CONDITIONS.get((name, form), f'type {form};')}\n    }}\n"
-        for patch, form in patches.items()
-    )
-    return (
-        f"{header(kind, name, '0')}dimensions {dimensions};\ninternalField uniform {value};\n"
-        f"boundaryField\n{{\n{''.join(conditions)}}}\n"
-    )

@@ -32,6 +32,7 @@ from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import case_folder
 from sdm_deflect.meshing.formats.openfoam_decomposed import move_points
 from sdm_deflect.meshing.formats.openfoam_files import MESH
+from sdm_deflect.meshing.formats.openfoam_write import write_files
 from sdm_deflect.meshing.formats.registry import FORMATS, ending, files_of, format_of
 
 MOST_TIMES = 10_000
@@ -242,7 +243,7 @@ def _write_case(wanted: Targets, plan: Planned, case: Path, times: foam.Times, p
     """Write the undeflected mesh: a new case, or a copy of the one that was read."""
     lost = write_mesh(wanted.source, plan.mesh, plan.mesh.points, case, progress)
     if format_of(wanted.source) is not FORMATS["openfoam"]:
-        foam.write_control(case, times)
+        write_files(case, {"system/controlDict": times.control})
     return lost
 
 

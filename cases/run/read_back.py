@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.edges import edges_of
@@ -15,7 +16,6 @@ from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
 from sdm_deflect.deform.mesh.touched import touching
 from sdm_deflect.deform.volume.excerpt import gathered
-from sdm_deflect.deform.volume.scan import CELLS
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces
 from sdm_deflect.meshing.formats.shapes import oriented
@@ -89,8 +89,9 @@ def _in_pieces(mesh: Mesh, points: FloatArray, moved: IntArray, staged: Path) ->
         for number, (block, rows) in enumerate(zip(mesh.cells, mesh.whole.rows, strict=True)):
             own = touching(block, marked)
             keys, places = _keys(_numbered(block, mesh.whole.nodes), own), rows[own]
-            for start in range(0, back.pieces.blocks[number][1], CELLS):
-                first, end = np.searchsorted(places, (start, start + CELLS))
+            size = limits.LIMITS.cells
+            for start in range(0, back.pieces.blocks[number][1], size):
+                first, end = np.searchsorted(places, (start, start + size))
                 if first < end:
                     low, high = int(places[first]), int(places[end - 1]) + 1
                     some = back.pieces.cells_of(number, low, high)

@@ -134,8 +134,3 @@ class MeshInPieces:
     zones: tuple[Zone, ...]
     notes: tuple[str, ...] = ()
     periodic: tuple[Periodic, ...] = field(default=(), repr=False)
-
-    @property
-    def cell_count(self) -> int:
-        """Number of cells of all blocks."""
-        return sum(count for _, count in self.pieces.blocks)

@@ -149,6 +149,14 @@ class CholeskyBasis:
         correction = self.factor.backward(self.factor.forward(missing))
         return self._completed(self.factor.backward(self.z) + correction)
 
+    def with_values(self, values: FloatArray) -> Self:
+        """Return the basis on the same sites and centres for other values (N, k) at the sites.
+
+        Costs one forward solve, C**2 for each column, instead of the factorisation's C**3.
+        """
+        kernel = self.kernel.with_values(values)
+        return replace(self, kernel=kernel, z=self.factor.forward(kernel.values[self.chosen[self.beside]]))
+
     def condition(self) -> float:
         """Return the condition of the reduced kernel on the centres, in the 1-norm; that of the inverse is estimated.
 

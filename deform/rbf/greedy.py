@@ -92,6 +92,7 @@ class Adaptation:
     history: tuple[Iteration, ...]
     stop: Stop
     max_error: float  # m, of the final interpolant over all sites and columns, computed afresh
+    basis: "Basis | None" = field(default=None, repr=False)  # on which other values can be interpolated
 
 
 def fused(fits: Sequence[Adaptation]) -> Interpolant:
@@ -178,7 +179,7 @@ def adapt(
         interpolant = problem.interpolant(chosen, found.basis.refined())
         error = float(np.abs(interpolant(sites.points) - sites.values).max())
     stop = Stop.ROUNDING if found.stop is Stop.CONVERGED and error >= options.tol_stop else found.stop
-    return Adaptation(interpolant, sites.components, chosen, tuple(history.steps), stop, error)
+    return Adaptation(interpolant, sites.components, chosen, tuple(history.steps), stop, error, found.basis)
 
 
 class TrialBasis(NamedTuple):

@@ -10,7 +10,7 @@ that it has to interpolate are those left over by the polynomial through the anc
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -111,6 +111,12 @@ class ReducedKernel:
         left, right = np.hstack([lagrange, k]), np.hstack([k - lagrange @ k[anchors], lagrange])
         values = problem.values - lagrange @ problem.values[anchors]
         return cls(problem, anchors, left, right, problem.box.complete(np.asarray(inverse, dtype=np.float64)), values)
+
+    def with_values(self, values: FloatArray) -> Self:
+        """Return it for other values (N, k) at the sites."""
+        problem, reduced = self.problem, values - self.lagrange @ values[self.anchors]
+        sites = DataSites(problem.sites.points, values, problem.sites.components)
+        return replace(self, problem=replace(problem, sites=sites), values=reduced)
 
     @property
     def lagrange(self) -> FloatArray:

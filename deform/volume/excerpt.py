@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
@@ -22,19 +23,8 @@ from sdm_deflect.deform.mesh.quality import POLYHEDRON
 from sdm_deflect.deform.volume.boundary import Boundary
 from sdm_deflect.deform.volume.job import Job, prepared
 from sdm_deflect.deform.volume.region import confined
-from sdm_deflect.deform.volume.scan import (
-    CELLS,
-    POINTS,
-    CellsFound,
-    ScanTask,
-    beside,
-    check_points,
-    nodes_inside,
-    scan_cells,
-)
+from sdm_deflect.deform.volume.scan import CellsFound, ScanTask, beside, check_points, nodes_inside, scan_cells
 
-HELD = 1 << 23
-"""Points up to so many are held in memory, by a runner that shares it."""
 LARGER = 4
 """How many times the memory of another cell a polyhedron takes while it is judged."""
 Block = TypeVar("Block", bound=Faces)
@@ -126,13 +116,13 @@ def _task(
 
 def _in_memory(task: ScanTask) -> ScanTask:
     """Return the task with all points held in memory, if these are few, or if cells need them in no order."""
-    return task.holding() if task.pieces.points <= HELD or task.is_scattered else task
+    return task.holding() if task.pieces.points <= limits.LIMITS.held or task.is_scattered else task
 
 
 def _nodes_inside(task: ScanTask, runner: Runner, progress: Progress) -> tuple[IntArray, FloatArray]:
     """Return the nodes (M,) in the box and their coordinates (M, 3); InputError for coordinates that are no numbers."""
     count = task.pieces.points
-    items = [(start, min(start + POINTS, count)) for start in range(0, count, POINTS)]
+    items = [(start, min(start + limits.LIMITS.points, count)) for start in range(0, count, limits.LIMITS.points)]
     found = []
     for i, own in enumerate(runner.map(nodes_inside, task, items), 1):
         found.append(own)
@@ -172,13 +162,13 @@ def _around(task: ScanTask, block: int, found: list[CellsFound], runner: Runner)
     sides = [one.cells.sides for one in found if isinstance(one.cells, SomePolyhedra)]
     known = union(*(one.rows for one in found))
     cells = np.setdiff1d(union(*(one for own in sides for one in (own.owner, own.neighbour))), known, True)
-    pieces = np.split(cells, np.flatnonzero(np.diff(cells // (CELLS // LARGER))) + 1)
+    pieces = np.split(cells, np.flatnonzero(np.diff(cells // (limits.LIMITS.cells // LARGER))) + 1)
     return list(runner.map(beside, task, [(block, own) for own in pieces if len(own)]))
 
 
 def _judged_cells(task: ScanTask, block: int, runner: Runner, progress: Progress) -> list[CellsFound]:
     shape, count = task.pieces.blocks[block]
-    size = CELLS // LARGER if shape == POLYHEDRON else CELLS
+    size = limits.LIMITS.cells // LARGER if shape == POLYHEDRON else limits.LIMITS.cells
     items = [(block, start, min(start + size, count)) for start in range(0, count, size)]
     found = []
     for i, own in enumerate(runner.map(scan_cells, task, items), 1):
@@ -199,8 +189,8 @@ def _refuse_loose(mesh: MeshInPieces, task: ScanTask, missing: Keys) -> None:
 def gathered(pieces: Pieces, nodes: IntArray) -> FloatArray:
     """Return the coordinates (K, 3) of sorted nodes, range by range."""
     found = np.empty((len(nodes), 3))
-    for start in range(0, pieces.points, POINTS) if len(nodes) else ():
-        first, end = np.searchsorted(nodes, (start, start + POINTS))
+    for start in range(0, pieces.points, limits.LIMITS.points) if len(nodes) else ():
+        first, end = np.searchsorted(nodes, (start, start + limits.LIMITS.points))
         if end > first:
             low = int(nodes[first])
             found[first:end] = pieces.coordinates(low, int(nodes[end - 1]) + 1)[nodes[first:end] - low]

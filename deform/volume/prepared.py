@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.threads import single_threaded_blas
-from sdm_deflect.deform.rbf.bases import with_values
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
@@ -20,7 +20,6 @@ from sdm_deflect.deform.volume.region import check_moving
 from sdm_deflect.deform.volume.step import Fits, Step, StepState, solve
 
 SAME = 1e-6  # of the surface's median edge: a centre and its data site are no farther apart
-MOST = 1 << 25  # entries of an evaluation matrix, 256 MB; beyond, the sums are computed at every angle
 
 
 class Centers(NamedTuple):
@@ -57,7 +56,7 @@ class Evaluation:
         """Prepare the evaluation at points (M, 3)."""
         problem, chosen = basis.kernel.problem, basis.chosen
         at = np.vstack([problem.box.scaled(points), problem.points])
-        few = len(at) * len(chosen) <= MOST
+        few = len(at) * len(chosen) <= limits.LIMITS.matrix
         return cls(basis, at, kernel_matrix(problem.scaled_kernel, at, problem.points[chosen]) if few else None)
 
     def add(self, values: FloatArray, out: FloatArray) -> float:
@@ -69,7 +68,7 @@ class Evaluation:
         components, wanted = problem.sites.components, np.zeros_like(problem.values)
         wanted[: len(values)] = values[:, components]
         with single_threaded_blas():
-            alpha, beta = with_values(self.basis, wanted).coefficients()
+            alpha, beta = self.basis.with_values(wanted).coefficients()
             if self.kernel is None:
                 centers = problem.points[self.basis.chosen]
                 found = kernel_sum(problem.scaled_kernel, self.at, centers, beta, alpha)

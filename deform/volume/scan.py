@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.sets import distinct
@@ -16,8 +17,6 @@ from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.mesh.touched import touching
 
-POINTS, CELLS = 1 << 20, 1 << 19
-"""Points and cells of a piece."""
 PROBES, PROBED = 8, 1 << 14
 """Places in a block of cells where their order is looked at, and cells at each."""
 
@@ -65,8 +64,8 @@ class ScanTask:
     def holding(self) -> "ScanTask":
         """Return it with all points held in memory."""
         points = np.empty((self.pieces.points, 3))
-        for start in range(0, len(points), POINTS):
-            stop = min(start + POINTS, len(points))
+        for start in range(0, len(points), limits.LIMITS.points):
+            stop = min(start + limits.LIMITS.points, len(points))
             points[start:stop] = self.pieces.coordinates(start, stop)
         return replace(self, held=self.view_of(points, 0))
 
@@ -83,7 +82,7 @@ class ScanTask:
             )
         if self.held:
             return self.held, nodes
-        if high - low <= max(nodes.size, POINTS):
+        if high - low <= max(nodes.size, limits.LIMITS.points):
             return self.view_of(self.pieces.coordinates(low, high), low), nodes - low
         own = distinct(nodes)
         points = self.pieces.places(own)
@@ -120,7 +119,7 @@ class ScanTask:
         for block, (_, count) in enumerate(self.pieces.blocks):
             for start in np.linspace(0, max(0, count - PROBED), PROBES).astype(int).tolist() if count else ():
                 nodes = self.pieces.cells_of(block, start, min(start + PROBED, count)).nodes
-                far += int(np.ptp(nodes)) > POINTS
+                far += int(np.ptp(nodes)) > limits.LIMITS.points
                 places += 1
         return 2 * far > places
 

@@ -7,6 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
+from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.points import farthest
@@ -15,7 +16,6 @@ from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.pieces import HERE, Runner
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
-from sdm_deflect.deform.rbf.bases import RecordingBasis, with_values
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import Fitting, RuleName, Strategy
 from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Stop, adapt, fused
@@ -31,8 +31,6 @@ from sdm_deflect.deform.volume.sites import REACH, Sites
 
 DIRECTIONS = ("x", "y", "z")
 NO_NODES = np.empty((0, 3))
-SENT, SENT_PAIRS = 1 << 18, 1 << 28
-"""Points sent at a time to be evaluated elsewhere, and pairs with centres from which on they are sent at all."""
 ROUNDS = 8  # of putting nodes on several shapes, one after another
 RULES: dict[RuleName, Rule] = {"separated": Separated(), "worst": Worst()}
 GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]] = {
@@ -43,23 +41,26 @@ GROUPINGS: dict[Strategy, Callable[[Sequence[DataSites]], tuple[DataSites, ...]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fits:
-    """Fitted groups of directions, and the factors that found them."""
+    """Fitted groups of directions."""
 
     adaptations: tuple[Adaptation, ...]
-    factors: tuple[CholeskyBasis, ...] = field(repr=False)
 
     @classmethod
     def on(cls, state: "StepState", groups: Sequence[DataSites], centers: Sequence[IntArray]) -> "Fits":
         """Fit groups of sites on centres, the rows (C,) of each; InputError if a system cannot be solved."""
-        found, factors = [], []
+        found = []
         for group, rows in zip(groups, centers, strict=True):
             try:
                 basis = CholeskyBasis.of(Problem.of(group, state.sites.kernel, state.fitting.polynomial), rows)
             except (SolveError, ValueError) as error:
                 raise InputError(f"{state.boundary.mesh.name}: {error}") from None
             found.append(_solved(basis, Stop.CONVERGED))
-            factors.append(basis)
-        return cls(tuple(found), tuple(factors))
+        return cls(tuple(found))
+
+    @property
+    def factors(self) -> tuple[CholeskyBasis, ...]:
+        """The factors that found them; none if the coefficients were read from a file."""
+        return tuple(fit.basis for fit in self.adaptations if isinstance(fit.basis, CholeskyBasis))
 
     @property
     def interpolant(self) -> Interpolant:
@@ -240,9 +241,10 @@ def solve(state: StepState, move: FloatArray, fit: Fit, runner: Runner = HERE) -
 
 def evaluated(interpolant: Interpolant, points: FloatArray, runner: Runner) -> FloatArray:
     """Evaluate at points (M, 3); the bits do not depend on how they are shared out."""
-    if runner.shares_memory or len(points) * len(interpolant.centers) < SENT_PAIRS:
+    if runner.shares_memory or len(points) * len(interpolant.centers) < limits.LIMITS.sent_pairs:
         return interpolant(points)
-    parts = [points[start : start + SENT] for start in range(0, len(points), SENT)]
+    size = limits.LIMITS.sent
+    parts = [points[start : start + size] for start in range(0, len(points), size)]
     return np.concatenate(list(runner.map(_sums, interpolant, parts)))
 
 
@@ -285,43 +287,36 @@ def adapted(state: StepState, progress: Progress, earlier: Step | None = None) -
     """
 
     def fit(sliding: bool, values: FloatArray) -> Fits:
-        known = (earlier.fits if sliding or not earlier.first else earlier.first) if earlier else None
-        return _adapted(state, state.groups(values, sliding), progress, known)
+        groups = state.groups(values, sliding)
+        known = (earlier.fits if sliding or not earlier.first else earlier.first).factors if earlier else None
+        bases = known or (None,) * len(groups)
+        return Fits(tuple(_adapted(state, *pair, progress) for pair in zip(groups, bases, strict=True)))
 
     return fit
 
 
-def _adapted(state: StepState, groups: Sequence[DataSites], progress: Progress, earlier: Fits | None) -> Fits:
+def _adapted(state: StepState, group: DataSites, known: CholeskyBasis | None, progress: Progress) -> Adaptation:
+    """Adapt the centres of one group of directions, from those of a known basis if there is one."""
     fitting, tolerance = state.fitting, state.sites.tolerance
-    found: list[Adaptation] = []
-    kept: list[CholeskyBasis] = []
     options = GreedyOptions(
         n_add=fitting.n_add, tol_add=tolerance, tol_stop=tolerance, max_centers=fitting.max_centers,
         polynomial=fitting.polynomial,
     )  # fmt: skip
-    for i, group in enumerate(groups):
-        if earlier:
-            initial = earlier.factors[i].chosen
-        else:
-            counts = fitting.initial_surface, fitting.initial_hexahedron
-            initial = initial_centers(group, len(state.sites.distinct), counts)
+    counts = fitting.initial_surface, fitting.initial_hexahedron
+    initial = known.chosen if known else initial_centers(group, len(state.sites.distinct), counts)
 
-        def start(problem: Problem, rows: IntArray, i: int = i) -> Basis:
-            basis = with_values(earlier.factors[i], problem.values) if earlier else CholeskyBasis.of(problem, rows)
-            return RecordingBasis(basis, kept.append)
+    def start(problem: Problem, rows: IntArray) -> Basis:
+        return known.with_values(problem.values) if known else CholeskyBasis.of(problem, rows)
 
-        with solvable(state):
-            found.append(
-                adapt(
-                    group, state.sites.kernel, initial, options,
-                    rule=RULES[fitting.rule], basis=start, progress=_named(progress, group),
-                )
-            )  # fmt: skip
-    return Fits(tuple(found), tuple(kept))
+    with _solvable(state):
+        return adapt(
+            group, state.sites.kernel, initial, options,
+            rule=RULES[fitting.rule], basis=start, progress=_named(progress, group),
+        )  # fmt: skip
 
 
 @contextmanager
-def solvable(state: StepState) -> Iterator[None]:
+def _solvable(state: StepState) -> Iterator[None]:
     """Blame the radius of a kernel that has one for a system that cannot be solved: InputError."""
     try:
         yield
@@ -347,14 +342,14 @@ def _on_same_centers(earlier: Fits, groups: Sequence[DataSites]) -> Interpolant:
     """Interpolate other values at the same points on exactly the centres of an earlier fit."""
     with single_threaded_blas():
         parts = zip(groups, earlier.factors, earlier.adaptations, strict=True)
-        return fused([_solved(with_values(factor, group.values), fit.stop) for group, factor, fit in parts])
+        return fused([_solved(factor.with_values(group.values), fit.stop) for group, factor, fit in parts])
 
 
 def _solved(basis: CholeskyBasis, stop: Stop) -> Adaptation:
     """Return the interpolant on the centres of a basis, without a history."""
     problem = basis.kernel.problem
     interpolant = problem.interpolant(basis.chosen, basis.refined())
-    return Adaptation(interpolant, problem.sites.components, basis.chosen, (), stop, np.nan)
+    return Adaptation(interpolant, problem.sites.components, basis.chosen, (), stop, np.nan, basis)
 
 
 def _carried(state: StepState, displacement: FloatArray, move: FloatArray) -> FloatArray:

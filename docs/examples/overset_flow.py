@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.flow.openfoam import FAR, GAS_FILES, WALL, field_file, forces, initial_values
+from sdm_deflect.cases.flow.openfoam import DIMENSIONS, FAR, GAS_FILES, WALL, forces, initial_values
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -19,8 +19,8 @@ from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.files.staged import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
-from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
-from sdm_deflect.meshing.formats.openfoam_write import UNFIT, header, write_mesh
+from sdm_deflect.meshing.formats.openfoam_files import MESH
+from sdm_deflect.meshing.formats.openfoam_write import UNFIT, field_file, patch_types, write_files, write_mesh
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.zones import joined
 
@@ -134,7 +134,6 @@ def write_overset(block: Mesh, background: Mesh, outer: str, setup: Setup, out: 
 
 
 def _write_settings(case: Path, setup: Setup, zones: Collection[int], box: tuple[FloatArray, FloatArray]) -> None:
-    patches = {patch.name: patch.type for patch in parse(open_foam(case / MESH, "boundary").text())}
     low, high = (" ".join(f"{value:.9g}" for value in corner) for corner in box)
     overlap = OVERLAP.format(low=low, high=high, voxels=" ".join(map(str, VOXELS)))
     control = CONTROL.format(
@@ -145,28 +144,21 @@ def _write_settings(case: Path, setup: Setup, zones: Collection[int], box: tuple
         "system/controlDict": control, "system/fvSchemes": SCHEMES + overlap, "system/fvSolution": SOLUTION,
         "constant/dynamicMeshDict": MOTION, **GAS_FILES,
     }  # fmt: skip
-    for folder in ("system", "0"):
-        (case / folder).mkdir()
-    for name, content in files.items():
-        path = case / name
-        path.write_text(header("dictionary", path.name, path.parent.name) + content, encoding="utf-8")
-    for name, kind, content in _fields(patches, setup.stream, zones):
-        (case / "0" / name).write_text(header(kind, name, "0") + content, encoding="utf-8")
+    write_files(case, files | dict(_fields(patch_types(case), setup.stream, zones)))
 
 
-def _fields(patches: dict[str, str], stream: FreeStream, zones: Collection[int]) -> Iterator[tuple[str, str, str]]:
-    """Yield name, class and content of the fields of the start."""
+def _fields(patches: dict[str, str], stream: FreeStream, zones: Collection[int]) -> Iterator[tuple[str, str]]:
+    """Yield path and content of the fields of the start."""
     for name, value in initial_values(stream).items():
         conditions = {"wall": WALL[name], "patch": FAR[name].format(value)}
-        kind = "volVectorField" if name == "U" else "volScalarField"
-        yield name, kind, field_file(name, f"uniform {value}", patches, conditions)
+        yield f"0/{name}", field_file(DIMENSIONS[name], f"uniform {value}", patches, conditions)
     still = "type fixedValue; value uniform (0 0 0);"
     moving = {"wall": still, "patch": still, OVERSET: "patchType overset; type zeroGradient;"}
-    yield "pointDisplacement", "pointVectorField", field_file("pointDisplacement", "uniform (0 0 0)", patches, moving)
+    yield "0/pointDisplacement", field_file("[0 1 0 0 0 0 0]", "uniform (0 0 0)", patches, moving)
     numbers = "\n".join(map(str, zones))
     inner = f"nonuniform List<scalar> {len(zones)}\n(\n{numbers}\n)"
     none = "type zeroGradient;"
-    yield "zoneID", "volScalarField", field_file("zoneID", inner, patches, {"wall": none, "patch": none})
+    yield "0/zoneID", field_file("[0 0 0 0 0 0 0]", inner, patches, {"wall": none, "patch": none})
 
 
 def main(run: Path, out: Path) -> None:

@@ -35,8 +35,8 @@ _permitted = ContextVar("_permitted", default=0o7777)
 def permitted_as(*sources: Path | str | None) -> Iterator[None]:
     """Withhold new files and folders that are written in this block from those who may not read or write a source."""
     mode = _permitted.get()
-    for source in (Path(one) for one in sources if one):
-        mode &= _permissions(source)
+    for source in sources:
+        mode &= _permissions(Path(source)) if source else mode
     token = _permitted.set(mode)
     try:
         yield
@@ -159,20 +159,16 @@ def replacing_files(folder: Path, stale: Sequence[str]) -> Iterator[Path]:
 def _put(moves: Mapping[Path, Path], watched: Sequence[Path], stale: Sequence[str] = ()) -> None:
     """Put new files and folders in the places of old ones, once all are on the disk; OSError if that cannot be."""
     inside = {new: [path.relative_to(new) for path in _tree(new)] for new in moves}
-    for new, old in moves.items():
-        if bad := [old / path for path in inside[new] if (old / path).is_dir() and not (new / path).is_dir()]:
-            raise MeshFileError(f"{bad[0]}: is a folder; a file of that name is to be written")
-        mode = _permitted.get() & (_permissions(old) if old.is_dir() else 0o7777)
-        for path in (Path(), *inside[new]):
-            _permit(new / path, old / path, mode)
-    with ThreadPoolExecutor(8) as pool:
-        list(pool.map(_flush, [new / path for new, own in inside.items() for path in (Path(), *own)]))
+    _prepare(moves, inside)
     with ExitStack() as noted:
-        folders = {new: old for new, old in moves.items() if new.is_dir() and old.is_dir()}
-        asides = {new: _aside(new, old, inside[new], stale, noted) for new, old in folders.items()}
+        asides = {
+            new: _aside(new, old, inside[new], stale, noted)
+            for new, old in moves.items()
+            if new.is_dir() and old.is_dir()
+        }
         with _committing(watched), ExitStack() as tidying:
             for new, old in moves.items():
-                if new not in folders:
+                if new not in asides:
                     new.replace(old)
                 elif (aside := asides[new]) and _swapped(new, old, aside):
                     tidying.callback(_tidied, aside, old, inside[new], stale)
@@ -182,9 +178,21 @@ def _put(moves: Mapping[Path, Path], watched: Sequence[Path], stale: Sequence[st
                 _flush(parent)
 
 
+def _prepare(moves: Mapping[Path, Path], inside: Mapping[Path, Sequence[Path]]) -> None:
+    """Give what is new the permissions of what it replaces, and bring it to the disk."""
+    for new, old in moves.items():
+        mode = _permitted.get() & (_permissions(old) if old.is_dir() else 0o7777)
+        for path in (Path(), *inside[new]):
+            if path.name and (old / path).is_dir() and not (new / path).is_dir():
+                raise MeshFileError(f"{old / path}: is a folder; a file of that name is to be written")
+            _permit(new / path, old / path, mode)
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(_flush, [new / path for new, own in inside.items() for path in (Path(), *own)]))
+
+
 def _tree(folder: Path) -> list[Path]:
     """Return all that a folder holds, folders before what is in them; nothing for a file."""
-    return [Path(name, one) for name, inner, files in os.walk(folder) for one in (*inner, *files)]
+    return [Path(place, name) for place, inner, files in os.walk(folder) for name in (*inner, *files)]
 
 
 def _permit(new: Path, old: Path, mode: int) -> None:
@@ -209,7 +217,8 @@ def _aside(new: Path, old: Path, own: Sequence[Path], stale: Sequence[str], note
     None where it has to stay: another user's, one with folders of the user's, where a process works, or no hard links.
     """
     ours = {*own, *(Path(pattern).parent for pattern in stale)}
-    theirs = [one for one in _tree(old) if one.is_dir() and (one.is_symlink() or one.relative_to(old) not in ours)]
+    folders = [path for path in _tree(old) if path.is_dir()]
+    theirs = [path for path in folders if path.is_symlink() or path.relative_to(old) not in ours]
     if theirs or old.stat().st_uid != os.geteuid() or _is_worked_in(old):
         return None
     with suppress(OSError):
@@ -276,8 +285,9 @@ def _committing(targets: Sequence[Path]) -> Iterator[None]:
     kept: dict[int, Any] = {}
     try:
         if threading.current_thread() is threading.main_thread():
-            for held in (one for one in HELD if signal.getsignal(one) not in (signal.SIG_IGN, None)):
-                kept[held] = signal.signal(held, lambda given, _: came.append(given))
+            for held in HELD:
+                if signal.getsignal(held) not in (signal.SIG_IGN, None):
+                    kept[held] = signal.signal(held, lambda given, _: came.append(given))
         for watch, target in product(watchers, targets):
             watch(target, False)
         yield

@@ -19,7 +19,7 @@ from sdm_deflect.deform.mesh.swept import Swept
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.openfoam import OpenFoam, case_folder, has_parts, mesh_folder
 from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch, open_foam, parse, vectors
-from sdm_deflect.meshing.formats.openfoam_write import SCALAR, header, write_list
+from sdm_deflect.meshing.formats.openfoam_write import SCALAR, control, header, write_list
 
 DIGITS, MOST_DIGITS = 6, 17
 """Digits of a time in the name of its folder unless ``timePrecision`` says otherwise, and those that tell any two."""
@@ -31,19 +31,6 @@ OWN_KIND = (
     "cyclicPeriodicAMI", "nonuniformTransformCyclic", "overset",
 )  # fmt: skip
 """Types of patches on which every field has that type, too; on all others what is not given is ``calculated``."""
-CONTROL = """application     pimpleFoam;
-startFrom       startTime;
-startTime       {start};
-stopAt          endTime;
-endTime         {end};
-deltaT          {step};
-writeControl    timeStep;
-writeInterval   1;
-writeFormat     binary;
-timeFormat      general;
-timePrecision   {digits};
-runTimeModifiable false;
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +64,10 @@ class Times:
     def control(self) -> str:
         """The content of a ``controlDict`` with these times; its step is their shortest."""
         names, step = self.names, min(np.diff(self.values))
-        return CONTROL.format(start=names[0], end=names[-1], step=f"{step:.12g}", digits=self.digits)
+        return control(
+            application="pimpleFoam", startTime=names[0], endTime=names[-1], deltaT=f"{step:.12g}", writeInterval=1,
+            purgeWrite=None, timeFormat="general", timePrecision=self.digits, runTimeModifiable="false",
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,13 +98,6 @@ def check_source(path: Path) -> None:
     for folder in sorted(one for one in case.iterdir() if _is_time(one)):
         if (folder / MESH.name).exists() or (folder / "meshPhi").exists():
             raise MeshFileError(f"{path}: has a mesh that moves in {folder.name} already; name a case without one")
-
-
-def write_control(case: Path, times: Times) -> None:
-    """Write the ``controlDict`` of a new case."""
-    (case / "system" / "controlDict").write_text(
-        header("dictionary", "controlDict", "system") + times.control, encoding="utf-8"
-    )
 
 
 def write_points(case: Path, name: str, points: FloatArray) -> None:

@@ -10,7 +10,7 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.images import THIN, is_thin
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import fitting_names
-from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
+from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch, open_foam, parse
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
 
@@ -22,18 +22,17 @@ UNFIT = r"[\s\"'/;{}()\[\]$#\\]|^(?=[\d+.-])"
 BANNER = "// Written by sdm-deflect.\n"
 SYMMETRY = ("symmetry", "sym")
 OPEN = ("far", "inlet", "outlet", "inflow", "outflow", "freestream", "chimera", "overset", "interface", "volume")
-CONTROL = """application     simpleFoam;
-startFrom       startTime;
-startTime       0;
-stopAt          endTime;
-endTime         500;
-deltaT          1;
-writeControl    timeStep;
-writeInterval   500;
-purgeWrite      1;
-writeFormat     binary;
-runTimeModifiable false;
-"""
+CONTROL = {
+    "application": "simpleFoam", "startFrom": "startTime", "startTime": 0, "stopAt": "endTime", "endTime": 500,
+    "deltaT": 1, "writeControl": "timeStep", "writeInterval": 500, "purgeWrite": 1, "writeFormat": "binary",
+}  # fmt: skip
+"""What a ``controlDict`` says, unless a solver needs something else."""
+CLASSES = {
+    "U": "volVectorField", "p": "volScalarField", "T": "volScalarField", "zoneID": "volScalarField",
+    "pointDisplacement": "pointVectorField",
+}  # fmt: skip
+"""Classes of files by their names; all others are dictionaries."""
+FIELD_ROW = "    {patch} {{ {condition} }}\n"
 SCHEMES = """ddtSchemes { default steadyState; }
 gradSchemes { default cellLimited Gauss linear 1; }
 divSchemes
@@ -174,9 +173,38 @@ def kind_of(name: str, planar: bool, outside: bool = True) -> str:
     return "patch" if outside and any(word in low for word in OPEN) else "wall"
 
 
-def write_system(case: Path) -> None:
-    """Write the folder ``system`` of a case."""
-    folder = case / "system"
-    folder.mkdir()
-    for name, content in (("controlDict", CONTROL), ("fvSchemes", SCHEMES), ("fvSolution", SOLUTION)):
-        (folder / name).write_text(header("dictionary", name, "system") + content, encoding="utf-8")
+def control(**changed: object) -> str:
+    """Return the content of a ``controlDict``: `CONTROL` with other values, and further ones; without those of None."""
+    return "".join(f"{name:<15} {value};\n" for name, value in {**CONTROL, **changed}.items() if value is not None)
+
+
+def field_file(
+    dimensions: str, inner: str, patches: Mapping[str, str], conditions: Mapping[str, str], row: str = FIELD_ROW
+) -> str:
+    """Return a field: its values inside, and a condition for each patch by its type, which else is its own."""
+    boundary = "".join(
+        row.format(patch=patch, condition=conditions.get(kind, f"type {kind};")) for patch, kind in patches.items()
+    )
+    return f"dimensions {dimensions};\ninternalField {inner};\nboundaryField\n{{\n{boundary}}}\n"
+
+
+def write_files(case: Path, files: Mapping[str, str]) -> None:
+    """Write text files of a case, given by their paths in it, each with its header."""
+    for name, content in files.items():
+        path = case / name
+        path.parent.mkdir(exist_ok=True)
+        kind = CLASSES.get(path.name, "dictionary")
+        path.write_text(header(kind, path.name, path.parent.name) + content, encoding="utf-8")
+
+
+def patch_types(case: Path) -> dict[str, str]:
+    """Return the type of each patch of a case by its name."""
+    return {patch.name: patch.type for patch in parse(open_foam(case / MESH, "boundary").text())}
+
+
+STEADY = {
+    "system/controlDict": control(runTimeModifiable="false"),
+    "system/fvSchemes": SCHEMES,
+    "system/fvSolution": SOLUTION,
+}
+"""Settings with which checkMesh, potentialFoam and simpleFoam run."""

@@ -10,6 +10,7 @@ from sdm_deflect import Blended, Hexahedron, InputError, OnPatches, Rotation, de
 from sdm_deflect.deform.mesh.mesh import Cells
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.deform.blocks import two_bodies
+from tests.limits import limited
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 BOX = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
@@ -113,7 +114,7 @@ def test_a_result_says_what_it_is(turned, block):
 @pytest.mark.parametrize("name", ["wing.cgns", "case"])
 @pytest.mark.parametrize("held", [0, 1 << 23])
 def test_a_plan_of_a_file_is_the_deflection_of_the_whole_to_the_bit(held, name, inboard_wing, tmp_path, monkeypatch):
-    monkeypatch.setattr("sdm_deflect.deform.volume.excerpt.HELD", held)
+    limited(monkeypatch, held=held)
     path, wing = tmp_path / name, inboard_wing
     format_of(path).write(wing.mesh, path)
     wanted = {

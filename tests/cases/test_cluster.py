@@ -30,13 +30,14 @@ from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.mesh.pieces import HERE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
-from sdm_deflect.deform.volume import excerpt, step
+from sdm_deflect.deform.volume import step
 from sdm_deflect.meshing.formats import tables
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces
 from tests import calls
 from tests.cases.test_in_pieces import FLAP, written
+from tests.limits import limited
 from tests.meshing.formats.examples import hybrid
 from tests.meshing.formats.wing import wing
 
@@ -57,10 +58,7 @@ def block(tmp_path_factory):
 def small_pieces():
     """Pieces so small that there are some of a small block."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(excerpt, "POINTS", 6_000)
-        patch.setattr(excerpt, "CELLS", 6_000)
-        patch.setattr(step, "SENT", 300)
-        patch.setattr(step, "SENT_PAIRS", 0)
+        limited(patch, points=6_000, cells=6_000, sent=300, sent_pairs=0)
         patch.setattr(tables, "RANGE", 100_003)
         yield
 
@@ -70,7 +68,7 @@ def deflected(block):
     """The bytes of the deflected block as one process has them, from memory and from pieces."""
     assert sdm(block, out(block, "one"))[0] == 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(deflect_file, "LARGE", 1)
+        limited(patch, file=1)
         assert sdm(block, out(block, "pieces"))[0] == 0
     found = out(block, "one").read_bytes()
     assert found == out(block, "pieces").read_bytes() != block.read_bytes()
@@ -262,12 +260,12 @@ def test_killed_workers_lose_nothing(block, deflected, two):
 def test_sums_have_the_same_bits_whatever_the_chunks(two, monkeypatch):
     rng = np.random.default_rng(1)
     interpolant, points = fit(ThinPlateSpline(), rng.random((301, 3)), rng.random((301, 3))), rng.random((20_001, 3))
-    monkeypatch.setattr(step, "SENT", 1_237)
+    limited(monkeypatch, sent=1_237)
     assert np.array_equal(step.evaluated(interpolant, points, two), step.evaluated(interpolant, points, HERE))
 
 
 def test_an_error_of_a_piece_is_that_of_one_process(block, two, monkeypatch):
-    monkeypatch.setattr(deflect_file, "LARGE", 1)
+    limited(monkeypatch, file=1)
     with in_pieces(block) as mesh:
         own = mesh.pieces.ranges[0]
     place = block.with_name("nan.cgns")

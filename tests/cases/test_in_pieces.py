@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.report import folder
 from sdm_deflect.cases.run import deflect_file
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.mesh.pieces import Threads
-from sdm_deflect.deform.volume import excerpt, scan
+from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.meshing.formats import openfoam_pieces, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces
 from sdm_deflect.meshing.formats.shapes import mirrored
 from tests.calls import files_of_at_most
 from tests.deform.blocks import two_bodies
 from tests.deform.repair.meshes import lattice
+from tests.limits import limited
 from tests.meshing.formats.gmsh_files import gmsh_data
 from tests.meshing.formats.wing import boundary_faces, wing
 
@@ -91,7 +91,7 @@ def called(monkeypatch, sdm):
 
     def call(large, *words):
         taken.clear()
-        monkeypatch.setattr(deflect_file, "LARGE", large)
+        limited(monkeypatch, file=large)
         return *sdm(*words), len(taken)
 
     return call
@@ -115,10 +115,8 @@ def figures(found, name=""):
 def alike(called, monkeypatch, tmp_path):
     """Deflect a file whole and in many pieces; return the figures, which are the same, as all bytes written are."""
 
-    for module in (excerpt, scan):
-        monkeypatch.setattr(module, "POINTS", 1000)
-        monkeypatch.setattr(module, "CELLS", 700)
-    small_values = (excerpt, "HELD", 0), (tables, "SMALL", 0), (tables, "RANGE", 500), (polyhedra, "ROWS", 300)
+    limited(monkeypatch, points=1000, cells=700, held=0)
+    small_values = (tables, "SMALL", 0), (tables, "RANGE", 500), (polyhedra, "ROWS", 300)
     for module, name, size in (*small_values, (openfoam_pieces, "SPAN", 50), (openfoam_pieces, "BATCH", 200)):
         monkeypatch.setattr(module, name, size)
 
@@ -250,7 +248,7 @@ def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
 
 @pytest.mark.parametrize("suffix", [".msh", pytest.param("", id="case", marks=pytest.mark.nightly)])
 def test_the_first_inverted_cell_is_named_by_its_number_in_the_file(suffix, alike, tmp_path, monkeypatch):
-    monkeypatch.setattr(excerpt, "CELLS", 50)
+    limited(monkeypatch, cells=50)
     path = written(shuffled(body_among_tetrahedra()), tmp_path / f"body{suffix}")
     words = ["--surface", "body", "--fixed", "far", "--hinge", "2,0,2", "2,4,2", "--margin", "0.5", "--steps", "1"]
     found = alike(path, *words, "--repair", "off", "--angle", "50", code=1)
@@ -280,7 +278,7 @@ def test_a_dry_run_plans_the_same(suffix, small, called, tmp_path):
 @pytest.mark.nightly
 def test_a_report_shows_the_same_cells(small, called, tmp_path, monkeypatch):
     """The cells that may change, with their nodes' numbers in the file: as of any mesh too large to show whole."""
-    monkeypatch.setattr(folder, "SHOWN_WHOLE", 10)
+    limited(monkeypatch, shown=10)
     path = written(small, tmp_path / "wing.cgns")
     found = []
     for large in (1 << 60, 0):
@@ -411,7 +409,7 @@ def test_what_is_wrong_with_a_case_is_said_in_one_line(shared, damage, small, ca
 @pytest.mark.parametrize("suffix", SUFFIXES[:-1])
 def test_a_face_of_no_cell(suffix, shared, small, called, tmp_path, monkeypatch):
     monkeypatch.setattr(Threads, "shares_memory", shared or suffix == ".su2")  # whose tables are in this machine
-    monkeypatch.setattr(excerpt, "HELD", 0)
+    limited(monkeypatch, held=0)
     path = written(loose(small), tmp_path / f"wing{suffix}")
     words = ["deflect", path, *FLAP, "--angle", "8", "--quiet", "--no-report", "--dry-run"]
     for large in (1 << 60, 0):

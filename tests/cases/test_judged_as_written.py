@@ -26,6 +26,7 @@ from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.openfoam_write import write_list
 from sdm_deflect.meshing.formats.registry import format_of, known_format
 from tests.deform.blocks import block_with_body
+from tests.limits import limited
 from tests.meshing.formats import fluent_files, netcdf_files, plot3d_files
 from tests.meshing.formats.gmsh_files import gmsh_data
 from tests.meshing.formats.wing import wing
@@ -242,7 +243,7 @@ def test_a_copy_that_is_not_what_was_judged_is_discarded(name, how, large, spoil
     source, folder = tmp_path / name, tmp_path / "new"
     (SINGLE | DOUBLE)[name](block_with_body(), source)
     folder.mkdir()
-    monkeypatch.setattr(command, "LARGE", large)
+    limited(monkeypatch, file=large)
     spoiled(how, name in SINGLE)
     with pytest.raises(MeshFileError, match=r"out\S*: what was written does not read back as what was judged"):
         run(source, folder / f"out{name.removeprefix(name.partition('.')[0])}", **BODY)
@@ -305,7 +306,7 @@ def test_a_source_that_changes_ends_the_command(name, file, large, change, tmp_p
     source, folder = tmp_path / name, tmp_path / "new"
     DOUBLE[name](block_with_body(), source)
     folder.mkdir()
-    monkeypatch.setattr(command, "LARGE", large)
+    limited(monkeypatch, file=large)
     path = source if file == "." else source / file if source.is_dir() else source.with_name(file)
 
     def planned(*words):

@@ -30,6 +30,7 @@ from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.deform.blocks import block_with_body
+from tests.limits import limited
 from tests.meshing.formats.examples import hybrid, polyhedral
 from tests.meshing.formats.wing import wing
 
@@ -150,7 +151,7 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
             if key != "version" or key not in figures:
                 with pytest.raises(InputError, match=r"metrics\.json"):
                     page(replace(data, figures=figures), Gallery(()))
-    monkeypatch.setattr(folders, "SHOWN_WHOLE", 10)
+    limited(monkeypatch, shown=10)
     write_deflected(folder / "deflected.vtu", one)
     assert (folder / "deflected.vtu").stat().st_size < 0.8 * len(before["deflected.vtu"])
     np.testing.assert_array_equal(report_of_folder(folder).points, one.points)

@@ -14,11 +14,11 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.surface.motions import Moving, Rotation
-from sdm_deflect.deform.volume import prepared
 from sdm_deflect.deform.volume.deflection import Plan, deflect
 from sdm_deflect.deform.volume.job import Job
 from tests.cases.view.conftest import written
 from tests.deform.blocks import two_bodies
+from tests.limits import limited
 from tests.meshing.formats.examples import polyhedral
 
 EQUAL = 1e-9  # of a mesh of size 1
@@ -105,7 +105,7 @@ def test_a_table_is_shown_by_its_share(block, bare_deflection, tmp_path):
 
 
 def test_sums_that_fit_into_no_memory_are_computed_at_every_angle(hybrid, wing_folder, monkeypatch):
-    monkeypatch.setattr(prepared, "MOST", 0)
+    limited(monkeypatch, matrix=0)
     run = InteractiveRun.of(wing_folder)
     assert run.boxes[0].steps[0].all[0].kernel is None
     assert np.abs(run.at(4.0).points - hybrid.at(4.0).points).max() < EQUAL

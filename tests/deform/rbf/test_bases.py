@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from sdm_deflect.deform.rbf.bases import RecordingBasis, with_values
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import adapt
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
@@ -25,7 +24,7 @@ def basis(phase):
 
 
 def test_other_values_give_the_interpolant_of_a_fresh_fit():
-    fresh, again = basis(0.7).refined(), with_values(basis(0.2), field(POINTS, 0.7)).refined()
+    fresh, again = basis(0.7).refined(), basis(0.2).with_values(field(POINTS, 0.7)).refined()
     np.testing.assert_allclose(again.beta, fresh.beta, rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(again.alpha, fresh.alpha, rtol=1e-8, atol=1e-9)
 
@@ -33,26 +32,19 @@ def test_other_values_give_the_interpolant_of_a_fresh_fit():
 def test_a_basis_with_other_values_is_extended_like_a_fresh_one():
     more = np.arange(60, 90)
     fresh = basis(0.7).extended(more).coefficients()
-    again = with_values(basis(0.2), field(POINTS, 0.7)).extended(more).coefficients()
+    again = basis(0.2).with_values(field(POINTS, 0.7)).extended(more).coefficients()
     np.testing.assert_allclose(again.beta, fresh.beta, rtol=1e-7, atol=1e-8)
 
 
 def test_an_adaptation_keeps_its_last_basis_and_starts_again_from_it():
-    kept = []
     sites = [DataSites(POINTS, field(POINTS, phase), (0, 1)) for phase in (0.2, 0.7)]
-    first = adapt(
-        sites[0],
-        ThinPlateSpline(),
-        ROWS,
-        OPTIONS,
-        basis=lambda p, r: RecordingBasis(CholeskyBasis.of(p, r), kept.append),
-    )
-    assert np.array_equal(kept[0].chosen, first.chosen)
+    first = adapt(sites[0], ThinPlateSpline(), ROWS, OPTIONS)
+    assert np.array_equal(first.basis.chosen, first.chosen)
 
     def start(problem, rows):
-        return RecordingBasis(with_values(kept[0], problem.values), kept.append)
+        return first.basis.with_values(problem.values)
 
     second = adapt(sites[1], ThinPlateSpline(), first.chosen, OPTIONS, basis=start)
     assert second.max_error < OPTIONS.tol_stop
     assert np.array_equal(second.chosen[: len(first.chosen)], first.chosen)
-    assert np.array_equal(kept[1].chosen, second.chosen)
+    assert np.array_equal(second.basis.chosen, second.chosen)

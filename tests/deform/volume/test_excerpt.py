@@ -9,11 +9,12 @@ import pytest
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.mesh.pieces import MeshInPieces, Threads
-from sdm_deflect.deform.volume import excerpt, scan
+from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.deform.volume.box import Automatic
 from sdm_deflect.deform.volume.deflection import Plan, Plans, deflect, sweep
 from tests.deform.blocks import block_with_body, joined, two_bodies
 from tests.deform.jobs import job
+from tests.limits import limited
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,10 +57,7 @@ class Elsewhere:
 
 @pytest.fixture(autouse=True)
 def small_pieces(monkeypatch):
-    for module in (excerpt, scan):
-        monkeypatch.setattr(module, "POINTS", 90)
-        monkeypatch.setattr(module, "CELLS", 70)
-    monkeypatch.setattr(excerpt, "HELD", 0)
+    limited(monkeypatch, points=90, cells=70, held=0)
 
 
 def in_pieces(mesh: Mesh) -> MeshInPieces:

@@ -7,11 +7,11 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.motions import Moving, Rotation, Table
-from sdm_deflect.deform.volume import prepared
 from sdm_deflect.deform.volume.deflection import Plan, adapted_steps, deflect
 from sdm_deflect.deform.volume.job import Job, Sliding
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from tests.deform.jobs import FLAP, blended, job
+from tests.limits import limited
 
 BOX = [[0.2, -0.2, -0.5], [1.6, 0.95, 0.5]]
 SAME = 1e-10
@@ -74,7 +74,7 @@ def test_the_mesh_is_linear_in_a_table(block):
 
 def test_without_a_matrix_the_sums_are_the_same(sliding, monkeypatch):
     _, ready = prepare(sliding)
-    monkeypatch.setattr(prepared, "MOST", 0)
+    limited(monkeypatch, matrix=0)
     _, summed = prepare(sliding)
     assert summed.steps[0].all[0].kernel is None
     assert np.abs(summed.at(3.0).points - ready.at(3.0).points).max() < SAME
