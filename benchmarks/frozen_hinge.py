@@ -17,9 +17,9 @@ from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.flow.frozen import hinge_moment, hinge_moment_rate
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.volume.deflection import deflected
-from sdm_deflect.geometry.reference_values import surface_reference
 from studies.flow.members import DEFLECTED, Member, study_of, undeflected_mesh
 from studies.flow.pictures import Skin
+from studies.flow.reference import surface_reference
 from studies.flow.solve import FOLDER, SETTINGS
 
 STEP = 0.01

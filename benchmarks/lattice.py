@@ -16,7 +16,8 @@ import numpy as np
 
 from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.geometry.reference_values import reference_values, surface_reference
+from sdm_deflect.geometry.reference_values import reference_values
+from studies.flow.reference import surface_reference
 
 STRIP = 0.02
 """Width (m) of the strip beside the closed rib over which a blended aileron rises; half of it is lost."""

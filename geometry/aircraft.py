@@ -1,14 +1,20 @@
 """The whole aircraft as one solid with named faces, and the two flow domains of the Chimera case."""
 
-from collections.abc import Mapping, Set
+from collections.abc import Iterator, Mapping, Set
+from contextlib import contextmanager
+from dataclasses import fields
+from types import ModuleType
+
+import numpy as np
+from OCP import Standard, StdFail
 
 from sdm_deflect.geometry.assemble import assemble, preflight
 from sdm_deflect.geometry.confinement import BlockParameters, block_corners
 from sdm_deflect.geometry.datum import SURFACES, ends, hinge_line, hinged, ribs
 from sdm_deflect.geometry.deflected import CadTurn, deflected_wedge, turned, wedge
+from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.geometry.fuse import NamedSolid, both_sides, general_fuse, one_side, partitions, skin, solid, walls
 from sdm_deflect.geometry.fuselage import canopy_parts, fuselage_parts, inlet_parts
-from sdm_deflect.geometry.kernel import told
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.geometry.polyhedra import (
@@ -55,7 +61,7 @@ def build(
             raise ValueError(f"no control surface {name!r}; there are {', '.join(SURFACES)}")
     if whole := [name for name, turn in moved.items() if turn.mode != "rigid" and not hinged(name)]:
         raise ValueError(f"{whole[0]} has no hinge edges to blend towards; its deflection.mode must be 'rigid'")
-    with told(fighter):
+    with _kernel_errors_named(fighter):
         found = walls(general_fuse(aircraft_parts(fighter, moved, without)))
         model = assemble(skin(found), partitions(found), fluid_inside=False)
         if not moved:
@@ -105,7 +111,7 @@ def chimera_block(fighter: Fighter, parameters: BlockParameters, surface: str = 
     """
     side = surface.removeprefix("aileron")
     corners = block_corners(fighter, parameters, surface)
-    with told(fighter):
+    with _kernel_errors_named(fighter):
         parts = [
             *one_side(f"wing{side}", wing_polyhedra(fighter)),
             NamedSolid(surface, solid(wedge(*ends(fighter, surface)))),
@@ -130,3 +136,35 @@ def _faces(corners: FloatArray) -> Loops:
     """The six faces (4, 3) of a hexahedron with corners (8, 3) as `hexahedron_corners` orders them."""
     quads = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
     return tuple(corners[list(quad)] for quad in quads)
+
+
+def _exceptions(module: ModuleType) -> tuple[type[Exception], ...]:
+    return tuple(kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, Exception))
+
+
+KERNEL: tuple[type[Exception], ...] = (*_exceptions(Standard), *_exceptions(StdFail), ValueError, ArithmeticError)
+"""The kernel's exceptions have no common base; CadQuery and NumPy raise the last two for shapes without extent."""
+
+
+@contextmanager
+def _kernel_errors_named(fighter: Fighter) -> Iterator[None]:
+    """Raise CadError that names the parameters which differ from the defaults, where the kernel raises its own."""
+    try:
+        with np.errstate(all="raise", under="ignore"):
+            yield
+    except KERNEL as error:
+        what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise CadError(f"the CAD kernel builds no aircraft with {_differences(fighter)} ({what})") from error
+
+
+def _differences(fighter: Fighter) -> str:
+    """Return the parameters that differ from the defaults, with their values."""
+    usual, changed = Fighter(), []
+    for component in fields(Fighter):
+        given, default = getattr(fighter, component.name), getattr(usual, component.name)
+        changed += [
+            f"{component.name}.{parameter.name} = {getattr(given, parameter.name):g}"
+            for parameter in fields(given)
+            if getattr(given, parameter.name) != getattr(default, parameter.name)
+        ]
+    return ", ".join(changed) or "the default parameters"

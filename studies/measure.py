@@ -17,10 +17,8 @@ from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.points import IndexArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.deform.rbf.bases import DirectBasis
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.greedy import Adaptation, Basis, Iteration, Stop, adapt
-from sdm_deflect.deform.rbf.interpolant import krylov
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
@@ -29,6 +27,7 @@ from sdm_deflect.deform.volume.deflection import Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS, GROUPINGS, initial_centers
 from sdm_deflect.meshing.mesh import tets_of
 from studies.paper import Evaluation, Row, Setting, Size, Table, paper
+from studies.solves import DirectBasis, krylov
 from studies.trends import Finding, Trend
 
 REPETITIONS = 7

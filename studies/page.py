@@ -9,7 +9,6 @@ from tempfile import TemporaryDirectory
 from matplotlib.figure import Figure
 from numba import get_num_threads
 
-from sdm_deflect.cases.aircraft import pictures as aircraft
 from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.aircraft.pipeline import meshed, run_case
 from sdm_deflect.cases.aircraft.registry import case_named
@@ -21,6 +20,7 @@ from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import Strategy
 from sdm_deflect.meshing.files.temporary import scratch_folder
 from sdm_deflect.meshing.mesh import tets_of
+from studies import pictures as aircraft
 from studies import sections, verdicts
 from studies.centres_page import why
 from studies.files import write_csv, write_plot

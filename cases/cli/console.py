@@ -1,7 +1,7 @@
 """What commands print: calm tables, at the end."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -82,30 +82,51 @@ def plan_table(plan: Planned) -> Group:
 
 def result_table(done: "Outcome") -> Group:
     """Return the checks of a single angle, or a row for each of many, and what was written."""
-    plan, unit = done.plan, done.plan.job.surfaces[0].motion.unit
-    ordered = sorted(done.angles, key=lambda one: one.angle)
-    title = f"{plan.moving[0][1].named} of {plan.mesh.name}"
-    if len(ordered) == 1:
-        only = ordered[0]
-        body = [verdict(only.checks, f"{title}, {only.angle:+g} {unit}"), quality_table(plan.before, only.quality)]
-        body += face_table(only.figures)
-        fits = [f"{name} {fit_text(one)}" for name, one in only.figures.get("deflections", {}).items()]
-        told = [text for text in [repair_text(only.figures), *(fits or [fit_text(only.figures)])] if text]
-    else:
-        failed = [one for one in ordered if not one.passed]
-        body = [sweep_table(ordered, title), *(verdict(one.checks, f"{one.angle:+g} {unit}") for one in failed)]
-        told = [f"{one.angle:+g} {unit}: {text}" for one in ordered if (text := repair_text(one.figures))]
-    together = [verdict(done.checks, "from time to time")] if done.checks else []
-    extra = [one.seconds for one in done.angles[1:]]
-    further = f", {sum(extra) / len(extra):.2f} s for each further one" if extra else ""
-    speed = f"first angle {done.angles[0].seconds:.2f} s{further}"
-    warned = "" if done.passed else ", of which the mesh should not be used as it is"
-    wrote = [f"wrote {', '.join(str(path) for path in (*done.files, *done.reports))}{warned}"] if done.files else []
-    case = [done.flow.text(plan)] if done.flow else []
-    last = outcome([*(check for one in done.angles for check in one.checks), *done.checks])
-    losses = [f"not held by this format: {text}" for text in done.lost]
-    notes = [f"note: {text}" for text in done.notes]
-    return Group(*body, *together, *_texts([*told, *_lines(plan), *notes, *losses, *case, speed, *wrote, last]))
+    ordered = sorted(done.angles, key=lambda judged: judged.angle)
+    tables, texts = _of_one_angle(done, ordered[0]) if len(ordered) == 1 else _of_many_angles(done, ordered)
+    if done.checks:
+        tables.append(verdict(done.checks, "from time to time"))
+    texts += _lines(done.plan)
+    texts += [f"note: {text}" for text in done.notes]
+    texts += [f"not held by this format: {text}" for text in done.lost]
+    texts += [done.flow.text(done.plan)] if done.flow else []
+    texts += _closing(done)
+    return Group(*tables, *_texts(texts))
+
+
+def _of_one_angle(done: "Outcome", judged: "Judged") -> tuple[list[Table], list[str]]:
+    """Return the tables of a single angle, and what is said of its repair and its fit."""
+    checks = verdict(judged.checks, f"{_title(done)}, {judged.angle:+g} {_unit(done)}")
+    tables = [checks, quality_table(done.plan.before, judged.quality), *face_table(judged.figures)]
+    fits = [f"{name} {fit_text(figures)}" for name, figures in judged.figures.get("deflections", {}).items()]
+    return tables, [text for text in (repair_text(judged.figures), *(fits or [fit_text(judged.figures)])) if text]
+
+
+def _of_many_angles(done: "Outcome", ordered: Sequence["Judged"]) -> tuple[list[Table], list[str]]:
+    """Return a table with a row for each angle and the checks of those that failed, and what is said of repairs."""
+    named = [(f"{judged.angle:+g} {_unit(done)}", judged) for judged in ordered]
+    failed = [verdict(judged.checks, name) for name, judged in named if not judged.passed]
+    repairs = [f"{name}: {text}" for name, judged in named if (text := repair_text(judged.figures))]
+    return [sweep_table(ordered, _title(done)), *failed], repairs
+
+
+def _title(done: "Outcome") -> str:
+    return f"{done.plan.moving[0][1].named} of {done.plan.mesh.name}"
+
+
+def _unit(done: "Outcome") -> str:
+    return done.plan.job.surfaces[0].motion.unit
+
+
+def _closing(done: "Outcome") -> Iterator[str]:
+    """Yield how long it took, what was written, and whether all checks hold."""
+    further = [judged.seconds for judged in done.angles[1:]]
+    mean = f", {sum(further) / len(further):.2f} s for each further one" if further else ""
+    yield f"first angle {done.angles[0].seconds:.2f} s{mean}"
+    if done.files:
+        warning = "" if done.passed else ", of which the mesh should not be used as it is"
+        yield f"wrote {', '.join(map(str, (*done.files, *done.reports)))}{warning}"
+    yield outcome([*(check for judged in done.angles for check in judged.checks), *done.checks])
 
 
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:

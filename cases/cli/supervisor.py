@@ -15,8 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
-from sdm_deflect.meshing.files.orphan import end_with
-from sdm_deflect.meshing.files.watchers import watchers
+from sdm_deflect.meshing.files.orphan import end_with, watchers
 
 REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that ask a command to end; its exit code is 128 and the signal's number."""

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
@@ -89,30 +90,35 @@ def _surfaces(runs: Sequence[ComparedRun]) -> tuple[list[Pair], list[str]]:
 def _histograms(runs: Sequence[ComparedRun]) -> Iterator[tuple[Figure, str]]:
     """Draw the quality of the touched cells, a panel for each type, as shares: meshes may differ in size."""
     before, after = _qualities(runs[0].data, True), [_qualities(run.data, False) for run in runs]
-    shapes = dict.fromkeys(shape for one in after for shape in one)
+    shapes = dict.fromkeys(shape for qualities in after for shape in qualities)
     if not shapes:
         return
     figure, axes = panels(len(shapes))
     names = [f"{runs[0].name}, {BEFORE}", *(run.name for run in runs)]
     looks: list[dict[str, Any]] = [{"color": "black", "lw": 1.0}]
     looks += [{"color": color, "ls": dashes, "lw": 2.0} for color, dashes in STYLES]
-    texts = []
-    for one, shape in zip(axes, shapes, strict=True):
-        lines = zip(names, (before, *after), looks, strict=False)
-        curves = [(name, own[shape], look) for name, own, look in lines if shape in own]
-        top = 1.0 if shape != POLYHEDRON else 0.25
-        bins = np.linspace(min(0.0, *(float(values.min()) for _, values, _ in curves)), top, 41)
-        for name, values, look in curves:
-            share = 100.0 * np.histogram(np.clip(values, bins[0], top), bins)[0] / len(values)
-            one.stairs(share, bins, label=name, **look)
-        one.set(xlabel=f"{MEASURES[shape]} of a cell", ylabel="share of the cells, %", xlim=(bins[0], top))
-        one.set_yscale("symlog", linthresh=0.1)
-        one.set_title(shape, fontsize="medium")
-        one.legend(loc="upper left", fontsize="small")
-        one.grid(alpha=0.3)
-        least = ", ".join(f"{name} {values.min():.3f}" for name, values, _ in curves)
-        texts.append(f"Smallest {MEASURES[shape]} of the {shape} cells: {least}.")
+    curves = list(zip(names, (before, *after), looks, strict=False))
+    texts = [
+        _histogram(panel, shape, [(name, parts[shape], look) for name, parts, look in curves if shape in parts])
+        for panel, shape in zip(axes, shapes, strict=True)
+    ]
     yield figure, "Histograms of the quality of the cells that touch the boxes, over each other. " + " ".join(texts)
+
+
+def _histogram(panel: Axes, shape: str, curves: Sequence[tuple[str, FloatArray, dict[str, Any]]]) -> str:
+    """Draw the quality of cells of a type by name of the run, and say how large the smallest is."""
+    top = 1.0 if shape != POLYHEDRON else 0.25
+    bins = np.linspace(min(0.0, *(float(values.min()) for _, values, _ in curves)), top, 41)
+    for name, values, look in curves:
+        share = 100.0 * np.histogram(np.clip(values, bins[0], top), bins)[0] / len(values)
+        panel.stairs(share, bins, label=name, **look)
+    panel.set(xlabel=f"{MEASURES[shape]} of a cell", ylabel="share of the cells, %", xlim=(bins[0], top))
+    panel.set_yscale("symlog", linthresh=0.1)
+    panel.set_title(shape, fontsize="medium")
+    panel.legend(loc="upper left", fontsize="small")
+    panel.grid(alpha=0.3)
+    least = ", ".join(f"{name} {values.min():.3f}" for name, values, _ in curves)
+    return f"Smallest {MEASURES[shape]} of the {shape} cells: {least}."
 
 
 def _qualities(data: ReportData, before: bool) -> dict[str, FloatArray]:

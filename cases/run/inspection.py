@@ -1,7 +1,8 @@
 """Points, cells, patches and quality of a mesh file of any format that can be deflected."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -34,28 +35,42 @@ SHOWN = 20
 
 def inspect(path: Path, select: Mapping[str, str] = NOTHING) -> str:
     """Return what a mesh file holds, in a few lines; errors as in `inspected`."""
-    found = inspected(path, select)
-    plane = ", two-dimensional" if found["plane"] else ""
-    lines = [f"{found['file']}: {found['points']} points, {found['cells']} cells{plane}"]
-    if len(found["zones"]) > 1:
-        lines.append("zones (points): " + _listed(found["zones"]))
-    for name, blocks in found["blocks"].items():
-        shown = ", ".join(blocks[:SHOWN]) + (f" and {len(blocks) - SHOWN} more" if len(blocks) > SHOWN else "")
-        lines.append(f"{len(blocks)} zones of the file fit together{_as(name, found['zones'])}: {shown}")
-    lines += [_quality_line(quality) for quality in found["quality"]]
-    lines += [_face_line(found["face_quality"])] if found["face_quality"] else []
-    if found["left_handed"]:
-        lines.append("the file counts the nodes of cells left-handed; judged accordingly")
-    lines += found["notes"]
-    if found["patches"]:
-        lines.append("patches (faces, extent):")
-    lines += [f"  {name} {count}{_reach(found['extents'][name])}" for name, count in found["patches"].items()]
-    for name, count in found["components"].items():
-        lines.append(f"{name} has {count} connected components" + (f", the largest {MOST}" if count > MOST else ""))
-    if found["parts"]:
-        lines.append("parts of patches (faces, extent):")
-    lines += [f"  {one['name']} {one['faces']}{_reach([one['low'], one['high']])}" for one in found["parts"]]
-    return "\n".join(printable(line) for line in lines)
+    figures = inspected(path, select)
+    plane = ", two-dimensional" if figures["plane"] else ""
+    lines = [
+        f"{figures['file']}: {figures['points']} points, {figures['cells']} cells{plane}",
+        *_zone_lines(figures["zones"], figures["blocks"]),
+        *map(_quality_line, figures["quality"]),
+        *([_face_line(figures["face_quality"])] if figures["face_quality"] else ()),
+        *(["the file counts the nodes of cells left-handed; judged accordingly"] if figures["left_handed"] else ()),
+        *figures["notes"],
+        *_patch_lines(figures),
+    ]
+    return "\n".join(map(printable, lines))
+
+
+def _zone_lines(zones: Json, blocks: Json) -> Iterator[str]:
+    """Yield the sizes of several zones, and for each which zones of the file it consists of, if they are several."""
+    if len(zones) > 1:
+        yield "zones (points): " + ", ".join(f"{name} {count}" for name, count in zones.items())
+    for name, parts in blocks.items():
+        shown = ", ".join(parts[:SHOWN]) + (f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else "")
+        called = f" as {name}" if len(zones) > 1 else ""
+        yield f"{len(parts)} zones of the file fit together{called}: {shown}"
+
+
+def _patch_lines(figures: Json) -> Iterator[str]:
+    """Yield the patches, those of several components, and their parts."""
+    if figures["patches"]:
+        yield "patches (faces, extent):"
+    for name, count in figures["patches"].items():
+        yield f"  {name} {count}{_reach(figures['extents'][name])}"
+    for name, count in figures["components"].items():
+        yield f"{name} has {count} connected components" + (f", the largest {MOST}" if count > MOST else "")
+    if figures["parts"]:
+        yield "parts of patches (faces, extent):"
+    for part in figures["parts"]:
+        yield f"  {part['name']} {part['faces']}{_reach([part['low'], part['high']])}"
 
 
 def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
@@ -86,27 +101,32 @@ def inspected(path: Path, select: Mapping[str, str] = NOTHING) -> Json:
         raise InputError(f"{path} is not a file")
     whole = read(path)
     mesh = selected(whole, [selection(name, text) for name, text in select.items()])
-    judged = [oriented(mesh.points, block) for block in mesh.cells]
-    check_most(str(path), sum(inverted for _, inverted in judged), sum(len(block) for block in mesh.cells))
-    blocks = [(block, None, sign) for block, (sign, _) in zip(mesh.cells, judged, strict=True)]
+    signs, count = _signs(mesh, str(path)), sum(map(len, mesh.cells))
     components, parts = _components(whole)
     parts += [Part.of(mesh, patch) for patch in mesh.patches if patch.name not in whole.names]
     return {
         "file": str(path),
         "points": len(mesh.points),
-        "cells": sum(len(block) for block in mesh.cells),
+        "cells": count,
         "plane": mesh.plane,
         "zones": {zone.name: zone.stop - zone.start for zone in mesh.zones},
         "blocks": {zone.name: list(zone.blocks) for zone in mesh.zones if zone.blocks},
-        "patches": {patch.name: len(patch) for patch in mesh.patches},
+        "patches": dict(zip(mesh.names, map(len, mesh.patches), strict=True)),
         "extents": {patch.name: _extent(mesh.points[patch.nodes]) for patch in mesh.patches},
         "components": components,
         "parts": [_part(part) for part in parts],
-        "quality": [asdict(quality) for quality in by_shape(mesh.points, blocks)],
+        "quality": [asdict(quality) for quality in by_shape(mesh.points, [*zip(mesh.cells, repeat(None), signs)])],
         "face_quality": _face_quality(mesh),
-        "left_handed": min(orientation for _, _, orientation in blocks) < 0.0,
+        "left_handed": min(signs) < 0.0,
         "notes": list(mesh.notes),
     }
+
+
+def _signs(mesh: Mesh, name: str) -> list[float]:
+    """Return for each block 1, or -1 where nodes are counted left-handed; InputError for a mesh mostly inverted."""
+    signs, inverted = zip(*(oriented(mesh.points, block) for block in mesh.cells), strict=True)
+    check_most(name, sum(inverted), sum(map(len, mesh.cells)))
+    return list(signs)
 
 
 def _components(mesh: Mesh) -> tuple[dict[str, int], list[Part]]:
@@ -165,11 +185,3 @@ def _face_line(found: Json) -> str:
         f"mean {found['non_orthogonality_mean']:.2f} degrees, {found['severely_non_orthogonal']} above 70; "
         f"skewness max {found['skewness_max']:.3f}, {found['highly_skew']} above 4"
     )
-
-
-def _as(name: str, zones: Json) -> str:
-    return f" as {name}" if len(zones) > 1 else ""
-
-
-def _listed(counts: dict[str, int]) -> str:
-    return ", ".join(f"{name} {count}" for name, count in counts.items())

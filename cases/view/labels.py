@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from math import floor, log10
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -82,15 +83,13 @@ def about(run: InteractiveRun) -> dict[str, Any]:
     steps, mesh = sum(len(box.steps) for box in run.boxes), run.mesh
     shapes = {shape_of(block) for block in mesh.cells}
     cells = "tetrahedra" if shapes == {"tetra"} else "cells"
-    factors = ["" if one.factor == 1.0 else f" × {one.factor:g}" for one in run.surfaces]
-    surfaces = [one.name.replace("_", " ") + factor for one, factor in zip(run.surfaces, factors, strict=True)]
     return {
         "run_title": run.manner.title,
         "run_facts": f"{len(mesh.points):,} points, {sum(map(len, mesh.cells)):,} {cells}, of which "
         f"{run.touched.count:,} touch a box. {centres:,} centres of the run at {run.angle:+g}{run.unit}"
         + (f", {steps} steps" if steps > len(run.boxes) else "")
         + ". "
-        + ("Surfaces: " + ", ".join(surfaces) + "." if len(run.surfaces) > 1 else "")
+        + _several(run)
         + ("" if _unit(run) else f"Lengths are in {run.manner.length.shown}."),
         "measure": run.measure,
         "unit": run.unit.strip(),
@@ -98,6 +97,13 @@ def about(run: InteractiveRun) -> dict[str, Any]:
         "length_unit": _unit(run),
         "decimals": _decimals(run),
     }
+
+
+def _several(run: InteractiveRun) -> str:
+    """Return the surfaces and by what factor of the angle each turns; nothing for a single one."""
+    names = [mover.name.replace("_", " ") for mover in run.surfaces]
+    factors = ["" if mover.factor == 1.0 else f" × {mover.factor:g}" for mover in run.surfaces]
+    return f"Surfaces: {', '.join(map(add, names, factors))}." if len(names) > 1 else ""
 
 
 def key(colour: str, run: InteractiveRun, farthest: float) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from sdm_deflect.cases.view.labels import (
     verdict,
 )
 from sdm_deflect.cases.view.layout import BOX, NOTES, lay_out
-from sdm_deflect.cases.view.pieces import CutPlane, ViewPiece, ViewPieces, bounds, boxes, outboard, outline
+from sdm_deflect.cases.view.pieces import ClipPlane, ViewPiece, ViewPieces, bounds, boxes, outboard, outline
 from sdm_deflect.cases.view.run import DeflectedMesh, InteractiveRun, Spans
 from sdm_deflect.cases.view.scene import ViewScene
 from sdm_deflect.deform.base.arrays import FloatArray
@@ -60,12 +60,12 @@ class Wish:
     colour: str = "quality"
 
     @property
-    def plane(self) -> CutPlane | None:
+    def plane(self) -> ClipPlane | None:
         """The plane of the section, if one is wanted."""
-        return CutPlane(AXES.index(self.axis), self.position) if self.sectioned else None
+        return ClipPlane(AXES.index(self.axis), self.position) if self.sectioned else None
 
     @property
-    def cut_plane(self) -> CutPlane | None:
+    def cut_plane(self) -> ClipPlane | None:
         """The plane beyond which the walls are left out, if that is wanted."""
         return self.plane if self.cut else None
 
@@ -86,9 +86,9 @@ class Control:
     def of(cls, run: InteractiveRun) -> "Control":
         """Prepare a run for display."""
         undeflected = run.at(0.0)
-        return cls(run, Spans.of(run), ViewPieces.of(run), ViewScene(), undeflected, undeflected).afresh()
+        return cls(run, Spans.of(run), ViewPieces.of(run), ViewScene(), undeflected, undeflected).for_another_page()
 
-    def afresh(self) -> "Control":
+    def for_another_page(self) -> "Control":
         """Return the same run with a scene of its own, in which nothing is shown yet."""
         scene = ViewScene()
         scene.show({"box": boxes(self.run), "outline": outline(self.run)})

@@ -29,7 +29,7 @@ AROUND = 0.35
 
 
 @dataclass(frozen=True, slots=True)
-class CutPlane:
+class ClipPlane:
     """All points whose coordinate `axis` (0, 1, 2) is `position`."""
 
     axis: int
@@ -98,7 +98,7 @@ class OuterFaces:
         faces = Polygons(place.astype(np.intp), every.offsets)
         return cls(nodes, faces, middles, np.repeat(rgb, [len(mesh.patch(name)) for name in colours], axis=0))
 
-    def piece(self, points: FloatArray, plane: CutPlane | None, side: float, rgb: IntArray | None = None) -> ViewPiece:
+    def piece(self, points: FloatArray, plane: ClipPlane | None, side: float, rgb: IntArray | None = None) -> ViewPiece:
         """Return the faces on points (N, 3); with a plane only those whose undeflected middle is not cut away.
 
         Their colours are rgb (F, 3), or their own.
@@ -139,7 +139,7 @@ class Solids:
         edges = np.vstack([np.empty((0, 2), dtype=np.intp), *(own for _, own in parts)])
         return cls(blocks, np.concatenate([none, *cell]), edges)
 
-    def cut(self, points: FloatArray, plane: CutPlane, rgb: IntArray) -> ViewPiece:
+    def cut(self, points: FloatArray, plane: ClipPlane, rgb: IntArray) -> ViewPiece:
         """Return the section by a plane, with the nodes at points (N, 3), in the colours of the cells (M, 3).
 
         The cells of a plane mesh are seen whole from in front.
@@ -204,8 +204,6 @@ class ViewPieces:
         colours = {name: SURFACE for one in run.surfaces for name in one.patches}
         colours |= {name: PANEL for one in run.surfaces for name in one.following}
         rows = _around(run)
-        parts = zip(mesh.cells, rows, run.touched.orientation, strict=True)
-        quality = np.concatenate([np.empty(0), *(drawn_quality(mesh.points, *part) for part in parts if len(part[1]))])
         return cls(
             run,
             OuterFaces.of(mesh, dict.fromkeys(still, BODY)),
@@ -213,11 +211,11 @@ class ViewPieces:
             union(*(mesh.patch(name).loose for name in moving)),
             Solids.of(mesh, run.touched.rows),
             Solids.of(mesh, rows),
-            quality_rgb(quality),
+            quality_rgb(_undeflected_quality(run, rows)),
             run.at(0.0).quality,
         )
 
-    def standing(self, plane: CutPlane | None, cut: CutPlane | None, colour: str = "quality") -> dict[str, ViewPiece]:
+    def standing(self, plane: ClipPlane | None, cut: ClipPlane | None, colour: str = "quality") -> dict[str, ViewPiece]:
         """Return what does not depend on the angle: the body, and the section of the cells that never move."""
         points = self.run.mesh.points
         pieces = {"body": self.body.piece(points, cut, self.side(cut))}
@@ -229,7 +227,7 @@ class ViewPieces:
         return pieces
 
     def moving(
-        self, frame: DeflectedMesh, plane: CutPlane | None, cut: CutPlane | None, colour: str = "quality"
+        self, frame: DeflectedMesh, plane: ClipPlane | None, cut: ClipPlane | None, colour: str = "quality"
     ) -> dict[str, ViewPiece]:
         """Return what follows the angle: surface, section in the colours that are wanted, inverted cells."""
         pieces = {
@@ -265,7 +263,7 @@ class ViewPieces:
         lengths = self.surface.lengths(frame.points - self.run.mesh.points)
         return moved_rgb(lengths / (self.farthest(frame) or 1.0))
 
-    def side(self, plane: CutPlane | None) -> float:
+    def side(self, plane: ClipPlane | None) -> float:
         """Return on which side of a plane the walls are cut away: outboard, aft or above."""
         return outboard(self.run) if plane is not None and plane.axis == 1 else 1.0
 
@@ -318,6 +316,12 @@ def _around(run: InteractiveRun) -> list[IntArray]:
         np.setdiff1d(np.flatnonzero(with_node(block, close)), rows, assume_unique=True)
         for block, rows in zip(run.mesh.cells, run.touched.rows, strict=True)
     ]
+
+
+def _undeflected_quality(run: InteractiveRun, rows: list[IntArray]) -> FloatArray:
+    """Return the quality of some cells of each block, as it is drawn."""
+    parts = zip(run.mesh.cells, rows, run.touched.orientation, strict=True)
+    return np.concatenate([np.empty(0), *(drawn_quality(run.mesh.points, *part) for part in parts if len(part[1]))])
 
 
 def _faces(block: Volume, rows: IntArray) -> list[Faces]:

@@ -285,13 +285,13 @@ class InteractiveRun:
 def centers_of(stored: dict[str, Any], tag: str) -> list[Centers]:
     """Return the centres of each step of the box whose arrays bear a tag (see `write_interpolants`)."""
 
-    def found(prefix: str, step: str) -> dict[int, FloatArray]:
+    def by_direction(prefix: str, step: str) -> dict[int, FloatArray]:
         names = {c: f"{prefix}centers_{letter}{tag}{step}" for c, letter in enumerate(DIRECTIONS)}
         return {c: stored[name] for c, name in names.items() if name in stored}
 
     count = 1 + sum(name.startswith(f"centers_x{tag}_step") for name in stored)
     return [
-        Centers(*(found(prefix, f"_step{k}" if k > 1 else "") for prefix in ("sliding_", "")))
+        Centers(*(by_direction(prefix, f"_step{k}" if k > 1 else "") for prefix in ("sliding_", "")))
         for k in range(1, count + 1)
     ]
 

@@ -101,7 +101,7 @@ class Desk:
         if len(self.guards) >= PAGES_AT_ONCE:
             raise web.HTTPServiceUnavailable(text=f"{PAGES_AT_ONCE} pages are open; close one")
         opened: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        self.open(Page(self.control.afresh()), free_port(), opened.set_result, "task")
+        self.open(Page(self.control.for_another_page()), free_port(), opened.set_result, "task")
         return await opened
 
 
@@ -172,21 +172,24 @@ class Guard:
         origin, given = request.headers.get("Origin"), request.query.get("secret", "")
         if request.headers.get("Host") not in {f"{host}:{self.port}" for host in HOSTS}:
             raise web.HTTPBadRequest(text="this is not the address of this page")
-        if (origin and origin != f"http://{request.host}") or not (
-            self._is_secret(given) or self._is_secret(request.cookies.get(self.cookie, ""))
-        ):
+        known = self._is_secret(given) or self._is_secret(request.cookies.get(self.cookie, ""))
+        if not known or origin not in (None, "", f"http://{request.host}"):
             raise web.HTTPForbidden(text="open the address that sdm view has printed")
         if request.path == "/ws":
-            if not web.WebSocketResponse().can_prepare(request):
-                raise web.HTTPBadRequest(text="this address is for the page's own connection")
-            if sum(len(one.connections) for one in self.handlers) >= CONNECTIONS:
-                raise web.HTTPServiceUnavailable(text=f"the page is open {CONNECTIONS} times; close one")
+            self._check_connection(request)
         if request.path in PAGES:
             await self._lead(request, bool(given))
         response = await handler(request)
         if given and not response.prepared:
             response.set_cookie(self.cookie, self.secret, httponly=True, samesite="Strict")
         return response
+
+    def _check_connection(self, request: web.Request) -> None:
+        """Refuse what is no connection of the page, and one too many."""
+        if not web.WebSocketResponse().can_prepare(request):
+            raise web.HTTPBadRequest(text="this address is for the page's own connection")
+        if sum(len(handler.connections) for handler in self.handlers) >= CONNECTIONS:
+            raise web.HTTPServiceUnavailable(text=f"the page is open {CONNECTIONS} times; close one")
 
     async def _lead(self, request: web.Request, given: bool) -> None:
         """Lead a browser to a page of its own, and one that loads its page again to the address with the secret."""

@@ -31,7 +31,7 @@ Marks = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Unheld:
+class BoundaryGaps:
     """What patches miss of the boundary where nodes may move, and what they hold beside it.
 
     Attributes
@@ -48,7 +48,7 @@ class Unheld:
     inner: int
 
     @classmethod
-    def of(cls, touched: TouchedCells, changed: IntArray, moving: tuple[str, ...]) -> "Unheld":
+    def of(cls, touched: TouchedCells, changed: IntArray, moving: tuple[str, ...]) -> "BoundaryGaps":
         """Compare the faces of touched cells that have a node of `changed` (M,), with those of all patches."""
         mesh = touched.mesh
         marked = np.zeros(len(mesh.points), dtype=np.bool_)

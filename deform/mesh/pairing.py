@@ -148,7 +148,7 @@ def fitted(
     centre, target = here.mean(axis=0), there.mean(axis=0)
     rotation = np.eye(3)
     if np.abs(there - here - (target - centre)).max() > allowed:
-        rotation = _rotation(here - centre, there - target)
+        rotation = rotation_of(here - centre, there - target)
     shift = np.median(there - here @ rotation.T, axis=0)  # a mean of equal numbers is off in its last digits
     found = Periodic(name, patches, nodes, rotation, shift)
     apart = float(np.linalg.norm(found.image(here) - there, axis=1).max())
@@ -163,7 +163,7 @@ def nearest_rotation(here: FloatArray, there: FloatArray) -> FloatArray:
     return np.asarray(v.T @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ u.T)
 
 
-def _rotation(here: FloatArray, there: FloatArray) -> FloatArray:
+def rotation_of(here: FloatArray, there: FloatArray) -> FloatArray:
     """Return the rotation (3, 3) that leads from vectors (K, 3) to others, about a coordinate axis if near one."""
     from scipy.spatial.transform import Rotation
 
@@ -176,8 +176,12 @@ def _rotation(here: FloatArray, there: FloatArray) -> FloatArray:
         return np.eye(3)
     axis = Axis(ORIGIN, direction)
     here, there = axis.radial(here), axis.radial(there)
-    sine, cosine = axis.direction @ np.cross(here, there).sum(axis=0), (here * there).sum()
-    return axis.matrix(float(np.degrees(np.arctan2(sine, cosine))))
+    angle = 0.0
+    for _ in range(2):  # what is left of the angle is known to more digits than the angle
+        turned = here @ axis.matrix(angle).T
+        sine, cosine = axis.direction @ np.cross(turned, there).sum(axis=0), (turned * there).sum()
+        angle += float(np.degrees(np.arctan2(sine, cosine)))
+    return axis.matrix(angle)
 
 
 def pair_of(points: FloatArray, patches: tuple[Patch, Patch], wanted: PeriodicPatches) -> Periodic:

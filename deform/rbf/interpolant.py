@@ -127,33 +127,6 @@ def direct(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(solution)
 
 
-def krylov(rtol: float = 1e-10, restart: int = 200, max_cycles: int = 50) -> Solve:
-    """Return a solve by GMRES, as in the paper: no preconditioner, one right-hand side at a time.
-
-    Parameters
-    ----------
-    rtol : Tolerance on the residual's norm relative to that of the right-hand side.
-    restart, max_cycles : Iterations between restarts and number of restarts before it gives up with a `SolveError`.
-    """
-    if not 0.0 < rtol < 1.0:
-        raise ValueError(f"rtol = {rtol} must lie between 0 and 1")
-    from scipy.sparse.linalg import gmres  # takes a while to load
-
-    def solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
-        columns = []
-        for column in right.T:
-            x, info = gmres(matrix, column, rtol=rtol, restart=min(restart, len(matrix)), maxiter=max_cycles)
-            if info != 0:
-                raise SolveError(
-                    f"GMRES did not reach rtol = {rtol} for {len(matrix)} unknowns in {max_cycles} cycles of "
-                    f"{restart} iterations: allow more, or use the direct solve"
-                )
-            columns.append(x)
-        return np.column_stack(columns)
-
-    return solve
-
-
 def fit(kernel: Kernel, centers: FloatArray, values: FloatArray, solve: Solve = direct) -> Interpolant:
     """Interpolate values (C, k) at centers (C, 3): eqs. 5 and 6.
 

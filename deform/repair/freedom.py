@@ -42,7 +42,7 @@ class SlidingPiece(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Freedom:
+class FreeNodes:
     """The nodes that may move: `free` (F,) anywhere, others on their shapes; each is in one place at most.
 
     Those of `columns` keep their distances from the nodes below them, too, and `images` of one another move alike: all
@@ -73,7 +73,7 @@ class Freedom:
         free: IntArray,
         shapes: Mapping[str, SlidingSurface | str],
         images: Images | None = None,
-    ) -> Freedom:
+    ) -> FreeNodes:
         """Find on what the boundary's nodes inside may slide.
 
         A node within a face slides on it, one on the edge of two surfaces, of two planes or of a plane and a cylinder
@@ -123,7 +123,7 @@ class Freedom:
 
         return tuple(one for one in self.slides if moved(one) and any(_folded(start, points, f) for f in one.faces))
 
-    def without(self, some: tuple[Slide, ...]) -> Freedom:
+    def without(self, some: tuple[Slide, ...]) -> FreeNodes:
         """Return the same without the nodes of some of the slides."""
         return replace(self, slides=tuple(one for one in self.slides if one not in some))
 
@@ -135,7 +135,7 @@ class Freedom:
                 return found
             nodes = found
 
-    def with_columns(self, columns: Columns, points: FloatArray) -> Freedom:
+    def with_columns(self, columns: Columns, points: FloatArray) -> FreeNodes:
         """Return the same with the heights of layers kept, the nodes at points (N, 3).
 
         A node of the first layer stays if it is over several nodes of the walls, or slides on another shape than a
@@ -162,7 +162,7 @@ class Freedom:
             Slide(np.setdiff1d(one.nodes, stay, assume_unique=True), one.shape, one.faces) for one in self.slides
         )
         free = np.setdiff1d(self.free, stay, assume_unique=True)
-        return Freedom(free, slides, Columns(tuple(levels)), self.images.within(anywhere))
+        return FreeNodes(free, slides, Columns(tuple(levels)), self.images.within(anywhere))
 
 
 def _pieces(

@@ -11,14 +11,14 @@ from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.mesh import Polyhedra
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
-from sdm_deflect.deform.repair.freedom import Freedom
+from sdm_deflect.deform.repair.freedom import FreeNodes
 
 WORST = 1e-3
 """Least quality that cells are weighted by."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Goal:
+class QualityGoal:
     """What some of the touched cells should be like.
 
     Attributes
@@ -36,7 +36,7 @@ class Goal:
     weights: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, touched: TouchedCells, freedom: Freedom) -> Goal:
+    def of(cls, touched: TouchedCells, freedom: FreeNodes) -> QualityGoal:
         """Ask of the cells with a node that may move the least quality that their type had."""
         movable = np.zeros(len(touched.mesh.points), dtype=np.bool_)
         movable[freedom.nodes] = True
@@ -51,11 +51,11 @@ class Goal:
         floor[(quality <= 0.0) & (floor > 0.0)] = 0.0
         return cls(touched, floor, weights)
 
-    def among(self, cells: BoolArray) -> Goal:
+    def among(self, cells: BoolArray) -> QualityGoal:
         """Return the same for some of the cells, a mask (C,)."""
         ends = np.cumsum([0, *(len(rows) for rows in self.touched.rows)])
         rows = tuple(own[cells[a:b]] for own, a, b in zip(self.touched.rows, ends, ends[1:], strict=False))
-        return Goal(replace(self.touched, rows=rows), self.floor[cells], self.weights[cells])
+        return QualityGoal(replace(self.touched, rows=rows), self.floor[cells], self.weights[cells])
 
     def judged(self, points: FloatArray) -> CellScores:
         """Judge the cells with the nodes at points (N, 3)."""
@@ -77,7 +77,7 @@ class Goal:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Repaired:
+class RepairResult:
     """A mesh after its repair.
 
     Attributes
@@ -95,7 +95,7 @@ class Repaired:
 
     start: FloatArray = field(repr=False)
     points: FloatArray = field(repr=False)
-    freedom: Freedom = field(repr=False)
+    freedom: FreeNodes = field(repr=False)
     quality: tuple[Quality, ...]
     moved: IntArray = field(repr=False)
     spoiled: int
@@ -106,10 +106,10 @@ class Repaired:
 
     @classmethod
     def of(
-        cls, start: FloatArray, points: FloatArray, touched: TouchedCells, freedom: Freedom, share: float
-    ) -> Repaired:
+        cls, start: FloatArray, points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float
+    ) -> RepairResult:
         """Judge a mesh before and after its repair, which is not carried out; parameters as in `repaired`."""
-        goal = Goal.of(touched, freedom)
+        goal = QualityGoal.of(touched, freedom)
         before, after = goal.judged(start), goal.judged(points)
         moved = np.flatnonzero((points != start).any(axis=1))
         spoiled, left = (int(goal.missed(one, share).sum()) for one in (before, after))

@@ -16,8 +16,8 @@ from sdm_deflect.deform.repair.columns import Heights
 from sdm_deflect.deform.repair.crossing import Crossing, Tracks
 from sdm_deflect.deform.repair.elements import PatchElements, Tetrahedra
 from sdm_deflect.deform.repair.energy import Energy
-from sdm_deflect.deform.repair.freedom import Freedom
-from sdm_deflect.deform.repair.goal import Goal
+from sdm_deflect.deform.repair.freedom import FreeNodes
+from sdm_deflect.deform.repair.goal import QualityGoal
 from sdm_deflect.deform.repair.minimise import minimise
 
 STEPS, TOLERANCE = 25, 1e-5
@@ -56,7 +56,7 @@ class Chart:
     images: Images = field(default_factory=Images)
 
     @classmethod
-    def of(cls, points: FloatArray, nodes: IntArray, freedom: Freedom) -> Chart:
+    def of(cls, points: FloatArray, nodes: IntArray, freedom: FreeNodes) -> Chart:
         """Take some of the nodes (U,) that are free to move, at points (N, 3)."""
         slides, edges, order = [], [], np.argsort(nodes)
         for one in freedom.slides:
@@ -114,12 +114,12 @@ class RepairPatch:
     energy: Energy = field(repr=False)
     chart: Chart = field(repr=False)
     cells: BoolArray = field(repr=False)
-    goal: Goal = field(repr=False)
+    goal: QualityGoal = field(repr=False)
     local: FloatArray = field(repr=False)
 
     @classmethod
     def of(
-        cls, points: FloatArray, tetrahedra: Tetrahedra, nodes: IntArray, freedom: Freedom, goal: Goal
+        cls, points: FloatArray, tetrahedra: Tetrahedra, nodes: IntArray, freedom: FreeNodes, goal: QualityGoal
     ) -> RepairPatch:
         """Let some nodes (U,) move, with the mesh at points (N, 3)."""
         elements = PatchElements.of(tetrahedra, nodes, goal.touched.mesh.points, goal.weights)

@@ -13,8 +13,8 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.touched import CellScores, TouchedCells
 from sdm_deflect.deform.repair.elements import Tetrahedra
-from sdm_deflect.deform.repair.freedom import Freedom
-from sdm_deflect.deform.repair.goal import Goal, Repaired
+from sdm_deflect.deform.repair.freedom import FreeNodes
+from sdm_deflect.deform.repair.goal import QualityGoal, RepairResult
 from sdm_deflect.deform.repair.patch import RepairPatch, mended
 
 RINGS = (3, 6, 12, 24)
@@ -44,8 +44,8 @@ FEWER = 0.5
 
 
 def repaired(
-    points: FloatArray, touched: TouchedCells, freedom: Freedom, share: float, progress: Progress = silent
-) -> Repaired:
+    points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float, progress: Progress = silent
+) -> RepairResult:
     """Mend the cells that are inverted, or whose quality is below a share of their type's least before.
 
     Around them nodes move until all cells of the patch are as good as the worst was before, or nothing more is won.
@@ -58,7 +58,7 @@ def repaired(
     freedom : the nodes that may move.
     """
     begin = perf_counter()
-    goal = Goal.of(touched, freedom)
+    goal = QualityGoal.of(touched, freedom)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts).of_cells(~touched.before.inverted)
     found = start = goal.judged(points)
@@ -81,7 +81,7 @@ def repaired(
             here, found = there, other
     if len(freedom.images.nodes):
         here = points + freedom.images.projected(here - points)
-    made = Repaired.of(points, here, touched, freedom, share)
+    made = RepairResult.of(points, here, touched, freedom, share)
     return replace(made, steps=steps, seconds=perf_counter() - begin)
 
 
@@ -99,7 +99,7 @@ def _levels(share: float) -> list[float]:
 
 
 def _raised(
-    points: FloatArray, found: CellScores, tetrahedra: Tetrahedra, freedom: Freedom, goal: Goal, wanted: Target
+    points: FloatArray, found: CellScores, tetrahedra: Tetrahedra, freedom: FreeNodes, goal: QualityGoal, wanted: Target
 ) -> tuple[FloatArray, CellScores, int]:
     """Bring all cells to a level if that can be done; return all points (N, 3), their cells, and the steps.
 

@@ -8,7 +8,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.edges import are_lines, edges_of, polygons_of
 from sdm_deflect.deform.mesh.mesh import Polygons
-from sdm_deflect.deform.volume.boundary import Boundary
+from sdm_deflect.deform.volume.boundary import PrescribedNodes
 from sdm_deflect.deform.volume.step import Step
 
 MOST = 20_000
@@ -30,7 +30,7 @@ class ErrorBetween:
     points: int
 
     @classmethod
-    def of(cls, boundary: Boundary, steps: Sequence[Step], displacement: FloatArray) -> "ErrorBetween | None":
+    def of(cls, boundary: PrescribedNodes, steps: Sequence[Step], displacement: FloatArray) -> "ErrorBetween | None":
         """Measure the steps of a deflection whose moving nodes (K, 3) go so far; None for surfaces without faces.
 
         A point of an edge or a face goes as far as the mean of its corners does. That is where a rotation brings it,

@@ -29,7 +29,7 @@ Amounts = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Boundary:
+class PrescribedNodes:
     """Moving, fixed and sliding nodes of the whole mesh; a node that is several of these moves, else stays.
 
     Attributes
@@ -64,7 +64,7 @@ class Boundary:
     _known: dict[Amounts, FloatArray] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, mesh: Mesh, job: Job) -> "Boundary":
+    def of(cls, mesh: Mesh, job: Job) -> "PrescribedNodes":
         """Sort the patches of a mesh; InputError for names that are no patches, or that are given two parts."""
         surfaces = tuple(Surface.of(mesh, moving.patches) for moving in job.surfaces)
         moves = [name for surface in surfaces for name in surface.patches]

@@ -14,7 +14,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.base.threads import single_threaded_blas
-from sdm_deflect.deform.mesh.faces import Unheld
+from sdm_deflect.deform.mesh.faces import BoundaryGaps
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.orthogonality import State, TouchedFaces
 from sdm_deflect.deform.mesh.pieces import HERE, Runner
@@ -23,17 +23,17 @@ from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.sliding import SlidingSurface
 from sdm_deflect.deform.mesh.touched import Least, TouchedCells
 from sdm_deflect.deform.repair.columns import Columns
-from sdm_deflect.deform.repair.freedom import Freedom
-from sdm_deflect.deform.repair.goal import Repaired
+from sdm_deflect.deform.repair.freedom import FreeNodes
+from sdm_deflect.deform.repair.goal import RepairResult
 from sdm_deflect.deform.repair.repair import repaired
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.between import ErrorBetween
-from sdm_deflect.deform.volume.boundary import Amounts, Boundary
+from sdm_deflect.deform.volume.boundary import Amounts, PrescribedNodes
 from sdm_deflect.deform.volume.job import Job, prepared
-from sdm_deflect.deform.volume.region import ON_FACE, Region, check_disjoint
+from sdm_deflect.deform.volume.region import ON_FACE, BoxNodes, check_disjoint
 from sdm_deflect.deform.volume.sites import Sites
-from sdm_deflect.deform.volume.step import Step, StepState, adapted, rate, solve
+from sdm_deflect.deform.volume.step import Step, StepStart, adapted, rate, solve
 
 
 class Planned:
@@ -134,9 +134,9 @@ class Planned:
         return self.touched.least(points)
 
     @cached_property
-    def unheld(self) -> Unheld:
+    def unheld(self) -> BoundaryGaps:
         """What patches miss of the boundary where nodes may move, and what they hold beside it."""
-        return Unheld.of(self.touched, self.changed, self.patches)
+        return BoundaryGaps.of(self.touched, self.changed, self.patches)
 
     @cached_property
     def faces(self) -> TouchedFaces | None:
@@ -158,8 +158,8 @@ class Plan(Planned):
     precision : how the file that is to be written keeps coordinates.
     """
 
-    boundary: Boundary
-    region: Region
+    boundary: PrescribedNodes
+    region: BoxNodes
     sites: Sites
     touched: TouchedCells = field(repr=False)
     before: tuple[Quality, ...]
@@ -180,10 +180,10 @@ class Plan(Planned):
         """Return the plan for a mesh which has the selections of the job as patches already (`prepared`)."""
         wanted = tuple(angles) or (job.angle,)
         progress("surfaces", nan)
-        boundary = Boundary.of(mesh, job)
+        boundary = PrescribedNodes.of(mesh, job)
         progress("box", nan)
         try:
-            region = Region.of(boundary, job.ends(wanted))
+            region = BoxNodes.of(boundary, job.ends(wanted))
         except InputError as error:
             notes = [note for placement in boundary.placements for note in placement.notes()]
             raise InputError("; ".join([str(error), *notes])) from None
@@ -202,7 +202,7 @@ class Plan(Planned):
         """Return it for a file that keeps coordinates so, and perhaps with others to evaluate the interpolants."""
         return replace(self, precision=precision, runner=runner or self.runner)
 
-    def freedom(self, points: FloatArray) -> Freedom:
+    def freedom(self, points: FloatArray) -> FreeNodes:
         """Return which nodes a repair may move, with the mesh at `points` (N, 3), and on what they stay.
 
         Nodes on a face of a cell that is on no patch stay, for other zones may fit to them, and so do nodes of moving
@@ -227,16 +227,16 @@ class Plan(Planned):
         free = self.boundary.images.complete(free)
         images = self.boundary.images.within(free)
         inside[np.setdiff1d(self.boundary.images.nodes, images.nodes, assume_unique=True)] = False
-        found = Freedom.of(mesh, points, inside, np.flatnonzero(free), shapes, images)
+        found = FreeNodes.of(mesh, points, inside, np.flatnonzero(free), shapes, images)
         return found.with_columns(Columns.of(self.touched, self.walls), points)
 
     def share(self, angle: float, k: int, count: int) -> Amounts:
         """Return the amounts after k of so many equal steps to an angle."""
         return tuple(amount * k / count for amount in self.job.amounts_at(angle))
 
-    def state(self, points: FloatArray) -> StepState:
+    def state(self, points: FloatArray) -> StepStart:
         """Return the start of a step with the mesh at `points` (N, 3)."""
-        return StepState.of(self.boundary, self.region, self.sites, points)
+        return StepStart.of(self.boundary, self.region, self.sites, points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,7 +318,7 @@ class Deflected:
         return self.plan.amounts_at(self.angle)
 
     @property
-    def repairs(self) -> tuple[Repaired, ...]:
+    def repairs(self) -> tuple[RepairResult, ...]:
         """The repairs of the boxes that needed one."""
         return tuple(box.repaired for box in self.boxes if box.repaired)
 
@@ -389,7 +389,7 @@ class Deflection(Deflected):
     points: FloatArray = field(repr=False)
     inverted: int
     seconds: float
-    repaired: Repaired | None = field(default=None, repr=False)
+    repaired: RepairResult | None = field(default=None, repr=False)
 
     @property
     def boxes(self) -> "tuple[Deflection, ...]":
@@ -527,7 +527,7 @@ def as_repaired(deflection: Deflection, repair: FloatArray) -> Deflection:
     plan, points = deflection.plan, deflection.points.copy()
     points[plan.changed] += repair[plan.changed]
     freedom = plan.freedom(deflection.points)
-    found = Repaired.of(deflection.points, points, plan.touched, freedom, plan.job.repair.wanted)
+    found = RepairResult.of(deflection.points, points, plan.touched, freedom, plan.job.repair.wanted)
     return replace(deflection, points=points, inverted=len(found.inverted), repaired=found)
 
 

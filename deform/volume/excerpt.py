@@ -20,7 +20,7 @@ from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Faces, Mesh, Patch, Vol
 from sdm_deflect.deform.mesh.pieces import MeshInPieces, Pieces, Runner
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra, joined
 from sdm_deflect.deform.mesh.quality import POLYHEDRON
-from sdm_deflect.deform.volume.boundary import Boundary
+from sdm_deflect.deform.volume.boundary import PrescribedNodes
 from sdm_deflect.deform.volume.job import Job, prepared
 from sdm_deflect.deform.volume.region import confined
 from sdm_deflect.deform.volume.scan import CellsFound, ScanTask, beside, check_points, nodes_inside, scan_cells
@@ -63,7 +63,7 @@ def _boxes(
     """Return the box of each job with the zones that deform in it, and the nodes in the file that move."""
     mesh, boxes, moving = prepared(border, jobs), [], []
     for job in jobs:
-        boundary = Boundary.of(mesh, job)
+        boundary = PrescribedNodes.of(mesh, job)
         zones, box = confined(boundary, job.ends([job.beside(jobs[0], angle) for angle in angles] or [job.angle]))
         boxes.append((box.hexahedron, zones))
         moving.append(mesh.numbers(boundary.nodes))

@@ -17,7 +17,7 @@ from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
 from sdm_deflect.deform.volume.deflection import Plan, stepped
 from sdm_deflect.deform.volume.region import check_moving
-from sdm_deflect.deform.volume.step import Fits, Step, StepState, solve
+from sdm_deflect.deform.volume.step import Fits, Step, StepStart, solve
 
 SAME = 1e-6  # of the surface's median edge: a centre and its data site are no farther apart
 
@@ -89,7 +89,7 @@ class PreparedStep:
     all : those with all boundary nodes.
     """
 
-    state: StepState = field(repr=False)
+    state: StepStart = field(repr=False)
     first: tuple[Evaluation, ...]
     all: tuple[Evaluation, ...]
 
@@ -184,7 +184,7 @@ class PreparedDeflection:
         return self.steps[self.step(angle)].centers(points)
 
 
-def _rows(state: StepState, sites: DataSites, centers: Mapping[int, FloatArray]) -> IntArray:
+def _rows(state: StepStart, sites: DataSites, centers: Mapping[int, FloatArray]) -> IntArray:
     """Return the rows (C,) of the centres of a group among its sites; InputError if they are none."""
     found = centers.get(sites.components[0], np.empty((0, 3)))
     if found.ndim != 2 or found.shape[1] != 3 or not len(found) or not np.isfinite(found).all():

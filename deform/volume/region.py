@@ -13,7 +13,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Zone
-from sdm_deflect.deform.volume.boundary import SAME, Amounts, Boundary
+from sdm_deflect.deform.volume.boundary import SAME, Amounts, PrescribedNodes
 from sdm_deflect.deform.volume.box import BoxScene, Chosen
 from sdm_deflect.deform.volume.job import Section
 
@@ -23,7 +23,7 @@ TOUCHING = 1e-9  # of a box's size: boxes that share less depth only touch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Region:
+class BoxNodes:
     """The confining hexahedron and what is in it.
 
     Attributes
@@ -50,7 +50,7 @@ class Region:
         return self.box.hexahedron
 
     @classmethod
-    def of(cls, boundary: Boundary, all_amounts: Sequence[Amounts]) -> "Region":
+    def of(cls, boundary: PrescribedNodes, all_amounts: Sequence[Amounts]) -> "BoxNodes":
         """Confine the motion to all of the given amounts.
 
         Raises InputError if a moving node leaves the box, or the box contains nodes of a patch that is not declared, or
@@ -69,7 +69,7 @@ class Region:
         return cls(box, inside, tuple(zone.name for zone in zones), fixed, sections, seconds)
 
 
-def confined(boundary: Boundary, all_amounts: Sequence[Amounts]) -> tuple[tuple[Zone, ...], Chosen]:
+def confined(boundary: PrescribedNodes, all_amounts: Sequence[Amounts]) -> tuple[tuple[Zone, ...], Chosen]:
     """Return the zones that deform, and the box that holds the motion to all of the given amounts.
 
     Of the mesh they need no more than its patches.
@@ -101,7 +101,7 @@ def shared_depth(a: Hexahedron, b: Hexahedron) -> float:
     return float(result.x[3])
 
 
-def _zones(boundary: Boundary) -> tuple[Zone, ...]:
+def _zones(boundary: PrescribedNodes) -> tuple[Zone, ...]:
     """Return the zones that hold moving nodes, and those that the job adds."""
     mesh, wanted = boundary.mesh, boundary.job.zones
     names = [name for zone in mesh.zones for name in zone.blocks or (zone.name,)]
@@ -123,7 +123,7 @@ def _inside(mesh: Mesh, zones: tuple[Zone, ...], hexahedron: Hexahedron) -> IntA
     return np.concatenate(parts)
 
 
-def _scene(boundary: Boundary, zones: tuple[Zone, ...], all_amounts: Sequence[Amounts]) -> BoxScene:
+def _scene(boundary: PrescribedNodes, zones: tuple[Zone, ...], all_amounts: Sequence[Amounts]) -> BoxScene:
     moving = boundary.mesh.points[boundary.nodes]
     shares = [k / POSES for k in range(1, POSES + 1)]
     poses = dict.fromkeys(tuple(share * one for one in amounts) for amounts in all_amounts for share in shares)
@@ -135,14 +135,14 @@ def _scene(boundary: Boundary, zones: tuple[Zone, ...], all_amounts: Sequence[Am
     return BoxScene(moving, track, largest, hinge, boundary.mesh.points[_obstacles(boundary, zones)])
 
 
-def _obstacles(boundary: Boundary, zones: tuple[Zone, ...]) -> IntArray:
+def _obstacles(boundary: PrescribedNodes, zones: tuple[Zone, ...]) -> IntArray:
     """Return the nodes (O,) of patches of which nothing is known, in the zones that deform."""
     known = (*boundary.declared, *boundary.sides)
     nodes = boundary.mesh.on(*(name for name in boundary.mesh.names if name not in known))
     return np.concatenate([nodes[(nodes >= zone.start) & (nodes < zone.stop)] for zone in zones])
 
 
-def check_moving(boundary: Boundary, hexahedron: Hexahedron, all_amounts: Sequence[Amounts]) -> None:
+def check_moving(boundary: PrescribedNodes, hexahedron: Hexahedron, all_amounts: Sequence[Amounts]) -> None:
     """Raise if a node that moves starts or ends outside."""
     start = boundary.mesh.points[boundary.nodes]
     for amounts in all_amounts:
@@ -165,7 +165,7 @@ def _reach(start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
     return both.min(axis=0), both.max(axis=0)
 
 
-def _check_clear(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray) -> None:
+def _check_clear(boundary: PrescribedNodes, hexahedron: Hexahedron, inside: IntArray) -> None:
     """Raise if the box contains nodes of a patch that must not be there."""
     mesh, job, tol = boundary.mesh, boundary.job, ON_FACE * boundary.size
     allowed = {*boundary.declared, *boundary.sides} - (set() if job.near_wall else set(boundary.fixed))
@@ -204,7 +204,9 @@ def _remedy(mesh: Mesh, patch: Patch, tol: float) -> str:
     return f"name it in fixed{f' or slide ({patch.name}:plane)' if plane else ''}"
 
 
-def _check_interfaces(boundary: Boundary, hexahedron: Hexahedron, inside: IntArray, zones: tuple[Zone, ...]) -> None:
+def _check_interfaces(
+    boundary: PrescribedNodes, hexahedron: Hexahedron, inside: IntArray, zones: tuple[Zone, ...]
+) -> None:
     """Raise if nodes of a zone that stays coincide with nodes inside: zones that fit must deform together."""
     mesh, tol = boundary.mesh, SAME * boundary.size
     known = union(boundary.nodes, boundary.fixed_nodes)
@@ -221,7 +223,7 @@ def _check_interfaces(boundary: Boundary, hexahedron: Hexahedron, inside: IntArr
                 )
 
 
-def _at_rest(boundary: Boundary, inside: IntArray) -> tuple[IntArray, tuple[tuple[Section, IntArray], ...]]:
+def _at_rest(boundary: PrescribedNodes, inside: IntArray) -> tuple[IntArray, tuple[tuple[Section, IntArray], ...]]:
     """Return the boundary nodes inside that stay, and those of each section that slide in its plane."""
     mesh, tol = boundary.mesh, ON_FACE * boundary.size
     slides = [section for section in boundary.job.sections if section.slides]
@@ -238,7 +240,7 @@ def _at_rest(boundary: Boundary, inside: IntArray) -> tuple[IntArray, tuple[tupl
     return _with_images(boundary, inside, fixed), tuple(sections)
 
 
-def _with_images(boundary: Boundary, inside: IntArray, fixed: IntArray) -> IntArray:
+def _with_images(boundary: PrescribedNodes, inside: IntArray, fixed: IntArray) -> IntArray:
     """Return the nodes inside that stay, with those that have an image which stays, or is not inside."""
     images, moves = boundary.images, np.zeros(len(boundary.mesh.points), dtype=np.bool_)
     if not len(images.nodes):

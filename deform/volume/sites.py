@@ -16,8 +16,8 @@ from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
 from sdm_deflect.deform.rbf.sites import DataSites, pinned
-from sdm_deflect.deform.volume.boundary import SAME, Boundary
-from sdm_deflect.deform.volume.region import Region
+from sdm_deflect.deform.volume.boundary import SAME, PrescribedNodes
+from sdm_deflect.deform.volume.region import BoxNodes
 
 NEIGHBOURS = 7
 REACH = 1.0  # median edges from a wall to where the mesh no longer follows it rigidly
@@ -83,7 +83,7 @@ class Sites:
         return sum(len(sites) for sites in self.zero if component in sites.components)
 
     @classmethod
-    def of(cls, boundary: Boundary, region: Region) -> "Sites":
+    def of(cls, boundary: PrescribedNodes, region: BoxNodes) -> "Sites":
         """Place the sites."""
         job, mesh = boundary.job, boundary.mesh
         sliding, paired = _sliding(boundary, region)
@@ -101,14 +101,14 @@ class Sites:
             spacing, edge, tolerance, kernel, radius,
         )  # fmt: skip
 
-    def parts(self, boundary: Boundary) -> list[IntArray]:
+    def parts(self, boundary: PrescribedNodes) -> list[IntArray]:
         """Return rows of `known` that may move differently: each moving surface, and the rest."""
         owner = np.full(len(self.known), len(boundary.surfaces))
         for i, surface in reversed(list(enumerate(boundary.surfaces))):
             owner[np.searchsorted(self.moving, surface.nodes)] = i
         return [np.flatnonzero(owner == i) for i in range(len(boundary.surfaces) + 1)]
 
-    def edges(self, boundary: Boundary) -> IntArray:
+    def edges(self, boundary: PrescribedNodes) -> IntArray:
         """Return the edges (E, 2) between nodes of `known`, as rows; of near neighbours where there are no faces."""
         mesh, known = boundary.mesh, self.known
         faces = mesh.faces_of(boundary.declared)
@@ -145,7 +145,7 @@ def apart_from(sites: FloatArray, points: FloatArray, distance: float) -> FloatA
     return np.ascontiguousarray(sites[nearest >= distance])
 
 
-def _distinct(boundary: Boundary, fixed: IntArray, slid: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+def _distinct(boundary: PrescribedNodes, fixed: IntArray, slid: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Return rows of moving, fixed and sliding nodes at places of their own.
 
     Raises InputError if coincident nodes are to move differently.
@@ -171,7 +171,7 @@ def _sampled(own: BoolArray) -> IntArray:
     return rows[:: max(1, -(-len(rows) // MOST_FIXED))]
 
 
-def _sliding(boundary: Boundary, region: Region) -> tuple[tuple[IntArray, ...], IntArray]:
+def _sliding(boundary: PrescribedNodes, region: BoxNodes) -> tuple[tuple[IntArray, ...], IntArray]:
     """Return the nodes inside that neither move nor stay: of each sliding patch, and of periodic pairs."""
     known, mesh = union(boundary.nodes, region.fixed), boundary.mesh
     pairs = union(*(pair.nodes for pair in mesh.periodic if not is_thin(mesh, pair)))
@@ -182,7 +182,7 @@ def _sliding(boundary: Boundary, region: Region) -> tuple[tuple[IntArray, ...], 
     return tuple(found[:-1]), found[-1]
 
 
-def _surface_edge(boundary: Boundary, distinct: IntArray) -> float:
+def _surface_edge(boundary: PrescribedNodes, distinct: IntArray) -> float:
     """Return the median edge of the moving surfaces; without faces, the median distance of nearest nodes."""
     mesh = boundary.mesh
     faces = [faces for surface in boundary.surfaces for faces in mesh.faces_of(surface.patches)]
@@ -194,7 +194,7 @@ def _surface_edge(boundary: Boundary, distinct: IntArray) -> float:
     return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
 
 
-def _spacing(region: Region, given: float, wanted: float) -> float:
+def _spacing(region: BoxNodes, given: float, wanted: float) -> float:
     """Return the distance of sites on the box: as given, else as wanted unless that takes too many.
 
     Raises InputError if the given one takes far too many.
@@ -208,7 +208,9 @@ def _spacing(region: Region, given: float, wanted: float) -> float:
     return given or max(wanted, usual)
 
 
-def _placed(boundary: Boundary, region: Region, known: FloatArray, edge: float) -> tuple[float, tuple[DataSites, ...]]:
+def _placed(
+    boundary: PrescribedNodes, region: BoxNodes, known: FloatArray, edge: float
+) -> tuple[float, tuple[DataSites, ...]]:
     """Return the distance of the sites on the box, and these, which keep apart from known nodes (K, 3).
 
     Unless it is given, the distance is halved while no site is left: edges along the span of a mesh of one layer of
@@ -223,7 +225,9 @@ def _placed(boundary: Boundary, region: Region, known: FloatArray, edge: float) 
     return spacing, _zero_sites(boundary, region, known, spacing)
 
 
-def _zero_sites(boundary: Boundary, region: Region, known: FloatArray, spacing: float) -> tuple[DataSites, ...]:
+def _zero_sites(
+    boundary: PrescribedNodes, region: BoxNodes, known: FloatArray, spacing: float
+) -> tuple[DataSites, ...]:
     """Return the zero sites, apart from the nodes of known displacement (K, 3).
 
     All faces of the box carry sites for all directions, but its open ones. On the section of a block's face they are
@@ -246,7 +250,7 @@ def _zero_sites(boundary: Boundary, region: Region, known: FloatArray, spacing: 
     return tuple(found)
 
 
-def _on_box(boundary: Boundary, region: Region, spacing: float) -> FloatArray:
+def _on_box(boundary: PrescribedNodes, region: BoxNodes, spacing: float) -> FloatArray:
     """Return points (P, 3) on all faces of the box but its open ones; in a plane mesh on its outline there."""
     if not boundary.mesh.plane:
         sites = region.hexahedron.face_sites(spacing, skip=region.box.open_faces)
@@ -258,7 +262,7 @@ def _on_box(boundary: Boundary, region: Region, spacing: float) -> FloatArray:
     return sites
 
 
-def _around_walls(boundary: Boundary, region: Region, spacing: float) -> FloatArray:
+def _around_walls(boundary: PrescribedNodes, region: BoxNodes, spacing: float) -> FloatArray:
     """Return points (P, 3) where the box cuts the planes of pairs: there may be less than a spacing between two."""
     found = [np.empty((0, 3))]
     for plane in boundary.walls:
@@ -268,7 +272,7 @@ def _around_walls(boundary: Boundary, region: Region, spacing: float) -> FloatAr
     return np.vstack(found)
 
 
-def _in_front(boundary: Boundary, sites: FloatArray) -> FloatArray:
+def _in_front(boundary: PrescribedNodes, sites: FloatArray) -> FloatArray:
     """Drop sites behind a plane that bounds the mesh, a sliding one or of a pair: nothing is there to be held."""
     sliding = [(patch.surface, SAME) for patch in boundary.sliding if isinstance(patch.surface, Plane)]
     for plane, near in (*sliding, *((wall, FLAT) for wall in boundary.walls)):

@@ -24,9 +24,9 @@ from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
 from sdm_deflect.deform.rbf.sites import DataSites, multivariate, univariate
 from sdm_deflect.deform.surface.local_rotation import LocalRotation
-from sdm_deflect.deform.volume.boundary import Boundary
+from sdm_deflect.deform.volume.boundary import PrescribedNodes
 from sdm_deflect.deform.volume.near_wall import Nearby, NearWall, RigidFollow, layer_sites
-from sdm_deflect.deform.volume.region import Region
+from sdm_deflect.deform.volume.region import BoxNodes
 from sdm_deflect.deform.volume.sites import REACH, Sites
 
 DIRECTIONS = ("x", "y", "z")
@@ -46,7 +46,7 @@ class Fits:
     adaptations: tuple[Adaptation, ...]
 
     @classmethod
-    def on(cls, state: "StepState", groups: Sequence[DataSites], centers: Sequence[IntArray]) -> "Fits":
+    def on(cls, state: "StepStart", groups: Sequence[DataSites], centers: Sequence[IntArray]) -> "Fits":
         """Fit groups of sites on centres, the rows (C,) of each; InputError if a system cannot be solved."""
         found = []
         for group, rows in zip(groups, centers, strict=True):
@@ -74,7 +74,7 @@ class Fits:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StepState:
+class StepStart:
     """The mesh at the start of a step, and what of it is known.
 
     Attributes
@@ -89,8 +89,8 @@ class StepState:
     tied, tied_sliding : images of one another among the free nodes, and among those that slide.
     """
 
-    boundary: Boundary
-    region: Region
+    boundary: PrescribedNodes
+    region: BoxNodes
     sites: Sites
     points: FloatArray = field(repr=False)
     free: IntArray = field(repr=False)
@@ -102,7 +102,7 @@ class StepState:
     tied_sliding: Images = field(repr=False)
 
     @classmethod
-    def of(cls, boundary: Boundary, region: Region, sites: Sites, points: FloatArray) -> "StepState":
+    def of(cls, boundary: PrescribedNodes, region: BoxNodes, sites: Sites, points: FloatArray) -> "StepStart":
         """Sort the nodes inside, with the mesh at `points`."""
         free = np.setdiff1d(region.inside, sites.known, assume_unique=True)
         known = points[sites.known]
@@ -203,7 +203,7 @@ class Step:
     evaluation_seconds : time to evaluate the interpolant at the free nodes.
     """
 
-    state: StepState = field(repr=False)
+    state: StepStart = field(repr=False)
     move: FloatArray = field(repr=False)
     first: Fits | None
     fits: Fits
@@ -222,7 +222,7 @@ Fit = Callable[[bool, FloatArray], Fits]
 """What interpolates displacements (S, 3) of the known points; first whether the sliding nodes are among these."""
 
 
-def solve(state: StepState, move: FloatArray, fit: Fit, runner: Runner = HERE) -> Step:
+def solve(state: StepStart, move: FloatArray, fit: Fit, runner: Runner = HERE) -> Step:
     """Carry out one step: moving nodes (K, 3) go by `move`, sliding ones stay on their shapes, all others follow."""
     first, slid, sliding = None, NO_NODES, bool(len(state.sites.slid))
     if sliding:
@@ -279,7 +279,7 @@ def initial_centers(group: DataSites, surface: int, count: tuple[int, int]) -> I
     return np.concatenate([farthest(own, count[0]), surface + farthest(others, count[1])])
 
 
-def adapted(state: StepState, progress: Progress, earlier: Step | None = None) -> Fit:
+def adapted(state: StepStart, progress: Progress, earlier: Step | None = None) -> Fit:
     """Return the fit that adapts centres until every site is within the tolerance.
 
     With an earlier step its centres and factors come first: every site is checked, and centres are added where one is
@@ -295,7 +295,7 @@ def adapted(state: StepState, progress: Progress, earlier: Step | None = None) -
     return fit
 
 
-def _adapted(state: StepState, group: DataSites, known: CholeskyBasis | None, progress: Progress) -> Adaptation:
+def _adapted(state: StepStart, group: DataSites, known: CholeskyBasis | None, progress: Progress) -> Adaptation:
     """Adapt the centres of one group of directions, from those of a known basis if there is one."""
     fitting, tolerance = state.fitting, state.sites.tolerance
     options = GreedyOptions(
@@ -316,7 +316,7 @@ def _adapted(state: StepState, group: DataSites, known: CholeskyBasis | None, pr
 
 
 @contextmanager
-def _solvable(state: StepState) -> Iterator[None]:
+def _solvable(state: StepStart) -> Iterator[None]:
     """Blame the radius of a kernel that has one for a system that cannot be solved: InputError."""
     try:
         yield
@@ -352,20 +352,20 @@ def _solved(basis: CholeskyBasis, stop: Stop) -> Adaptation:
     return Adaptation(interpolant, problem.sites.components, basis.chosen, (), stop, np.nan, basis)
 
 
-def _carried(state: StepState, displacement: FloatArray, move: FloatArray) -> FloatArray:
+def _carried(state: StepStart, displacement: FloatArray, move: FloatArray) -> FloatArray:
     """Let sliding nodes (L, 3) follow the moving and fixed ones nearby, before they are put on their shapes."""
     values = state.boundary_values(move, np.zeros_like(displacement))
     return state.near_sliding.following(displacement, values, state.turning.rotations(values))
 
 
-def _carried_rate(state: StepState, speeds: FloatArray, move: FloatArray, speed: FloatArray) -> FloatArray:
+def _carried_rate(state: StepStart, speeds: FloatArray, move: FloatArray, speed: FloatArray) -> FloatArray:
     """Return the derivative (L, 3) of `_carried`, given that of the displacement."""
     none = np.zeros_like(speeds)
     values, rates = state.boundary_values(move, none), state.boundary_values(speed, none)
     return state.near_sliding.following(speeds, rates, state.turning.rotation_rates(values, rates))
 
 
-def _on_shapes(state: StepState, displacement: FloatArray) -> FloatArray:
+def _on_shapes(state: StepStart, displacement: FloatArray) -> FloatArray:
     """Put sliding nodes (L, 3) on their shapes, as images of one another; those on several, on one after another."""
     for surface, rows, points in _rounds(state):
         displacement[rows] = surface.projected(points, displacement[rows])
@@ -373,7 +373,7 @@ def _on_shapes(state: StepState, displacement: FloatArray) -> FloatArray:
     return state.tied_sliding.projected(displacement)
 
 
-def _on_shapes_rate(state: StepState, displacement: FloatArray, speed: FloatArray) -> FloatArray:
+def _on_shapes_rate(state: StepStart, displacement: FloatArray, speed: FloatArray) -> FloatArray:
     """Return the derivative (L, 3) of `_on_shapes`, given that of the displacement."""
     for surface, rows, points in _rounds(state):
         speed[rows] = surface.rate(points, displacement[rows], speed[rows])
@@ -382,7 +382,7 @@ def _on_shapes_rate(state: StepState, displacement: FloatArray, speed: FloatArra
     return state.tied_sliding.projected(speed)
 
 
-def _rounds(state: StepState) -> list[tuple[SlidingSurface, IntArray, FloatArray]]:
+def _rounds(state: StepStart) -> list[tuple[SlidingSurface, IntArray, FloatArray]]:
     """Return each shape with the rows and points of the sliding nodes on it, once, or in turn if there are several."""
     slid, patches = state.sites.slid, state.boundary.sliding
     one = [

@@ -1,16 +1,21 @@
-"""A process that does not outlive its parent: ``python -m sdm_deflect.meshing.files.orphan PARENT MODULE ...``.
+"""A process that does not outlive its parent, and says which results it replaces.
 
-It runs a module as ``python -m MODULE ...`` does, but before any library is loaded it binds itself to the process
-whose id is PARENT. ``PARENT -- PROGRAM ...`` becomes another program.
+``python -m sdm_deflect.meshing.files.orphan PARENT MODULE ...`` runs a module as ``python -m MODULE ...`` does,
+but before any library is loaded it binds itself to the process whose id is PARENT. ``PARENT -- PROGRAM ...``
+becomes another program.
 """
 
 import ctypes
 import os
 import signal
 import sys
+from collections.abc import Callable
+from pathlib import Path
 from runpy import run_module
 
 _PR_SET_PDEATHSIG = 1
+watchers: list[Callable[[Path, bool], None]] = []
+"""Called with the target: False when its replacement begins, True when it is whole; not for the mesh cache."""
 
 
 def end_with(parent: int) -> None:

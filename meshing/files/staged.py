@@ -20,8 +20,8 @@ from pathlib import Path
 from stat import S_IMODE
 from typing import Any
 
+from sdm_deflect.meshing.files.orphan import watchers
 from sdm_deflect.meshing.files.temporary import clear, is_temporary, registered, staging, unused
-from sdm_deflect.meshing.files.watchers import watchers
 from sdm_deflect.meshing.formats.format import MeshFileError, WriteError, about
 
 HELD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

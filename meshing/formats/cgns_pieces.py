@@ -21,7 +21,7 @@ from sdm_deflect.meshing.formats.cgns_elements import (
     sections,
 )
 from sdm_deflect.meshing.formats.cgns_nodes import child, data
-from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_fit
+from sdm_deflect.meshing.formats.cgns_read import Base, base_of, coordinate_data, may_fit
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import MIRRORED
 from sdm_deflect.meshing.formats.tables import CellTable, FileTable, PointRange, TablePieces
@@ -41,26 +41,38 @@ def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
         return None
     ((name, zone),) = base.zones.items()
     found, (count,) = sections(zone), base.sizes[name]
-    axes = coordinate_data(base, name)
-    stored = [own for own in found if own.kind in CELLS]
-    if not stored or any(_is_mixed(own) for own in found) or len({axis.id.get_offset() for axis in axes}) < len(axes):
-        return None
-    tables = [_table(path, own) for own in stored]
-    points = [FileTable(path, axis.id.get_offset() or 0, axis.dtype.str, count) for axis in axes]
-    if not all(table and table.begin for table in (*tables, *points)):
-        return None
-    cells = tuple(
-        CellTable(shape, table, 1, MIRRORED[shape] if shape == "wedge" else ())
-        for table, shape in ((table, CELLS[own.kind]) for own, table in zip(stored, tables, strict=True) if table)
-    )
-    faces = _faces(found, count)
+    points, cells = _points(path, base, name, count), _cells(path, found)
+    faces = _faces(found, count) if points and cells else None
     if faces is None:
         return None
     border = zone_border(base.node, zone, faces, found[-1].last, count, base.dimension)
     patches = without(border.patches, {fault.patch for fault in border.faults})
-    ranges = tuple(PointRange(0, count, table, i, i + 1) for i, table in enumerate(points))
-    pieces = TablePieces(str(path.resolve()), count, ranges, cells).oriented()
+    pieces = TablePieces(str(path.resolve()), count, points, cells).oriented()
     return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, count),), notes_of({name: border.faults}))
+
+
+def _points(path: Path, base: Base, zone: str, count: int) -> tuple[PointRange, ...]:
+    """Return where the coordinates of a zone are; nothing if some are packed, or two axes share theirs."""
+    axes = coordinate_data(base, zone)
+    places = [axis.id.get_offset() for axis in axes]
+    if not all(places) or len(set(places)) < len(axes):
+        return ()
+    tables = [FileTable(path, begin, axis.dtype.str, count) for begin, axis in zip(places, axes, strict=True)]
+    return tuple(PointRange(0, count, table, i, i + 1) for i, table in enumerate(tables))
+
+
+def _cells(path: Path, found: Sequence[ElementSection]) -> tuple[CellTable, ...]:
+    """Return where the cells of all sections are; nothing if some are packed, mixed or given by their faces."""
+    if any(_is_mixed(section) for section in found):
+        return ()
+    cells = []
+    for section in found:
+        if shape := CELLS.get(section.kind):
+            table = _table(path, section)
+            if table is None:
+                return ()
+            cells.append(CellTable(shape, table, 1, MIRRORED[shape] if shape == "wedge" else ()))
+    return tuple(cells)
 
 
 def _is_mixed(section: ElementSection) -> bool:

@@ -1,7 +1,7 @@
 """CGNS files written anew: one base, a zone for each zone of the mesh, a family for each patch."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import h5py
@@ -57,12 +57,23 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
         lost += _write_zone(base, zone_name, own, families, AXES[:axes])
         report((i + 1) / len(zones))
     for name in families.values():
-        kind = next((kind for pattern, kind in CONDITIONS if re.search(pattern, name.lower())), "BCWall")
-        create(create(base, name, "Family_t"), "FamilyBC", "FamilyBC_t", "BCSymmetryPlane" if name in planes else kind)
-    renamed = [("zone", zone.name, name) for zone, name in zip(mesh.zones, zones, strict=True) if zone.name]
-    renamed += [("patch", old, new) for old, new in families.items()]
+        _write_family(base, name, name in planes)
     lost += unwritten(pair for pair in mesh.periodic if pair.name not in held)
-    return (*lost, *(f"{what} {old} is named {new}" for what, old, new in renamed if old != new))
+    named = [zone.name or name for zone, name in zip(mesh.zones, zones, strict=True)]
+    return (*lost, *_renamed("zone", named, zones), *_renamed("patch", families, families.values()))
+
+
+def _renamed(what: str, old: Iterable[str], new: Iterable[str]) -> Iterator[str]:
+    """Yield a sentence for each thing with a name that is another in the file."""
+    for before, after in zip(old, new, strict=True):
+        if before != after:
+            yield f"{what} {before} is named {after}"
+
+
+def _write_family(base: Any, name: str, plane: bool) -> None:
+    """Write a family of boundary conditions, of the kind that its name tells unless it is a plane of symmetry."""
+    kind = next((kind for pattern, kind in CONDITIONS if re.search(pattern, name.lower())), "BCWall")
+    create(create(base, name, "Family_t"), "FamilyBC", "FamilyBC_t", "BCSymmetryPlane" if plane else kind)
 
 
 def write_root(file: Any) -> None:
@@ -80,10 +91,7 @@ def _write_zone(base: Any, name: str, mesh: Mesh, families: dict[str, str], axes
         raise MeshFileError(
             f"zone {name}: CGNS holds either one block of polyhedra or cells of simple shapes, not both"
         )
-    cells = sum(len(block) for block in mesh.cells)
-    sizes = [2 * block.faces.nodes.size for block in polyhedra]
-    largest = max(len(mesh.points), cells + sum(len(patch) for patch in mesh.patches), *sizes)
-    kind = np.int32 if largest <= FITS else np.int64
+    cells, kind = sum(map(len, mesh.cells)), _kind(mesh, polyhedra)
     zone = create(base, name, "Zone_t", np.array([[len(mesh.points)], [cells], [0]], dtype=kind))
     create(zone, "ZoneType", "ZoneType_t", "Unstructured")
     grid = create(zone, "GridCoordinates", "GridCoordinates_t")
@@ -98,6 +106,13 @@ def _write_zone(base: Any, name: str, mesh: Mesh, families: dict[str, str], axes
                 conditions, families[patch], numbers.astype(kind), "EdgeCenter" if mesh.plane else "FaceCenter"
             )
     return [f"patch {patch} has no faces and is left out" for patch, numbers in faces.items() if not len(numbers)]
+
+
+def _kind(mesh: Mesh, polyhedra: Sequence[Polyhedra]) -> type[np.signedinteger[Any]]:
+    """Return the type of the file's integers: of 32 bits if all numbers fit."""
+    sizes = [2 * block.faces.nodes.size for block in polyhedra]
+    largest = max(len(mesh.points), sum(map(len, mesh.cells)) + sum(map(len, mesh.patches)), *sizes)
+    return np.int32 if largest <= FITS else np.int64
 
 
 def _write_condition(conditions: Any, family: str, numbers: IntArray, where: str) -> None:

@@ -142,26 +142,33 @@ def _one(blocks: Sequence[Cells]) -> Cells:
 
 def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray]) -> list[Patch]:
     """Return the patches of touching zones; families of all that have them are one patch."""
-    having = Counter(patch.name for part in parts for patch in part.mesh.patches)
-    families = Counter(name for part in parts for name in part.families.intersection(part.mesh.names))
+    apart = _apart(parts)
     found: dict[str, list[Faces]] = {}
     kinds: list[tuple[str, Constraint]] = []
     for part, index in zip(parts, numbers, strict=True):
         for patch in part.mesh.patches:
-            apart = having[patch.name] > max(1, families[patch.name])
-            name = f"{part.name}/{patch.name}" if apart else patch.name
+            name = f"{part.name}/{patch.name}" if patch.name in apart else patch.name
             kinds.append((name, patch.constraint))
             for faces in (renumbered(faces, index) for faces in patch.faces):
                 found.setdefault(name, []).extend(expanded(faces) if isinstance(faces, Cells) else [faces])
     held = agreed(kinds)
     if len(parts) == 1 and not parts[0].block:
         return [Patch(name, tuple(own), constraint=held[name]) for name, own in found.items()]
-    patches = []
-    for name, own in found.items():
-        simple = _by_shape([faces for faces in own if isinstance(faces, Cells)])
-        polygons = [faces for faces in own if isinstance(faces, Polygons)]
-        patches.append(Patch(name, (*simple, *polygons), constraint=held[name]))
+    patches = [Patch(name, _sorted_faces(own), constraint=held[name]) for name, own in found.items()]
     return [patch for patch in patches if patch.faces]
+
+
+def _apart(parts: Sequence[ZoneMesh]) -> set[str]:
+    """Return the names that patches of several zones have, unless they are families of all of these."""
+    having = Counter(name for part in parts for name in part.mesh.names)
+    families = Counter(name for part in parts for name in part.families.intersection(part.mesh.names))
+    return {name for name, count in having.items() if count > max(1, families[name])}
+
+
+def _sorted_faces(faces: Sequence[Faces]) -> tuple[Faces, ...]:
+    """Return faces of each shape as one block, then polygons."""
+    simple = _by_shape([block for block in faces if isinstance(block, Cells)])
+    return (*simple, *(block for block in faces if isinstance(block, Polygons)))
 
 
 def _by_shape(blocks: Sequence[Cells]) -> tuple[Cells, ...]:

@@ -1,7 +1,7 @@
 """Gmsh meshes (.msh), versions 2.2 and 4.1, text and binary."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -106,9 +106,7 @@ def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
         return None
     dimension = 2 if plane else 3
     solids, faces = KINDS[dimension]
-    blocks: dict[int, list[ElementBlock]] = {}
-    for block in (block for block in (elements(file, 1) if plane else every) if block.kind in solids | faces):
-        blocks.setdefault(block.kind, []).append(block)
+    blocks = _by_kind(elements(file, 1) if plane else every, solids | faces)
     cells = tuple(_cells(solids[kind], parts, stored) for kind, parts in blocks.items() if kind in solids)
     own = {kind: (_nodes(parts, stored), parts) for kind, parts in blocks.items() if kind in faces}
     border = group_patches(own, group_names(file, dimension - 1), faces)
@@ -119,6 +117,15 @@ def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
     return MeshInPieces(
         path.resolve().name, pieces, found.patches, zones, (*notes, *found.notes), periodic=found.periodic
     )
+
+
+def _by_kind(blocks: Iterable[ElementBlock], wanted: Container[int]) -> dict[int, list[ElementBlock]]:
+    """Sort blocks of elements of some kinds by these."""
+    found: dict[int, list[ElementBlock]] = {}
+    for block in blocks:
+        if block.kind in wanted:
+            found.setdefault(block.kind, []).append(block)
+    return found
 
 
 def _cells(shape: str, parts: Sequence[ElementBlock], stored: Nodes) -> CellTable:
@@ -182,17 +189,15 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     import meshio
 
     names = [patch.name.replace('"', "'") for patch in mesh.patches]
-    faces = [(f, tag) for tag, patch in enumerate(mesh.patches, 1) for f in simple_faces(patch) if len(f)]
-    solids = [(block, len(names) + 1) for block in standard_cells(mesh) if len(block)]
-    groups = [np.full(len(block), tag, dtype=np.int32) for block, tag in faces + solids]
-    turned = [mirrored("wedge", block.nodes) if block.shape == "wedge" else block.nodes for block, _ in faces + solids]
+    tagged = _tagged(mesh)
+    groups = [np.full(len(block), tag, dtype=np.int32) for block, tag in tagged]
     dimension = 2 if mesh.plane else 3
     fields = {name: np.array([tag, dimension - 1]) for tag, name in enumerate(names, 1)}
     fields[fitting_names([VOLUME], '"', names)[VOLUME]] = np.array([len(names) + 1, dimension])
     links = written_pairs(mesh)
     whole = meshio.Mesh(
         mesh.points,
-        [(block.shape, nodes) for (block, _), nodes in zip(faces + solids, turned, strict=True)],
+        [(block.shape, _turned(block)) for block, _ in tagged],
         cell_data={"gmsh:physical": groups, "gmsh:geometrical": groups},
         field_data=fields,
         gmsh_periodic=[_link(mesh, pair) for pair in links] or None,
@@ -202,6 +207,18 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
     renamed = [f"patch {patch.name} is called {name}" for patch, name in pairs if patch.name != name]
     left = [pair for pair in mesh.periodic if pair not in links]
     return (*renamed, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(left))
+
+
+def _tagged(mesh: Mesh) -> list[tuple[Cells, int]]:
+    """Return the faces of each patch, then the cells, each block with the number of its physical group."""
+    faces = [(block, tag) for tag, patch in enumerate(mesh.patches, 1) for block in simple_faces(patch)]
+    cells = [(block, len(mesh.patches) + 1) for block in standard_cells(mesh)]
+    return [(block, tag) for block, tag in (*faces, *cells) if len(block)]
+
+
+def _turned(block: Cells) -> IntArray:
+    """Return the nodes (M, k) in the order of Gmsh, whose prisms are mirrored."""
+    return mirrored("wedge", block.nodes) if block.shape == "wedge" else block.nodes
 
 
 def _link(mesh: Mesh, pair: Periodic) -> tuple[int, tuple[int, int], FloatArray, IntArray]:

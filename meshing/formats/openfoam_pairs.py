@@ -17,7 +17,13 @@ from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.edges import polygons_of
 from sdm_deflect.deform.mesh.mesh import Constraint, Patch, Periodic, Polygons
-from sdm_deflect.deform.mesh.pairing import RigidMotion, nearest_rotation, rotation_between, translation_between
+from sdm_deflect.deform.mesh.pairing import (
+    RigidMotion,
+    nearest_rotation,
+    rotation_between,
+    rotation_of,
+    translation_between,
+)
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.meshing.formats.openfoam_files import FoamPatch
 
@@ -84,7 +90,10 @@ def _pair(patch: FoamPatch, names: tuple[str, str], one: Polygons, other: Polygo
         for rotation, shift in _motions(patch, one, other, points, places):
             rows = _matched(points[0] @ rotation.T + shift, points[1])
             if rows is not None:
-                shift = _shift(points[0] @ rotation.T, points[1][rows])
+                here, there = points[0], points[1][rows]
+                if not np.array_equal(rotation, np.eye(3)):
+                    rotation = rotation_of(here - here.mean(axis=0), there - there.mean(axis=0))
+                shift = _shift(here @ rotation.T, there)
                 return Periodic(patch.name, names, np.column_stack([nodes[0], nodes[1][rows]]), rotation, shift)
     return Periodic(patch.name, names, np.empty((0, 2), dtype=np.intp))
 

@@ -46,15 +46,16 @@ def part(mesh: Mesh, zone: Zone) -> Mesh:
     if (zone.start, zone.stop) == (0, len(mesh.points)):
         return replace(mesh, patches=tuple(_unprefixed(patch, zone) for patch in mesh.patches))
     cells = [block for block in (_cells_inside(block, zone) for block in mesh.cells) if len(block)]
-    patches = []
-    for patch in mesh.patches:
-        faces = [_inside(f, zone, f"faces of patch {patch.name}") for f in patch.faces]
-        if any(len(f) for f in faces):
-            kept = tuple(f for f in faces if len(f))
-            patches.append(_unprefixed(Patch(patch.name, kept, constraint=patch.constraint), zone))
+    patches = [patch for patch in (_patch_inside(patch, zone) for patch in mesh.patches) if patch.faces]
     pairs = [pair for pair in mesh.periodic if ((pair.nodes >= zone.start) & (pair.nodes < zone.stop)).all()]
     own = [replace(pair, nodes=pair.nodes - zone.start, patches=_own(pair.patches, zone)) for pair in pairs]
     return Mesh(mesh.points[zone.start : zone.stop], tuple(cells), tuple(patches), periodic=tuple(own))
+
+
+def _patch_inside(patch: Patch, zone: Zone) -> Patch:
+    """Return what of a patch is in a zone: its faces there, if any."""
+    faces = [_inside(block, zone, f"faces of patch {patch.name}") for block in patch.faces]
+    return _unprefixed(Patch(patch.name, tuple(filter(len, faces)), constraint=patch.constraint), zone)
 
 
 def agreed(named: Iterable[tuple[str, Constraint]]) -> dict[str, Constraint]:

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.flow.fields import iterations_done
 from sdm_deflect.cases.report.pictures import write_png
 from sdm_deflect.cases.run.output import output_files
-from sdm_deflect.geometry.reference_values import reference_values, surface_reference
+from sdm_deflect.geometry.reference_values import reference_values
+from studies.flow.fields import iterations_done
 from studies.flow.members import DEFLECTED, FRESH, REPAIRED, FlowStudy, Member
 from studies.flow.pictures import LABELS, curves, pressures, settling
+from studies.flow.reference import surface_reference
 from studies.flow.results import ALLOWED, CONFIDENCE, CONVERGED, LAST, WINDOW, Increment, Results, judged, results_of
 from studies.flow.solve import FOLDER, seconds_of
 from studies.flow.trend import slopes_of

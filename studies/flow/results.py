@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from sdm_deflect.cases.flow.forces import LIFT, PITCH, ROLL, YAW, Forces, coefficients, hinge_moment
 from sdm_deflect.cases.flow.openfoam import WHOLE
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.geometry.reference_values import surface_reference
+from studies.flow.forces import LIFT, PITCH, ROLL, YAW, Forces, coefficients, hinge_moment
 from studies.flow.members import DEFLECTED, FRESH, FRESH_DEFLECTED, REPAIRED, UNDEFLECTED, FlowStudy, Member
+from studies.flow.reference import surface_reference
 
 HINGE = "Ch"
 WINDOW, LAST = 500, 200

@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.flow.fields import iterations_done, start_from
 from sdm_deflect.cases.flow.openfoam import SOLVER, write_settings
 from sdm_deflect.cases.flow.setup import Setup
-from sdm_deflect.cases.flow.solver import lines, needed
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, LostError
@@ -23,6 +21,7 @@ from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files.staged import replacing
 from sdm_deflect.meshing.mesh import tets_of
+from studies.flow.fields import iterations_done, start_from
 from studies.flow.members import (
     DEFLECTED,
     REPAIRED,
@@ -37,6 +36,7 @@ from studies.flow.members import (
     write_member,
 )
 from studies.flow.results import judged, values_of
+from studies.flow.solver import lines, needed
 
 SETTINGS, SECONDS, FOLDER = "study.json", "seconds.json", "members"
 TIME, USED = re.compile(r"^Time = (\d+)"), re.compile(r"^ExecutionTime = ([\d.]+) s")

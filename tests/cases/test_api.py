@@ -9,7 +9,6 @@ import sdm_deflect
 from sdm_deflect import Blended, Hexahedron, InputError, OnPatches, Rotation, deflect, sweep
 from sdm_deflect.deform.mesh.mesh import Cells
 from sdm_deflect.meshing.formats.registry import format_of
-from tests.deform.blocks import two_bodies
 from tests.limits import limited
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
@@ -60,20 +59,6 @@ def test_a_sweep_refuses_what_deflect_refuses(block):
     for angles in ((), (5.0, np.nan), "abc"):
         with pytest.raises(InputError, match="angles"):
             sweep(block, "body", HINGE, angles)
-
-
-def test_a_first_surface_that_stays_does_not_keep_the_second_from_moving():
-    mesh = two_bodies()
-    own = [
-        {"patches": "left", "hinge": [[-1, 0, 0], [-1, 1, 0]], "angle": 0},
-        {"patches": "right", "hinge": [[1, 0, 0], [1, 1, 0]], "angle": 15},
-    ]
-    result = deflect(mesh, own)
-    assert result.passed
-    left, right = mesh.on("left"), mesh.on("right")
-    assert np.array_equal(result.points[left], mesh.points[left])
-    expected = Rotation.about(*np.array(own[1]["hinge"])).axis.rotated(mesh.points[right], 15.0)
-    np.testing.assert_allclose(result.points[right], expected, atol=1e-14)
 
 
 def notes(result):

@@ -6,8 +6,6 @@ from itertools import pairwise, permutations
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.aircraft import pictures as aircraft
-from sdm_deflect.cases.aircraft.pictures import cells_by_quality, histograms, shell, walls
 from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
 from sdm_deflect.cases.report.raster import rendered
 from sdm_deflect.cases.report.scene3d import (
@@ -27,6 +25,8 @@ from sdm_deflect.cases.report.scene3d import (
 )
 from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.meshing.mesh import tets_of
+from studies import pictures as aircraft
+from studies.pictures import cells_by_quality, histograms, shell, walls
 from tests.pictures import differing, inked, pixels, shades, share
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])

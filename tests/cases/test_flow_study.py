@@ -11,13 +11,13 @@ import pytest
 from scipy.stats import t
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.flow.forces import Forces
 from sdm_deflect.cases.flow.setup import FreeStream
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.geometry.aircraft import build
 from sdm_deflect.meshing.mesh import triangles_of
+from studies.flow.forces import Forces
 from studies.flow.members import (
     DEFLECTED,
     FRESH,

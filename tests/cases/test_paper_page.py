@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.deform.rbf.bases import DirectBasis
 from sdm_deflect.deform.rbf.greedy import Stop, adapt
 from sdm_deflect.deform.rbf.interpolant import direct
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
@@ -18,6 +17,7 @@ from sdm_deflect.deform.rbf.sites import DataSites
 from studies import centres, studies
 from studies.loop import Gmres, adapted
 from studies.page import read_page
+from studies.solves import DirectBasis
 from studies.stored import Counted
 from studies.trials import Trial, factors
 from studies.verdicts import UNKNOWN, because, counted, reasons, verdicts

@@ -14,7 +14,7 @@ import sdm_deflect
 from sdm_deflect.cases.aircraft.registry import resolve
 from sdm_deflect.cases.api import Options
 from sdm_deflect.cases.cli.deflect import deflect as command
-from sdm_deflect.cases.cli.options import Deflection, settings_options
+from sdm_deflect.cases.cli.options import DeflectCommand, settings_options
 from sdm_deflect.cases.settings.conversion import structured, table_of, to_toml
 from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON, JobSettings, job_settings, read_job
 from sdm_deflect.deform.base.errors import InputError
@@ -54,7 +54,7 @@ def test_a_setting_is_added_in_one_place():
         structured({"smooth_shar": 0.25}, More)
     with pytest.raises(InputError, match="smooth_share = 2 must be a number from 0 to 1"):
         structured({"smooth_share": 2}, More)
-    text = CliRunner().invoke(Deflection("deflect", params=settings_options(settings)), ["--help"]).output
+    text = CliRunner().invoke(DeflectCommand("deflect", params=settings_options(settings)), ["--help"]).output
     assert "--smooth-share FLOAT" in text
     assert "How smooth (default: 0.5)." in text
     assert "    smooth_share: float\n" in keywords(settings)

@@ -23,7 +23,7 @@ import ctypes, os, sys, time
 from pathlib import Path
 from sdm_deflect.cases import cli
 from sdm_deflect.cases.cli import supervisor
-from sdm_deflect.meshing.files.watchers import watchers
+from sdm_deflect.meshing.files.orphan import watchers
 
 def work():
 {work}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from sdm_deflect.cases.view.pieces import CutPlane, ViewPieces, outline
+from sdm_deflect.cases.view.pieces import ClipPlane, ViewPieces, outline
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.meshing.formats.registry import read
@@ -67,7 +67,7 @@ def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
     assert len((report / "report.html").read_bytes()) == pytest.approx(len(page), rel=0.01)
     run = InteractiveRun.of(report)
     pieces, frame = ViewPieces.of(run), run.at(-20.0)
-    shown = pieces.moving(frame, CutPlane(2, 0.0), None)
+    shown = pieces.moving(frame, ClipPlane(2, 0.0), None)
     assert len(shown["section"].sizes) == run.touched.count
     assert set(shown["section"].sizes.tolist()) == {3, 4}
     assert len(outline(run).sizes) == len(run.mesh.patch("flap"))

@@ -5,20 +5,14 @@ Exit code 1 if something was found; what was is kept in the folder of ``--keep``
 
 import argparse
 import gc
-import logging
 import sys
 import tempfile
-from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from random import Random
-from typing import Any
 
 import click
-import coverage
 
-FORMATS = "*/meshing/formats/*"
-"""Of these files the coverage is measured."""
 LOADED = (
     "h5py", "pyvista", "meshio", "sdm_deflect.cases.cli", "sdm_deflect.cases.run.deflect_file",
     "sdm_deflect.cases.cli.examination", "sdm_deflect.cases.run.inspection", "sdm_deflect.cases.settings.job_settings",
@@ -43,16 +37,8 @@ def main() -> int:
     words.add_argument("--seed", type=int, default=1)
     words.add_argument("--keep", type=Path, default=Path("fuzz-findings"), help="folder for inputs that were found")
     words.add_argument("--json", type=Path, help="file for the figures")
-    words.add_argument(
-        "--coverage",
-        action="store_true",
-        help="known inputs and --inputs in this process; print what of the formats they reach",
-    )
     words.add_argument("--again", type=Path, help="a folder of one finding: TARGET/NUMBER of an earlier --keep")
     given = words.parse_args()
-    measured = coverage.Coverage(branch=True, include=[FORMATS], omit=["*/tests/*"], data_file=None, config_file=False)
-    if given.coverage:
-        measured.start()
     for name in LOADED:
         import_module(name)
     gc.freeze()
@@ -63,11 +49,6 @@ def main() -> int:
         return again(given.again)
     chosen = [TARGETS[name] for name in given.target or TARGETS]
     found = [Findings(target, seeds_of(target)) for target in chosen]
-    if given.coverage:
-        tried_here(found, given.seed, given.inputs or 0)
-        measured.stop()
-        measured.report(show_missing=True)
-        return 0
     timed = given.inputs is None and not given.sample and not given.known
     watch = Watch(found, given.seed, timed, given.jobs)
     if timed:
@@ -77,19 +58,6 @@ def main() -> int:
     save(found, given.keep)
     print_figures(found, given.json)
     return int(any(one.bad for one in found))
-
-
-def tried_here(found: Sequence[Any], seed: int, count: int) -> None:
-    """Try the known inputs of each target and `count` in all, in this process."""
-    from tests.fuzz.worker import input_of, outcome, random_of
-
-    logging.disable()
-    for one in found:
-        for number in range(max(count, len(one.known))):
-            given = input_of(one.target, seed, number, one.known)
-            with tempfile.TemporaryDirectory() as name:
-                given.put(Path(name))
-                outcome(one.target, Path(name), given, random_of(seed, one.target, -number))
 
 
 def again(folder: Path) -> int:

@@ -5,7 +5,8 @@ import pytest
 
 from sdm_deflect.geometry.datum import SURFACES, hinge_line, trailing_edge
 from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.geometry.reference_values import reference_values, surface_reference
+from sdm_deflect.geometry.reference_values import reference_values
+from studies.flow.reference import surface_reference
 
 
 def test_the_mean_chord_is_the_integral_of_the_square_of_the_chord():

@@ -326,7 +326,15 @@ def test_a_file_is_on_the_disk_before_it_takes_its_place(tmp_path: Path, monkeyp
     assert {folder / name for name in NEW} <= set(flushed)
 
 
-def test_a_signal_waits_until_a_target_is_replaced(tmp_path: Path, monkeypatch) -> None:
+@pytest.fixture
+def interruptible():
+    """SIGINT raises KeyboardInterrupt, also where the tests were started in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_a_signal_waits_until_a_target_is_replaced(tmp_path: Path, monkeypatch, interruptible) -> None:
     told = []
     monkeypatch.setattr(files, "watchers", [lambda path, whole: told.append((path.name, whole))])
     rename = Path.rename

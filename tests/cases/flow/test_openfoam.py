@@ -6,14 +6,14 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.flow.fields import iterations_done, read_field, start_from
-from sdm_deflect.cases.flow.forces import Forces
 from sdm_deflect.cases.flow.openfoam import FIRST, SECOND, SOLVER, write_case, write_settings
 from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Hinge, Setup
-from sdm_deflect.cases.flow.solver import lines, needed
-from sdm_deflect.cases.flow.solver import run as run_solver
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.meshing.formats.format import MeshFileError
+from studies.flow.fields import iterations_done, read_field, start_from
+from studies.flow.forces import Forces
+from studies.flow.solver import lines, needed
+from studies.flow.solver import run as run_solver
 from tests.cases import foam
 from tests.deform.blocks import block_with_body
 

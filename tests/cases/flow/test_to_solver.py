@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import sdm_deflect
-from sdm_deflect.cases.flow.forces import Forces, coefficients, hinge_moment
 from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
-from sdm_deflect.cases.flow.solver import lines
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
+from studies.flow.forces import Forces, coefficients, hinge_moment
+from studies.flow.solver import lines
 from tests.cases import foam
 from tests.cases.flow.test_su2 import faults, options
 from tests.deform.blocks import block_with_body, joined

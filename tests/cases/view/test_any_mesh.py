@@ -8,7 +8,7 @@ from sdm_deflect.cases.report.folder import read_folder
 from sdm_deflect.cases.run.mesh_files import write_mesh
 from sdm_deflect.cases.view.labels import about, facts
 from sdm_deflect.cases.view.page import Control
-from sdm_deflect.cases.view.pieces import CutPlane, ViewPieces
+from sdm_deflect.cases.view.pieces import ClipPlane, ViewPieces
 from sdm_deflect.cases.view.run import InteractiveRun, Spans
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.axis import Axis
@@ -60,7 +60,7 @@ def test_the_quality_has_the_measure_of_each_type_of_cell(hybrid):
 def test_a_section_through_cells_of_any_type_tiles_the_plane(block, bare_deflection, many):
     mesh = polyhedral(block) if many else block
     run = InteractiveRun.of(bare_deflection(mesh, "case/x.foam" if many else "x.su2", *BODY, fixed="?-"))
-    pieces, plane = ViewPieces.of(run), CutPlane(1, 0.1)
+    pieces, plane = ViewPieces.of(run), ClipPlane(1, 0.1)
     sections = [pieces.moving(run.at(10.0), plane, None)["section"], pieces.standing(plane, None)["around"]]
     assert sum(map(total, sections)) == pytest.approx(16.0 - 1.0)
     assert all(np.allclose(piece.points[:, 1], 0.1) for piece in sections)

@@ -9,7 +9,7 @@ import pytest
 from sdm_deflect.cases.report.scene3d import change_rgb, moved_rgb
 from sdm_deflect.cases.view.labels import BINS, facts, histogram, parsed, verdict
 from sdm_deflect.cases.view.page import Control, Wish
-from sdm_deflect.cases.view.pieces import RED, CutPlane, ViewPieces
+from sdm_deflect.cases.view.pieces import RED, ClipPlane, ViewPieces
 from sdm_deflect.cases.view.run import Span, Spans
 from sdm_deflect.deform.base.errors import InputError
 
@@ -60,7 +60,7 @@ def test_inverted_cells_are_red_in_the_section_and_shown_whole(aileron):
     cell = aileron.mesh.cells[0].nodes[aileron.touched.rows[0][5]]
     middle = frame.points[cell].mean(axis=0)
     broken = replace(frame, inverted=np.array([5]))
-    shown = pieces.moving(broken, CutPlane(1, middle[1]), None)
+    shown = pieces.moving(broken, ClipPlane(1, middle[1]), None)
     assert np.count_nonzero((shown["section"].rgb == RED).all(axis=1)) == 1
     assert len(shown["inverted"].points) == 12
     assert np.allclose(shown["marks"].points, middle)
@@ -71,7 +71,7 @@ def test_inverted_cells_are_red_in_the_section_and_shown_whole(aileron):
 
 def test_colours_follow_what_they_stand_for(aileron):
     control = Control.of(aileron)
-    plane, pieces = CutPlane(1, control.first().position), control.pieces
+    plane, pieces = ClipPlane(1, control.first().position), control.pieces
     still, turned = aileron.at(0.0), aileron.at(-12.0)
     for colour, at_rest in (("change", change_rgb(np.zeros(1))), ("displacement", moved_rgb(np.zeros(1)))):
         assert (pieces.moving(still, plane, None, colour)["section"].rgb == at_rest).all()
@@ -86,7 +86,7 @@ def test_colours_follow_what_they_stand_for(aileron):
 
 
 def test_walls_beyond_the_section_are_cut_away(aileron):
-    pieces, plane = ViewPieces.of(aileron), CutPlane(1, -0.2)
+    pieces, plane = ViewPieces.of(aileron), ClipPlane(1, -0.2)
     piece = pieces.standing(plane, plane)["body"]
     middles = piece.points[piece.nodes.reshape(-1, 3)].mean(axis=1)
     assert 0 < len(middles) < len(pieces.body.faces)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from sdm_deflect.cases.view.pieces import CutPlane, Solids
+from sdm_deflect.cases.view.pieces import ClipPlane, Solids
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 
 
@@ -32,14 +32,14 @@ def area(corners):
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("position", [0.0, 0.25, 0.7, 1.0])
 def test_the_section_of_a_cube_is_its_unit_square(cube, axis, position):
-    polygons, _ = section(cube, CutPlane(axis, position))
+    polygons, _ = section(cube, ClipPlane(axis, position))
     assert all(np.array_equal(corners[:, axis], np.full(len(corners), position)) for corners in polygons)
     total = sum(map(area, polygons))
     assert total == pytest.approx(0.0 if position == 0.0 else 1.0)  # nodes in the plane count as above it
 
 
 def test_every_polygon_lies_in_its_cell(cube):
-    polygons, cells = section(cube, CutPlane(2, 0.4))
+    polygons, cells = section(cube, ClipPlane(2, 0.4))
     assert {len(corners) for corners in polygons} == {3, 4}
     assert len(set(cells.tolist())) == len(polygons)
     for corners, cell in zip(polygons, cells, strict=True):
@@ -50,4 +50,4 @@ def test_every_polygon_lies_in_its_cell(cube):
 
 
 def test_a_plane_beside_the_mesh_cuts_nothing(cube):
-    assert section(cube, CutPlane(0, 2.0))[0] == []
+    assert section(cube, ClipPlane(0, 2.0))[0] == []

@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import RBFInterpolator
 
-from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError, direct, fit, krylov
+from sdm_deflect.deform.rbf.interpolant import Interpolant, SolveError, direct, fit
 from sdm_deflect.deform.rbf.kernels import Cubic, Multiquadric, ThinPlateSpline, WendlandC2
+from studies.solves import krylov
 
 KERNELS = [ThinPlateSpline(), Multiquadric(1.0), Multiquadric(1e4), WendlandC2(2.0), Cubic()]
 SOLVERS = [direct, krylov(1e-12)]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from sdm_deflect.deform.base.points import farthest
-from sdm_deflect.deform.rbf.bases import DirectBasis
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS, Fitting
 from sdm_deflect.deform.rbf.greedy import GreedyOptions, Stop, adapt
@@ -13,6 +12,7 @@ from sdm_deflect.deform.rbf.kernels import OF_RADIUS
 from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.rbf.sums import kernel_matrix
+from studies.solves import DirectBasis
 
 RADIUS = 0.5
 POINTS = np.random.default_rng(7).uniform(-1.0, 1.0, size=(160, 3))

@@ -6,7 +6,7 @@ import numpy as np
 
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.mesh.touched import TouchedCells
-from sdm_deflect.deform.repair.freedom import Freedom
+from sdm_deflect.deform.repair.freedom import FreeNodes
 from tests.deform.blocks import grid
 
 NONE = np.empty(0, dtype=np.intp)
@@ -47,4 +47,4 @@ def inner(mesh):
 def all_of(mesh, free=None):
     """All cells of a mesh, and the freedom of its inner nodes."""
     nodes = inner(mesh) if free is None else free
-    return TouchedCells.of(mesh, np.arange(len(mesh.points))), Freedom(nodes, ())
+    return TouchedCells.of(mesh, np.arange(len(mesh.points))), FreeNodes(nodes, ())

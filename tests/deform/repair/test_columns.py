@@ -7,7 +7,7 @@ from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 from sdm_deflect.deform.mesh.sliding import CylinderWall, Plane
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.columns import Columns, Heights
-from sdm_deflect.deform.repair.freedom import Freedom, Slide
+from sdm_deflect.deform.repair.freedom import FreeNodes, Slide
 from tests.deform.blocks import grid
 
 
@@ -104,10 +104,10 @@ def test_nodes_over_several_others_stay_and_planes_keep_their_own():
     side = np.flatnonzero((points[:, 1] == 0.0) & (points[:, 2] > 0.0))
     free = np.flatnonzero((points[:, 1] > 0.0) & (points[:, 2] > 0.0))
     plane = Plane(np.zeros(3), np.array([0.0, 1.0, 0.0]))
-    kept = Freedom(free, (Slide(side, plane),)).with_columns(columns, points)
+    kept = FreeNodes(free, (Slide(side, plane),)).with_columns(columns, points)
     assert set(kept.columns.levels[0][:, 0]) == set(first)
     assert set(free) | set(side) == {*kept.nodes, other}
     turned = CylinderWall.fitted(np.column_stack([np.cos(np.arange(9)), np.sin(np.arange(9)), np.arange(9)]))
-    none = Freedom(free, (Slide(side, turned),)).with_columns(columns, points)
+    none = FreeNodes(free, (Slide(side, turned),)).with_columns(columns, points)
     assert set(none.columns.levels[0][:, 0]) == set(first) - set(side)
     assert set(free) | set(side) == {*none.nodes, other, *np.intersect1d(first, side)}

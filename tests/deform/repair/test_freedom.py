@@ -6,7 +6,7 @@ import pytest
 from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.repair.crossing import Crossing
-from sdm_deflect.deform.repair.freedom import Freedom
+from sdm_deflect.deform.repair.freedom import FreeNodes
 from sdm_deflect.deform.repair.repair import repaired
 from tests.deform.repair.meshes import inner, lattice
 
@@ -21,7 +21,7 @@ def box():
 @pytest.fixture(scope="module")
 def freedom(box):
     everywhere = np.ones(len(box.points), dtype=bool)
-    return Freedom.of(box, box.points, everywhere, inner(box), {"wall": "plane"})
+    return FreeNodes.of(box, box.points, everywhere, inner(box), {"wall": "plane"})
 
 
 def sides(points):
@@ -59,8 +59,8 @@ def test_shuffled_faces_and_edges_find_back(box, freedom, seed):
 
 def test_where_every_face_is_left_nothing_moves(box, monkeypatch):
     everywhere = np.ones(len(box.points), dtype=bool)
-    sliding = Freedom.of(box, box.points, everywhere, np.empty(0, dtype=np.intp), {"wall": "plane"})
-    monkeypatch.setattr(Freedom, "left_by", lambda self, start, points: self.slides)
+    sliding = FreeNodes.of(box, box.points, everywhere, np.empty(0, dtype=np.intp), {"wall": "plane"})
+    monkeypatch.setattr(FreeNodes, "left_by", lambda self, start, points: self.slides)
     points = box.points.copy()
     points[inner(box)] += np.random.default_rng(0).uniform(-0.3, 0.3, (len(inner(box)), 3))
     touched = TouchedCells.of(box, np.arange(len(points)))

@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
-from sdm_deflect.deform.repair.freedom import Freedom
+from sdm_deflect.deform.repair.freedom import FreeNodes
 from sdm_deflect.deform.repair.repair import repaired
 from tests.deform.repair.meshes import all_of, inner, lattice
 
@@ -91,7 +91,7 @@ def test_other_cells_get_their_own_shape_back(block):
     moved[free] += rng.uniform(-0.6, 0.6, (len(free), 3))
     touched = TouchedCells.of(mesh, np.arange(len(points)))
     assert touched.newly_inverted(moved).sum() > 100
-    found = repaired(moved, touched, Freedom(free, ()), 0.9)
+    found = repaired(moved, touched, FreeNodes(free, ()), 0.9)
     assert not len(found.inverted)
     assert np.abs(found.points - points).max() < 0.25
     assert touched.quality(found.points)[0].min > 0.9

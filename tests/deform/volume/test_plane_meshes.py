@@ -14,7 +14,7 @@ from sdm_deflect.deform.mesh.quality import inverted_of, quality_of
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
-from sdm_deflect.deform.repair.freedom import Freedom
+from sdm_deflect.deform.repair.freedom import FreeNodes
 from sdm_deflect.deform.repair.repair import repaired
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.volume.deflection import Plan
@@ -152,7 +152,7 @@ def test_shuffled_nodes_find_back(shape, seed):
     points[some] = points[rng.permutation(some)]
     touched = TouchedCells.of(mesh, np.arange(len(points)))
     assert touched.newly_inverted(points).sum() > 40
-    found = repaired(points, touched, Freedom(inner, ()), 0.9)
+    found = repaired(points, touched, FreeNodes(inner, ()), 0.9)
     assert not len(found.inverted)
     assert not found.left
     assert (found.points[:, 2] == 0.0).all()

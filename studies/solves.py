@@ -1,12 +1,13 @@
-"""Another way to the interpolants of growing centres: solved afresh, as the paper does."""
+"""The paper's way to the interpolants of growing centres: each solved afresh, by LAPACK or by GMRES."""
 
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
+from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.points import IndexArray
-from sdm_deflect.deform.rbf.interpolant import Solve, coefficient_matrix, direct
+from sdm_deflect.deform.rbf.interpolant import Solve, SolveError, coefficient_matrix, direct
 from sdm_deflect.deform.rbf.problem import Coefficients, Problem
 
 
@@ -40,3 +41,30 @@ class DirectBasis:
     def refined(self) -> Coefficients:
         """Return the final coefficients: a fresh solve needs no refinement."""
         return self.coefficients()
+
+
+def krylov(rtol: float = 1e-10, restart: int = 200, max_cycles: int = 50) -> Solve:
+    """Return a solve by GMRES, as in the paper: no preconditioner, one right-hand side at a time.
+
+    Parameters
+    ----------
+    rtol : Tolerance on the residual's norm relative to that of the right-hand side.
+    restart, max_cycles : Iterations between restarts and number of restarts before it gives up with a `SolveError`.
+    """
+    if not 0.0 < rtol < 1.0:
+        raise ValueError(f"rtol = {rtol} must lie between 0 and 1")
+    from scipy.sparse.linalg import gmres  # takes a while to load
+
+    def solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
+        columns = []
+        for column in right.T:
+            x, info = gmres(matrix, column, rtol=rtol, restart=min(restart, len(matrix)), maxiter=max_cycles)
+            if info != 0:
+                raise SolveError(
+                    f"GMRES did not reach rtol = {rtol} for {len(matrix)} unknowns in {max_cycles} cycles of "
+                    f"{restart} iterations: allow more, or use the direct solve"
+                )
+            columns.append(x)
+        return np.column_stack(columns)
+
+    return solve
