@@ -16,7 +16,8 @@ from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import refuse_plane, simple_faces
-from sdm_deflect.meshing.formats.tables import CellTable, FileTable, PointRange, TablePieces
+from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
+from sdm_deflect.meshing.formats.tables import FileTable
 
 HEADER = np.dtype([("mark", "S4"), ("points", "<i4"), ("tets", "<i4"), ("faces", "<i4"), ("names", "<i4")])
 """Mark of the format, then how many points, tetrahedra, boundary triangles and letters of names there are."""

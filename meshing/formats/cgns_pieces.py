@@ -24,7 +24,8 @@ from sdm_deflect.meshing.formats.cgns_nodes import child, data
 from sdm_deflect.meshing.formats.cgns_read import Base, base_of, coordinate_data, may_fit
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import MIRRORED
-from sdm_deflect.meshing.formats.tables import CellTable, FileTable, PointRange, TablePieces
+from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
+from sdm_deflect.meshing.formats.tables import FileTable
 
 CELLS = {number: shape for number, shape in SHAPES.items() if shape in VOLUMES}
 

@@ -23,7 +23,8 @@ from sdm_deflect.meshing.formats.numbers import Placed, copy_text
 from sdm_deflect.meshing.formats.periodic import Listed, pairs_of, unwritten, written_pairs
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import MIRRORED, mirrored, simple_faces
-from sdm_deflect.meshing.formats.tables import CellTable, Held, Joined, PointRange, TablePieces
+from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
+from sdm_deflect.meshing.formats.tables import Held, Joined
 from sdm_deflect.meshing.mesh import VOLUME
 
 MOST = 10_000

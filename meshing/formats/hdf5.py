@@ -20,7 +20,8 @@ from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats.format import FULL, MeshFileError
 from sdm_deflect.meshing.formats.hdf5_packed import overwrite
-from sdm_deflect.meshing.formats.tables import Change, FileTable, rewritten
+from sdm_deflect.meshing.formats.rewriting import Change, rewritten
+from sdm_deflect.meshing.formats.tables import FileTable
 
 DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, zlib.error)
 """What h5py raises for a damaged file."""

@@ -14,7 +14,7 @@ from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits, only_rewritten
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
-from sdm_deflect.meshing.formats.tables import ROWS, TablePieces
+from sdm_deflect.meshing.formats.table_pieces import ROWS, TablePieces
 
 
 class Format:

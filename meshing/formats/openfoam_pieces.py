@@ -32,7 +32,9 @@ from sdm_deflect.meshing.formats.openfoam import (
 from sdm_deflect.meshing.formats.openfoam_files import COMPACT, FoamFile, headed, located, parse
 from sdm_deflect.meshing.formats.openfoam_pairs import pairs_of
 from sdm_deflect.meshing.formats.polyhedra import FEWEST, check_labels, check_sides
-from sdm_deflect.meshing.formats.tables import FileTable, PointRange, TablePieces, copy_range, items_of
+from sdm_deflect.meshing.formats.rewriting import copy_range, items_of
+from sdm_deflect.meshing.formats.table_pieces import PointRange, TablePieces
+from sdm_deflect.meshing.formats.tables import FileTable
 
 NAMES = ("points", "faces", "owner", "neighbour")
 """Files of lists; patches are in text, and in memory."""

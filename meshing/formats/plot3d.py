@@ -32,8 +32,8 @@ from sdm_deflect.meshing.formats.plot3d_map import (
     map_of,
     maps,
 )
+from sdm_deflect.meshing.formats.rewriting import rewritten
 from sdm_deflect.meshing.formats.shapes import oriented
-from sdm_deflect.meshing.formats.tables import rewritten
 
 
 @registered("plot3d", ".p3d", ".p3dfmt", ".p2d", ".p2dfmt", ".xyz", ".x", ".g", ".ufmt", written=False)

@@ -21,7 +21,8 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.meshing.formats.cgns_blocks import Size
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import NumberLines, Placed, chunks, numbers
-from sdm_deflect.meshing.formats.tables import Change, FileTable
+from sdm_deflect.meshing.formats.rewriting import Change
+from sdm_deflect.meshing.formats.tables import FileTable
 from sdm_deflect.meshing.formats.ugrid_file import EXACT
 
 MARKER = 4

@@ -33,7 +33,7 @@ from sdm_deflect.meshing.formats.su2_read import (
     zone_of,
     zones_of,
 )
-from sdm_deflect.meshing.formats.tables import TablePieces
+from sdm_deflect.meshing.formats.table_pieces import TablePieces
 from sdm_deflect.meshing.formats.zones import joined, part
 
 NUMBERS = {shape: number for number, shape in (SOLIDS | FACES | {3: "line"}).items()}

@@ -15,7 +15,8 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Patch
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import COMMENT, NumberLines, Placed, chunks, numbers
-from sdm_deflect.meshing.formats.tables import CellTable, FileTable, Held, PointRange, TablePieces, gathered
+from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
+from sdm_deflect.meshing.formats.tables import FileTable, Held, gathered
 
 LARGE = 1 << 24
 """Bytes of a section from which on compiled code is worth its loading."""

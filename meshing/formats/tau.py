@@ -19,7 +19,8 @@ from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.netcdf import NetCdf, opened
 from sdm_deflect.meshing.formats.shapes import MIRRORED, refuse_plane
-from sdm_deflect.meshing.formats.tables import CellTable, Held, PointRange, TablePieces
+from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
+from sdm_deflect.meshing.formats.tables import Held
 from sdm_deflect.meshing.formats.tau_write import AXES, FACES, MARKERS, SOLIDS, write_grid
 
 MAPPINGS = (".bmap", ".para")

@@ -23,7 +23,8 @@ from sdm_deflect.meshing.formats.numbers import copy_text
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
 from sdm_deflect.meshing.formats.shapes import MIRRORED, refuse_plane, simple_faces
-from sdm_deflect.meshing.formats.tables import CellTable, FileTable, Held, PointRange, TablePieces
+from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
+from sdm_deflect.meshing.formats.tables import FileTable, Held
 from sdm_deflect.meshing.formats.ugrid_file import (
     ENCODINGS,
     ORDER,

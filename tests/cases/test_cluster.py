@@ -31,7 +31,7 @@ from sdm_deflect.deform.mesh.pieces import HERE
 from sdm_deflect.deform.rbf.interpolant import fit
 from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.volume import step
-from sdm_deflect.meshing.formats import tables
+from sdm_deflect.meshing.formats import rewriting
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.registry import FORMATS, in_pieces
@@ -59,7 +59,7 @@ def small_pieces():
     """Pieces so small that there are some of a small block."""
     with pytest.MonkeyPatch.context() as patch:
         limited(patch, points=6_000, cells=6_000, sent=300, sent_pairs=0)
-        patch.setattr(tables, "RANGE", 100_003)
+        patch.setattr(rewriting, "RANGE", 100_003)
         yield
 
 

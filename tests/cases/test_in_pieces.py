@@ -12,7 +12,7 @@ from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.mesh.pieces import Threads
 from sdm_deflect.deform.volume import excerpt
-from sdm_deflect.meshing.formats import openfoam_pieces, tables
+from sdm_deflect.meshing.formats import openfoam_pieces, rewriting, tables
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces
 from sdm_deflect.meshing.formats.shapes import mirrored
 from tests.calls import files_of_at_most
@@ -116,7 +116,7 @@ def alike(called, monkeypatch, tmp_path):
     """Deflect a file whole and in many pieces; return the figures, which are the same, as all bytes written are."""
 
     limited(monkeypatch, points=1000, cells=700, held=0)
-    small_values = (tables, "SMALL", 0), (tables, "RANGE", 500), (polyhedra, "ROWS", 300)
+    small_values = (tables, "SMALL", 0), (rewriting, "RANGE", 500), (polyhedra, "ROWS", 300)
     for module, name, size in (*small_values, (openfoam_pieces, "SPAN", 50), (openfoam_pieces, "BATCH", 200)):
         monkeypatch.setattr(module, name, size)
 

@@ -8,7 +8,7 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats import openfoam_pieces, openfoam_write, tables
+from sdm_deflect.meshing.formats import openfoam_pieces, openfoam_write, rewriting, tables
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
 from sdm_deflect.meshing.formats.openfoam_files import open_foam
@@ -25,7 +25,7 @@ def few_at_a_time(monkeypatch):
     monkeypatch.setattr(openfoam_pieces, "SPAN", 7)
     monkeypatch.setattr(openfoam_pieces, "BATCH", 21)
     monkeypatch.setattr(tables, "SMALL", 0)
-    monkeypatch.setattr(tables, "RANGE", 37)
+    monkeypatch.setattr(rewriting, "RANGE", 37)
 
 
 @pytest.fixture(params=KINDS)

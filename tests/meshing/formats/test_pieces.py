@@ -11,7 +11,7 @@ import pytest
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats import tables
+from sdm_deflect.meshing.formats import rewriting, tables
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import format_of, in_pieces, read
 from tests.meshing.formats.alike import content, replace_data, zone_of
@@ -29,7 +29,7 @@ BINARY = [".cgns", ".msh", ".grid", ".b8.ugrid", ".lr4.ugrid"]
 def few_at_a_time(monkeypatch):
     """Ranges of bytes that end within numbers, too."""
     monkeypatch.setattr(tables, "SMALL", 0)
-    monkeypatch.setattr(tables, "RANGE", 37)
+    monkeypatch.setattr(rewriting, "RANGE", 37)
 
 
 def written(mesh: Mesh, path: Path) -> Path:
