@@ -1,0 +1,172 @@
+"""Meshes whose numbers stand in tables: read in pieces, and rewritten where they stand."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import CORNERS, PLANE, Cells
+from sdm_deflect.deform.mesh.pieces import HERE, Runner
+from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
+from sdm_deflect.deform.mesh.unchanged import States, check_unchanged
+from sdm_deflect.meshing.formats.format import MeshFileError, about
+from sdm_deflect.meshing.formats.rewriting import Change, rewritten
+from sdm_deflect.meshing.formats.shapes import AXES, MIRRORED, SAMPLE, left_handed
+from sdm_deflect.meshing.formats.tables import Array, FileTable, Held, Joined
+
+ROWS = 1 << 15
+"""Points or cells that are put into arrays at a time."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointRange:
+    """Points start to stop - 1: coordinates `first` to `end` - 1 of each are a row of a table."""
+
+    start: int
+    stop: int
+    table: FileTable | Held
+    first: int = 0
+    end: int = 3
+
+    @property
+    def axes(self) -> slice:
+        """Which coordinates they are."""
+        return slice(self.first, self.end)
+
+
+@dataclass(frozen=True, slots=True)
+class CellTable:
+    """Cells of one shape: the table of their nodes, the number of the first point, and the order of VTK's nodes."""
+
+    shape: str
+    table: FileTable | Joined | Held
+    first: int = 1
+    order: tuple[int, ...] = ()
+
+    def nodes(self, start: int, stop: int) -> IntArray:
+        """Return nodes (stop - start, k) of cells."""
+        return self.counted(self.table.read(start, stop))
+
+    def counted(self, stored: Array) -> IntArray:
+        """Return stored nodes (M, k) counted from 0 in VTK's order."""
+        nodes = np.take(stored, self.order, axis=1) if self.order else stored
+        own = np.intp if nodes.dtype.kind == "u" else nodes.dtype.newbyteorder("=")
+        return np.asarray(nodes.astype(own, copy=False) - self.first)
+
+    def everything(self, points: int, report: Callable[[int], None] = lambda _: None) -> IntArray:
+        """Return nodes (M, k) of all cells; MeshFileError if one is not among so many points."""
+        held = self._held()
+        nodes = np.empty((self.table.rows, self.table.width), dtype=np.intp) if held is None else held
+        for start in range(0, len(nodes), ROWS):
+            part = nodes[start : start + ROWS]
+            if held is None:
+                part[:] = self.nodes(start, start + len(part))
+            if part.min() < 0 or part.max() >= points:
+                raise self.missing(points)
+            report(len(part))
+        return nodes
+
+    def _held(self) -> IntArray | None:
+        """Return the nodes (M, k) of all cells if they are in memory as they are to be; else None."""
+        if not isinstance(self.table, Held) or self.first or self.order or self.table.values.dtype != np.intp:
+            return None
+        return self.table.values
+
+    def missing(self, points: int) -> MeshFileError:
+        """Return the error of cells that name points that are not there; all cells are read to count them."""
+        bad = 0
+        for start in range(0, self.table.rows, SAMPLE):
+            nodes = self.nodes(start, min(start + SAMPLE, self.table.rows))
+            bad += int(np.count_nonzero(((nodes < 0) | (nodes >= points)).any(axis=1)))
+        last = points - 1 + self.first
+        return MeshFileError(
+            f"{bad} {self.shape} elements name points that are not among the {points} ({self.first} to {last})"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TablePieces:
+    """See `Pieces`: points and cells in tables of one file."""
+
+    source: str
+    points: int
+    ranges: tuple[PointRange, ...]
+    cells: tuple[CellTable, ...]
+    files: States = field(default_factory=dict, kw_only=True, repr=False)
+
+    @property
+    def blocks(self) -> tuple[tuple[str, int], ...]:
+        """See `Pieces.blocks`."""
+        return tuple((own.shape, own.table.rows) for own in self.cells)
+
+    def coordinates(self, start: int, stop: int) -> FloatArray:
+        """See `Pieces.coordinates`."""
+        found = np.empty((stop - start, 3))
+        self.coordinates_into(found, start)
+        return found
+
+    def coordinates_into(self, found: FloatArray, start: int) -> None:
+        """Fill in the coordinates (K, 3) of the points from `start` on."""
+        check_unchanged(self.files, elsewhere=True)
+        stop = start + len(found)
+        for own in self.ranges:
+            low, high = max(start, own.start), min(stop, own.stop)
+            if low < high:
+                with np.errstate(invalid="ignore"):  # what is no number is refused by whoever asks
+                    found[low - start : high - start, own.axes] = own.table.read(low - own.start, high - own.start)
+
+    def places(self, nodes: IntArray) -> FloatArray:
+        """See `Pieces.places`."""
+        check_unchanged(self.files, elsewhere=True)
+        found = np.empty((len(nodes), 3))
+        for own in self.ranges:
+            rows = np.flatnonzero((nodes >= own.start) & (nodes < own.stop))
+            if len(rows):
+                with np.errstate(invalid="ignore"):  # as above
+                    found[rows, own.axes] = own.table.some(nodes[rows] - own.start)
+        return found
+
+    def cells_of(self, block: int, start: int, stop: int) -> Cells | SomePolyhedra:
+        """See `Pieces.cells_of`."""
+        check_unchanged(self.files, elsewhere=True)
+        return Cells(self.cells[block].shape, self.cells[block].nodes(start, stop))
+
+    def oriented(self) -> Self:
+        """Return it with each block in VTK's order, whichever of the two orders the file used (`shapes.oriented`).
+
+        Plane cells stay as they are: they are turned one by one.
+        """
+        return replace(self, cells=tuple(self._oriented(own) for own in self.cells))
+
+    def _oriented(self, cells: CellTable) -> CellTable:
+        if not cells.table.rows or cells.shape in PLANE:
+            return cells
+        rows = np.arange(0, cells.table.rows, max(1, cells.table.rows // SAMPLE))
+        nodes = cells.counted(cells.table.some(rows))[:, [0, *AXES[cells.shape]]]
+        if nodes.min() < 0 or nodes.max() >= self.points:
+            raise cells.missing(self.points)
+        corners = self.places(nodes.ravel()).reshape(-1, 4, 3)
+        if not left_handed(corners):
+            return cells
+        order = cells.order or range(CORNERS[cells.shape])
+        return replace(cells, order=tuple(order[i] for i in MIRRORED[cells.shape]))
+
+    def rewrite(
+        self, nodes: IntArray, points: FloatArray, out: Path, progress: Progress = silent, runner: Runner = HERE
+    ) -> None:
+        """See `Pieces.rewrite`; MeshFileError for points that the file's numbers cannot hold."""
+        source = Path(self.source)
+        with about(source):
+            changes = tuple(self.changes(nodes, points))
+        rewritten(source, changes, out, progress, runner)
+
+    def changes(self, nodes: IntArray, points: FloatArray) -> Iterator[Change]:
+        """Yield what is to stand in each table once sorted nodes (K,) are at `points` (K, 3)."""
+        for own in self.ranges:
+            assert isinstance(own.table, FileTable)
+            first, end = np.searchsorted(nodes, (own.start, own.stop))
+            yield Change(own.table, nodes[first:end] - own.start, points[first:end, own.axes])
