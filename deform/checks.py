@@ -17,7 +17,8 @@ from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.precision import EVERY_BIT
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer
-from sdm_deflect.deform.volume.deflection import Deflected, Deflection, Plan, Planned
+from sdm_deflect.deform.volume.deflection import Deflected, Deflection
+from sdm_deflect.deform.volume.plan import Plan, Planned
 
 LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1  # of the first layer's height; of thick layers of polyhedra
 ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid

@@ -23,7 +23,7 @@ from sdm_deflect.deform.rbf.kernels import ThinPlateSpline
 from sdm_deflect.deform.rbf.problem import Problem
 from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Worst
 from sdm_deflect.deform.rbf.sites import DataSites
-from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS, GROUPINGS, initial_centers
 from sdm_deflect.meshing.mesh import tets_of
 from studies.paper import Evaluation, Row, Setting, Size, Table, paper

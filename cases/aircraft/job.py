@@ -19,8 +19,8 @@ from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation
 from sdm_deflect.deform.surface.surface import Listed
 from sdm_deflect.deform.surface.tail_root import RootOnCylinder
 from sdm_deflect.deform.volume.box import Given
-from sdm_deflect.deform.volume.deflection import Planned, Plans
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
+from sdm_deflect.deform.volume.plan import Planned, Plans
 from sdm_deflect.geometry import datum
 from sdm_deflect.geometry.confinement import Margins, gap_faces, hexahedron_corners, inward_face, rib_faces
 from sdm_deflect.geometry.datum import hinged

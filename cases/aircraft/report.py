@@ -38,7 +38,8 @@ from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.cases.view.run import InteractiveRun, Manner
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.reading import damaged
-from sdm_deflect.deform.volume.deflection import Deflected, Plan, Planned
+from sdm_deflect.deform.volume.deflection import Deflected
+from sdm_deflect.deform.volume.plan import Plan, Planned
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.formats.vtu import read_vtu
 

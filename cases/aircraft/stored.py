@@ -27,7 +27,8 @@ from sdm_deflect.deform.rbf.greedy import Adaptation, Iteration, Stop
 from sdm_deflect.deform.rbf.interpolant import Interpolant, check_finite
 from sdm_deflect.deform.rbf.kernels import KERNEL, arrays_of
 from sdm_deflect.deform.rbf.sites import DataSites
-from sdm_deflect.deform.volume.deflection import Deflected, Deflection, Deflections, Plan, Planned, as_repaired, stepped
+from sdm_deflect.deform.volume.deflection import Deflected, Deflection, Deflections, as_repaired, stepped
+from sdm_deflect.deform.volume.plan import Plan, Planned
 from sdm_deflect.deform.volume.sites import Sites
 from sdm_deflect.deform.volume.step import DIRECTIONS, Fits, Step, solve
 from sdm_deflect.geometry.model import CadModel

@@ -16,7 +16,8 @@ from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.closest import Triangles
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
-from sdm_deflect.deform.volume.deflection import Deflected, Plan, Planned
+from sdm_deflect.deform.volume.deflection import Deflected
+from sdm_deflect.deform.volume.plan import Plan, Planned
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.mesh import FREE_FORM, nodes_by_face, tets_of, triangles_of
 

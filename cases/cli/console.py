@@ -25,7 +25,7 @@ from sdm_deflect.deform.base.errors import printable
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.checks import Check, Verdict
 from sdm_deflect.deform.mesh.quality import Quality
-from sdm_deflect.deform.volume.deflection import Plan, Planned
+from sdm_deflect.deform.volume.plan import Plan, Planned
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.cli.examination import Finding

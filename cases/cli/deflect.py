@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sdm_deflect.cases.run.mesh_files import Targets
     from sdm_deflect.cases.run.progress import Stopwatch
     from sdm_deflect.deform.mesh.pieces import Runner
-    from sdm_deflect.deform.volume.deflection import Planned
+    from sdm_deflect.deform.volume.plan import Planned
 
 CASE = ("to_solver", "mach", "alpha", "far_field")
 """Options of a case for a flow solver."""

@@ -15,7 +15,7 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.parts import MARK
 from sdm_deflect.deform.mesh.unchanged import check_unchanged
-from sdm_deflect.deform.volume.deflection import Planned
+from sdm_deflect.deform.volume.plan import Planned
 from sdm_deflect.meshing.formats.format import fitting_names
 from sdm_deflect.meshing.formats.openfoam_write import UNFIT
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of

@@ -24,7 +24,8 @@ from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra, Volume
 from sdm_deflect.deform.mesh.quality import MEASURES, POLYHEDRON, Quality, quality_of
 from sdm_deflect.deform.mesh.touched import TouchedCells
-from sdm_deflect.deform.volume.deflection import Deflection, Plan
+from sdm_deflect.deform.volume.deflection import Deflection
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Rows = list[tuple[str, str, str, str]]

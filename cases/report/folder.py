@@ -61,8 +61,9 @@ from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
-from sdm_deflect.deform.volume.deflection import Deflected, Plan, Planned, Plans
+from sdm_deflect.deform.volume.deflection import Deflected
 from sdm_deflect.deform.volume.job import Sliding
+from sdm_deflect.deform.volume.plan import Plan, Planned, Plans
 from sdm_deflect.meshing.formats.registry import ending, format_of
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 

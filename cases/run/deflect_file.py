@@ -28,9 +28,10 @@ from sdm_deflect.deform.mesh.pieces import HERE, Runner
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.mesh.touched import Layers
 from sdm_deflect.deform.mesh.unchanged import check_unchanged, held
-from sdm_deflect.deform.volume.deflection import Deflected, Plan, Planned, Plans, sweep
+from sdm_deflect.deform.volume.deflection import Deflected, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.plan import Plan, Planned, Plans
 from sdm_deflect.meshing.files.staged import permitted_as
 from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
 

@@ -24,8 +24,9 @@ from sdm_deflect.deform.checks import MIN_QUALITY, Check
 from sdm_deflect.deform.mesh.mesh import bounded
 from sdm_deflect.deform.mesh.swept import CONSERVED
 from sdm_deflect.deform.mesh.unchanged import check_unchanged, held
-from sdm_deflect.deform.volume.deflection import Planned, sweep
+from sdm_deflect.deform.volume.deflection import sweep
 from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.plan import Planned
 from sdm_deflect.meshing.files.staged import permitted_as
 from sdm_deflect.meshing.formats import openfoam_history as foam
 from sdm_deflect.meshing.formats.format import MeshFileError

@@ -13,7 +13,8 @@ from sdm_deflect.deform.mesh.orthogonality import SEVERE, SKEW
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
 from sdm_deflect.deform.surface.reached import Reached
-from sdm_deflect.deform.volume.deflection import Deflected, Deflection, Plan, Planned
+from sdm_deflect.deform.volume.deflection import Deflected, Deflection
+from sdm_deflect.deform.volume.plan import Plan, Planned
 from sdm_deflect.deform.volume.step import DIRECTIONS
 
 Json = dict[str, Any]

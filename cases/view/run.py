@@ -16,7 +16,8 @@ from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.touched import TouchedCells
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.surface.surface import TrailingEdge
-from sdm_deflect.deform.volume.deflection import Deflection, Plan, Planned, mended
+from sdm_deflect.deform.volume.deflection import Deflection, mended
+from sdm_deflect.deform.volume.plan import Plan, Planned
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
 

@@ -15,7 +15,8 @@ from sdm_deflect.deform.base.threads import single_threaded_blas
 from sdm_deflect.deform.rbf.factor import CholeskyBasis
 from sdm_deflect.deform.rbf.sites import DataSites
 from sdm_deflect.deform.rbf.sums import kernel_matrix, kernel_sum
-from sdm_deflect.deform.volume.deflection import Plan, stepped
+from sdm_deflect.deform.volume.deflection import stepped
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.region import check_moving
 from sdm_deflect.deform.volume.step import Fits, Step, StepStart, solve
 

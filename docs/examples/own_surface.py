@@ -19,8 +19,9 @@ from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.surface.motions import Moving
 from sdm_deflect.deform.surface.surface import Surface
 from sdm_deflect.deform.volume.box import Given
-from sdm_deflect.deform.volume.deflection import Plan, deflect
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.mesh import tets_of
 

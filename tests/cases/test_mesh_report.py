@@ -25,8 +25,9 @@ from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.mesh.quality import quality_of
 from sdm_deflect.deform.surface.motions import Moving, Rotation
-from sdm_deflect.deform.volume.deflection import Plan, deflect
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.registry import format_of
 from tests.deform.blocks import block_with_body

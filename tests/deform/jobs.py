@@ -7,8 +7,9 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.box import Automatic, Given
-from sdm_deflect.deform.volume.deflection import Plan, deflect
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job, Sliding
+from sdm_deflect.deform.volume.plan import Plan
 
 Y_AXIS = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 FLAP = ("flap_*",)

@@ -10,7 +10,7 @@ from sdm_deflect.deform.checks import Check, checks_of, layers_of, site_error, w
 from sdm_deflect.deform.mesh.mesh import Cells, Patch
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.rbf.fitting import Fitting
-from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import WING, job, turn
 from tests.deform.test_quality import as_polyhedra

@@ -10,8 +10,9 @@ from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polygons, Zone
 from sdm_deflect.deform.surface.motions import Moving, Table
 from sdm_deflect.deform.volume.box import Automatic
-from sdm_deflect.deform.volume.deflection import Plan, deflect
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import FACES, grid
 from tests.frozen.test_frozen import FOLDER, frozen_mesh
 

@@ -11,9 +11,10 @@ from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.rbf.fitting import Repair
 from sdm_deflect.deform.surface.motions import Moving, Table
 from sdm_deflect.deform.volume.box import Given
-from sdm_deflect.deform.volume.deflection import Plan, deflect
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import FACES, grid
 from tests.deform.volume.test_excerpt import Elsewhere, in_pieces
 

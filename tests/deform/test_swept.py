@@ -8,7 +8,8 @@ import pytest
 from sdm_deflect.deform.mesh.mesh import Polygons, Polyhedra
 from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas, pyramids_of
 from sdm_deflect.deform.mesh.swept import CONSERVED, Swept, gained, swept_volumes
-from sdm_deflect.deform.volume.deflection import Plan, sweep
+from sdm_deflect.deform.volume.deflection import sweep
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.meshing.formats.polyhedra import bounded
 from tests.deform.jobs import blended, job, turn
 from tests.deform.shapes import SHAPES, body_in

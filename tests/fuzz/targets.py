@@ -124,7 +124,8 @@ def _plan(mesh, random: Random) -> None:
 
     from sdm_deflect.cases.settings.job_settings import settings_of
     from sdm_deflect.deform.checks import checks_of
-    from sdm_deflect.deform.volume.deflection import Plan, sweep
+    from sdm_deflect.deform.volume.deflection import sweep
+    from sdm_deflect.deform.volume.plan import Plan
 
     if not mesh.patches:
         return

@@ -11,7 +11,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.placement import UNITS, Placement
 from sdm_deflect.deform.surface.surface import Surface
-from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job
 

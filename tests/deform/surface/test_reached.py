@@ -9,7 +9,8 @@ from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Rotation, Table
 from sdm_deflect.deform.surface.reached import Reached
 from sdm_deflect.deform.surface.surface import OnPatches, Surface
-from sdm_deflect.deform.volume.deflection import Plan, deflect
+from sdm_deflect.deform.volume.deflection import deflect
+from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.jobs import blended, job
 
 SPAN, HALF, STATIONS = 2.0, 0.1, 81

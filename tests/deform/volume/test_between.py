@@ -14,7 +14,8 @@ from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.appendix_a import blend
 from sdm_deflect.deform.volume import between
 from sdm_deflect.deform.volume.between import ErrorBetween, _corners, _means
-from sdm_deflect.deform.volume.deflection import Plan, adapted_steps, deflect
+from sdm_deflect.deform.volume.deflection import adapted_steps, deflect
+from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import FLAP, Y_AXIS, blended, job, turn
 

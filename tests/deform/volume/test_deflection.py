@@ -11,7 +11,8 @@ from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume import deflection
-from sdm_deflect.deform.volume.deflection import Plan, Plans, deflect, sweep
+from sdm_deflect.deform.volume.deflection import deflect, sweep
+from sdm_deflect.deform.volume.plan import Plan, Plans
 from sdm_deflect.deform.volume.step import adapted, rate, solve
 from tests.deform.blocks import two_bodies
 from tests.deform.jobs import FLAP, blended, job, turn

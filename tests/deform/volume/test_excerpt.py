@@ -11,7 +11,8 @@ from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.deform.mesh.pieces import MeshInPieces, Threads
 from sdm_deflect.deform.volume import excerpt
 from sdm_deflect.deform.volume.box import Automatic
-from sdm_deflect.deform.volume.deflection import Plan, Plans, deflect, sweep
+from sdm_deflect.deform.volume.deflection import deflect, sweep
+from sdm_deflect.deform.volume.plan import Plan, Plans
 from tests.deform.blocks import block_with_body, joined, two_bodies
 from tests.deform.jobs import job
 from tests.limits import limited

@@ -6,9 +6,10 @@ import pytest
 from sdm_deflect import deflect
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import silent
-from sdm_deflect.deform.volume.deflection import Plan, adapted_steps
+from sdm_deflect.deform.volume.deflection import adapted_steps
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.field import Field
+from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import two_bodies
 from tests.deform.jobs import FLAP, blended, job
 from tests.deform.plates import plate

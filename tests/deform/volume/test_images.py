@@ -15,9 +15,10 @@ from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.box import Outline
-from sdm_deflect.deform.volume.deflection import Plan, deflect, sweep
+from sdm_deflect.deform.volume.deflection import deflect, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from tests.deform.blocks import block_with_body
 from tests.deform.jobs import job

@@ -7,8 +7,9 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import checks_of
 from sdm_deflect.deform.surface.motions import Moving, Rotation
 from sdm_deflect.deform.surface.surface import Surface
-from sdm_deflect.deform.volume.deflection import Plan, deflect, sweep
+from sdm_deflect.deform.volume.deflection import deflect, sweep
 from sdm_deflect.deform.volume.job import Job
+from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import two_bodies
 
 LEFT = Rotation.about([-1.0, 0, 0], [-1.0, 1, 0])

@@ -17,9 +17,9 @@ from sdm_deflect.deform.rbf.kernels import Multiquadric, ThinPlateSpline
 from sdm_deflect.deform.repair.freedom import FreeNodes
 from sdm_deflect.deform.repair.repair import repaired
 from sdm_deflect.deform.surface.motions import Moving, Rotation
-from sdm_deflect.deform.volume.deflection import Plan
 from sdm_deflect.deform.volume.deflection import deflect as carried_out
 from sdm_deflect.deform.volume.job import Job, Sliding
+from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.plates import plate
 
 BOX = [[-0.9, -0.9], [0.9, 0.9]]

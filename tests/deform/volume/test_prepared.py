@@ -7,8 +7,9 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.surface.motions import Moving, Rotation, Table
-from sdm_deflect.deform.volume.deflection import Plan, adapted_steps, deflect
+from sdm_deflect.deform.volume.deflection import adapted_steps, deflect
 from sdm_deflect.deform.volume.job import Job, Sliding
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.prepared import Centers, PreparedDeflection
 from tests.deform.jobs import FLAP, blended, job
 from tests.limits import limited

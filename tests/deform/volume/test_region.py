@@ -13,8 +13,9 @@ from sdm_deflect.deform.hexahedron import Hexahedron, box
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Zone
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.volume.box import Automatic
-from sdm_deflect.deform.volume.deflection import Plan, deflect
+from sdm_deflect.deform.volume.deflection import deflect
 from sdm_deflect.deform.volume.job import Section
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.region import check_disjoint, shared_depth
 from tests.deform.blocks import joined
 from tests.deform.jobs import FLAP, job, turn

@@ -10,7 +10,7 @@ from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.mesh.mesh import Mesh, Patch
 from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.volume import sites as places
-from sdm_deflect.deform.volume.deflection import Plan
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.deform.volume.sites import apart_from
 from tests.deform.jobs import FLAP, WING, blended, job, turn
 
