@@ -83,15 +83,8 @@ def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int,
     boundary faces with all corners among them that no other condition has. Faces of a section that no condition has are
     a patch of the section's name.
     """
-    found: list[BoundaryCondition] = []
     faults: list[Fault] = []
-    for name, node, patch, of_family in named_conditions(base, zone, faults, always=False):
-        with tolerated(faults, name, patch, of_family):
-            place = placed(node)
-            by_points, numbers = _numbers(node, place, location(node), last, points, dimension)
-            if len(numbers):
-                held_by = constraint(base, node)
-                found.append(BoundaryCondition(name, patch, of_family, by_points, np.unique(numbers), held_by))
+    found = _conditions(base, zone, faults, (last, points, dimension))
     free = [np.ones(len(part.numbers), dtype=np.bool_) for part in faces]
     named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in found}
     held = agreed((condition.patch, condition.constraint) for condition in found)
@@ -108,6 +101,18 @@ def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int,
             named.setdefault(section, []).append(chosen(part.faces, np.flatnonzero(left)))
     patches = [Patch(name, tuple(own), constraint=held.get(name, "")) for name, own in named.items() if own]
     return Border(patches, frozenset(one.patch for one in found if one.of_family), faults)
+
+
+def _conditions(base: Any, zone: Any, faults: list[Fault], sizes: tuple[int, int, int]) -> list[BoundaryCondition]:
+    """Return the conditions of a zone with faces; `sizes`: the last element's number, the points, the dimension."""
+    found: list[BoundaryCondition] = []
+    for name, node, patch, of_family in named_conditions(base, zone, faults, always=False):
+        with tolerated(faults, name, patch, of_family):
+            by_points, numbers = _numbers(node, placed(node), location(node), *sizes)
+            if len(numbers):
+                held_by = constraint(base, node)
+                found.append(BoundaryCondition(name, patch, of_family, by_points, np.unique(numbers), held_by))
+    return found
 
 
 def named_conditions(base: Any, zone: Any, faults: list[Fault], always: bool) -> Iterator[tuple[str, Any, str, bool]]:

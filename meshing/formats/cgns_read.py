@@ -196,33 +196,51 @@ def _put_together(zones: Sequence[_CgnsZone]) -> Fitted:
 
     Points that are images of one another become periodic pairs.
     """
-    number = {zone.part.name: i for i, zone in enumerate(zones)}
     starts = np.cumsum([0, *(len(zone.part.mesh.points) for zone in zones)])
+    joints = _joints(zones, starts)
+    parts = [_without_touching(zone) for zone in zones]
+    free = [zone.free + starts[i] for i, zone in enumerate(zones) if len(zone.free)]
+    if free:
+        met = meeting(np.concatenate([zone.part.mesh.points for zone in zones]), np.concatenate(free))
+        joints.same.append(met)
+        joints.touching.extend(np.unique(np.searchsorted(starts, met, side="right") - 1, axis=0).tolist())
+    found = fitted(parts, joints.touching, [rows for rows in joints.same if len(rows)])
+    if not (joints.listed or joints.notes):
+        return found
+    pairs_of_mesh = ((name, found.index[rows]) for name, rows in joints.listed)
+    return replace(found, mesh=with_pairs(found.mesh, pairs_of_mesh, tuple(joints.notes)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Joints:
+    """Zones that touch, points (K, 2) of all zones that are one, periodic pairs of them, and what could not be read."""
+
+    touching: list[tuple[int, int]] = field(default_factory=list)
+    same: list[IntArray] = field(default_factory=list)
+    listed: list[Listed] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def _joints(zones: Sequence[_CgnsZone], starts: IntArray) -> _Joints:
+    """Return what the interfaces of zones say; points are counted through all zones, which begin at `starts`."""
+    number = {zone.part.name: i for i, zone in enumerate(zones)}
     tree = cache(lambda j: cKDTree(zones[j].part.mesh.points))
-    touching, same, listed, notes = [], [], list[Listed](), list[str]()
+    out = _Joints()
     for i, zone in enumerate(zones):
-        same.append(zone.collapsed + starts[i])
+        out.same.append(zone.collapsed + starts[i])
         for interface in zone.interfaces:
             j = number[interface.donor]
             places = zone.part.mesh.points, zones[j].part.mesh.points
             rows = None if interface.is_periodic else pairs(*places, interface, partial(tree, j))
             if rows is not None:
-                same.append(rows + np.array([starts[i], starts[j]]))
+                out.same.append(rows + np.array([starts[i], starts[j]]))
             if rows is not None or not (interface.matching or interface.is_periodic):
-                touching.append((i, j))
+                out.touching.append((i, j))
             elif (images := periodic_pairs(*places, interface, partial(tree, j))) is not None:
-                listed.append((interface.name, images + np.array([starts[i], starts[j]])))
+                out.listed.append((interface.name, images + np.array([starts[i], starts[j]])))
             elif interface.is_periodic:
-                notes.append(UNPAIRED.format(zone.part.name, interface.name, interface.donor))
-    parts = [_without_touching(zone) for zone in zones]
-    free = [zone.free + starts[i] for i, zone in enumerate(zones) if len(zone.free)]
-    if free:
-        met = meeting(np.concatenate([zone.part.mesh.points for zone in zones]), np.concatenate(free))
-        same.append(met)
-        touching += np.unique(np.searchsorted(starts, met, side="right") - 1, axis=0).tolist()
-    found = fitted(parts, touching, [rows for rows in same if len(rows)])
-    pairs_of_mesh = ((name, found.index[rows]) for name, rows in listed)
-    return replace(found, mesh=with_pairs(found.mesh, pairs_of_mesh, tuple(notes))) if listed or notes else found
+                out.notes.append(UNPAIRED.format(zone.part.name, interface.name, interface.donor))
+    return out
 
 
 def _without_touching(zone: _CgnsZone) -> ZoneMesh:

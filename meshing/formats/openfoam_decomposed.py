@@ -129,24 +129,27 @@ def _single(folders: dict[int, Path]) -> tuple[Home, ...]:
 
 
 def _collated(folders: list[Path]) -> tuple[Home, ...]:
-    found = []
-    for folder in folders:
-        name = SEVERAL.fullmatch(folder.name)
-        assert name
-        first, last = int(name[2] or 0), int(name[3] or int(name[1] or 0) - 1)
-        found.append((name[1], Home(folder / MESH, first, max(0, last + 1 - first))))
-    found.sort(key=lambda pair: pair[1].first)
+    found = sorted(map(_home_of_several, folders), key=lambda pair: pair[1].first)
     if len({total for total, _ in found}) > 1 or (len(found) > 1 and not all(home.count for _, home in found)):
         names = " and ".join(folder.name for folder in folders)
         raise MeshFileError(f"has meshes in {names}; delete the ones that are old")
     after = 0
-    for total, home in found:
+    for _, home in found:
         if home.first != after:
             raise MeshFileError(f"the mesh of processor{min(after, home.first)} is missing, or there twice")
         after += home.count or 0
-        if home is found[-1][1] and total and after != int(total):
-            raise MeshFileError(f"there are {after} parts, but {int(total)} by the name of their folder")
+    total = found[-1][0]
+    if total and after != int(total):
+        raise MeshFileError(f"there are {after} parts, but {int(total)} by the name of their folder")
     return tuple(home for _, home in found)
+
+
+def _home_of_several(folder: Path) -> tuple[str | None, Home]:
+    """Return how many parts there are by the name of a folder of several, and where it has which."""
+    name = SEVERAL.fullmatch(folder.name)
+    assert name
+    first, last = int(name[2] or 0), int(name[3] or int(name[1] or 0) - 1)
+    return name[1], Home(folder / MESH, first, max(0, last + 1 - first))
 
 
 def read_parts(case: Path, progress: Progress = silent) -> Mesh:

@@ -1,6 +1,6 @@
 """PLOT3D grids: blocks of hexahedra, or of quadrilaterals in a plane; text and binary."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from math import prod
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.files.staged import fresh
@@ -122,20 +122,14 @@ def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]
     own = cells(size)
     turned = oriented(points, own)
     left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != own.nodes[:, 1]) > len(own))
-    free = {
-        (axis, at): np.ones(prod(n - 1 for d, n in enumerate(size) if d != axis), dtype=np.bool_)
-        for axis in range(len(size))
-        for at in (0, size[axis] - 1)
-    }
+    free = _sides(size)
     named: dict[str, list[Cells]] = {}
-    for entry in (entry for entry in said if entry.kind not in (ONE_TO_ONE, UNPROCESSED)):
-        for end in (end for end in entry.ranges if end.block == number and end.axis < len(size)):
-            plane = end.plane(size)
-            mask = free[plane.axis, plane.at]
-            rows = plane.rows[mask[plane.rows]]
-            mask[rows] = False
-            if entry.kind not in WITHOUT and len(rows):
-                named.setdefault(entry.name, []).append(faces(size, BlockFace(plane.axis, plane.at, rows), left_handed))
+    for entry, plane in _bounded(said, number, size):
+        mask = free[plane.axis, plane.at]
+        rows = plane.rows[mask[plane.rows]]
+        mask[rows] = False
+        if entry.kind not in WITHOUT and len(rows):
+            named.setdefault(entry.name, []).append(faces(size, BlockFace(plane.axis, plane.at, rows), left_handed))
     rest = {
         f"block{number + 1}/{AXES[axis]}{'max' if at else 'min'}": faces(size, BlockFace(axis, at, rows), left_handed)
         for (axis, at), mask in free.items()
@@ -145,6 +139,24 @@ def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]
     patches += [Patch(name, (block,)) for name, block in rest.items()]
     part = ZoneMesh(f"block{number + 1}", Mesh(points, (turned,), tuple(patches)), frozenset(named), block=True)
     return part, list(rest.values())
+
+
+def _sides(size: Size) -> dict[tuple[int, int], BoolArray]:
+    """Return by axis and number of points on it a mask (F,) of the faces on each side of a block; all are marked."""
+    return {
+        (axis, at): np.ones(prod(n - 1 for d, n in enumerate(size) if d != axis), dtype=np.bool_)
+        for axis in range(len(size))
+        for at in (0, size[axis] - 1)
+    }
+
+
+def _bounded(said: Sequence[MapEntry], number: int, size: Size) -> Iterator[tuple[MapEntry, BlockFace]]:
+    """Yield what is said of sides of a block that are no interfaces, each with the faces that it is said of."""
+    for entry in said:
+        if entry.kind not in (ONE_TO_ONE, UNPROCESSED):
+            for end in entry.ranges:
+                if end.block == number and end.axis < len(size):
+                    yield entry, end.plane(size)
 
 
 def _paired(points: FloatArray, ends: Sequence[IndexRange], sizes: Sequence[Size], starts: IntArray) -> IntArray | None:

@@ -28,7 +28,7 @@ def write_grid(mesh: Mesh, file: BinaryIO) -> tuple[str, ...]:
     """
     from scipy.io import netcdf_file
 
-    cells = [b for b in standard_cells(mesh) if len(b)]
+    cells = list(filter(len, standard_cells(mesh)))
     faces = [(f, marker) for marker, patch in enumerate(mesh.patches, 1) for f in simple_faces(patch) if len(f)]
     if not cells:
         raise MeshFileError("there are no volume cells")
@@ -36,22 +36,27 @@ def write_grid(mesh: Mesh, file: BinaryIO) -> tuple[str, ...]:
     grid.type = "Primary Grid: Tau Format"
     for marker, patch in enumerate(mesh.patches, 1):
         setattr(grid, f"marker_{marker}", patch.name.encode("utf-8", "replace"))
-    grid.createDimension("no_of_elements", sum(len(block) for block in cells))
+    grid.createDimension("no_of_elements", sum(map(len, cells)))
     for what, shape in SOLIDS.items():
         _create(grid, what, shape, [block for block in cells if block.shape == shape])
-    markers = []
-    for what, shape in FACES.items():
-        own = [(block, marker) for block, marker in faces if block.shape == shape]
-        _create(grid, what, shape, [block for block, _ in own])
-        markers += [np.full(len(block), marker) for block, marker in own]
-    if markers:
-        _store(grid, MARKERS, ("no_of_surfaceelements",), np.concatenate(markers))
+    if faces:
+        _store(grid, MARKERS, ("no_of_surfaceelements",), _write_faces(grid, faces))
         _store(grid, "marker", ("no_of_markers",), np.arange(1, len(mesh.patches) + 1))
     for axis, values in zip(AXES, mesh.points.T, strict=True):
         _store(grid, axis, ("no_of_points",), values)
     grid.flush()
     lost = [f"patch {patch.name} has no faces and is left out" for patch in mesh.patches if not len(patch)]
     return (*lost, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(mesh.periodic))
+
+
+def _write_faces(grid: Any, faces: Sequence[tuple[Cells, int]]) -> IntArray:
+    """Write faces by shape, and return the marker (F,) of each."""
+    markers = []
+    for what, shape in FACES.items():
+        own = [(block, marker) for block, marker in faces if block.shape == shape]
+        _create(grid, what, shape, [block for block, _ in own])
+        markers += [np.full(len(block), marker) for block, marker in own]
+    return np.concatenate(markers)
 
 
 def _create(grid: Any, what: str, shape: str, blocks: Sequence[Cells]) -> None:
