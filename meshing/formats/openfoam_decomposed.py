@@ -138,7 +138,7 @@ def _collated(folders: list[Path]) -> tuple[Home, ...]:
         if home.first != after:
             raise MeshFileError(f"the mesh of processor{min(after, home.first)} is missing, or there twice")
         after += home.count or 0
-    total = found[-1][0]
+    total = found[-1][0] if found else None
     if total and after != int(total):
         raise MeshFileError(f"there are {after} parts, but {int(total)} by the name of their folder")
     return tuple(home for _, home in found)
