@@ -6,11 +6,8 @@ import tomllib
 
 import pytest
 import yaml
-from jsonschema import Draft7Validator
 
 from tests.docs.commands import ROOT
-
-SCHEMA = Draft7Validator(json.loads((ROOT / "tests" / "docs" / "citation.schema.json").read_text(encoding="utf-8")))
 
 
 @pytest.fixture
@@ -20,7 +17,10 @@ def citation():
 
 
 def test_it_is_valid(citation):
-    assert [error.message for error in SCHEMA.iter_errors(citation)] == []
+    from jsonschema import Draft7Validator  # takes seconds to load
+
+    schema = json.loads((ROOT / "tests" / "docs" / "citation.schema.json").read_text(encoding="utf-8"))
+    assert [error.message for error in Draft7Validator(schema).iter_errors(citation)] == []
 
 
 def test_version_and_licence_are_those_of_the_package(citation):

@@ -115,7 +115,9 @@ def duplicate(damage: Damage, data: bytes) -> bytes:
     """Put a part twice, or very often."""
     start, end = damage.span(data)
     times = damage.random.choice((1, 1, 2, 8, 100, 5000))
-    return data[:end] + (data[start:end] * times)[: LONGEST // 4] + data[end:]
+    part = data[start:end]
+    times = min(times, 1 + LONGEST // 4 // max(len(part), 1))
+    return data[:end] + (part * times)[: LONGEST // 4] + data[end:]
 
 
 def swap(damage: Damage, data: bytes) -> bytes:
