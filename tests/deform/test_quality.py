@@ -248,3 +248,10 @@ def test_polyhedra_are_judged_like_the_cells_they_are(block):
     assert one.count == other.count
     assert one.orientation == other.orientation == (1.0,)
     assert other.quality(block.points)[0].measure == MEASURES["polyhedron"]
+
+
+@pytest.mark.parametrize(("shape", "corners"), [("triangle", 3), ("quad", 4)])
+def test_a_plane_cell_whose_corners_are_on_a_line_is_inverted(shape, corners):
+    points = np.column_stack([np.arange(float(corners)), np.zeros((corners, 2))])
+    quality, inverted = judged(points, Cells(shape, np.arange(corners)[None]))
+    assert (quality.tolist(), inverted.tolist()) == ([0.0], [True])
