@@ -1,4 +1,4 @@
-"""What the report and the view of an SDM case add: its settings in words, and the distance from the CAD as a map."""
+"""What the report of an SDM case adds: its settings in words, and the distance from the CAD as a map."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import Field, fields, is_dataclass, replace
@@ -14,36 +14,17 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import BLOCK, plan_of
-from sdm_deflect.cases.aircraft.reference import reference
-from sdm_deflect.cases.aircraft.run_folder import read_run, stored_repair
-from sdm_deflect.cases.aircraft.validation import validate
-from sdm_deflect.cases.report.data import (
-    METRES,
-    RUN,
-    Box,
-    FitRows,
-    MovedSurface,
-    ReportData,
-    Rows,
-    read_figures,
-    shown,
-    unrepaired,
-)
-from sdm_deflect.cases.report.page import write_report
-from sdm_deflect.cases.report.pictures import Exhibit, drawn, saved
+from sdm_deflect.cases.aircraft.job import BLOCK
+from sdm_deflect.cases.report.data import METRES, Box, FitRows, MovedSurface, ReportData, Rows, shown, unrepaired
+from sdm_deflect.cases.report.pictures import Exhibit, saved
 from sdm_deflect.cases.report.scene3d import triangles_of
-from sdm_deflect.cases.run.output import PAGE, output_folder
 from sdm_deflect.cases.settings.conversion import to_toml
-from sdm_deflect.cases.view.run import InteractiveRun, Manner
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.volume.deflection import Deflected
 from sdm_deflect.deform.volume.plan import Plan, Planned
 from sdm_deflect.geometry.datum import hinged
-from sdm_deflect.meshing.formats.vtu import read_vtu
+from sdm_deflect.meshing.generate.parameters import FAR_FIELD
 
-FAR_FIELD = "far_field"
 MAP = "viridis"
 LEAST, TOP = 1e-17, 1e2
 """Distances (m) below are drawn here; the colours span at least so many times that."""
@@ -58,54 +39,13 @@ BLENDED, RIGID = "the deflected CAD, blended by the same rule as the surface", "
 
 def report_data_of(case: Case, found: Deflected) -> ReportData:
     """Return what the report of a case shows, before it is judged."""
-    return _data(case, found.plan, found.points, [FitRows.of(one) for one in found.boxes], found.moved_by_repair)
+    return case_data(case, found.plan, found.points, [FitRows.of(one) for one in found.boxes], found.moved_by_repair)
 
 
-def report_data_of_folder(folder: Path) -> ReportData:
-    """Return what a finished case's report shows, validated again; InputError if a file is missing or damaged."""
-    case, mesh, deflected = read_run(folder)
-    background = read_vtu(folder / "background.vtu") if case.domain == "block" else None
-    plan, repair = plan_of(case, mesh), stored_repair(folder, mesh)
-    data = _stored(folder, case, plan, deflected.points, repair)
-    with reference(case) as deflected_cad:
-        checks = validate(case, mesh, deflected, plan, deflected_cad(), background, repair)
-    names = {check.name for check in checks}  # the others need the fits, which are not made again
-    return replace(data, checks=(*checks, *(check for check in data.checks if check.name not in names)))
-
-
-def stored_report_data(folder: Path) -> ReportData:
-    """Return the same with the checks that the run made itself, so that no CAD is built."""
-    case, mesh, deflected = read_run(folder)
-    return _stored(folder, case, plan_of(case, mesh), deflected.points, stored_repair(folder, mesh))
-
-
-def _stored(folder: Path, case: Case, plan: Planned, points: FloatArray, repair: FloatArray | None) -> ReportData:
-    figures, checks, fits = read_figures(folder)
-    with damaged(folder, RUN):
-        return _data(case, plan, points, fits, repair).judged(checks, figures)
-
-
-def report_of_folder(folder: Path) -> ReportData:
-    """Make report.html and the figures of a finished case anew; InputError as `report_data_of_folder`."""
-    data = report_data_of_folder(folder)
-    with output_folder(folder, PAGE) as scratch:
-        figures = scratch / "figures"
-        write_report(data, drawn(data, figures).with_more(compared(data, figures)), scratch)
-    return data
-
-
-def interactive_run(folder: Path) -> InteractiveRun:
-    """Return a finished case that turns to any angle; InputError if its files do not belong together."""
-    case, mesh, deflected = read_run(folder)
-    plan = plan_of(case, mesh)
-    positive = "to port" if plan.surface == "rudder" else "trailing edge down"
-    manner = Manner(case.title, positive, METRES, (FAR_FIELD, BLOCK), leading=1)
-    return InteractiveRun.prepared(folder, plan, deflected.points, case.angle, manner)
-
-
-def _data(
+def case_data(
     case: Case, plan: Planned, points: FloatArray, fits: Sequence[FitRows], repair: FloatArray | None
 ) -> ReportData:
+    """Return what the report of a case shows of points (N, 3), of which a repair (N, 3) is a part."""
     mesh = plan.mesh
     return ReportData(
         title=f"{case.title[:1].upper()}{case.title[1:]}, {case.angle:+g}\N{DEGREE SIGN}",

@@ -1,29 +1,36 @@
 """The output folder of a case: written, read back, validated again."""
 
 import json
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.metrics import Run, metrics
-from sdm_deflect.cases.aircraft.reference import reference
+from sdm_deflect.cases.aircraft.job import BLOCK, plan_of
+from sdm_deflect.cases.aircraft.metrics import MeshOrigin, Run, metrics
+from sdm_deflect.cases.aircraft.reference import Reference, reference
 from sdm_deflect.cases.aircraft.registry import resolve
-from sdm_deflect.cases.run.output import write_convergence, write_interpolants
+from sdm_deflect.cases.report.data import METRES, RUN, ReportData, read_figures, read_json
+from sdm_deflect.cases.report.finished import Display, FinishedRun
+from sdm_deflect.cases.report.stored import same_deflection, stored_arrays, stored_deflection, stored_figures
+from sdm_deflect.cases.run.output import moved_by_repair, write_convergence, write_interpolants
 from sdm_deflect.cases.settings.conversion import to_toml
-from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflected
-from sdm_deflect.meshing.formats.vtu import read_vtu, vtu_arrays
+from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
+from sdm_deflect.meshing.generate.parameters import FAR_FIELD
 from sdm_deflect.meshing.mesh import skin, tets_of
 
 if TYPE_CHECKING:
+    from sdm_deflect.cases.report.pictures import Exhibit
     from sdm_deflect.geometry.model import CadModel
 
 
@@ -51,16 +58,110 @@ def write_metrics(run: Run, folder: Path) -> None:
     (folder / "metrics.json").write_text(json.dumps(metrics(run), indent=2) + "\n", encoding="utf-8")
 
 
-def validate_folder(folder: Path) -> tuple[Check, ...]:
-    """Validate the files of a run against its interpolants, against each other, and against CAD built afresh.
+@dataclass(frozen=True, slots=True, eq=False)
+class FinishedCase(FinishedRun):
+    """A finished case.
 
-    Raises InputError or MeshFileError if a file is missing or damaged, or the files do not belong together.
+    Attributes
+    ----------
+    case : as case.toml has it.
+    deflected : its mesh after.
     """
-    from sdm_deflect.cases.aircraft.stored import judged  # trimesh: a run loads it while its CAD is built
 
-    case, mesh, deflected = read_run(folder)
-    with reference(case) as deflected_cad:
-        return judged(folder, case, mesh, deflected, deflected_cad, undeflected_models)
+    case: Case
+    deflected: Mesh = field(repr=False)
+
+    @classmethod
+    def of(cls, folder: Path) -> "FinishedCase":
+        """Read the folder of a run.
+
+        Raises InputError or MeshFileError if a file is missing or damaged, or the meshes before and after are not one.
+        """
+        if not (folder / "case.toml").is_file():
+            raise InputError(f"{folder} is not the output folder of a run: it has no case.toml")
+        case = resolve("", config=folder / "case.toml")
+        mesh, deflected = read_vtu(folder / "undeflected.vtu"), read_vtu(folder / "deflected.vtu")
+        before, after = ({"tets": tets_of(one), **skin(one)._asdict(), "names": one.names} for one in (mesh, deflected))
+        for what, values in before.items():
+            if not np.array_equal(values, after[what]):
+                raise InputError(f"{folder}: undeflected.vtu and deflected.vtu differ in {what}")
+        if mesh.points.shape != deflected.points.shape:
+            raise InputError(f"{folder}: undeflected.vtu and deflected.vtu differ in their number of points")
+        plan = plan_of(case, replace(mesh, name=case.name))
+        repair = moved_by_repair(folder / "deflected.vtu", len(mesh.points))
+        return cls(folder, plan, deflected.points, repair, case, deflected)
+
+    @property
+    def angle(self) -> float:
+        """The angle of the case."""
+        return self.case.angle
+
+    @property
+    def display(self) -> Display:
+        """How it is shown: without the far field and the face of a Chimera block."""
+        positive = "to port" if self.plan.surface == "rudder" else "trailing edge down"
+        return Display(self.case.title, positive, METRES, (FAR_FIELD, BLOCK), leading=1)
+
+    def report_data(self) -> ReportData:
+        """Return what its report shows."""
+        from sdm_deflect.cases.aircraft.report import case_data
+
+        figures, checks, fits = read_figures(self.folder)
+        with damaged(self.folder, RUN):
+            return case_data(self.case, self.plan, self.points, fits, self.repair).judged(checks, figures)
+
+    def judged_again(self) -> ReportData:
+        """Return what its report shows, with the checks of the meshes made again; those of the fits are stored ones."""
+        data = self.report_data()
+        with reference(self.case) as deflected_cad:
+            checks = self.judged(self.background(), deflected_cad())
+        names = {check.name for check in checks}
+        return replace(data, checks=(*checks, *(check for check in data.checks if check.name not in names)))
+
+    def further_pictures(self, data: ReportData, folder: Path) -> "Sequence[Exhibit]":
+        """Draw the distances from the CAD."""
+        from sdm_deflect.cases.aircraft.report import compared
+
+        return compared(data, folder)
+
+    def background(self) -> Mesh | None:
+        """Return the mesh around a Chimera block; None without one."""
+        return read_vtu(self.folder / "background.vtu") if self.case.domain == "block" else None
+
+    def judged(self, background: Mesh | None, cad: Reference) -> tuple[Check, ...]:
+        """Return the checks against the deflected CAD."""
+        from sdm_deflect.cases.aircraft.validation import validate  # trimesh: a run loads it while its CAD is built
+
+        return validate(self.case, self.plan.mesh, self.deflected, self.plan, cad, background, self.repair)
+
+    def validated(self) -> tuple[Check, ...]:
+        """Return the checks that the run made, against CAD built afresh, and those of its files."""
+        with reference(self.case) as deflected_cad:
+            return self.checked(deflected_cad, undeflected_models)
+
+    def checked(
+        self, deflected_cad: Callable[[], Reference], models: "Callable[[Case], tuple[CadModel, ...]]"
+    ) -> tuple[Check, ...]:
+        """Return the same; nothing is asked of the deflected CAD and that of each mesh before until all files are read.
+
+        Raises InputError or MeshFileError if a file is missing or damaged, or is of another run.
+        """
+        from sdm_deflect.cases.aircraft.validation import further_checks, mesh_check
+
+        case, mesh, background, path = self.case, self.plan.mesh, self.background(), self.folder / "deflected.vtu"
+        faces = np.zeros(len(skin(mesh).triangles))
+        quality = np.concatenate([mean_ratio(self.points, tets_of(mesh)), faces])
+        arrays = stored_arrays(path, {"displacement": self.points - mesh.points, "quality": quality})
+        again = stored_deflection(self.folder, self.plan, self.repair)
+        figures = read_json(self.folder)
+        meshes, grids = (mesh, *([background] if background else ())), (case.mesh, case.background)
+        parts = zip(("undeflected_mesh", "background_mesh"), meshes, models(case), grids, strict=False)
+        own = tuple(mesh_check(*part) for part in parts)
+        checks = self.judged(background, deflected_cad())
+        checks += further_checks(again, checks)
+        run = Run(case, mesh, MeshOrigin(own[0].value, 1, 0.0), self.deflected, again, 0.0, checks)
+        same = same_deflection(self.points, again, unit="m")
+        return (*checks, same, *own, arrays, stored_figures(figures, metrics(run), again))
 
 
 def undeflected_models(case: Case) -> "tuple[CadModel, ...]":
@@ -68,27 +169,3 @@ def undeflected_models(case: Case) -> "tuple[CadModel, ...]":
     from sdm_deflect.cases.aircraft.cad import background_cad, undeflected_cad  # the CAD kernel
 
     return (undeflected_cad(case), *([background_cad(case)] if case.domain == "block" else []))
-
-
-def read_run(folder: Path) -> tuple[Case, Mesh, Mesh]:
-    """Return the case of a finished run and its mesh before and after; InputError if these are not one mesh."""
-    if not (folder / "case.toml").is_file():
-        raise InputError(f"{folder} is not the output folder of a run: it has no case.toml")
-    case = resolve("", config=folder / "case.toml")
-    mesh, deflected = read_vtu(folder / "undeflected.vtu"), read_vtu(folder / "deflected.vtu")
-    before, after = ({"tets": tets_of(one), **skin(one)._asdict(), "names": one.names} for one in (mesh, deflected))
-    for what, values in before.items():
-        if not np.array_equal(values, after[what]):
-            raise InputError(f"{folder}: undeflected.vtu and deflected.vtu differ in {what}")
-    if mesh.points.shape != deflected.points.shape:
-        raise InputError(f"{folder}: undeflected.vtu and deflected.vtu differ in their number of points")
-    return case, replace(mesh, name=case.name), deflected
-
-
-def stored_repair(folder: Path, mesh: Mesh) -> FloatArray | None:
-    """Return how far a repair moved each node (N, 3) of a finished run; None without one; InputError if damaged."""
-    path = folder / "deflected.vtu"
-    repair = vtu_arrays(path).get("repair")
-    if repair is not None and (repair.shape != mesh.points.shape or not np.isfinite(repair).all()):
-        raise InputError(f"{path}: its array repair is not {len(mesh.points)} finite vectors")
-    return repair

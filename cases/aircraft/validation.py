@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 import trimesh
@@ -10,7 +11,9 @@ from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import BLOCK, Wedge, axis_of, fuselage_cylinder, panel_of
 from sdm_deflect.cases.aircraft.overset import overset_checks
 from sdm_deflect.cases.aircraft.reference import Faces, Reference
+from sdm_deflect.cases.report.stored import NAMED
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.checks import Check, checks_of, named, surfaces_crossed, worst
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.closest import Triangles
@@ -19,7 +22,11 @@ from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.volume.deflection import Deflected
 from sdm_deflect.deform.volume.plan import Plan, Planned
 from sdm_deflect.geometry.datum import hinged
-from sdm_deflect.meshing.mesh import FREE_FORM, nodes_by_face, tets_of, triangles_of
+from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing.generate.parameters import FAR_FIELD, MeshParameters
+from sdm_deflect.meshing.generate.topology import boundary_failures
+from sdm_deflect.meshing.generate.verify import verify
+from sdm_deflect.meshing.mesh import FREE_FORM, nodes_by_face, skin, tets_of, triangles_of
 
 
 def validate(
@@ -359,3 +366,30 @@ def plane_deviation(points: FloatArray) -> FloatArray:
 def plane_normal(points: FloatArray) -> FloatArray:
     """Unit normal (3,) of the least-squares plane of points (N, 3); its sign is arbitrary."""
     return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2], dtype=np.float64)
+
+
+def mesh_check(name: str, mesh: Mesh, model: CadModel, parameters: MeshParameters) -> Check:
+    """Check a mesh as a new one: it fills the flow domain without gap and overlap, and its boundary is on the CAD.
+
+    Its value is the largest distance (m) of a boundary node from the CAD, infinite if anything else is wrong.
+    """
+    found = mesh_faults(mesh, model)
+    if not found:
+        measured = verify(mesh, model, parameters)
+        if not measured.failures:
+            return Check(name, measured.boundary_to_cad_max, FREE_FORM, "m", "filled, closed, on the CAD")
+        found = list(measured.failures)
+    return Check(name, inf, FREE_FORM, "m", "; ".join(found[:NAMED]))
+
+
+def mesh_faults(mesh: Mesh, model: CadModel) -> list[str]:
+    """Return what is wrong with the patches and the topology of a mesh, a sentence for each thing."""
+    names = (*model.patches, *(() if model.fluid_inside else (FAR_FIELD,)))
+    if mesh.names != names:
+        return [f"the patches are {', '.join(mesh.names)}, those of the CAD {', '.join(names)}"]
+    boundary = skin(mesh)
+    patch_of_face = np.array([*(names.index(face.patch) for face in model.faces), len(names) - 1])
+    if boundary.face.max(initial=-1) >= len(model.faces) or (patch_of_face[boundary.face] != boundary.patch).any():
+        return ["triangles are on another patch than their CAD face"]
+    unused = len(mesh.points) - len(distinct(tets_of(mesh)))
+    return [f"{unused} nodes belong to no cell"] if unused else boundary_failures(mesh)

@@ -97,13 +97,13 @@ def geometry(out: Path, case: str, angle: float | None, binary: bool, **given: A
 @options.json_option
 @options.progress_options
 def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
-    """Repeat the validation of a finished run from its files."""
-    from sdm_deflect.cases.aircraft.run_folder import validate_folder
+    """Repeat the validation of a finished run, or of a deflected mesh by the folder beside it, from the files."""
     from sdm_deflect.cases.cli.console import verdict
+    from sdm_deflect.cases.finished import finished
     from sdm_deflect.cases.run.metrics import verdict_figures
 
     with options.watched(quiet, verbose) as watch, watch.stage("validation"):
-        checks = validate_folder(folder)
+        checks = finished(folder).validated()
     options.print_either(as_json, {"folder": folder, **verdict_figures(checks)}, verdict(checks, str(folder)))
     return options.code_of(all(check.passed for check in checks))
 
@@ -113,16 +113,12 @@ def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
 @options.progress_options
 def report(folder: Path, quiet: bool, verbose: bool) -> int:
     """Make report.html and figures/ of a finished run, or of a deflected mesh, anew from the files beside it."""
-    from sdm_deflect.cases.run.mesh_files import is_report
+    from sdm_deflect.cases.finished import finished
     from sdm_deflect.cases.run.output import check_report
 
     check_report()
-    from sdm_deflect.cases.aircraft import report as sdm
-    from sdm_deflect.cases.report import folder as deflected
-
-    of_mesh = is_report(folder)
     with options.watched(quiet, verbose) as watch, watch.stage("report"):
-        data = deflected.report_of_folder(folder) if of_mesh else sdm.report_of_folder(folder)
+        data = finished(folder).report()
     click.echo(f"{folder / 'report.html'}: {(folder / 'report.html').stat().st_size / 1e6:.1f} MB")
     return options.code_of(data.passed)
 
@@ -162,18 +158,16 @@ def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> Non
     The mesh follows the slider with the centres of the run. Nothing leaves this machine: the page is served on
     the loopback interface and draws in the browser.
     """
-    from sdm_deflect.cases.run.mesh_files import is_report
     from sdm_deflect.cases.view.serve import check_free, serve
 
     if port:
         check_free(port)
     with options.watched(quiet, verbose) as watch, watch.stage("factorising"):
-        from sdm_deflect.cases.aircraft.report import interactive_run
+        from sdm_deflect.cases.finished import finished
         from sdm_deflect.cases.view.page import Control, Page
         from sdm_deflect.cases.view.run import InteractiveRun
 
-        of_mesh = is_report(folder)
-        page = Page(Control.of(InteractiveRun.of(folder) if of_mesh else interactive_run(folder)))
+        page = Page(Control.of(InteractiveRun.of(finished(folder))))
     serve(page, port, show)
 
 

@@ -6,10 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.aircraft.report import stored_report_data
+from sdm_deflect.cases.finished import finished
 from sdm_deflect.cases.report.data import RUN, ReportData
-from sdm_deflect.cases.report.folder import report_data_of_folder
-from sdm_deflect.cases.run.mesh_files import is_report
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.reading import damaged
@@ -50,7 +48,7 @@ def read_runs(folders: Sequence[Path], progress: Progress = silent) -> tuple[Com
     found = []
     for i, (folder, name) in enumerate(zip(folders, names, strict=True)):
         progress(str(folder), i / len(folders))
-        data = report_data_of_folder(folder) if is_report(folder) else stored_report_data(folder)
+        data = finished(folder).report_data()
         with damaged(folder, RUN):
             sum(check.passed and len(check.name) for check in data.checks)  # what the page says of each
         found.append(ComparedRun(name if alone else str(folder), folder, data))

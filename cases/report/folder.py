@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from os.path import relpath
 from pathlib import Path
@@ -21,11 +21,21 @@ from sdm_deflect.cases.report.data import (
     in_view,
     name_of,
     read_figures,
+    read_json,
     rows_of,
     unrepaired,
 )
+from sdm_deflect.cases.report.finished import Display, FinishedRun
 from sdm_deflect.cases.report.near import some_cells
-from sdm_deflect.cases.run.mesh_files import SETTINGS
+from sdm_deflect.cases.report.stored import (
+    NOT_AGAIN,
+    diagonal,
+    same_deflection,
+    stored_arrays,
+    stored_deflection,
+    stored_figures,
+)
+from sdm_deflect.cases.run.mesh_files import SETTINGS, precision_of
 from sdm_deflect.cases.run.metrics import (
     Json,
     deflection_figures,
@@ -37,14 +47,8 @@ from sdm_deflect.cases.run.metrics import (
     travels,
     verdict_figures,
 )
-from sdm_deflect.cases.run.output import (
-    PAGE,
-    moved_by_repair,
-    output_folder,
-    report_lacks,
-    write_convergence,
-    write_interpolants,
-)
+from sdm_deflect.cases.run.output import moved_by_repair, report_lacks, write_convergence, write_interpolants
+from sdm_deflect.cases.run.read_back import difference
 from sdm_deflect.cases.settings.conversion import table_of
 from sdm_deflect.cases.settings.job_settings import job_settings, read_job
 from sdm_deflect.deform.base import limits
@@ -52,7 +56,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.base.sets import union
-from sdm_deflect.deform.checks import MIN_QUALITY, Check
+from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh, Patch, Polyhedra
 from sdm_deflect.deform.mesh.parts import taken
@@ -65,8 +69,11 @@ from sdm_deflect.deform.volume.deflection import Deflected
 from sdm_deflect.deform.volume.job import Sliding
 from sdm_deflect.deform.volume.plan import Plan, Planned, Plans
 from sdm_deflect.meshing.formats.registry import ending, format_of
+from sdm_deflect.meshing.formats.vtu import vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
+OF_WHOLE = frozenset({"notes", "over", "whole"})
+"""Names of figures that are others where the mesh was read in pieces."""
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
 
@@ -110,58 +117,95 @@ def write_run_folder(
     (folder / "metrics.json").write_text(json.dumps(figures, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     data = data_of(one, settings).judged(checks, figures)
     if not report_lacks():
-        write_page(data, folder)
+        from sdm_deflect.cases.report.page import write_report
+        from sdm_deflect.cases.report.pictures import drawn
+
+        write_report(data, drawn(data, folder / "figures"), folder)
     return data
 
 
-def write_page(data: ReportData, folder: Path) -> None:
-    """Write figures and report.html; loads graphics libraries."""
-    from sdm_deflect.cases.report.page import write_report
-    from sdm_deflect.cases.report.pictures import drawn
+@dataclass(frozen=True, slots=True, eq=False)
+class FinishedJob(FinishedRun):
+    """A deflected mesh, by the folder beside it.
 
-    write_report(data, drawn(data, folder / "figures"), folder)
+    Attributes
+    ----------
+    settings : content of settings.toml.
+    """
 
+    settings: str = field(repr=False)
 
-def report_of_folder(folder: Path) -> ReportData:
-    """Make report.html and the figures anew; InputError if a file is missing or damaged, or the mesh is another."""
-    data = report_data_of_folder(folder)
-    with output_folder(folder, PAGE) as scratch:
-        write_page(data, scratch)
-    return data
+    @classmethod
+    def of(cls, folder: Path) -> "FinishedJob":
+        """Read a folder; InputError if a file is missing or damaged, or the mesh is another."""
+        with damaged(folder, RUN):
+            settings = (folder / SETTINGS).read_text(encoding="utf-8")
+            path, count = loads(settings).get("mesh", ""), read_json(folder)["mesh"]["points"]
+        if not path or not isinstance(path, str):
+            raise InputError(f"{folder / SETTINGS} names no mesh: that of this deflection was no file")
+        source = (folder / path).resolve()
+        mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
+        if len(mesh.points) != count:
+            raise InputError(f"{source} has {len(mesh.points)} points, but {count} when it was deflected")
+        plan = Plans.of(mesh, job_settings(read_job(folder / SETTINGS)).jobs())
+        points = _read_points(folder / "deflected.vtu", plan)
+        repair = moved_by_repair(folder / "deflected.vtu", len(points))
+        return cls(folder, plan, points, repair, settings)
 
+    @property
+    def display(self) -> Display:
+        """How it is shown: with the patches that pictures show."""
+        mesh, plan = self.plan.mesh, self.plan
+        drawn = in_view(mesh, (*plan.patches, *plan.stays))
+        positive = "right-handed about the hinge" if plan.job.surfaces[0].motion.unit == "deg" else "as in the table"
+        return Display(mesh.name, positive, MESH_UNITS, tuple(name for name in mesh.names if name not in drawn))
 
-def report_data_of_folder(folder: Path) -> ReportData:
-    """Return what a report shows; InputError if a file is missing or damaged, or the mesh is another."""
-    with damaged(folder, RUN):
-        settings = (folder / SETTINGS).read_text(encoding="utf-8")
-    figures, checks, all_fits = read_figures(folder)
-    plan, points = read_folder(folder)
-    data = _data(plan, plan.angle, points, settings, all_fits).judged(checks, figures)
-    return replace(data, interpolated=unrepaired(points, moved_by_repair(folder / "deflected.vtu", len(points))))
+    def report_data(self) -> ReportData:
+        """Return what its report shows."""
+        figures, checks, fits = read_figures(self.folder)
+        data = _data(self.plan, self.plan.angle, self.points, self.settings, fits, self.repair)
+        return data.judged(checks, figures)
 
+    def validated(self) -> tuple[Check, ...]:
+        """Return the checks of the mesh on the disk, made again, and those of the files."""
+        figures = read_json(self.folder)
+        with damaged(self.folder, RUN):
+            names = [Path(name).name for name in figures["files"]]
+        out = self.folder.resolve().with_name(names[0]) if names else None
+        plan = self.plan.keeping(precision_of(Path(self.plan.mesh.source), out, self.plan.mesh)) if out else self.plan
+        again = stored_deflection(self.folder, plan, self.repair)
+        size = max(diagonal(box.region.hexahedron.corners) for box in plan.boxes)
+        checks = checks_of(again.at(self.points), loads(self.settings)["min_quality"])
+        expected = metrics_of(again, checks, out, {}) | {"files": figures["files"]}
+        whole = "node" not in vtu_arrays(self.folder / "deflected.vtu")
+        mesh, node, quality = _shown(plan, self.points, whole)
+        faces = np.zeros(sum(len(patch) for patch in mesh.patches))
+        arrays = {
+            "displacement": mesh.points - plan.mesh.points[node], "quality": np.concatenate([quality, faces]),
+        }  # fmt: skip
+        return (
+            *checks,
+            same_deflection(self.points, again, size),
+            stored_arrays(self.folder / "deflected.vtu", arrays),
+            *([self._mesh_file(out)] if out else ()),
+            stored_figures(figures, expected, again, size, NOT_AGAIN if whole else NOT_AGAIN | OF_WHOLE),
+        )
 
-def read_folder(folder: Path) -> tuple[Planned, FloatArray]:
-    """Return the plan made anew and the points (N, 3); InputError if a file is missing, damaged or of another mesh."""
-    with damaged(folder, RUN):
-        path = loads((folder / SETTINGS).read_text(encoding="utf-8")).get("mesh", "")
-        count = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))["mesh"]["points"]
-    if not path or not isinstance(path, str):
-        raise InputError(f"{folder / SETTINGS} names no mesh: that of this deflection was no file")
-    source = (folder / path).resolve()
-    mesh = replace(format_of(source).read(source), name=source.name, source=str(source))
-    if len(mesh.points) != count:
-        raise InputError(f"{source} has {len(mesh.points)} points, but {count} when it was deflected")
-    plan = Plans.of(mesh, job_settings(read_job(folder / SETTINGS)).jobs())
-    return plan, _read_points(folder / "deflected.vtu", plan)
+    def _mesh_file(self, out: Path) -> Check:
+        """Check that the file of the deflected mesh holds the points and cells that were judged."""
+        text = difference(self.plan.mesh, self.points, self.plan.changed, out) if out.exists() else "it is not there"
+        return Check("mesh_file", float(bool(text)), 0.0, "faults", f"{out.name}: {text}" if text else out.name)
 
 
 def data_of(one: Deflected, settings: str = "") -> ReportData:
     """Return what pictures of a deflection show, before it is judged; `settings` is the content of settings.toml."""
-    data = _data(one.plan, one.angle, one.points, settings, [FitRows.of(box) for box in one.boxes])
-    return replace(data, interpolated=unrepaired(one.points, one.moved_by_repair))
+    fits = [FitRows.of(box) for box in one.boxes]
+    return _data(one.plan, one.angle, one.points, settings, fits, one.moved_by_repair)
 
 
-def _data(plan: Planned, angle: float, points: FloatArray, settings: str, fits: Sequence[FitRows]) -> ReportData:
+def _data(
+    plan: Planned, angle: float, points: FloatArray, settings: str, fits: Sequence[FitRows], repair: FloatArray | None
+) -> ReportData:
     mesh = plan.mesh
     boxes = tuple(
         Box.of(box, plan.angle_of(box, angle), name_of(plan.patches) if len(plan.boxes) == 1 else box.surface, own)
@@ -189,6 +233,7 @@ def _data(plan: Planned, angle: float, points: FloatArray, settings: str, fits: 
         middle=0.5 * (places.min(axis=0) + places.max(axis=0)),
         drawn=shown,
         hidden=tuple(name for name in mesh.names if name not in shown),
+        interpolated=unrepaired(points, repair),
     )
 
 
@@ -295,18 +340,24 @@ def is_small(mesh: Mesh) -> bool:
 
 def write_deflected(path: Path, one: Deflected) -> None:
     """Write cells and faces with displacement and quality: of the whole mesh, or those that may change."""
-    plan, points, whole = one.plan, one.points, is_small(one.plan.mesh)
-    rows = [np.arange(len(block)) for block in plan.mesh.cells] if whole else list(plan.touched.rows)
-    parts = zip(plan.mesh.cells, rows, plan.touched.orientation, strict=True)
-    quality = np.concatenate([np.empty(0), *(quality_of(points, *part) for part in parts)])
-    moved, node = plan.mesh.with_points(points), np.arange(len(points))
-    if not whole:
-        moved, node = part_of(moved, rows, plan.changed)
-    numbers = {} if whole else {"node": plan.mesh.numbers(node)}
-    arrays = {"displacement": points[node] - plan.mesh.points[node], **numbers}
+    plan = one.plan
+    moved, node, quality = _shown(plan, one.points, is_small(plan.mesh))
+    numbers = {} if is_small(plan.mesh) else {"node": plan.mesh.numbers(node)}
+    arrays = {"displacement": moved.points - plan.mesh.points[node], **numbers}
     if (repair := one.moved_by_repair) is not None:
         arrays["repair"] = repair[node]
     write_vtu(path, moved, arrays, {"quality": quality})
+
+
+def _shown(plan: Planned, points: FloatArray, whole: bool) -> tuple[Mesh, IntArray, FloatArray]:
+    """Return a mesh at `points` (N, 3) or the part that may change, its nodes (P,), and its cells' quality (L,)."""
+    mesh, touched, node = plan.mesh.with_points(points), plan.touched, np.arange(len(points))
+    rows = [np.arange(len(block)) for block in mesh.cells] if whole else list(touched.rows)
+    parts = zip(mesh.cells, rows, touched.orientation, strict=True)
+    quality = np.concatenate([np.empty(0), *(quality_of(points, *part) for part in parts)])
+    if not whole:
+        mesh, node = part_of(mesh, rows, plan.changed)
+    return mesh, node, quality
 
 
 def part_of(mesh: Mesh, rows: Sequence[IntArray], nodes: IntArray) -> tuple[Mesh, IntArray]:

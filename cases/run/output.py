@@ -143,12 +143,16 @@ def text_of(cell: str) -> str:
     return cell[1:] if cell.startswith("'") and cell[1:].startswith(FORMULA) else cell
 
 
-def moved_by_repair(path: Path, count: int) -> FloatArray:
-    """Return how far (N, 3) the repair has moved each node of a run, by its deflected.vtu; zero without a repair."""
+def moved_by_repair(path: Path, count: int) -> FloatArray | None:
+    """Return how far (N, 3) the repair of a run moved each node, by its deflected.vtu; None without a repair.
+
+    Raises InputError if the array is damaged.
+    """
     arrays, out = vtu_arrays(path), np.zeros((count, 3))
     node, moved = arrays.get("node", np.arange(count)), arrays.get("repair")
-    if moved is not None:
-        if moved.shape != (len(node), 3):
-            raise InputError(f"{path}: the array repair has the shape {moved.shape}, not {(len(node), 3)}")
-        out[node] = moved
+    if moved is None:
+        return None
+    if moved.shape != (len(node), 3) or not np.isfinite(moved).all():
+        raise InputError(f"{path}: its array repair is not {len(node)} finite vectors")
+    out[node] = moved
     return out

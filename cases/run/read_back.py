@@ -33,16 +33,19 @@ def check_written(mesh: Mesh, points: FloatArray, moved: IntArray, staged: Path,
 
     Raises MeshFileError, which names the file `out` that is to be, if it is another mesh or cannot be read.
     """
+    if text := difference(mesh, points, moved, staged):
+        raise MeshFileError(DIFFERS.format(out, text.replace(str(staged), out.name)))
+
+
+def difference(mesh: Mesh, points: FloatArray, moved: IntArray, path: Path) -> str:
+    """Return how a file differs from a mesh, as `check_written` compares them; nothing if it does not."""
     try:
-        text = format_of(staged).points_of_copy(staged, Path(mesh.source)) if mesh.whole else None
+        text = format_of(path).points_of_copy(path, Path(mesh.source)) if mesh.whole else None
         if text is not None:
-            found = _text(mesh, points, text)
-        else:
-            found = (_in_pieces if mesh.whole else _whole)(mesh, points, moved, staged)
+            return _text(mesh, points, text)
+        return (_in_pieces if mesh.whole else _whole)(mesh, points, moved, path)
     except (MeshFileError, InputError) as error:
-        found = str(error).replace(str(staged), out.name)
-    if found:
-        raise MeshFileError(DIFFERS.format(out, found))
+        return str(error)
 
 
 def check_points(points: FloatArray, found: FloatArray, axes: int = 3) -> str:

@@ -69,7 +69,7 @@ def facts(frame: DeflectedMesh, run: InteractiveRun, pieces: ViewPieces) -> list
     rows.append(("inverted", "inverted cells", str(len(frame.inverted))))
     for one in run.surfaces:
         point, alone, name = frame.points[one.node], len(run.surfaces) == 1, one.name.replace("_", " ")
-        moved = run.manner.length.factor * float(np.linalg.norm(point - run.mesh.points[one.node]))
+        moved = run.display.length.factor * float(np.linalg.norm(point - run.mesh.points[one.node]))
         if alone:
             rows.append((f"place-{one.name}", one.place, _place(point, run)))
         text = "  moved by" if alone else f"{name} moved by"
@@ -84,16 +84,16 @@ def about(run: InteractiveRun) -> dict[str, Any]:
     shapes = {shape_of(block) for block in mesh.cells}
     cells = "tetrahedra" if shapes == {"tetra"} else "cells"
     return {
-        "run_title": run.manner.title,
+        "run_title": run.display.title,
         "run_facts": f"{len(mesh.points):,} points, {sum(map(len, mesh.cells)):,} {cells}, of which "
         f"{run.touched.count:,} touch a box. {centres:,} centres of the run at {run.angle:+g}{run.unit}"
         + (f", {steps} steps" if steps > len(run.boxes) else "")
         + ". "
         + _several(run)
-        + ("" if _unit(run) else f"Lengths are in {run.manner.length.shown}."),
+        + ("" if _unit(run) else f"Lengths are in {run.display.length.shown}."),
         "measure": run.measure,
         "unit": run.unit.strip(),
-        "length_factor": run.manner.length.factor,
+        "length_factor": run.display.length.factor,
         "length_unit": _unit(run),
         "decimals": _decimals(run),
     }
@@ -112,7 +112,7 @@ def key(colour: str, run: InteractiveRun, farthest: float) -> dict[str, Any]:
     if colour == "displacement":
         rgb, ends = (
             moved_rgb(shares),
-            [f"{run.manner.length.factor * farthest * share:.3g}" for share in (0.0, 0.5, 1.0)],
+            [f"{run.display.length.factor * farthest * share:.3g}" for share in (0.0, 0.5, 1.0)],
         )
         title = f"displacement{',' if _unit(run) else ''}{_unit(run)}"
     elif colour == "change":
@@ -159,24 +159,24 @@ def rounded(position: float, run: InteractiveRun) -> float:
 
 
 def _decimals(run: InteractiveRun) -> int:
-    return max(0, -floor(log10(run.manner.length.factor * grain(run))))
+    return max(0, -floor(log10(run.display.length.factor * grain(run))))
 
 
 def _small(length: float, run: InteractiveRun, form: str = ".1f") -> str:
     """Return a length about as large as a residual."""
-    if run.manner.length is METRES:
+    if run.display.length is METRES:
         return f"{1e6 * length:{form}} µm"
     return f"{length:.2e}"
 
 
 def _place(point: FloatArray, run: InteractiveRun) -> str:
     digits = _decimals(run) + 1
-    return "(" + ", ".join(f"{run.manner.length.factor * c:.{digits}f}" for c in point) + ")" + _unit(run)
+    return "(" + ", ".join(f"{run.display.length.factor * c:.{digits}f}" for c in point) + ")" + _unit(run)
 
 
 def _unit(run: InteractiveRun) -> str:
     """Return what follows a length; mesh units are named once, at the top."""
-    return f" {run.manner.length.shown}" if run.manner.length is METRES else ""
+    return f" {run.display.length.shown}" if run.display.length is METRES else ""
 
 
 def _smallest(frame: DeflectedMesh, run: InteractiveRun) -> Iterator[tuple[str, str, str]]:

@@ -316,5 +316,5 @@ class Page:
             "band": f"height:4px;margin:0 16px;border-radius:2px;background:linear-gradient(90deg,{band})",
             "band_text": f"{verified.low:+g}{run.unit} to {verified.high:+g}{run.unit} are verified (green)"
             + (" without repair" if run.repairs else "")
-            + f"; positive is {run.manner.positive}",
+            + f"; positive is {run.display.positive}",
         }

@@ -200,7 +200,7 @@ class ViewPieces:
     def of(cls, run: InteractiveRun) -> "ViewPieces":
         """Extract the surfaces and the cells near the hexahedra."""
         mesh, moving = run.mesh, {name for one in run.surfaces for name in (*one.patches, *one.following)}
-        still = [name for name in mesh.names if name not in moving and name not in run.manner.hidden]
+        still = [name for name in mesh.names if name not in moving and name not in run.display.hidden]
         colours = {name: SURFACE for one in run.surfaces for name in one.patches}
         colours |= {name: PANEL for one in run.surfaces for name in one.following}
         rows = _around(run)

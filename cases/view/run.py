@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.report.data import FLAT, MESH_UNITS, Length, drawn_measure, in_view, name_of
-from sdm_deflect.cases.report.folder import read_folder
-from sdm_deflect.cases.run.output import moved_by_repair
+from sdm_deflect.cases.report.data import FLAT, drawn_measure, name_of
+from sdm_deflect.cases.report.finished import Display, FinishedRun
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import read_arrays
@@ -66,26 +65,6 @@ class DeflectedMesh:
         return self.residual < self.tolerance and not self.further
 
 
-@dataclass(frozen=True, slots=True)
-class Manner:
-    """How a run is shown.
-
-    Attributes
-    ----------
-    title : what it is.
-    positive : where a positive angle goes.
-    length : unit of the mesh.
-    hidden : patches that are not drawn.
-    leading : of each surface so many patches are the surface itself, the others only follow; None: all.
-    """
-
-    title: str
-    positive: str
-    length: Length
-    hidden: tuple[str, ...]
-    leading: int | None = None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Mover:
     """A moving surface.
@@ -124,7 +103,7 @@ class InteractiveRun:
 
     Attributes
     ----------
-    manner : how it is shown.
+    display : how it is shown.
     angle : of the run; each surface turns by its factor times that.
     boxes : the deflection of each confining hexahedron.
     factors : the angle of each box over that of the run.
@@ -135,7 +114,7 @@ class InteractiveRun:
     points, moved : (N, 3) the mesh of the run, and how far its repair has moved each node.
     """
 
-    manner: Manner
+    display: Display
     angle: float
     boxes: tuple[PreparedDeflection, ...] = field(repr=False)
     factors: tuple[float, ...]
@@ -147,49 +126,32 @@ class InteractiveRun:
     moved: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, folder: Path) -> "InteractiveRun":
-        """Read the folder of a deflected mesh, and factorise.
+    def of(cls, finished: FinishedRun) -> "InteractiveRun":
+        """Prepare a finished run for other angles, with the centres of its folder, and factorise.
 
-        Raises InputError if it is not such a folder, or its files do not belong together.
+        Raises InputError if the centres or the points do not belong to its plan.
         """
-        plan, points = read_folder(folder)
-        mesh, degrees = plan.mesh, plan.job.surfaces[0].motion.unit == "deg"
-        drawn = in_view(mesh, (*plan.patches, *plan.stays))
-        hidden = tuple(name for name in mesh.names if name not in drawn)
-        positive = "right-handed about the hinge" if degrees else "as in the table"
-        return cls.prepared(folder, plan, points, plan.angle, Manner(mesh.name, positive, MESH_UNITS, hidden))
-
-    @classmethod
-    def prepared(
-        cls, folder: Path, plan: Planned, points: FloatArray, angle: float, manner: Manner
-    ) -> "InteractiveRun":
-        """Prepare the plan of a run for other angles, with the centres of its folder.
-
-        Parameters
-        ----------
-        points : (N, 3) where the run has brought the mesh.
-        angle : Of the run.
-
-        Raises InputError if the centres or the points do not belong to the plan.
-        """
+        plan, angle, moved = finished.plan, finished.angle, finished.repair
         flat = [FLAT if isinstance(block, Polyhedra) else 1.0 for block in plan.mesh.cells]
         run = cls(
-            manner=manner,
+            display=finished.display,
             angle=angle,
-            boxes=_prepared_boxes(folder, plan),
+            boxes=_prepared_boxes(finished.folder, plan),
             factors=tuple(box.angle / angle if angle else 1.0 for box in plan.boxes),
             changed=tuple(box.changed for box in plan.boxes),
             surfaces=tuple(
-                Mover.of(box, row, angle, manner.leading) for box in plan.boxes for row in range(len(box.job.surfaces))
+                Mover.of(box, row, angle, finished.display.leading)
+                for box in plan.boxes
+                for row in range(len(box.job.surfaces))
             ),
             touched=plan.touched,
             weights=np.repeat(flat, [len(own) for own in plan.touched.rows]),
-            points=points,
-            moved=moved_by_repair(folder / "deflected.vtu", len(points)),
+            points=finished.points,
+            moved=np.zeros_like(finished.points) if moved is None else moved,
         )
         frame = run.at(angle)
-        if np.abs(frame.points + run.moved - points).max() > SAME_MESH * frame.tolerance:
-            raise InputError(f"{folder}: deflected.vtu {FOREIGN}")
+        if np.abs(frame.points + run.moved - run.points).max() > SAME_MESH * frame.tolerance:
+            raise InputError(f"{finished.folder}: deflected.vtu {FOREIGN}")
         return run
 
     @property

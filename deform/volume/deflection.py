@@ -77,6 +77,12 @@ class Deflected:
             return None
         return np.asarray(np.sum([box.points - box.interpolated for box in self.boxes], axis=0))
 
+    def at(self, points: FloatArray) -> "Deflected":
+        """Return the same deflection with its nodes at `points` (N, 3), of several boxes with those in them."""
+        return Deflections.of([
+            replace(box, points=points, inverted=inverted_count(box.plan, points)) for box in self.boxes
+        ])  # fmt: skip
+
     def sensitivity(self) -> FloatArray:
         """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
 

@@ -15,12 +15,11 @@ from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.generate.attachment import attach, snapped
+from sdm_deflect.meshing.generate.parameters import FAR_FIELD
 from sdm_deflect.meshing.generate.surface import InputSurface
 from sdm_deflect.meshing.generate.topology import TRIANGLE_EDGES, CellFaces, cell_faces
 from sdm_deflect.meshing.generate.volume import Filling
 from sdm_deflect.meshing.mesh import Skin, tetrahedral
-
-FAR_FIELD = "far_field"
 
 # The mesher keeps its surface within one envelope of the input; faces within this many may be surface.
 MARGIN = 1.5

@@ -8,6 +8,9 @@ from typing import Self
 
 from sdm_deflect.geometry.quantity import Checked, quantity
 
+FAR_FIELD = "far_field"
+"""Patch of the outer boundary of the flow."""
+
 # The far field is as good as free (its cells are few), so its size follows from its distance.
 FAR_EDGE = 0.4
 

@@ -8,7 +8,7 @@ import pytest
 
 import sdm_deflect
 from sdm_deflect.cases.cli import main
-from sdm_deflect.cases.report.folder import read_folder, report_data_of_folder
+from sdm_deflect.cases.report.folder import FinishedJob
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.registry import format_of
@@ -90,15 +90,24 @@ def test_the_folder_makes_report_and_view_again(home, run):
     settings = tomllib.loads((run / "settings.toml").read_text())
     assert settings["box_each"] is True
     assert all(np.shape(one["corners"]) == (8, 3) for one in settings["surface"])
-    plan, points = read_folder(run)
+    finished = FinishedJob.of(run)
+    plan, points = finished.plan, finished.points
     assert [part.surface for part in plan.boxes] == ["left", "right"]
     np.testing.assert_array_equal(points, format_of(home / "two.su2").read(home / "two-deflected.su2").points)
-    data = report_data_of_folder(run)
+    data = finished.report_data()
     assert [box.name for box in data.boxes] == list(data.figures["deflections"])
-    shown = InteractiveRun.of(run).at(3.0)
+    shown = InteractiveRun.of(finished).at(3.0)
     one = alone(two_bodies(), SURFACES[1], -1.5)
     nodes = one.plan.changed
     np.testing.assert_allclose(shown.points[nodes], one.points[nodes], atol=2.0 * one.plan.sites.tolerance)
+
+
+def test_the_folder_is_validated_by_its_files(run):
+    checks = FinishedJob.of(run).validated()
+    assert [check.name for check in checks if not check.passed] == []
+    assert {"site_error:left", "same_deflection", "stored_arrays", "mesh_file", "stored_figures"} < {
+        c.name for c in checks
+    }
 
 
 def test_settings_of_a_report_repeat_the_run(home, run):

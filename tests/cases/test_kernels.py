@@ -11,8 +11,8 @@ from sdm_deflect import Field, InputError, deflect, read
 from sdm_deflect.cases.aircraft.case import SurfaceTurn
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named, resolve
-from sdm_deflect.cases.aircraft.stored import stored_deflection
-from sdm_deflect.cases.report.folder import settings_of
+from sdm_deflect.cases.report.folder import FinishedJob, settings_of
+from sdm_deflect.cases.report.stored import stored_deflection
 from sdm_deflect.cases.run.mesh_files import write_mesh
 from sdm_deflect.cases.run.metrics import fit_text, kernel_text
 from sdm_deflect.cases.run.output import write_convergence, write_interpolants
@@ -70,7 +70,7 @@ def test_the_view_turns_with_the_kernel_of_the_run(name, hybrid_wing, tmp_path):
     write_mesh(None, hybrid_wing.mesh, hybrid_wing.mesh.points, tmp_path / "wing.su2")
     options = {"motion": "blended", "fixed": "wing_*", "slide": "symmetry:plane", "repair": "off", "kernel": name}
     one = deflect(read(tmp_path / "wing.su2"), "flap_*", hybrid_wing.hinge, 5.0, **options)
-    run = InteractiveRun.of(written(tmp_path / "report", one.deflection))
+    run = InteractiveRun.of(FinishedJob.of(written(tmp_path / "report", one.deflection)))
     assert np.abs(run.at(5.0).points - one.points).max() < 1e-9
 
 
@@ -91,7 +91,7 @@ def test_a_finished_run_is_carried_out_again_by_its_kernel(name, tmp_path):
         number = {"mq": "kernel_epsilon", "wendland": "kernel_radius"}[name]
         assert arrays[number] != arrays[f"{number}_rudder"]
         np.savez(tmp_path / "interpolant.npz", **{**arrays, number: 1.01 * arrays[number]})
-        with pytest.raises(InputError, match=r"the kernel of interpolant\.npz is not that of the case"):
+        with pytest.raises(InputError, match=r"the kernel of interpolant\.npz is not that of the settings"):
             stored_deflection(tmp_path, plan)
 
 

@@ -13,7 +13,7 @@ import pyvista as pv
 
 from sdm_deflect.cases.report import folder as folders
 from sdm_deflect.cases.report.data import MESH_UNITS, METRES, in_view, name_of, round_length
-from sdm_deflect.cases.report.folder import part_of, report_of_folder, write_deflected, write_run_folder
+from sdm_deflect.cases.report.folder import FinishedJob, part_of, write_deflected, write_run_folder
 from sdm_deflect.cases.report.page import page
 from sdm_deflect.cases.report.pictures import Gallery
 from sdm_deflect.cases.report.scene3d import by_size, triangles_of
@@ -139,7 +139,7 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
     }
     before = {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in (".json", ".toml", ".vtu")}
     (folder / "report.html").unlink()
-    again = report_of_folder(folder)
+    again = FinishedJob.of(folder).report()
     np.testing.assert_array_equal(again.points, one.points)
     assert again.checks == checks
     assert turnable(again) == turnable(data)
@@ -155,17 +155,18 @@ def test_folder_holds_all_and_makes_the_page_anew(coarse_wing, tmp_path, monkeyp
     limited(monkeypatch, shown=10)
     write_deflected(folder / "deflected.vtu", one)
     assert (folder / "deflected.vtu").stat().st_size < 0.8 * len(before["deflected.vtu"])
-    np.testing.assert_array_equal(report_of_folder(folder).points, one.points)
+    np.testing.assert_array_equal(FinishedJob.of(folder).report().points, one.points)
     source.write_bytes(source.read_bytes().replace(b"NDIME= 3", b"NDIME= 4"))
     with pytest.raises(MeshFileError, match=r"wing\.su2"):
-        report_of_folder(folder)
+        FinishedJob.of(folder).report()
     format_of(source).write(hybrid(), source)
     with pytest.raises(InputError, match=rf"has 14 points, but {len(mesh.points)} when it was deflected"):
-        report_of_folder(folder)
+        FinishedJob.of(folder).report()
+    format_of(source).write(coarse_wing.mesh, source)
     for name, text in (("interpolant.npz", "PK"), ("metrics.json", "{}"), ("settings.toml", "= 1")):
         (folder / name).write_text(text)
         with pytest.raises(InputError, match=r"no whole folder of a run|no table of figures|no archive of arrays"):
-            report_of_folder(folder)
+            FinishedJob.of(folder).report()
 
 
 def blended(hinge):
@@ -201,7 +202,7 @@ def test_polyhedra_and_nodes_alone_have_a_report(tmp_path):
         assert ("smallest face pyramid over volume" in text) == bool(mesh.cells)
         assert data.drawn == ("body",)
         with pytest.raises(InputError, match="names no mesh"):
-            report_of_folder(tmp_path / name)
+            FinishedJob.of(tmp_path / name).report()
 
 
 def test_page_of_a_hybrid_mesh_is_turnable(coarse_wing, opened, tmp_path):

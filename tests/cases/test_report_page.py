@@ -12,7 +12,8 @@ from PIL import Image
 
 from sdm_deflect.cases.aircraft.metrics import metrics
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.report import report_data_of, report_data_of_folder
+from sdm_deflect.cases.aircraft.report import report_data_of
+from sdm_deflect.cases.aircraft.run_folder import FinishedCase
 from sdm_deflect.cases.report.page import LARGEST, page
 from sdm_deflect.cases.report.pictures import Gallery, drawn
 from sdm_deflect.cases.report.scene3d import triangles_of
@@ -168,7 +169,7 @@ def test_names_cannot_inject_markup(aileron_run, opened, tmp_path):
 
 def test_page_is_made_anew_from_the_folder(aileron_run, tmp_path):
     run, folder = aileron_run
-    fresh, stored = data_of(run), report_data_of_folder(folder)
+    fresh, stored = data_of(run), FinishedCase.of(folder).judged_again()
     assert stored.checks == fresh.checks
     (own,), (other,) = stored.boxes, fresh.boxes
     assert [(c.box, c.directions, c.centres) for c in own.fits.convergence] == [

@@ -7,9 +7,9 @@ import pytest
 from rich.console import Console
 
 from sdm_deflect.cases.aircraft.metrics import summary
-from sdm_deflect.cases.aircraft.report import report_of_folder
 from sdm_deflect.cases.cli.console import WIDTH, console, verdict
 from sdm_deflect.cases.cli.options import print_tables
+from sdm_deflect.cases.finished import finished
 from sdm_deflect.cases.run.progress import Bars, Lines, Silent, Stopwatch, shown
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import Check
@@ -112,7 +112,7 @@ def test_a_pipe_gets_one_line_for_each_stage_and_no_spinner():
 
 def test_report_of_no_run_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match="is not the output folder of a run"):
-        report_of_folder(tmp_path)
+        finished(tmp_path)
 
 
 def test_a_check_over_nothing_is_not_applicable():

@@ -38,19 +38,22 @@ STEP = 50_000
 CASES = "sdm_deflect.cases"
 TURN = ("--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended")
 HINGE = ("--hinge", "0.7,0.3,0", "0.7,0.7,0", "--angle", "8", "--quiet")
-REFERENCE = "aircraft.pipeline.reference"
-"""The same, a context: of no use later, when the validation is kept."""
+REFERENCE = "reference"
+"""What they are called that give a context: of no use later, when the validation is kept."""
 SLOW = {
     "deflect": ("run.deflect_file.planned", "run.deflect_file.sweep", "report.page.page"),
     "run": (
         "aircraft.pipeline.meshed", "aircraft.pipeline.plan_of", "aircraft.pipeline.deflected",
-        "aircraft.pipeline.whole_mesh_seconds", REFERENCE, "aircraft.validation.validate", "report.page.page",
+        "aircraft.pipeline.whole_mesh_seconds", f"aircraft.pipeline.{REFERENCE}", "aircraft.validation.validate",
+        "report.page.page",
     ),
-    "report": ("aircraft.report.report_data_of_folder", "report.page.page"),
+    "report": (
+        "finished.finished", f"aircraft.run_folder.{REFERENCE}", "aircraft.validation.validate", "report.page.page",
+    ),
     "geometry": ("aircraft.cad.undeflected_cad",),
 }  # fmt: skip
 """Functions by command whose results are kept, because they take long and write nothing."""
-DRAWING = ("report.pictures.drawn", "aircraft.report.drawn", "aircraft.report.compared")
+DRAWING = ("report.pictures.drawn", "aircraft.report.compared")
 """Functions that draw into a folder, whose pictures are kept."""
 
 
@@ -108,7 +111,13 @@ class Work:
                 self.kept[name] = list(found) if isinstance(found, Iterator) else found
                 return found if hasattr(found, "__enter__") else known()
             found = self.kept[name]
-            return iter(found) if isinstance(found, list) else nullcontext(dict) if name == REFERENCE else found
+            return (
+                iter(found)
+                if isinstance(found, list)
+                else nullcontext(dict)
+                if name.endswith(f".{REFERENCE}")
+                else found
+            )
 
         return known
 

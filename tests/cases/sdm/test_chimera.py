@@ -11,8 +11,7 @@ import pytest
 from sdm_deflect.cases.aircraft.job import BLOCK, block_stations, plan_of
 from sdm_deflect.cases.aircraft.overset import has_donor, orphans
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.run_folder import read_run, undeflected_models
-from sdm_deflect.cases.aircraft.stored import judged
+from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
 from sdm_deflect.cases.flow.setup import Setup
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.base.errors import InputError
@@ -141,7 +140,7 @@ def test_the_background_of_a_finished_run_is_judged_as_well(chimera_run, tmp_pat
     def judge(folder):
         return {
             check.name: check.passed
-            for check in judged(folder, *read_run(folder), lambda: built(run.case), lambda _: models)
+            for check in FinishedCase.of(folder).checked(lambda: built(run.case), lambda _: models)
         }
 
     assert all(judge(folder).values())

@@ -9,13 +9,13 @@ from functools import partial
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.aircraft import stored
+from sdm_deflect.cases.aircraft import run_folder, validation
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.report import interactive_run
-from sdm_deflect.cases.aircraft.run_folder import read_run, undeflected_models
+from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.report.data import read_figures
 from sdm_deflect.cases.run.export import export_run
+from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import read_arrays
 from sdm_deflect.deform.mesh.quality import mean_ratio
@@ -53,21 +53,21 @@ def judge(finished):
         return verified[key]
 
     def call(folder):
-        checks = stored.judged(folder, *read_run(folder), lambda: built(case), lambda _: models)
+        checks = FinishedCase.of(folder).checked(lambda: built(case), lambda _: models)
         return {check.name: check for check in checks}
 
-    verify = stored.verify
+    verify = validation.verify
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stored, "verify", remembered)
+        patch.setattr(validation, "verify", remembered)
         yield call
 
 
 @pytest.fixture(scope="module")
 def figures_and_run(finished, judge):
     """What is compared of metrics.json: its figures, and the run as its files give it again."""
-    compared, genuine = [], stored.stored_figures
+    compared, genuine = [], run_folder.stored_figures
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stored, "stored_figures", lambda *given: compared.append(given) or genuine(*given))
+        patch.setattr(run_folder, "stored_figures", lambda *given: compared.append(given) or genuine(*given))
         judge(finished[1])
     return compared[0]
 
@@ -410,7 +410,7 @@ EDITS = {
     "interpolant.npz: a coefficient changed": (add("beta_z", 1e-3), "same_deflection"),
     "interpolant.npz: a constant by 1e-8 m": (add("alpha_z", 1e-8), "same_deflection"),
     "interpolant.npz: nan": (add("alpha_z", np.nan), "not finite"),
-    "interpolant.npz: another box": (add("hexahedron", 1e-6), "hexahedron is not that of the case"),
+    "interpolant.npz: another box": (add("hexahedron", 1e-6), "hexahedron is not that of the settings"),
     "interpolant.npz: another kernel": (put("kernel", np.array("gaussian")), "the kernel of interpolant.npz"),
     "interpolant.npz: an array too many": (put("centers_x_step2", np.zeros((1, 3))), "centers_x_step2"),
     "interpolant.npz: an array too few": (npz(lambda arrays: arrays.pop("beta_y")), "beta_y"),
@@ -460,10 +460,10 @@ def test_an_unchanged_run_passes(finished, judge):
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_another_figure_is_noticed(figures_and_run, name):
-    figures, run = deepcopy(figures_and_run[0]), figures_and_run[1]
-    assert stored.stored_figures(figures, run).passed
+    figures, again = deepcopy(figures_and_run[0]), figures_and_run[1:]
+    assert run_folder.stored_figures(figures, *again).passed
     FIGURES[name](figures)
-    assert not stored.stored_figures(figures, run).passed
+    assert not run_folder.stored_figures(figures, *again).passed
 
 
 @pytest.mark.parametrize("name", EDITS)
@@ -505,7 +505,7 @@ def test_a_damaged_file_leaves_no_traceback(finished, judge, tmp_path, name, mos
     data = (folder / name).read_bytes()
     for damage in damages(data, rng, most):
         (folder / name).write_bytes(damage)
-        for command in (judge, interactive_run, read_figures, exported):
+        for command in (judge, shown, read_figures, exported):
             with suppress(InputError, MeshFileError, MeshingError, SolveError, CadError):
                 command(folder)
 
@@ -523,9 +523,14 @@ def test_a_point_that_is_no_number_and_a_patch_that_is_none_are_refused(finished
         wrong.patch[0] = 99
         monkeypatch.setattr(vtu_write, "skin", lambda mesh: wrong)
     write_vtu(folder / "deflected.vtu", mesh)
-    for command in (read_run, interactive_run, exported):
+    for command in (FinishedCase.of, shown, exported):
         with pytest.raises(MeshFileError, match=message):
             command(folder)
+
+
+def shown(folder):
+    """Prepare the view of a run."""
+    return InteractiveRun.of(FinishedCase.of(folder))
 
 
 def exported(folder):

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.aircraft import stored
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.run_folder import read_run, undeflected_models
+from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
@@ -33,7 +32,7 @@ def failing(finished):
     models = undeflected_models(case)
 
     def call(folder):
-        checks = stored.judged(folder, *read_run(folder), lambda: built(case), lambda _: models)
+        checks = FinishedCase.of(folder).checked(lambda: built(case), lambda _: models)
         return {check.name for check in checks if not check.passed}
 
     return call
@@ -41,7 +40,8 @@ def failing(finished):
 
 def changed(folder, change):
     """Change the points and the repair of deflected.vtu: `change(points, repair, free)` writes into them."""
-    _, before, after = read_run(folder)
+    finished = FinishedCase.of(folder)
+    before, after = finished.plan.mesh, finished.deflected
     repair, points = vtu_arrays(folder / "deflected.vtu")["repair"].copy(), after.points.copy()
     inner = np.setdiff1d(np.flatnonzero(repair.any(axis=1)), before.on(*before.names))
     change(points, repair, inner)

@@ -8,10 +8,9 @@ import tomli_w
 
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.report import interactive_run
-from sdm_deflect.cases.aircraft.run_folder import write_deformation
+from sdm_deflect.cases.aircraft.run_folder import FinishedCase, write_deformation
 from sdm_deflect.cases.api import deflect, read
-from sdm_deflect.cases.report.folder import settings_of, write_deflected
+from sdm_deflect.cases.report.folder import FinishedJob, settings_of, write_deflected
 from sdm_deflect.cases.run.mesh_files import SETTINGS, write_mesh
 from sdm_deflect.cases.run.output import write_interpolants
 from sdm_deflect.cases.view.run import InteractiveRun
@@ -75,12 +74,12 @@ def stepped_folder(bare_run):
 
 @pytest.fixture(scope="session")
 def aileron(aileron_folder):
-    return interactive_run(aileron_folder)
+    return InteractiveRun.of(FinishedCase.of(aileron_folder))
 
 
 @pytest.fixture(scope="session")
 def tail(bare_run):
-    return interactive_run(bare_run(case_named("tail")))
+    return InteractiveRun.of(FinishedCase.of(bare_run(case_named("tail"))))
 
 
 @pytest.fixture(scope="session")
@@ -92,7 +91,7 @@ def wing_folder(bare_deflection, hybrid_wing, flap_names):
 
 @pytest.fixture(scope="session")
 def hybrid(wing_folder):
-    return InteractiveRun.of(wing_folder)
+    return InteractiveRun.of(FinishedJob.of(wing_folder))
 
 
 @pytest.fixture(scope="session")
@@ -103,4 +102,4 @@ def repaired_folder(bare_run):
 
 @pytest.fixture(scope="session")
 def repaired(repaired_folder):
-    return interactive_run(repaired_folder)
+    return InteractiveRun.of(FinishedCase.of(repaired_folder))

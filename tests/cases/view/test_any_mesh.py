@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.api import read
-from sdm_deflect.cases.report.folder import read_folder
+from sdm_deflect.cases.report.folder import FinishedJob
 from sdm_deflect.cases.run.mesh_files import write_mesh
 from sdm_deflect.cases.view.labels import about, facts
 from sdm_deflect.cases.view.page import Control
@@ -36,7 +36,7 @@ def total(piece):
 
 
 def test_a_hybrid_mesh_that_slides_is_reproduced(hybrid, wing_folder):
-    _, points = read_folder(wing_folder)
+    points = FinishedJob.of(wing_folder).points
     frame = hybrid.at(10.0)
     assert hybrid.boxes[0].steps[0].first
     assert np.abs(frame.points - points).max() < EQUAL
@@ -60,7 +60,9 @@ def test_the_quality_has_the_measure_of_each_type_of_cell(hybrid):
 @pytest.mark.parametrize("many", [False, True])
 def test_a_section_through_cells_of_any_type_tiles_the_plane(block, bare_deflection, many):
     mesh = polyhedral(block) if many else block
-    run = InteractiveRun.of(bare_deflection(mesh, "case/x.foam" if many else "x.su2", *BODY, fixed="?-"))
+    run = InteractiveRun.of(
+        FinishedJob.of(bare_deflection(mesh, "case/x.foam" if many else "x.su2", *BODY, fixed="?-"))
+    )
     pieces, plane = ViewPieces.of(run), ClipPlane(1, 0.1)
     sections = [pieces.moving(run.at(10.0), plane, None)["section"], pieces.standing(plane, None)["around"]]
     assert sum(map(total, sections)) == pytest.approx(16.0 - 1.0)
@@ -68,7 +70,7 @@ def test_a_section_through_cells_of_any_type_tiles_the_plane(block, bare_deflect
 
 
 def test_inverted_polyhedra_are_shown_whole(block, bare_deflection):
-    run = InteractiveRun.of(bare_deflection(polyhedral(block), "case/x.foam", *BODY))
+    run = InteractiveRun.of(FinishedJob.of(bare_deflection(polyhedral(block), "case/x.foam", *BODY)))
     frame = run.at(80.0)
     assert len(frame.inverted)
     pieces = ViewPieces.of(run).moving(frame, None, None)
@@ -83,7 +85,7 @@ def test_several_surfaces_turn_in_one_box(tmp_path):
         for name, x, angle in (("left", -1.25, 8.0), ("right", 1.25, -4.0))
     )
     result = deflect(Plan.of(read(tmp_path / "two.su2"), Job(surfaces=surfaces)), 8.0)
-    run = InteractiveRun.of(written(tmp_path / "report", result))
+    run = InteractiveRun.of(FinishedJob.of(written(tmp_path / "report", result)))
     assert [(one.name, one.factor) for one in run.surfaces] == [("left", 1.0), ("right", -0.5)]
     assert np.abs(run.at(8.0).points - result.points).max() < EQUAL
     boundary = run.boxes[0].plan.boundary
@@ -96,7 +98,7 @@ def test_a_table_is_shown_by_its_share(block, bare_deflection, tmp_path):
     nodes = block.patch("body").nodes
     table = tmp_path / "table.npz"
     np.savez(table, points=block.points[nodes], vectors=np.tile([0.0, 0.0, 0.2], (len(nodes), 1)))
-    run = InteractiveRun.of(bare_deflection(block, "x.su2", "body", None, 0.5, table=str(table)))
+    run = InteractiveRun.of(FinishedJob.of(bare_deflection(block, "x.su2", "body", None, 0.5, table=str(table))))
     assert np.abs(run.at(1.0).points[nodes] - block.points[nodes] - [0.0, 0.0, 0.2]).max() < EQUAL
     assert run.unit == " of the table"
     spans = Spans.of(run)
@@ -107,7 +109,7 @@ def test_a_table_is_shown_by_its_share(block, bare_deflection, tmp_path):
 
 def test_sums_that_fit_into_no_memory_are_computed_at_every_angle(hybrid, wing_folder, monkeypatch):
     limited(monkeypatch, matrix=0)
-    run = InteractiveRun.of(wing_folder)
+    run = InteractiveRun.of(FinishedJob.of(wing_folder))
     assert run.boxes[0].steps[0].all[0].kernel is None
     assert np.abs(run.at(4.0).points - hybrid.at(4.0).points).max() < EQUAL
 
@@ -119,6 +121,6 @@ def test_another_mesh_under_the_same_name_is_refused(wing_folder, hybrid):
         source.unlink()
         write_mesh(None, hybrid.mesh, hybrid.mesh.points + 1e-4, source)
         with pytest.raises(InputError, match=r"interpolant\.npz does not belong"):
-            InteractiveRun.of(wing_folder)
+            InteractiveRun.of(FinishedJob.of(wing_folder))
     finally:
         source.write_bytes(kept)

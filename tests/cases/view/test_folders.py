@@ -7,7 +7,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.aircraft.report import interactive_run
+from sdm_deflect.cases.aircraft.run_folder import FinishedCase
+from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.cases.view.serve import check_free
 from sdm_deflect.deform.base.errors import InputError
 
@@ -62,7 +63,7 @@ def test_a_folder_that_is_no_whole_run_is_one_line_and_code_2(view, copy, name, 
         ("settings.toml", lambda path: path.unlink(), "is not the output folder of a run"),
         ("settings.toml", lambda path: path.write_text("mesh = ["), "no whole folder of a run"),
         ("settings.toml", lambda path: path.write_text("tolerance = 1.0"), "names no mesh"),
-        ("metrics.json", lambda path: path.unlink(), "no whole folder of a run"),
+        ("metrics.json", lambda path: path.unlink(), "no table of figures"),
         ("metrics.json", lambda path: path.write_text('{"mesh": {"points": 7}}'), "but 7 when it was deflected"),
         ("../wing.su2", lambda path: path.unlink(), "wing.su2"),
         ("deflected.vtu", cut, "deflected.vtu"),
@@ -82,7 +83,7 @@ def test_a_folder_beside_a_mesh_that_is_not_whole_is_refused_as_well(view, wing_
 def test_files_of_different_runs_are_refused(copy, stepped_folder):
     shutil.copy(copy / "undeflected.vtu", copy / "deflected.vtu")
     with pytest.raises(InputError, match=r"deflected\.vtu does not belong"):
-        interactive_run(copy)
+        InteractiveRun.of(FinishedCase.of(copy))
     with np.load(copy / "interpolant.npz") as stored:
         arrays = {
             name: stored[name] + (0.001 if name.startswith("centers") else 0.0)
@@ -91,7 +92,7 @@ def test_files_of_different_runs_are_refused(copy, stepped_folder):
         }
     np.savez(copy / "interpolant.npz", **arrays)
     with pytest.raises(InputError, match=r"interpolant\.npz does not belong"):
-        interactive_run(copy)
+        InteractiveRun.of(FinishedCase.of(copy))
 
 
 def test_a_port_in_use_is_one_line_and_code_2(view, aileron_folder):

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.aircraft.report import interactive_run
-from sdm_deflect.cases.aircraft.run_folder import read_run
-from sdm_deflect.cases.report.folder import read_folder
+from sdm_deflect.cases.aircraft.run_folder import FinishedCase
+from sdm_deflect.cases.report.folder import FinishedJob
+from sdm_deflect.cases.run.output import moved_by_repair
 from sdm_deflect.cases.view.labels import mending
 from sdm_deflect.cases.view.page import Control
-from sdm_deflect.cases.view.run import InteractiveRun, moved_by_repair
+from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
@@ -20,7 +20,7 @@ EQUAL = 1e-11  # m
 
 
 def test_at_rest_the_runs_angle_shows_the_runs_mesh(repaired, repaired_folder):
-    stored = read_run(repaired_folder)[2]
+    stored = FinishedCase.of(repaired_folder).deflected
     moving = repaired.at(26.0)
     resting = repaired.repaired(moving)
     assert np.array_equal(resting.points, stored.points)
@@ -69,17 +69,18 @@ def test_the_control_repairs_at_rest_and_says_so(repaired, aileron):
 def test_any_mesh_shows_its_repair(bare_deflection, block):
     body = ("body", [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], 60.0)
     folder = bare_deflection(block, "x.su2", *body, repair="always")
-    run, (_, points) = InteractiveRun.of(folder), read_folder(folder)
+    finished = FinishedJob.of(folder)
+    run, points = InteractiveRun.of(finished), finished.points
     assert run.moved.any()
     assert np.array_equal(run.repaired(run.at(60.0)).points, points)
 
 
 def test_an_array_of_another_shape_is_refused(repaired_folder, tmp_path):
-    _, _, mesh = read_run(repaired_folder)
+    mesh = FinishedCase.of(repaired_folder).deflected
     write_vtu(tmp_path / "deflected.vtu", mesh, {"repair": mesh.points[:, :2].copy()})
-    with pytest.raises(InputError, match="the array repair has the shape"):
+    with pytest.raises(InputError, match="its array repair is not"):
         moved_by_repair(tmp_path / "deflected.vtu", len(mesh.points))
-    assert not moved_by_repair(repaired_folder / "undeflected.vtu", len(mesh.points)).any()
+    assert moved_by_repair(repaired_folder / "undeflected.vtu", len(mesh.points)) is None
     assert vtu_arrays(repaired_folder / "deflected.vtu")["repair"].shape == mesh.points.shape
 
 
@@ -87,6 +88,6 @@ def test_a_run_whose_repair_is_lost_is_refused(repaired_folder, tmp_path):
     for path in repaired_folder.iterdir():
         if path.is_file():
             (tmp_path / path.name).write_bytes(path.read_bytes())
-    write_vtu(tmp_path / "deflected.vtu", read_run(repaired_folder)[2])
+    write_vtu(tmp_path / "deflected.vtu", FinishedCase.of(repaired_folder).deflected)
     with pytest.raises(InputError, match=r"deflected\.vtu does not belong"):
-        interactive_run(tmp_path)
+        InteractiveRun.of(FinishedCase.of(tmp_path))

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.aircraft.report import interactive_run
-from sdm_deflect.cases.aircraft.run_folder import read_run
-from sdm_deflect.cases.view.run import Spans
+from sdm_deflect.cases.aircraft.run_folder import FinishedCase
+from sdm_deflect.cases.view.run import InteractiveRun, Spans
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import fit
@@ -36,14 +35,16 @@ def adapted(case, **values):
 )
 def test_the_runs_angle_gives_the_runs_mesh(case, bare_run):
     folder = bare_run(case)
-    run, (_, _, stored) = interactive_run(folder), read_run(folder)
+    finished = FinishedCase.of(folder)
+    run, stored = InteractiveRun.of(finished), finished.deflected
     frame = run.at(case.angle)
     assert np.abs(frame.points + run.moved - stored.points).max() < EQUAL
     assert run.repaired(frame).verified
 
 
 def test_every_step_of_a_run_in_steps_is_met(stepped_folder):
-    run, (_, _, stored) = interactive_run(stepped_folder), read_run(stepped_folder)
+    finished = FinishedCase.of(stepped_folder)
+    run, stored = InteractiveRun.of(finished), finished.deflected
     assert [len(box.steps) for box in run.boxes] == [2]
     assert np.abs(run.at(-12.0).points - stored.points).max() < EQUAL
     before, after = run.at(-6.0), run.at(-6.0 - 1e-6)  # the first step's end is the second's beginning

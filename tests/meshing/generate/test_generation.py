@@ -14,9 +14,9 @@ from sdm_deflect.deform.mesh.quality import signed_volumes
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.generate import generation
-from sdm_deflect.meshing.generate.assembly import FAR_FIELD, unit_normals
+from sdm_deflect.meshing.generate.assembly import unit_normals
 from sdm_deflect.meshing.generate.generation import Generated, generate, harder
-from sdm_deflect.meshing.generate.parameters import MeshParameters
+from sdm_deflect.meshing.generate.parameters import FAR_FIELD, MeshParameters
 from sdm_deflect.meshing.mesh import skin, tets_of
 
 
