@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.api import Result, deflect, plan, read, sweep
-    from sdm_deflect.cases.finished import finished
     from sdm_deflect.deform.base.errors import InputError
     from sdm_deflect.deform.checks import Check
     from sdm_deflect.deform.hexahedron import Hexahedron
@@ -39,7 +38,6 @@ __all__ = [
     "TrailingEdge",
     "__version__",
     "deflect",
-    "finished",
     "plan",
     "read",
     "sweep",
@@ -47,7 +45,6 @@ __all__ = [
 
 _MODULES = {
     "cases.api": ("Result", "deflect", "plan", "read", "sweep"),
-    "cases.finished": ("finished",),
     "deform.checks": ("Check",),
     "deform.base.errors": ("InputError",),
     "deform.mesh.mesh": ("Cells", "Mesh", "Patch"),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from sdm_deflect.cases.report.folder import FinishedJob
 from sdm_deflect.cases.view.pieces import ClipPlane, ViewPieces, outline
 from sdm_deflect.cases.view.run import InteractiveRun
 from sdm_deflect.deform.mesh.quality import inverted_of
@@ -65,7 +66,7 @@ def test_settings_page_and_view_of_a_plane_mesh(folder, deflected, capsys):
     page = (report / "report.html").read_bytes()
     assert sdm("report", str(report), "--quiet") == 0
     assert len((report / "report.html").read_bytes()) == pytest.approx(len(page), rel=0.01)
-    run = InteractiveRun.of(report)
+    run = InteractiveRun.of(FinishedJob.of(report))
     pieces, frame = ViewPieces.of(run), run.at(-20.0)
     shown = pieces.moving(frame, ClipPlane(2, 0.0), None)
     assert len(shown["section"].sizes) == run.touched.count
