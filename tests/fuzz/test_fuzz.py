@@ -28,3 +28,8 @@ def test_whatever_is_read_is_accepted_or_refused_in_a_sentence(choice, names, tm
     figures = json.loads((tmp_path / "figures.json").read_text())
     assert list(figures) == names
     assert all(one["inputs"] == TARGETS[name].sample or choice == "known" for name, one in figures.items())
+
+
+@pytest.mark.parametrize("name", [name for name in TARGETS if name not in QUICK])
+def test_seeds_of_what_is_left_to_the_nightly_run_are_made(name, tmp_path):
+    assert any(TARGETS[name].seeds(tmp_path))
