@@ -66,10 +66,10 @@ class FlowCase:
 
     def check_files(self, source: Path, out: Path) -> None:
         """Refuse an `out` in another format than the solver's, and a source that is a case already: InputError."""
-        if format_of(out) is not FORMATS[self.solver]:
+        if format_of(out).name != self.solver:
             what = "a file .su2" if self.solver == "su2" else "a folder, without a suffix"
             raise InputError(f"{out}: {OPTION} {self.solver} writes {what}; name one, or leave out --out")
-        if self.solver == "openfoam" and format_of(source) is FORMATS["openfoam"]:
+        if self.solver == "openfoam" and format_of(source).folder:
             raise InputError(f"{source}: is an OpenFOAM case already, whose settings stay; leave out {OPTION}")
         if self.solver == "su2":
             check_name(out)
@@ -159,7 +159,7 @@ def _is_copy(plan: Planned) -> bool:
     """Whether the mesh is a file of SU2 that has all its patches, as it has not where parts of them became patches."""
     mesh = plan.mesh
     parted = bool(plan.job.selections) or any(MARK in name for name in mesh.names)
-    return bool(mesh.source) and format_of(mesh.source) is FORMATS["su2"] and not parted
+    return bool(mesh.source) and format_of(mesh.source).name == "su2" and not parted
 
 
 def _names(far: Any) -> tuple[str, ...]:

@@ -34,7 +34,7 @@ from sdm_deflect.meshing.formats.openfoam import case_folder
 from sdm_deflect.meshing.formats.openfoam_decomposed import move_points
 from sdm_deflect.meshing.formats.openfoam_files import MESH
 from sdm_deflect.meshing.formats.openfoam_write import write_files
-from sdm_deflect.meshing.formats.registry import FORMATS, ending, files_of, format_of
+from sdm_deflect.meshing.formats.registry import ending, files_of, format_of
 
 MOST_TIMES = 10_000
 LONGEST = 100 * MOST_TIMES
@@ -180,10 +180,10 @@ def target_of(source: Path, out: Path | None, history: History) -> Targets:
 
     Raises MeshFileError for a case to which no history can be added.
     """
-    of_case = format_of(source) is FORMATS["openfoam"]
+    of_case = format_of(source).folder
     if of_case:
         foam.check_source(source)
-    if out is not None and format_of(out) is not FORMATS["openfoam"]:
+    if out is not None and not format_of(out).folder:
         raise InputError(f"{out}: a history becomes an OpenFOAM case; name a folder in out")
     place = case_folder(source) if of_case else source.with_name(source.name.removesuffix(ending(source)))
     named = place if place.name not in ("", "..") else place.resolve()
@@ -243,14 +243,14 @@ def conservation(balances: Sequence[foam.Balance]) -> Check:
 def _write_case(wanted: Targets, plan: Planned, case: Path, times: foam.Times, progress: Progress) -> tuple[str, ...]:
     """Write the undeflected mesh: a new case, or a copy of the one that was read."""
     lost = write_mesh(wanted.source, plan.mesh, plan.mesh.points, case, progress)
-    if format_of(wanted.source) is not FORMATS["openfoam"]:
+    if not format_of(wanted.source).folder:
         write_files(case, {"system/controlDict": times.control})
     return lost
 
 
 def _advice(wanted: Targets, times: foam.Times) -> tuple[str, ...]:
     """Say what a user must change in settings of their own."""
-    own = format_of(wanted.source) is FORMATS["openfoam"] and times.digits > foam.DIGITS
+    own = format_of(wanted.source).folder and times.digits > foam.DIGITS
     return (f"times of {times.digits} digits: set timePrecision {times.digits} in its controlDict",) if own else ()
 
 
