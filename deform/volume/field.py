@@ -28,7 +28,6 @@ from sdm_deflect.deform.rbf.kernels import KERNEL, ThinPlateSpline, arrays_of, s
 from sdm_deflect.deform.volume.deflection import Deflected
 from sdm_deflect.deform.volume.near_wall import Nearby, NearWall
 from sdm_deflect.deform.volume.region import ON_FACE
-from sdm_deflect.deform.volume.sites import REACH
 from sdm_deflect.deform.volume.step import Step
 
 ROWS = 1 << 18
@@ -65,8 +64,7 @@ class FieldStep:
         part = np.zeros(len(boundary), dtype=np.intp)
         for i, rows in enumerate(sites.parts(state.boundary)):
             part[rows] = i
-        reach = REACH * sites.edge if state.boundary.job.near_wall else 0.0
-        return cls(step.fits.interpolant, boundary, values, state.turning.rotations(values), part, reach)
+        return cls(step.fits.interpolant, boundary, values, state.turning.rotations(values), part, state.reach)
 
     def displacement(self, points: FloatArray) -> FloatArray:
         """Return how far nodes at points (M, 3) move."""
@@ -75,7 +73,8 @@ class FieldStep:
             return out
         parts = [np.flatnonzero(self.part == i) for i in range(int(self.part.max(initial=-1)) + 1)]
         nearby = Nearby.of(points, self.boundary, parts)
-        return NearWall.of(points, self.boundary, nearby, self.reach).following(out, self.values, self.turns)
+        near_wall = NearWall.of(points, self.boundary, nearby, parts, self.reach)
+        return near_wall.following(out, self.values, self.turns)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,18 @@
-"""Near a boundary the mesh follows the nearest boundary node, and turns with it: prism layers keep their heights.
+"""Near a boundary the mesh follows the boundary nodes around, and turns with them: prism layers keep their heights.
 
 The interpolant is smooth across a thin surface, but nothing makes it rigid beside one, and at boundary nodes that are
 no centres it is off by up to the tolerance. Two things mend that. Some mesh nodes beside a moving surface, the
 *layer sites*, become data sites that go where their node x_j carries them, x_j + u_j + R_j (p - x_j), R_j being the
 surface's local rotation: the field then turns with the surface. And every node p close to a boundary is moved to
 
-    p + u(p) + psi (u_j + (R_j - 1)(p - x_j) - u(p)),
+    p + u(p) + psi (v(p) - u(p)),    v(p) = sum of w_j (u_j + (R_j - 1)(p - x_j)),
 
-with u the interpolant and a weight psi that fades out away from the boundary, and where another one that may move
-otherwise comes as near: in the middle of a gap the interpolant is alone.
+with u the interpolant, v the mean of the rigid motions of the boundary nodes around, weighted by the inverse distance
+(Luke, Collins and Blades, J. Comput. Phys. 231, 2012), and a weight psi that fades out away from the boundary, and
+where another one that may move otherwise comes as near: in the middle of a gap the interpolant is alone.
+
+Both are corrections of what the interpolant misses, and reach no farther than that asks for (`Reach`): where they end,
+they shear the mesh.
 """
 
 from collections.abc import Sequence
@@ -19,10 +23,19 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.compiled import compiled_exactly
+from sdm_deflect.deform.base.sets import union
 
-NEAR, FAR = 0.1, 0.5  # edges of the surface: layer sites are as far from it, so only meshes with layers have any
+NEAR = 0.2  # of the distance up to which there are layer sites: none is nearer
+FAR = 0.05, 0.5  # edges of the surface: that distance is between these, so only meshes with layers have any
+COARSE = 5.0  # times the edge over the surface's size: that distance, in edges
+LAYERS = 8.0  # first heights: that distance, at least
 ALONE = 0.5  # of the distance to another part of the boundary: layer sites are nearer to their own
 MOST = 30_000  # layer sites
+AROUND, POWER = 16, 5  # boundary nodes whose mean a point follows, and the power of their inverse distances
+FADE = 2.0  # times that distance: where the mesh no longer follows
+ERRORS = 10.0  # tolerances, at least: an error of one that fades shears the mesh by no more than some tenth
+KEPT = 0.005  # largest change of the first height, as a share, by an error of the tolerance that fades
 
 
 class Nearby(NamedTuple):
@@ -53,36 +66,108 @@ class RigidFollow:
     Attributes
     ----------
     rows : (Q,) rows of the points.
-    node : (Q,) row of the boundary node that carries each.
-    offset : (Q, 3) from that node to the point.
+    places : (Q, 3) the points.
+    boundary : (K, 3) the boundary nodes.
+    nodes : (Q, A) rows of the boundary nodes that carry each point, the nearest first.
     """
 
     rows: IntArray = field(repr=False)
-    node: IntArray = field(repr=False)
-    offset: FloatArray = field(repr=False)
+    places: FloatArray = field(repr=False)
+    boundary: FloatArray = field(repr=False)
+    nodes: IntArray = field(repr=False)
 
     @classmethod
     def of(cls, points: FloatArray, boundary: FloatArray, rows: IntArray, nearby: Nearby) -> "RigidFollow":
-        """Let the nearest boundary nodes carry some rows of the points."""
-        node = nearby.node[rows]
-        return cls(rows, node, points[rows] - boundary[node])
+        """Let the nearest boundary node alone carry each of some rows of the points."""
+        return cls(rows, points[rows], boundary, nearby.node[rows, None].astype(np.int32))
+
+    @classmethod
+    def around(cls, points: FloatArray, boundary: FloatArray, rows: IntArray, known: IntArray) -> "RigidFollow":
+        """Let the nearest of the boundary nodes `known` carry each of some rows of the points, by inverse distance."""
+        count = min(AROUND, len(known))
+        nodes: IntArray = np.empty((len(rows), count), np.int32)
+        if nodes.size:
+            nearest = cKDTree(boundary[known]).query(points[rows], k=list(range(1, count + 1)), workers=-1)[1]
+            nodes[:] = known[nearest]
+        return cls(rows, points[rows], boundary, nodes)
 
     def displaced(self, boundary: FloatArray, turns: FloatArray) -> FloatArray:
         """Return the displacements (Q, 3) for those (K, 3) of the boundary, turned by R - 1 (K, 3, 3)."""
-        return np.asarray(boundary[self.node] + np.einsum("qij,qj->qi", turns[self.node], self.offset))
+        return _carried(self.places, self.boundary, self.nodes, boundary, turns)
 
 
-def layer_sites(nearby: Nearby, moving: int, edge: float) -> IntArray:
+@compiled_exactly
+def _carried(places: FloatArray, known: FloatArray, nodes: IntArray, move: FloatArray, turns: FloatArray) -> FloatArray:
+    """Return the means (Q, 3) of the rigid motions of boundary nodes, weighted by distance to the power of -`POWER`."""
+    out, offset = np.zeros((len(places), 3)), np.zeros(3)
+    for q in range(len(places)):
+        least, total = 0.0, 0.0
+        for a in range(nodes.shape[1]):
+            j, square = nodes[q, a], 0.0
+            for i in range(3):
+                offset[i] = places[q, i] - known[j, i]
+                square += offset[i] * offset[i]
+            if a == 0:
+                least = square
+            share = (least / square) ** (POWER / 2) if square > 0.0 else 1.0
+            total += share
+            for i in range(3):
+                carried = move[j, i]
+                for k in range(3):
+                    carried += turns[j, i, k] * offset[k]
+                out[q, i] += share * carried
+        for i in range(3):
+            out[q, i] /= total
+    return out
+
+
+def first_height(nearby: Nearby, count: int) -> float:
+    """Return the median distance of the first of `count` boundary nodes from the point nearest to each; inf without."""
+    least: FloatArray = np.full(count, np.inf)
+    of_these = nearby.node < count
+    np.minimum.at(least, nearby.node[of_these], nearby.first[of_these])
+    least = least[np.isfinite(least) & (least > 0.0)]
+    return float(np.median(least)) if len(least) else np.inf
+
+
+class Reach(NamedTuple):
+    """How far from a boundary its motion is known better than the interpolant has it; lengths.
+
+    Attributes
+    ----------
+    sites : up to there layer sites are.
+    follow : up to there the mesh follows; 0: nowhere.
+    """
+
+    sites: float
+    follow: float
+
+    @classmethod
+    def of(cls, height: float, edge: float, size: float, tolerance: float) -> "Reach":
+        """Take a surface of some size with median edges and a first layer of some height.
+
+        Between nodes the interpolant is off by an amount that grows with the square of the edge over the size: that is
+        how far layer sites are. An error of the tolerance t fades over at least `ERRORS` t, and changes the height h by
+        at most `KEPT` h: psi is 1 - 10 (h / L)**2 there, hence L**2 = 10 h t / `KEPT`. Nothing reaches farther than an
+        edge.
+        """
+        low, high = (share * edge for share in FAR)
+        sites = min(high, max(low, COARSE * edge**2 / max(size, edge), LAYERS * height))
+        least = max(ERRORS * tolerance, (10.0 * height * tolerance / KEPT) ** 0.5)
+        return cls(sites, min(edge, max(FADE * sites, least)))
+
+
+def layer_sites(nearby: Nearby, moving: int, far: float) -> IntArray:
     """Return rows of the points that become data sites: the farthest allowed one for each of the first nodes.
 
     Parameters
     ----------
     nearby : Of the points.
     moving : The first so many boundary nodes have layer sites.
-    edge : Median edge of the surface.
+    far : Largest distance of a layer site.
     """
     first = nearby.first
-    good = (nearby.node < moving) & (first > NEAR * edge) & (first < FAR * edge) & (first < ALONE * nearby.second)
+    good = (nearby.node < moving) & (first > NEAR * far) & (first < far) & (first < ALONE * nearby.second)
     rows = np.flatnonzero(good)
     rows = rows[np.lexsort((-first[rows], nearby.node[rows]))]
     _, own = np.unique(nearby.node[rows], return_index=True)
@@ -103,12 +188,14 @@ class NearWall:
     weight: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, points: FloatArray, boundary: FloatArray, nearby: Nearby, reach: float) -> "NearWall":
-        """Take the points within `reach` of boundary nodes (K, 3), and nearer to them than to another part."""
+    def of(
+        cls, points: FloatArray, boundary: FloatArray, nearby: Nearby, parts: Sequence[IntArray], reach: float
+    ) -> "NearWall":
+        """Take the points within `reach` of boundary nodes (K, 3) of the parts, and nearer to one than to another."""
         limit = np.minimum(reach, nearby.second)
         rows = np.flatnonzero(nearby.first < limit)
         r = nearby.first[rows] / limit[rows]
-        return cls(RigidFollow.of(points, boundary, rows, nearby), (1.0 - r) ** 4 * (4.0 * r + 1.0))
+        return cls(RigidFollow.around(points, boundary, rows, union(*parts)), (1.0 - r) ** 4 * (4.0 * r + 1.0))
 
     def following(self, displacement: FloatArray, boundary: FloatArray, turns: FloatArray) -> FloatArray:
         """Return the displacement (M, 3) of points that follow a boundary displaced by (K, 3), turned by R - 1."""

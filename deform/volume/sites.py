@@ -20,7 +20,6 @@ from sdm_deflect.deform.volume.boundary import SAME, PrescribedNodes
 from sdm_deflect.deform.volume.region import BoxNodes
 
 NEIGHBOURS = 7
-REACH = 1.0  # median edges from a wall to where the mesh no longer follows it rigidly
 TOLERANCE = 0.01  # of the median edge: largest error at a site, unless the job says otherwise
 APART = 0.5  # of their spacing: zero sites keep it from the boundary's nodes and from each other
 MOST_FIXED = 30_000  # sites on fixed patches; a larger patch is thinned, and verified as a whole

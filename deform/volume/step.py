@@ -25,9 +25,9 @@ from sdm_deflect.deform.rbf.selection import GreedyOptions, Rule, Separated, Wor
 from sdm_deflect.deform.rbf.sites import DataSites, multivariate, univariate
 from sdm_deflect.deform.surface.local_rotation import LocalRotation
 from sdm_deflect.deform.volume.boundary import PrescribedNodes
-from sdm_deflect.deform.volume.near_wall import Nearby, NearWall, RigidFollow, layer_sites
+from sdm_deflect.deform.volume.near_wall import Nearby, NearWall, Reach, RigidFollow, first_height, layer_sites
 from sdm_deflect.deform.volume.region import BoxNodes
-from sdm_deflect.deform.volume.sites import REACH, Sites
+from sdm_deflect.deform.volume.sites import Sites
 
 DIRECTIONS = ("x", "y", "z")
 NO_NODES = np.empty((0, 3))
@@ -82,6 +82,7 @@ class StepStart:
     boundary, region, sites : the job's nodes, the box, and where displacements are known.
     points : (N, 3) coordinates of the whole mesh.
     free : (Q,) nodes inside that are not on a moving, fixed or sliding patch.
+    reach : how far from boundary nodes the mesh follows these; 0: nowhere.
     layers : the free ones that are data sites beside the moving surface.
     near_wall : the free ones that follow boundary nodes nearby.
     near_sliding : the sliding ones that follow moving and fixed nodes nearby.
@@ -94,6 +95,7 @@ class StepStart:
     sites: Sites
     points: FloatArray = field(repr=False)
     free: IntArray = field(repr=False)
+    reach: float
     layers: RigidFollow = field(repr=False)
     near_wall: NearWall = field(repr=False)
     near_sliding: NearWall = field(repr=False)
@@ -110,18 +112,20 @@ class StepStart:
         if not boundary.job.near_wall:
             none, no_edges = np.empty((0, 3)), np.empty((0, 2), dtype=np.intp)
             nearby = Nearby.of(none, known, [])
-            nothing = NearWall.of(none, known, nearby, 0.0)
+            nothing = NearWall.of(none, known, nearby, [], 0.0)
             turning = LocalRotation.of(known, no_edges, len(known))
-            return cls(boundary, region, sites, points, free, nothing.follow, nothing, nothing, turning, *tied)
-        parts, places, reach = sites.parts(boundary), points[free], REACH * sites.edge
+            return cls(boundary, region, sites, points, free, 0.0, nothing.follow, nothing, nothing, turning, *tied)
+        parts, places, certain = sites.parts(boundary), points[free], len(sites.moving) + len(sites.fixed)
         nearby = Nearby.of(places, known, parts)
-        layers = RigidFollow.of(places, known, layer_sites(nearby, len(sites.moving), sites.edge), nearby)
-        near_wall = NearWall.of(places, known, nearby, reach)
-        certain, places = len(sites.moving) + len(sites.fixed), points[sites.slid]
-        nearby = Nearby.of(places, known, [part[part < certain] for part in parts])
-        near_sliding = NearWall.of(places, known, nearby, reach)
+        size = min(float(np.linalg.norm(np.ptp(points[surface.nodes], axis=0))) for surface in boundary.surfaces)
+        reach = Reach.of(first_height(nearby, certain), sites.edge, size, sites.tolerance)
+        rows = layer_sites(nearby, len(sites.moving), reach.sites)
+        layers = RigidFollow.of(places, known, rows, nearby)
+        near_wall = NearWall.of(places, known, nearby, parts, reach.follow)
+        places, parts = points[sites.slid], [part[part < certain] for part in parts]
+        near_sliding = NearWall.of(places, known, Nearby.of(places, known, parts), parts, reach.follow)
         turning = LocalRotation.of(known, sites.edges(boundary), certain, boundary.mesh.plane)
-        return cls(boundary, region, sites, points, free, layers, near_wall, near_sliding, turning, *tied)
+        return cls(boundary, region, sites, points, free, reach.follow, layers, near_wall, near_sliding, turning, *tied)
 
     @property
     def fitting(self) -> Fitting:

@@ -5,7 +5,7 @@ import pytest
 
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.volume import near_wall
-from sdm_deflect.deform.volume.near_wall import Nearby, NearWall, RigidFollow, layer_sites
+from sdm_deflect.deform.volume.near_wall import AROUND, Nearby, NearWall, Reach, RigidFollow, first_height, layer_sites
 
 rng = np.random.default_rng(6)
 BOUNDARY = rng.random((60, 3))
@@ -31,7 +31,7 @@ def test_one_part_alone_has_no_next_one_and_no_part_no_node():
     assert np.isinf(alone.second).all()
     nothing = Nearby.of(POINTS, BOUNDARY, [])
     assert np.isinf(nothing.first).all()
-    assert len(NearWall.of(POINTS, BOUNDARY, nothing, 1.0).follow.rows) == 0
+    assert len(NearWall.of(POINTS, BOUNDARY, nothing, [], 1.0).follow.rows) == 0
 
 
 def test_points_that_are_carried_keep_their_place_beside_a_rigid_boundary(nearby):
@@ -47,7 +47,8 @@ def test_the_weight_is_one_at_the_wall_and_fades_out_without_a_kink():
     wall = np.zeros((1, 3))
     r = np.linspace(0.0, 1.3, 132)
     points = np.column_stack([r, 0.0 * r, 0.0 * r])
-    near = NearWall.of(points, wall, Nearby.of(points, wall, [np.zeros(1, dtype=np.intp)]), 1.0)
+    parts = [np.zeros(1, dtype=np.intp)]
+    near = NearWall.of(points, wall, Nearby.of(points, wall, parts), parts, 1.0)
     rows, weight = near.follow.rows, near.weight
     assert np.array_equal(rows, np.flatnonzero(r < 1.0))
     np.testing.assert_allclose(weight, (1.0 - r[rows]) ** 4 * (4.0 * r[rows] + 1.0), atol=1e-15)
@@ -59,7 +60,7 @@ def test_the_weight_is_one_at_the_wall_and_fades_out_without_a_kink():
 
 
 def test_points_follow_only_what_is_nearer_than_the_next_part(nearby):
-    near = NearWall.of(POINTS, BOUNDARY, nearby, 0.25)
+    near = NearWall.of(POINTS, BOUNDARY, nearby, PARTS, 0.25)
     rows = near.follow.rows
     assert (nearby.first[rows] < np.minimum(0.25, nearby.second[rows])).all()
     left = np.setdiff1d(np.arange(500), rows)
@@ -69,12 +70,12 @@ def test_points_follow_only_what_is_nearer_than_the_next_part(nearby):
 
 
 def test_following_blends_between_the_interpolant_and_the_wall(nearby):
-    near = NearWall.of(POINTS, BOUNDARY, nearby, 0.25)
+    near = NearWall.of(POINTS, BOUNDARY, nearby, PARTS, 0.25)
     rows, move = near.follow.rows, rng.normal(size=(60, 3))
     interpolated, none = rng.normal(size=(500, 3)), np.zeros((60, 3, 3))
     kept = interpolated.copy()
     out = near.following(interpolated, move, none)
-    carried = move[near.follow.node]
+    carried = near.follow.displaced(move, none)
     weight = near.weight[:, None]
     np.testing.assert_allclose(out[rows], (1.0 - weight) * kept[rows] + weight * carried, atol=1e-14)
     left = np.setdiff1d(np.arange(500), rows)
@@ -82,11 +83,48 @@ def test_following_blends_between_the_interpolant_and_the_wall(nearby):
     assert np.array_equal(interpolated, kept)
 
 
+def test_a_point_follows_the_mean_of_the_nodes_around_by_inverse_distance():
+    """The mean of 16 rigid motions, weighted by the fifth power; at a node its own motion, to the bit."""
+    rows, move, turns = np.arange(0, 500, 9), rng.normal(size=(60, 3)), 0.1 * rng.normal(size=(60, 3, 3))
+    follow = RigidFollow.around(POINTS, BOUNDARY, rows, np.arange(60))
+    assert follow.nodes.shape == (len(rows), AROUND)
+    for q, row in enumerate(rows):
+        offset = POINTS[row] - BOUNDARY
+        distance = np.linalg.norm(offset, axis=1)
+        near = np.argsort(distance)[:16]
+        share = distance[near] ** -5.0
+        expected = share @ (move[near] + np.einsum("nij,nj->ni", turns[near], offset[near])) / share.sum()
+        np.testing.assert_allclose(follow.displaced(move, turns)[q], expected, rtol=1e-12)
+    at_nodes = RigidFollow.around(BOUNDARY, BOUNDARY, np.arange(60), np.arange(60))
+    assert np.array_equal(at_nodes.displaced(move, turns), move)
+
+
+def test_between_two_nodes_the_motion_does_not_jump():
+    wall = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    x = np.linspace(0.4, 0.6, 201)
+    points = np.column_stack([x, 0.0 * x, 0.1 + 0.0 * x])
+    follow = RigidFollow.around(points, wall, np.arange(201), np.arange(2))
+    moved = follow.displaced(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.zeros((2, 3, 3)))[:, 2]
+    assert moved[100] == pytest.approx(0.5)
+    assert np.diff(moved).max() < 0.03
+
+
+@pytest.mark.parametrize(("height", "edge", "size", "tolerance", "sites", "follow"), [
+    (6e-6, 1e-3, 0.3, 1e-5, 5e-5, (10.0 * 6e-6 * 1e-5 / 0.005) ** 0.5),  # a fine airfoil, thin layers
+    (1e-6, 0.06, 0.5, 6e-4, 0.03, 0.06),  # a coarse wing
+    (1e-6, 0.06, 60.0, 6e-4, 0.003, 0.006),  # the same edges of a large one
+    (0.02, 0.06, 60.0, 6e-4, 0.03, 0.06),  # thick layers
+    (np.inf, 0.06, 60.0, 6e-4, 0.03, 0.06),  # no node near the boundary
+])  # fmt: skip
+def test_how_far_a_boundary_is_followed(height, edge, size, tolerance, sites, follow):
+    assert Reach.of(height, edge, size, tolerance) == pytest.approx((sites, follow))
+
+
 def test_a_field_that_the_boundary_shares_is_not_changed(nearby):
     """An interpolant that is the boundary's rigid motion stays what it is."""
     axis = Axis(np.zeros(3), np.array([0.0, 1.0, 1.0]))
     field = axis.displacement(POINTS, 12.0)
-    near = NearWall.of(POINTS, BOUNDARY, nearby, 0.4)
+    near = NearWall.of(POINTS, BOUNDARY, nearby, PARTS, 0.4)
     turns = np.broadcast_to(axis.matrix(12.0) - np.eye(3), (60, 3, 3))
     np.testing.assert_allclose(near.following(field, axis.displacement(BOUNDARY, 12.0), turns), field, atol=1e-14)
 
@@ -99,26 +137,27 @@ def test_layer_sites_stand_in_the_layers_one_for_each_node():
     points = np.vstack([wall + np.array([0.0, 0.0, h]) for h in heights])
     other = np.array([[1.0, 1.0, 5.0]])
     nearby = Nearby.of(points, np.vstack([wall, other]), [np.arange(9), np.array([9])])
-    rows = layer_sites(nearby, 9, 1.0)
+    assert first_height(nearby, 9) == pytest.approx(0.02)
+    rows = layer_sites(nearby, 9, 0.5)
     assert len(rows) == 9
     highest = heights[heights < 0.5].max()
     np.testing.assert_allclose(points[rows, 2], highest)
     assert sorted(nearby.node[rows].tolist()) == list(range(9))
-    assert len(layer_sites(nearby, 4, 1.0)) == 4  # of the moving nodes alone
-    assert not len(layer_sites(nearby, 9, 0.01))  # a mesh without layers has none
+    assert len(layer_sites(nearby, 4, 0.5)) == 4  # of the moving nodes alone
+    assert not len(layer_sites(nearby, 9, 0.005))  # a mesh without layers has none
 
 
 def test_layer_sites_keep_away_from_another_part():
     wall, other = np.zeros((1, 3)), np.array([[0.0, 0.0, 0.6]])
     points = np.array([[0.0, 0.0, h] for h in (0.15, 0.19, 0.25, 0.45)])
     nearby = Nearby.of(points, np.vstack([wall, other]), [np.array([0]), np.array([1])])
-    assert layer_sites(nearby, 1, 1.0).tolist() == [1]
+    assert layer_sites(nearby, 1, 0.5).tolist() == [1]
 
 
 def test_too_many_layer_sites_are_thinned(monkeypatch):
     monkeypatch.setattr(near_wall, "MOST", 30)
     wall = np.column_stack([np.arange(100.0), np.zeros(100), np.zeros(100)])
     nearby = Nearby.of(wall + np.array([0.0, 0.0, 0.3]), wall, [np.arange(100)])
-    rows = layer_sites(nearby, 100, 1.0)
+    rows = layer_sites(nearby, 100, 0.5)
     assert len(rows) == 25
     assert np.array_equal(np.diff(rows), np.full(24, 4))
