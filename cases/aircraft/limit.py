@@ -169,6 +169,13 @@ def _curves(limits: tuple[Limit, ...]) -> dict[RepairMode, list[Trial]]:
     return {mode: [trials[angle] for angle in sorted(trials)] for mode, trials in curves.items()}
 
 
+def _ends(limits: tuple[Limit, ...]) -> list[float]:
+    """Return the least angles on either side that the geometry refuses."""
+    refused = [trial.angle for trials in _curves(limits).values() for trial in trials if trial.reason]
+    sides = ([angle for angle in refused if angle < 0.0], [angle for angle in refused if angle > 0.0])
+    return [min(side, key=abs) for side in sides if side]
+
+
 def _draw(limits: tuple[Limit, ...], case: Case, threshold: float) -> Figure:
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     axes = figure.add_subplot()
@@ -177,10 +184,8 @@ def _draw(limits: tuple[Limit, ...], case: Case, threshold: float) -> Figure:
         seen = [t for t in trials if not t.reason]
         label = "without repair" if mode == "off" else f"with repair ({mode})"
         axes.plot([t.angle for t in seen], [t.quality_min for t in seen], "o-", ms=4, color=colour, label=label)
-    refused = [t.angle for trials in curves.values() for t in trials if t.reason]
-    for end in (max((a for a in refused if a < 0.0), default=None), min((a for a in refused if a > 0.0), default=None)):
-        if end is not None:
-            axes.axvline(end, color="0.4", lw=1, ls=":", label="no mesh beyond: geometry")
+    for end in _ends(limits):
+        axes.axvline(end, color="0.4", lw=1, ls=":", label="no mesh beyond: geometry")
     axes.axhline(threshold, color="0.4", lw=1, label=f"threshold {threshold:g}")
     axes.set(xlabel="deflection, deg", ylabel="smallest mean ratio (0: inverted cells)", title=case.title)
     axes.grid(alpha=0.3)

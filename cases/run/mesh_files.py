@@ -144,19 +144,22 @@ class Targets:
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
         for target in (*meshes, *self.extra, *self.configurations, *self._other_tables()):
-            if any(target.exists() and given.exists() and target.samefile(given) for given in (self.source, *inputs)):
-                raise InputError(f"{target}: this is a file that is read; name another one in out")
+            self._check_target(target, (self.source, *inputs))
             if target.resolve() in seen:
                 raise InputError(f"{target} would be written twice; choose another name in out")
             seen.add(target.resolve())
-            if target.exists() and not self._replaced(target):
-                rule = "only the file that out names, and an earlier sensitivity, are replaced"
-                raise InputError(f"{target} exists already, and {rule}; delete it, or choose another name in out")
         for folder in self.reports:
             if folder.exists() and not is_report(folder):
                 raise InputError(f"{folder} exists already and is no earlier report; delete it, or choose another out")
         if self._is_folder and self.out.resolve().is_relative_to(format_of(self.source).place(self.source).resolve()):
             raise InputError(f"{self.out} lies in the case that is read; name a folder outside it in out")
+
+    def _check_target(self, target: Path, read: Sequence[Path]) -> None:
+        if target.exists() and any(given.exists() and target.samefile(given) for given in read):
+            raise InputError(f"{target}: this is a file that is read; name another one in out")
+        if target.exists() and not self._replaced(target):
+            rule = "only the file that out names, and an earlier sensitivity, are replaced"
+            raise InputError(f"{target} exists already, and {rule}; delete it, or choose another name in out")
 
     def _other_tables(self) -> list[Path]:
         """Return the tables whose place another one has."""

@@ -86,20 +86,24 @@ class Device:
         Positive is right-handed from the inner to the outer hinge point. Raises InputError if the parameter is missing
         or outside the path, or the hinge line itself moves.
         """
-        known = ", ".join(f"{step.parameter:g} ({step.rotation:g} deg)" for step in self.steps)
-        turning = [step for step in self.steps if step.rotation]
-        if parameter is None:
-            if len(turning) != 1:
-                raise InputError(f"device {self.uid} has the steps {known or 'none'}: give angle, or {self.uid}=STEP")
-            parameter = turning[0].parameter
-        low, high = (self.steps[i].parameter if self.steps else np.nan for i in (0, -1))
-        if not low <= parameter <= high:
-            raise InputError(f"device {self.uid} has no step {parameter:g}; its steps are {known or 'none'}")
+        parameter = self._only() if parameter is None else parameter
         parameters = [step.parameter for step in self.steps]
+        if not parameters or not parameters[0] <= parameter <= parameters[-1]:
+            raise InputError(f"device {self.uid} has no step {parameter:g}; its steps are {self._known()}")
         near = np.interp(parameter, parameters, [float(step.moves) for step in self.steps])
         if near > 0.0:
             raise InputError(f"device {self.uid} is also shifted at step {parameter:g}; only rotations are read")
         return float(np.interp(parameter, parameters, [step.rotation for step in self.steps]))
+
+    def _known(self) -> str:
+        return ", ".join(f"{step.parameter:g} ({step.rotation:g} deg)" for step in self.steps) or "none"
+
+    def _only(self) -> float:
+        """Return the parameter of the only step that turns."""
+        turning = [step.parameter for step in self.steps if step.rotation]
+        if len(turning) != 1:
+            raise InputError(f"device {self.uid} has the steps {self._known()}: give angle, or {self.uid}=STEP")
+        return turning[0]
 
 
 def hinge_and_angle(path: Path, text: str, angle: float | None) -> tuple[tuple[Point, Point], float]:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import CORNERS, PLANE, VOLUMES, Cells, Mesh, Patch, whole
 from sdm_deflect.deform.mesh.quality import quality_of
@@ -84,14 +84,7 @@ def _kinds(shapes: Set[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def _meshio_patches(mesh: Any, faces: tuple[str, ...]) -> dict[str, tuple[Cells, ...]]:
     """Return the faces of each cell set; of each physical group where there are no sets."""
     sets = {name: rows for name, rows in mesh.cell_sets.items() if not name.startswith("gmsh:")}
-    if not sets and "gmsh:physical" in mesh.cell_data:
-        tags = mesh.cell_data["gmsh:physical"]
-        names = {
-            int(tag): name
-            for name, (tag, dimension) in mesh.field_data.items()
-            if dimension == (1 if faces == ("line",) else 2)
-        }
-        sets = {name: [np.flatnonzero(own == tag) for own in tags] for tag, name in names.items()}
+    sets = sets or _groups(mesh, 1 if faces == ("line",) else 2)
     return {
         name: tuple(
             _cells(block.type, block.data[np.asarray(own, dtype=np.intp)])
@@ -102,24 +95,35 @@ def _meshio_patches(mesh: Any, faces: tuple[str, ...]) -> dict[str, tuple[Cells,
     }
 
 
+def _groups(mesh: Any, dimension: int) -> dict[str, list[IntArray]]:
+    """Return the rows of each physical group of faces."""
+    tags = mesh.cell_data.get("gmsh:physical", ())
+    names = {int(tag): name for name, (tag, own) in mesh.field_data.items() if own == dimension} if len(tags) else {}
+    return {name: [np.flatnonzero(own == tag) for own in tags] for tag, name in names.items()}
+
+
 def _of_pyvista(mesh: Any) -> Accepted:
     grid = mesh.cast_to_unstructured_grid()
-    if unknown := sorted({int(kind) for kind in np.unique(grid.celltypes)} - VTK_SHAPES.keys()):
-        raise InputError(f"pyvista mesh: VTK cells of type {unknown[0]} are not supported")
-    if "patch" not in grid.cell_data or "patch_names" not in grid.field_data:
-        raise InputError("pyvista mesh: give faces the cell array 'patch' and names in the field array 'patch_names'")
+    _check_grid(grid)
     label, names = np.asarray(grid.cell_data["patch"]), [str(name) for name in grid.field_data["patch_names"]]
     nodes = {VTK_SHAPES[int(kind)]: own for kind, own in grid.cells_dict.items()}
     labels = {shape: label[grid.celltypes == kind] for kind, shape in VTK_SHAPES.items()}
     shapes, faces = _kinds({*nodes})
     cells = tuple(_cells(shape, own) for shape, own in nodes.items() if shape in shapes)
-    patches = [
-        Patch(name, tuple(_cells(shape, nodes[shape][labels[shape] == i]) for shape in faces if shape in nodes))
+    blocks = {shape: (nodes[shape], labels[shape]) for shape in faces if shape in nodes}
+    patches = (
+        Patch(name, tuple(_cells(shape, own[label == i]) for shape, (own, label) in blocks.items()))
         for i, name in enumerate(names)
-    ]
-
-    flow = Mesh(np.asarray(grid.points, dtype=np.float64), cells, tuple(p for p in patches if len(p)))
+    )
+    flow = Mesh(np.asarray(grid.points, dtype=np.float64), cells, tuple(filter(len, patches)))
     return Accepted(flow, partial(_moved, mesh))
+
+
+def _check_grid(grid: Any) -> None:
+    if unknown := sorted({int(kind) for kind in np.unique(grid.celltypes)} - VTK_SHAPES.keys()):
+        raise InputError(f"pyvista mesh: VTK cells of type {unknown[0]} are not supported")
+    if "patch" not in grid.cell_data or "patch_names" not in grid.field_data:
+        raise InputError("pyvista mesh: give faces the cell array 'patch' and names in the field array 'patch_names'")
 
 
 def _moved(mesh: Any, points: FloatArray) -> Any:

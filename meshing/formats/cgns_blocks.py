@@ -232,17 +232,20 @@ def _face_axis(low: IntArray, high: IntArray, where: str, size: Size) -> tuple[i
     """Axis and number of the plane of a range of faces, or of cells at the boundary; None if it is one of points."""
     if where == "Vertex":
         return None
-    last = np.array(size) - (2 if where == "CellCenter" else 1)
-    fit = []
-    for axis in wide(size):
-        if LOCATIONS.get(where, axis) != axis:
-            continue
-        others = _others(size, axis)
-        outer = low[axis] in (0, last[axis]) or where in LOCATIONS
-        if low[axis] == high[axis] and outer and all(high[d] <= size[d] - 2 for d in others):
-            whole = all(low[d] == 0 and high[d] == size[d] - 2 for d in others)
-            fit.append((not whole, axis, size[axis] - 1 if low[axis] == last[axis] > 0 else int(low[axis])))
+    axes = [axis for axis in wide(size) if LOCATIONS.get(where, axis) == axis]
+    fit = [plane for axis in axes if (plane := _across(axis, low, high, where, size))]
     return min(fit)[1:] if fit else None
+
+
+def _across(axis: int, low: IntArray, high: IntArray, where: str, size: Size) -> tuple[bool, int, int] | None:
+    """Whether a range is less than a whole plane across an axis, with the axis and its number; None if it is none."""
+    last = size[axis] - (2 if where == "CellCenter" else 1)
+    others = _others(size, axis)
+    outer = low[axis] in (0, last) or where in LOCATIONS
+    if low[axis] != high[axis] or not outer or any(high[d] > size[d] - 2 for d in others):
+        return None
+    whole = all(low[d] == 0 and high[d] == size[d] - 2 for d in others)
+    return not whole, axis, size[axis] - 1 if low[axis] == last > 0 else int(low[axis])
 
 
 def _planes_of_points(at: IntArray, size: Size) -> Iterator[BlockFace]:

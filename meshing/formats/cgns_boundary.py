@@ -86,8 +86,25 @@ def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int,
     faults: list[Fault] = []
     found = _conditions(base, zone, faults, (last, points, dimension))
     free = [np.ones(len(part.numbers), dtype=np.bool_) for part in faces]
-    named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in found}
     held = agreed((condition.patch, condition.constraint) for condition in found)
+    named = _by_patch(found, faces, last, free, faults)
+    for part, left in zip(faces, free, strict=True):
+        if left.any() and (section := part.section or (UNNAMED if part.outer and faults else None)):
+            named.setdefault(section, []).append(chosen(part.faces, np.flatnonzero(left)))
+    patches = [Patch(name, tuple(own), constraint=held.get(name, "")) for name, own in named.items() if own]
+    families = {one.patch: one.of_family for one in found}
+    return Border(patches, frozenset(filter(families.get, families)), faults)
+
+
+def _by_patch(
+    found: Sequence[BoundaryCondition],
+    faces: Sequence[NumberedFaces],
+    last: int,
+    free: Sequence[BoolArray],
+    faults: list[Fault],
+) -> dict[str, list[Cells | Polygons]]:
+    """Return the faces of each patch; those that a condition has are no longer free."""
+    named: dict[str, list[Cells | Polygons]] = {condition.patch: [] for condition in found}
     for condition in sorted(found, key=lambda condition: condition.by_points):
         with tolerated(faults, condition.name, condition.patch, condition.of_family):
             rows = _on_points(condition, faces, free) if condition.by_points else _by_number(condition, faces, last)
@@ -95,12 +112,7 @@ def zone_border(base: Any, zone: Any, faces: Sequence[NumberedFaces], last: int,
                 left &= ~own
                 if own.any():
                     named[condition.patch].append(chosen(part.faces, np.flatnonzero(own)))
-    for part, left in zip(faces, free, strict=True):
-        section = part.section or (UNNAMED if part.outer and faults else None)
-        if section and left.any():
-            named.setdefault(section, []).append(chosen(part.faces, np.flatnonzero(left)))
-    patches = [Patch(name, tuple(own), constraint=held.get(name, "")) for name, own in named.items() if own]
-    return Border(patches, frozenset(one.patch for one in found if one.of_family), faults)
+    return named
 
 
 def _conditions(base: Any, zone: Any, faults: list[Fault], sizes: tuple[int, int, int]) -> list[BoundaryCondition]:

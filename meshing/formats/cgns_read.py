@@ -90,6 +90,20 @@ def base_of(file: Any) -> Base:
 
     MeshFileError if there are several or none, or no zone in it.
     """
+    node, (dimension, axes) = _only_base(file)
+    zones = dict(children(node, "Zone_t"))
+    if not zones:
+        raise MeshFileError("the file has no zones")
+    sizes = {}
+    for name, zone in zones.items():
+        with _about(name):
+            sizes[name] = _size(zone, dimension)
+    found = Base(node, _dimension(sizes, dimension), AXES[:axes], zones, sizes)
+    return replace(found, axes=_plane_first(found)) if found.dimension < axes else found
+
+
+def _only_base(file: Any) -> tuple[Any, tuple[int, int]]:
+    """Return the base with cells, with their dimension and that of the points."""
     bases = [base for _, base in children(file, "CGNSBase_t")]
     if not bases:
         kind = "ADF" if isinstance(file, adf.Node) else "HDF5"
@@ -100,16 +114,7 @@ def base_of(file: Any) -> Base:
     if len(chosen) != 1:
         held = "cells in three dimensions" if solid else "cells in three dimensions, or in a plane"
         raise MeshFileError(f"{len(chosen)} of {len(bases)} bases have {held}; one is needed")
-    node, (dimension, axes) = bases[chosen[0]], each[chosen[0]]
-    zones = dict(children(node, "Zone_t"))
-    if not zones:
-        raise MeshFileError("the file has no zones")
-    sizes = {}
-    for name, zone in zones.items():
-        with _about(name):
-            sizes[name] = _size(zone, dimension)
-    found = Base(node, _dimension(sizes, dimension), AXES[:axes], zones, sizes)
-    return replace(found, axes=_plane_first(found)) if found.dimension < axes else found
+    return bases[chosen[0]], each[chosen[0]]
 
 
 def _dimension(sizes: dict[str, Size], dimension: int) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.mesh.faces import face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Cells, Constraint, Mesh, Polygons, Polyhedra
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, SHAPES
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, Integer, create, create_sized, describe, node_names
 from sdm_deflect.meshing.formats.cgns_periodic import write_pairs
@@ -41,32 +41,41 @@ def write_base(file: Any, mesh: Mesh, report: Callable[[float], None]) -> tuple[
     MeshFileError if a zone has polyhedra beside other cells.
     """
     write_root(file)
-    dimension = 2 if mesh.plane else 3
-    axes = 2 if mesh.plane and not mesh.points[:, 2].any() else 3
+    dimension, axes = _dimensions(mesh)
     base = create(file, "Base", "CGNSBase_t", np.array([dimension, axes], dtype=np.int32))
     zones = node_names([zone.name or "Zone" for zone in mesh.zones], ())
     families: dict[str, str] = {}
-    planes: set[str] = set()
+    constraints: dict[str, Constraint] = {}
     lost, held = [], set[str]()
     for i, (zone, zone_name) in enumerate(zip(mesh.zones, zones, strict=True)):
         own = part(mesh, zone)
         held |= {pair.name for pair in written_pairs(own)}
         fresh = [patch.name for patch in own.patches if patch.name not in families]
         families |= dict(zip(fresh, node_names(fresh, (*zones, *families.values())), strict=True))
-        planes |= {families[patch.name] for patch in own.patches if patch.constraint == "symmetry"}
+        constraints |= {patch.name: patch.constraint for patch in own.patches}
         lost += _write_zone(base, zone_name, own, families, AXES[:axes])
         report((i + 1) / len(zones))
-    for name in families.values():
-        _write_family(base, name, name in planes)
+    for name, family in families.items():
+        _write_family(base, family, constraints[name] == "symmetry")
     lost += unwritten(pair for pair in mesh.periodic if pair.name not in held)
-    named = [zone.name or name for zone, name in zip(mesh.zones, zones, strict=True)]
-    return (*lost, *_renamed("zone", named, zones), *_renamed("patch", families, families.values()))
+    return (
+        *lost,
+        *_renamed("zone", [zone.name for zone in mesh.zones], zones),
+        *_renamed("patch", families, families.values()),
+    )
+
+
+def _dimensions(mesh: Mesh) -> tuple[int, int]:
+    """Return the dimension of the cells and that of the points."""
+    if not mesh.plane:
+        return 3, 3
+    return 2, 3 if mesh.points[:, 2].any() else 2
 
 
 def _renamed(what: str, old: Iterable[str], new: Iterable[str]) -> Iterator[str]:
     """Yield a sentence for each thing with a name that is another in the file."""
     for before, after in zip(old, new, strict=True):
-        if before != after:
+        if before not in ("", after):
             yield f"{what} {before} is named {after}"
 
 

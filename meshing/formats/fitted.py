@@ -1,7 +1,7 @@
 """Zones that fit together point by point, as one mesh with one point at each place."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -79,14 +79,10 @@ def fitted(parts: Sequence[ZoneMesh], touching: Iterable[tuple[int, int]], same:
     for group in groups:
         own = [parts[i] for i in group]
         numbers = [index[starts[i] : starts[i + 1]] for i in group]
-        end = max(begin, *(int(some.max(initial=-1)) + 1 for some in numbers))
-        zones.append(Zone(own[0].name, begin, end, tuple(part.name for part in own) if len(own) > 1 else ()))
+        zones.append(_zone(own, numbers, begin))
         cells += _cells(own, numbers)
-        patches += [
-            replace(patch, name=f"{own[0].name}/{patch.name}" if patch.name in common else patch.name)
-            for patch in _patches(own, numbers)
-        ]
-        begin = end
+        patches += _patches(own, numbers, common)
+        begin = zones[-1].stop
     mesh = Mesh(points, tuple(cells), tuple(patches), tuple(zones))
     return Fitted(_without_inner(mesh, twice) if twice.any() else mesh, index, first)
 
@@ -127,6 +123,12 @@ def _common(groups: Sequence[Sequence[int]], parts: Sequence[ZoneMesh]) -> set[s
     return {name for name, groups_with in count.items() if groups_with > 1}
 
 
+def _zone(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], begin: int) -> Zone:
+    """Return the zone that touching ones become, from its first point on."""
+    end = max(begin, *(int(own.max(initial=-1)) + 1 for own in numbers))
+    return Zone(parts[0].name, begin, end, tuple(part.name for part in parts) if len(parts) > 1 else ())
+
+
 def _cells(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray]) -> tuple[Volume, ...]:
     """Return the cells of touching zones in order, a block of each shape."""
     found = [renumbered(block, own) for part, own in zip(parts, numbers, strict=True) for block in part.mesh.cells]
@@ -140,22 +142,28 @@ def _one(blocks: Sequence[Cells]) -> Cells:
     return blocks[0] if len(blocks) == 1 else Cells(blocks[0].shape, np.concatenate([block.nodes for block in blocks]))
 
 
-def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray]) -> list[Patch]:
-    """Return the patches of touching zones; families of all that have them are one patch."""
+def _patches(parts: Sequence[ZoneMesh], numbers: Sequence[IntArray], common: Set[str]) -> list[Patch]:
+    """Return the patches of touching zones, `common` names with the zone; families of all that have them are one."""
     apart = _apart(parts)
     found: dict[str, list[Faces]] = {}
     kinds: list[tuple[str, Constraint]] = []
     for part, index in zip(parts, numbers, strict=True):
         for patch in part.mesh.patches:
             name = f"{part.name}/{patch.name}" if patch.name in apart else patch.name
+            name = f"{parts[0].name}/{name}" if name in common else name
             kinds.append((name, patch.constraint))
-            for faces in (renumbered(faces, index) for faces in patch.faces):
-                found.setdefault(name, []).extend(expanded(faces) if isinstance(faces, Cells) else [faces])
+            found.setdefault(name, []).extend(_without_collapsed(patch, index))
     held = agreed(kinds)
     if len(parts) == 1 and not parts[0].block:
         return [Patch(name, tuple(own), constraint=held[name]) for name, own in found.items()]
     patches = [Patch(name, _sorted_faces(own), constraint=held[name]) for name, own in found.items()]
     return [patch for patch in patches if patch.faces]
+
+
+def _without_collapsed(patch: Patch, index: IntArray) -> Iterator[Faces]:
+    """Yield the faces by other numbers of the points, some of which may be one."""
+    for faces in (renumbered(faces, index) for faces in patch.faces):
+        yield from expanded(faces) if isinstance(faces, Cells) else (faces,)
 
 
 def _apart(parts: Sequence[ZoneMesh]) -> set[str]:

@@ -4,7 +4,7 @@ Source: vtkFLUENTCFFReader (VTK, IO/FLUENTCFF) for the layout; Ansys Fluent User
 zones, types and the cells c0 and c1 of a face.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Periodic, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.pairing import PeriodicPatches, pair_of
 from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.deform.mesh.polyhedra import face_centres_and_areas
@@ -165,11 +165,7 @@ def _path(mesh: Any, own: FluentSection) -> str:
 
 def _sections(mesh: Any, path: str, count: int, gaps: bool = False) -> list[FluentSection]:
     """Sections of an array, rising; MeshFileError if they overlap or do not hold the numbers 1 to `count`."""
-    group = member(mesh, path)
-    nodes = [member(group, name) for name in group if name.isdecimal()]
-    found = [FluentSection(number(node, "minId"), number(node, "maxId"), node) for node in nodes]
-    found = sorted((own for own in found if len(own) > 0), key=lambda own: own.first)
-    after = 1
+    found, after = _numbered(member(mesh, path)), 1
     for own in found:
         if own.first < after or (own.first > after and not gaps):
             raise MeshFileError(f"{path} goes on with {own.first} to {own.last} at number {after}; the file is damaged")
@@ -177,6 +173,12 @@ def _sections(mesh: Any, path: str, count: int, gaps: bool = False) -> list[Flue
     if after > count + 1 or (after <= count and not gaps):
         raise MeshFileError(f"{path} ends at number {after - 1}, expected {count}; the file is truncated or damaged")
     return found
+
+
+def _numbered(group: Any) -> list[FluentSection]:
+    nodes = (member(group, name) for name in group if name.isdecimal())
+    found = (FluentSection(number(node, "minId"), number(node, "maxId"), node) for node in nodes)
+    return sorted(filter(len, found), key=lambda own: own.first)
 
 
 def _faces(mesh: Any) -> Polygons:
@@ -276,7 +278,18 @@ class _FluentZone:
 
 def _zones(mesh: Any, faces: int) -> list[_FluentZone]:
     """Zones of faces, but for those of the interior, and empty ones."""
-    topology = member(mesh, "faces/zoneTopology")
+    found = []
+    for name, (begin, end, kind, zone, shadow) in _topology(member(mesh, "faces/zoneTopology")):
+        if kind == INTERIOR or end < begin:
+            continue
+        if begin < 1 or end > faces:
+            raise MeshFileError(f"zone {name} has the faces {begin} to {end}, but there are {faces}")
+        found.append(_FluentZone(name.strip() or f"zone-{zone}", begin, end, kind, zone, shadow))
+    return found
+
+
+def _topology(topology: Any) -> "zip[tuple[str, list[int]]]":
+    """Return of each zone its name, first and last face, kind, number, and that of its shadow or 0."""
     columns = [integers(topology, name) for name in ("minId", "maxId", "zoneType", "id")]
     first = columns[0]
     shadows = integers(topology, "shadowZoneId") if "shadowZoneId" in topology else columns[0][:0]
@@ -285,14 +298,7 @@ def _zones(mesh: Any, faces: int) -> list[_FluentZone]:
     names = text.decode("utf-8", "replace").replace("\0", "").split(";")
     if any(len(own) != len(first) for own in columns) or len(first) > len(names):
         raise MeshFileError(f"faces/zoneTopology has {len(first)} first faces and {len(names)} names; it is damaged")
-    found = []
-    for (begin, end, kind, zone, shadow), name in zip(np.column_stack(columns).tolist(), names, strict=False):
-        if kind == INTERIOR or end < begin:
-            continue
-        if begin < 1 or end > faces:
-            raise MeshFileError(f"zone {name} has the faces {begin} to {end}, but there are {faces}")
-        found.append(_FluentZone(name.strip() or f"zone-{zone}", begin, end, kind, zone, shadow))
-    return found  # the names may end with a separator
+    return zip(names, np.column_stack(columns).tolist(), strict=False)  # the names may end with a separator
 
 
 def _with_pairs(mesh: Mesh, zones: Sequence[_FluentZone]) -> Mesh:
@@ -301,16 +307,25 @@ def _with_pairs(mesh: Mesh, zones: Sequence[_FluentZone]) -> Mesh:
     periodic, shadows = ([zone for zone in zones if zone.kind == kind and zone.name in patches] for kind in TWINS)
     pairs, notes = [], []
     for zone in periodic:
-        named = [one for one in shadows if zone.number == one.shadow or one.number == zone.shadow]
-        errors = ["there is no zone of its images"]
-        for one in named or shadows:
-            try:
-                sides = patches[zone.name], patches[one.name]
-                pairs.append(pair_of(mesh.points, sides, PeriodicPatches(zone.name, one.name)))
-                shadows.remove(one)
-                break
-            except InputError as error:
-                errors.append(str(error))
+        try:
+            pair, shadow = _pair(mesh.points, zone, shadows, patches)
+        except InputError as error:
+            notes.append(f"zone {zone.name} is periodic, and its pair is left out: {error}")
         else:
-            notes.append(f"zone {zone.name} is periodic, and its pair is left out: {errors[-1]}")
+            pairs.append(pair)
+            shadows.remove(shadow)
     return replace(mesh, periodic=tuple(pairs), notes=(*mesh.notes, *notes)) if pairs or notes else mesh
+
+
+def _pair(
+    points: FloatArray, zone: _FluentZone, shadows: Sequence[_FluentZone], patches: Mapping[str, Patch]
+) -> tuple[Periodic, _FluentZone]:
+    """Return a periodic zone's pair with its shadow, or else the first that is an image; InputError if none is."""
+    named = [one for one in shadows if zone.number == one.shadow or one.number == zone.shadow]
+    reason = InputError("there is no zone of its images")
+    for one in named or shadows:
+        try:
+            return pair_of(points, (patches[zone.name], patches[one.name]), PeriodicPatches(zone.name, one.name)), one
+        except InputError as error:
+            reason = error
+    raise reason

@@ -98,16 +98,26 @@ def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
     if in_file and not (file.order and file.version == 41):
         return None
     stored, every = nodes(file), list(elements(file))
-    solid = any(own.kind in SOLIDS for own in every)
+    solid = not SOLIDS.keys().isdisjoint(own.kind for own in every)
     if in_file and (stored.known is not None or len(every) > MOST or not solid):
         return None
     points = _points(path, stored)
-    plane = not solid and stored.count and not np.ptp(points.coordinates(0, stored.count)[:, 2])
-    if plane and in_file:
-        return None
-    dimension = 2 if plane else 3
+    plane = not solid and _is_plane(points)
+    given, dimension = (elements(file, 1), 2) if plane else (every, 3)
+    found = _filled(file, stored, points, given, dimension)
+    return replace(found, name=path.resolve().name)
+
+
+def _is_plane(points: TablePieces) -> bool:
+    return points.points > 0 and not np.ptp(points.coordinates(0, points.points)[:, 2])
+
+
+def _filled(
+    file: GmshFile, stored: Nodes, points: TablePieces, given: Iterable[ElementBlock], dimension: int
+) -> MeshInPieces:
+    """Return the mesh of these elements, of which those of `dimension` are cells."""
     solids, faces = KINDS[dimension]
-    blocks = _by_kind(elements(file, 1) if plane else every, solids | faces)
+    blocks = _by_kind(given, solids | faces)
     cells = tuple(_cells(solids[kind], parts, stored) for kind, parts in blocks.items() if kind in solids)
     own = {kind: (_nodes(parts, stored), parts) for kind, parts in blocks.items() if kind in faces}
     border = group_patches(own, group_names(file, dimension - 1), faces)
@@ -115,9 +125,7 @@ def _layout(file: GmshFile, path: Path, in_file: bool) -> MeshInPieces | None:
     listed, notes = pairs_listed(file, dimension - 1, stored.index)
     found = pairs_of(border, listed, pieces.places)
     zones = (Zone("", 0, stored.count),)
-    return MeshInPieces(
-        path.resolve().name, pieces, found.patches, zones, (*notes, *found.notes), periodic=found.periodic
-    )
+    return MeshInPieces("", pieces, found.patches, zones, (*notes, *found.notes), periodic=found.periodic)
 
 
 def _by_kind(blocks: Iterable[ElementBlock], wanted: Container[int]) -> dict[int, list[ElementBlock]]:
@@ -204,10 +212,13 @@ def write_mesh(mesh: Mesh, out: Path) -> tuple[str, ...]:
         gmsh_periodic=[_link(mesh, pair) for pair in links] or None,
     )
     meshio.write(out, whole, file_format="gmsh22", binary=False)
-    pairs = zip(mesh.patches, names, strict=True)
-    renamed = [f"patch {patch.name} is called {name}" for patch, name in pairs if patch.name != name]
     left = [pair for pair in mesh.periodic if pair not in links]
-    return (*renamed, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(left))
+    return (*_renamed(mesh, names), *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(left))
+
+
+def _renamed(mesh: Mesh, names: Sequence[str]) -> list[str]:
+    pairs = zip(mesh.names, names, strict=True)
+    return [f"patch {own} is called {name}" for own, name in pairs if own != name]
 
 
 def _tagged(mesh: Mesh) -> list[tuple[Cells, int]]:

@@ -130,9 +130,7 @@ def _single(folders: dict[int, Path]) -> tuple[Home, ...]:
 
 def _collated(folders: list[Path]) -> tuple[Home, ...]:
     found = sorted(map(_home_of_several, folders), key=lambda pair: pair[1].first)
-    if len({total for total, _ in found}) > 1 or (len(found) > 1 and not all(home.count for _, home in found)):
-        names = " and ".join(folder.name for folder in folders)
-        raise MeshFileError(f"has meshes in {names}; delete the ones that are old")
+    _check_of_one(folders, found)
     after = 0
     for _, home in found:
         if home.first != after:
@@ -142,6 +140,13 @@ def _collated(folders: list[Path]) -> tuple[Home, ...]:
     if total and after != int(total):
         raise MeshFileError(f"there are {after} parts, but {int(total)} by the name of their folder")
     return tuple(home for _, home in found)
+
+
+def _check_of_one(folders: Sequence[Path], found: Sequence[tuple[str | None, Home]]) -> None:
+    """Refuse folders that cannot be of one decomposition."""
+    if len({total for total, _ in found}) > 1 or (len(found) > 1 and not all(home.count for _, home in found)):
+        names = " and ".join(folder.name for folder in folders)
+        raise MeshFileError(f"has meshes in {names}; delete the ones that are old")
 
 
 def _home_of_several(folder: Path) -> tuple[str | None, Home]:

@@ -100,21 +100,12 @@ def placed_by_patches(parts: Sequence[ProcessorMesh], names: Sequence[str]) -> l
     points = _starts([len(part.points) for part in parts])
     faces = _starts([len(part.cells.faces) for part in parts])
     cells = _starts([len(part.cells) for part in parts])
-    group = np.zeros(faces[-1], dtype=np.intp)
+    group = _groups(parts, names)
     partner = np.full(faces[-1], -1, dtype=np.intp)
     ends: list[tuple[IntArray, IntArray]] = [(np.empty(0, np.intp), np.empty(0, np.intp))]
     for p, part in enumerate(parts):
-        for patch in part.patches:
-            name = whole_name(patch)
-            if name is not None:
-                group[faces[p] + patch.start : faces[p] + patch.start + patch.count] = 1 + names.index(name)
         for q, patch in part.between().items():
-            back = parts[q].between().get(p)
-            if back is None or back.count != patch.count:
-                raise MeshFileError(
-                    f"{part.name} has {patch.count} faces towards {parts[q].name}, which has "
-                    f"{back.count if back else 0} back; {FIT}"
-                )
+            back = _back(parts, p, q, patch.count)
             if p < q:
                 mine = part.cells.faces.rows(patch.start, patch.start + patch.count)
                 other = parts[q].cells.faces.rows(back.start, back.start + back.count)
@@ -135,6 +126,27 @@ def placed_by_patches(parts: Sequence[ProcessorMesh], names: Sequence[str]) -> l
         )
         for p in range(len(parts))
     ]
+
+
+def _back(parts: Sequence[ProcessorMesh], p: int, q: int, count: int) -> FoamPatch:
+    """Return the patch of part q towards part p, which should have so many faces."""
+    back = parts[q].between().get(p)
+    if back is None or back.count != count:
+        found = back.count if back else 0
+        raise MeshFileError(f"{parts[p].name} has {count} faces towards {parts[q].name}, which has {found} back; {FIT}")
+    return back
+
+
+def _groups(parts: Sequence[ProcessorMesh], names: Sequence[str]) -> IntArray:
+    """Return what each face of the parts is in the whole: 0 for an inner one, 1 + i for one of patch i."""
+    groups = []
+    for part in parts:
+        groups.append(np.zeros(len(part.cells.faces), dtype=np.intp))
+        for patch in part.patches:
+            name = whole_name(patch)
+            if name is not None:
+                groups[-1][patch.start : patch.start + patch.count] = 1 + names.index(name)
+    return np.concatenate(groups)
 
 
 def _starts(counts: Sequence[int]) -> IntArray:
@@ -172,9 +184,9 @@ def patch_names(parts: Sequence[ProcessorMesh], ranks: Sequence[IntArray] = ()) 
     for part, rank in zip(parts, ranks, strict=bool(len(ranks))):
         pairs = zip(part.patches, rank.tolist(), strict=True)
         known |= {patch.name: i for patch, i in pairs if patch.type not in (BETWEEN, CYCLIC)}
-    names = tuple(sorted(known, key=lambda name: known[name]))
+    names = tuple(sorted(known, key=known.__getitem__))
     for part in parts:
-        if lost := {name for name in map(whole_name, part.patches) if name is not None} - set(names):
+        if lost := set(filter(None, map(whole_name, part.patches))).difference(names):
             raise MeshFileError(f"{part.name}: {', '.join(sorted(lost))} is no patch of any part; {FIT}")
     return names
 
@@ -207,16 +219,21 @@ def whole(parts: Sequence[ProcessorMesh], places: Sequence[Place], names: Sequen
     if np.any(neighbour[:inner] < 0) or np.any(patch[:inner] >= 0) or np.any(patch[inner:] < 0):
         wrong = np.count_nonzero((neighbour >= 0) == (patch >= 0))
         raise MeshFileError(f"{wrong} faces are inside the whole and on a patch, or neither, or out of order; {FIT}")
-    cells = Polyhedra(faces, owner, neighbour[:inner])
+    return _named(Mesh(points, (Polyhedra(faces, owner, neighbour[:inner]),), ()), parts, faces, patch, names)
+
+
+def _named(mesh: Mesh, parts: Sequence[ProcessorMesh], faces: Polygons, patch: IntArray, names: Sequence[str]) -> Mesh:
+    """Return the mesh with its patches and pairs; `patch` is each face's, -1 for inner ones."""
     order = np.argsort(patch, kind="stable")
     ends = np.searchsorted(patch[order], np.arange(len(names) + 1))
-    foam = {patch.name: patch for part in parts for patch in part.patches if patch.type not in (BETWEEN, CYCLIC)}
+    known = {patch.name: patch for part in parts for patch in part.patches if patch.type not in (BETWEEN, CYCLIC)}
+    foam = [known[name] for name in names]
     patches = tuple(
-        Patch(name, (taken(faces, order[ends[i] : ends[i + 1]]),), constraint=constraint_of(foam[name]))
+        Patch(name, (taken(faces, order[ends[i] : ends[i + 1]]),), constraint=constraint_of(foam[i]))
         for i, name in enumerate(names)
     )
-    mesh = Mesh(points, (cells,), patches)
-    return replace(mesh, periodic=pairs_of([foam[name] for name in names], patches, lambda nodes: points[nodes]))
+    periodic = pairs_of(foam, patches, lambda nodes: mesh.points[nodes])
+    return replace(mesh, patches=patches, periodic=periodic)
 
 
 def _count(index: IntArray, what: str, once: bool = False) -> int:

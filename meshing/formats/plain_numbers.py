@@ -137,7 +137,7 @@ def _decimal(text: Bytes, begin: int, end: int) -> float:  # pragma: no cover - 
         digit = np.uint8(text[i] - np.uint8(48))
         if digit <= 9:
             whole = whole * np.uint64(10) + np.uint64(digit)
-            figures += 1 if figures or digit else 0
+            figures += int((figures > 0) | (digit > 0))
         elif text[i] == ord(".") and point < 0:
             point = i
         else:
@@ -146,7 +146,7 @@ def _decimal(text: Bytes, begin: int, end: int) -> float:  # pragma: no cover - 
     power = 0 if stop == end else _power(text, stop, end)
     if stop - first == (point >= 0) or power > MOST_POWER:
         return np.inf
-    after = stop - point - 1 if point >= 0 else 0
+    after = (stop - point - 1) * (point >= 0)
     return sign * _scaled(whole, power - after) if figures <= MOST_DIGITS else np.nan
 
 

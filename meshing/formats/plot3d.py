@@ -35,6 +35,8 @@ from sdm_deflect.meshing.formats.plot3d_map import (
 from sdm_deflect.meshing.formats.rewriting import rewritten
 from sdm_deflect.meshing.formats.shapes import oriented
 
+NO_PAIRS = np.empty((0, 2), dtype=np.intp)
+
 
 @registered("plot3d", ".p3d", ".p3dfmt", ".p2d", ".p2dfmt", ".xyz", ".x", ".g", ".ufmt", written=False)
 class Plot3d(Format):
@@ -110,11 +112,11 @@ def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEn
     touching = np.unique(np.searchsorted(starts, found, side="right") - 1, axis=0).tolist()
     for entry in said:
         if entry.kind in (ONE_TO_ONE, PATCHED) and entry.ranges[0].axis < len(sizes[0]):
-            one, other = (end.block for end in entry.ranges)
-            rows = _paired(points, entry.ranges, sizes, starts) if entry.kind == ONE_TO_ONE else None
-            same += [rows] if rows is not None else []
-            touching += [[one, other]] if rows is not None or entry.kind == PATCHED else []
-    return fitted(parts, touching, [rows for rows in same if len(rows)])
+            rows = _paired(points, entry.ranges, sizes, starts) if entry.kind == ONE_TO_ONE else NO_PAIRS
+            if rows is not None:
+                same.append(rows)
+                touching.append([end.block for end in entry.ranges])
+    return fitted(parts, touching, list(filter(len, same)))
 
 
 def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]) -> tuple[ZoneMesh, list[Cells]]:

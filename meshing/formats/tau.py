@@ -107,17 +107,21 @@ def _layout(file: NetCdf, path: Path, in_file: bool) -> MeshInPieces | None:
     stored = (*(own.table for own in points.ranges), *(own.table for own in cells))
     if in_file and any(isinstance(table, Held) for table in stored):
         return None
-    tables = [_elements(file, what, shape) for what, shape in FACES.items() if f"points_of_{what}" in file]
     _check_count(file, "no_of_elements", cells)
+    patches = _patches(file, path, points.points)
+    pieces = replace(points, cells=tuple(own for own in cells if own.table.rows)).oriented()
+    return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, points.points),))
+
+
+def _patches(file: NetCdf, path: Path, points: int) -> tuple[Patch, ...]:
+    """Return the patches; markers of one name are one."""
+    tables = [_elements(file, what, shape) for what, shape in FACES.items() if f"points_of_{what}" in file]
     _check_count(file, "no_of_surfaceelements", tables)
-    faces = [Cells(own.shape, own.everything(points.points)) for own in tables if own.table.rows]
-    by_marker = _by_marker(file, faces)
+    by_marker = _by_marker(file, [Cells(own.shape, own.everything(points)) for own in tables if own.table.rows])
     patches: dict[str, list[Cells]] = {}
     for marker, name in marker_names(file, path, list(by_marker)).items():
         patches.setdefault(name, []).extend(by_marker[marker])
-    pieces = replace(points, cells=tuple(own for own in cells if own.table.rows)).oriented()
-    named = tuple(Patch(name, tuple(blocks)) for name, blocks in patches.items())
-    return MeshInPieces(path.resolve().name, pieces, named, (Zone("", 0, points.points),))
+    return tuple(Patch(name, tuple(blocks)) for name, blocks in patches.items())
 
 
 def coordinates(file: NetCdf) -> list[Any]:

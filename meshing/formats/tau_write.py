@@ -45,8 +45,12 @@ def write_grid(mesh: Mesh, file: BinaryIO) -> tuple[str, ...]:
     for axis, values in zip(AXES, mesh.points.T, strict=True):
         _store(grid, axis, ("no_of_points",), values)
     grid.flush()
-    lost = [f"patch {patch.name} has no faces and is left out" for patch in mesh.patches if not len(patch)]
-    return (*lost, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(mesh.periodic))
+    return _lost(mesh)
+
+
+def _lost(mesh: Mesh) -> tuple[str, ...]:
+    empty = [f"patch {patch.name} has no faces and is left out" for patch in mesh.patches if not len(patch)]
+    return (*empty, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(mesh.periodic))
 
 
 def _write_faces(grid: Any, faces: Sequence[tuple[Cells, int]]) -> IntArray:

@@ -221,21 +221,26 @@ def surface_names(path: Path) -> dict[int, str]:
     if not beside.is_file():
         return {}
     with about(beside):
-        text = beside.read_text("utf-8", "replace")
-        if "\0" in text:
-            raise MeshFileError("is a binary file; names of surfaces are text")
-        lines = [line.split() for line in text.splitlines() if line.strip()]
-        if not lines or not COUNT.fullmatch(lines[0][0]):
-            raise MeshFileError("does not begin with the number of surfaces; correct it, or move it away")
-        count = int(lines[0][0])
-        rows = lines[1 : count + 1]
-        if len(rows) < count:
-            raise MeshFileError(f"should name {count} surfaces, but names {len(rows)}; it is truncated")
+        rows = _rows(beside.read_text("utf-8", "replace"))
         if bad := [row for row in rows if len(row) < 2 or not COUNT.fullmatch(row[0])]:
             raise MeshFileError(f"{len(bad)} lines are not a surface id, a boundary condition and a name")
-        if twice := count - len({int(row[0]) for row in rows}):
-            raise MeshFileError(f"{twice} of its {count} surface ids are there twice")
+        if twice := len(rows) - len({int(row[0]) for row in rows}):
+            raise MeshFileError(f"{twice} of its {len(rows)} surface ids are there twice")
         return {int(row[0]): row[2] for row in rows if len(row) > 2}
+
+
+def _rows(text: str) -> list[list[str]]:
+    """Return the words of each of the lines that a ``.mapbc`` says to have."""
+    if "\0" in text:
+        raise MeshFileError("is a binary file; names of surfaces are text")
+    lines = [line.split() for line in text.splitlines() if line.strip()]
+    if not lines or not COUNT.fullmatch(lines[0][0]):
+        raise MeshFileError("does not begin with the number of surfaces; correct it, or move it away")
+    count = int(lines[0][0])
+    rows = lines[1 : count + 1]
+    if len(rows) < count:
+        raise MeshFileError(f"should name {count} surfaces, but names {len(rows)}; it is truncated")
+    return rows
 
 
 def _tables(path: Path, report: Callable[[float], None]) -> dict[str, FileTable | Held]:

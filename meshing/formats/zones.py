@@ -26,16 +26,18 @@ def joined(names: Sequence[str], parts: Sequence[Mesh]) -> Mesh:
         return replace(parts[0], zones=zones)
     count = Counter(patch.name for part in parts for patch in part.patches)
     patches = [
-        Patch(
-            patch.name if count[patch.name] == 1 else f"{zone.name}/{patch.name}",
-            tuple(_shifted(faces, zone.start) for faces in patch.faces),
-            constraint=patch.constraint,
-        )
+        _shifted_patch(patch, zone, count[patch.name] > 1)
         for zone, part in zip(zones, parts, strict=True)
         for patch in part.patches
     ]
     cells = [_shifted_cells(block, zone.start) for zone, part in zip(zones, parts, strict=True) for block in part.cells]
     return Mesh(np.concatenate([part.points for part in parts]), tuple(cells), tuple(patches), zones)
+
+
+def _shifted_patch(patch: Patch, zone: Zone, common: bool) -> Patch:
+    name = f"{zone.name}/{patch.name}" if common else patch.name
+    faces = tuple(_shifted(faces, zone.start) for faces in patch.faces)
+    return Patch(name, faces, constraint=patch.constraint)
 
 
 def part(mesh: Mesh, zone: Zone) -> Mesh:
