@@ -10,8 +10,11 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
+from radon.complexity import cc_visit
+from radon.visitors import Function
 
 ROOT = Path(__file__).parents[1]
+MOST_BRANCHES = 12
 FOLDERS = ("sdm_deflect", "cases", "deform", "geometry", "meshing")
 CONTRACTS = {
     contract["name"]: contract
@@ -94,3 +97,14 @@ def test_each_planted_import_breaks_its_contract(tree, turn):
 
 def test_every_contract_is_tried():
     assert {contract for contract, _, _ in PLANTED} == set(CONTRACTS)
+
+
+@pytest.mark.parametrize("room", ["cases", "deform", "geometry", "meshing"])
+def test_no_function_is_hard_to_follow(room):
+    """Radon's cyclomatic complexity counts each branch, condition and comprehension."""
+    found = {}
+    for path in (ROOT / room).rglob("*.py"):
+        for block in cc_visit(path.read_text()):
+            if isinstance(block, Function) and block.complexity > MOST_BRANCHES:
+                found[f"{path.relative_to(ROOT)}: {block.name}"] = block.complexity
+    assert not found
