@@ -1,7 +1,8 @@
 """The points of every kind of deflection stay what they were on fixed meshes.
 
 Those of the cases were kept by the version before this engine, those of wings by the first one whose layers follow the
-nodes around. Each ``.npz`` holds the rows of the nodes that moved and where they were; `mesh_*.npz` the meshes of the cases.
+nodes around. Each ``.npz`` holds the rows of the nodes that moved and where they were; `mesh_*.npz` the meshes of the
+cases.
 """
 
 import os
@@ -106,9 +107,10 @@ def hybrid(name):
 
 @pytest.mark.parametrize("name", ["wing_rigid", "wing_blended", "wing_sliding", "wing_table"])
 def test_hybrid_wing_and_its_sensitivity(name):
-    """With the sums of one kind of processor: their last bit settles for two of these which of two sites is worse.
+    """With the BLAS of one kind of processor: the last bit of sums settles for two of these which of two sites is worse.
 
-    Wider vectors give other points there, by up to half the tolerance of the fit.
+    Wider vectors give other points there, by up to half the tolerance of the fit; for the table NumPy's own do, too:
+    `wing_table_avx2` is what a processor without AVX-512 gives.
     """
     code = f"from tests.frozen.test_frozen import compare; compare({name!r})"
     environment = {**os.environ, "OPENBLAS_CORETYPE": "Haswell"}
@@ -117,9 +119,13 @@ def test_hybrid_wing_and_its_sensitivity(name):
 
 
 def compare(name):
+    """Compare a case with what was kept of it, or with one of two outcomes that were."""
     one, surfaces, hinge, angle, options = hybrid(name)
     result = deflect(one.mesh, surfaces, hinge, angle, repair="off", **options)
-    before, kept = one.mesh.points, frozen(name)
-    assert np.abs(result.points - expected(before, kept)).max() < SAME
+    before = one.mesh.points
+    outcomes = [frozen(path.stem) for path in (FOLDER / f"{name}.npz", FOLDER / f"{name}_avx2.npz") if path.is_file()]
+    off = [np.abs(result.points - expected(before, kept)).max() for kept in outcomes]
+    kept = outcomes[int(np.argmin(off))]
+    assert min(off) < SAME
     assert np.abs(result.sensitivity - expected(np.zeros_like(before), kept, "srows", "rates")).max() < SAME
     assert len(result.deflection.steps) == kept["steps"]
