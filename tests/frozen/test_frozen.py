@@ -107,7 +107,7 @@ def hybrid(name):
 
 @pytest.mark.parametrize("name", ["wing_rigid", "wing_blended", "wing_sliding", "wing_table"])
 def test_hybrid_wing_and_its_sensitivity(name):
-    """With the BLAS of one kind of processor: the last bit of sums settles for two of these which of two sites is worse.
+    """With the BLAS of one kind of processor: the last bit of sums settles for two of these which site is worst.
 
     Wider vectors give other points there, by up to half the tolerance of the fit; for the table NumPy's own do, too:
     `wing_table_avx2` is what a processor without AVX-512 gives.
