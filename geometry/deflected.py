@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.geometry.polyhedra import WEDGE, Loops, prism
 from sdm_deflect.geometry.quantity import check_quantities, quantity
 from sdm_deflect.geometry.sections import HINGE_LOWER, HINGE_UPPER, TE, FloatArray
@@ -26,7 +27,7 @@ class CadTurn:
     rises to its angle; at 0 it has it up to the rib.
     """
 
-    angle: float = quantity(0.0, "deg", -60.0, 60.0, "angle")
+    angle: float = quantity(0.0, "deg", -LARGEST_TURN, LARGEST_TURN, "angle")
     mode: Literal["rigid", "blended"] = "rigid"
     strip: float = quantity(0.0, "m", 0.0, 0.5, "width of the strip beside a rib without a gap")
 

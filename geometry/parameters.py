@@ -10,6 +10,9 @@ from dataclasses import dataclass, field
 from sdm_deflect.geometry.consistency import check_consistency
 from sdm_deflect.geometry.quantity import Checked, quantity
 
+LARGEST_TURN = 85.0
+"""Largest angle (deg) of a control surface: the kernel builds the deflected aircraft up to it, not at 90."""
+
 
 @dataclass(frozen=True, slots=True)
 class Fuselage(Checked):

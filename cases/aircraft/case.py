@@ -7,9 +7,9 @@ import numpy as np
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.schema import INLINE
-from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, Fitting, Repair, RepairMode, Strategy
+from sdm_deflect.deform.rbf.fitting import Fitting, Repair, RepairMode, Strategy
 from sdm_deflect.geometry.confinement import BlockParameters
-from sdm_deflect.geometry.parameters import Fighter
+from sdm_deflect.geometry.parameters import LARGEST_TURN, Fighter
 from sdm_deflect.geometry.quantity import check_quantities, quantity
 from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 
@@ -92,7 +92,7 @@ class Case:
     title: str
     deflections: tuple[SurfaceTurn, ...]
     domain: Domain = "aircraft"
-    angle: float = quantity(-12.0, "deg", -LARGEST_ANGLE, LARGEST_ANGLE, "deflection, positive is trailing edge down")
+    angle: float = quantity(-12.0, "deg", -LARGEST_TURN, LARGEST_TURN, "deflection, positive is trailing edge down")
     scale: str = "small"
     fighter: Annotated[Fighter, INLINE] = field(default_factory=Fighter)
     block: BlockParameters = field(default_factory=BlockParameters)
@@ -113,10 +113,10 @@ class Case:
             raise ValueError(f"scale = {self.scale!r} is not one of {', '.join(SCALES)}")
         Repair(self.repair, self.repair_share)
         for one in self.deflections:
-            if abs(one.factor * self.angle) > LARGEST_ANGLE:
+            if abs(one.factor * self.angle) > LARGEST_TURN:
                 raise ValueError(
                     f"case.angle = {self.angle:g} deg turns the {one.surface} by {one.factor * self.angle:g} deg; "
-                    f"at most {LARGEST_ANGLE:g} deg are possible"
+                    f"at most {LARGEST_TURN:g} deg are possible"
                 )
 
     @property

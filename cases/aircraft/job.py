@@ -17,7 +17,7 @@ from sdm_deflect.deform.rbf.fitting import Repair
 from sdm_deflect.deform.surface.blended import Blended, Rib
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation
 from sdm_deflect.deform.surface.surface import Listed
-from sdm_deflect.deform.surface.tail_root import RootOnCylinder
+from sdm_deflect.deform.surface.tail_root import RootOnCylinder, root_on
 from sdm_deflect.deform.volume.box import Given
 from sdm_deflect.deform.volume.job import Job, Section, Sliding
 from sdm_deflect.deform.volume.plan import Planned, Plans
@@ -109,7 +109,7 @@ def block_stations(case: Case, surface: str) -> FloatArray:
 
 
 def check_case(case: Case) -> None:
-    """Raise InputError if a control surface of the case is none, or has no hexahedron, or its block no faces."""
+    """Raise InputError if a control surface is unknown, has no hexahedron, or its root or block is impossible."""
     for turn in case.deflections:
         if turn.surface not in datum.SURFACES:
             hint = nearest(turn.surface, datum.SURFACES, "there are")
@@ -118,6 +118,10 @@ def check_case(case: Case) -> None:
         for turn in case.deflections:
             block_stations(case, turn.surface)
             hexahedron_of(case, turn.surface)
+            if not hinged(turn.surface):
+                corners, axis = datum.ends(case.fighter, turn.surface), axis_of(case.fighter, turn.surface)
+                inner, outer = (axis.rotated(end, turn.factor * case.angle) for end in corners)
+                root_on(fuselage_cylinder(case.fighter), inner, outer - inner)
     except ValueError as error:
         raise InputError(str(error)) from error
 

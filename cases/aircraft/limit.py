@@ -16,8 +16,9 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 from sdm_deflect.deform.mesh.quality import judged
-from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE, RepairMode
+from sdm_deflect.deform.rbf.fitting import RepairMode
 from sdm_deflect.deform.volume.deflection import Deflection, deflected
+from sdm_deflect.geometry.parameters import LARGEST_TURN
 
 STEPS = 3
 """Angles of the curve are so many times the resolution apart."""
@@ -30,7 +31,7 @@ class Trial:
     """One angle tried: the smallest mean ratio (0 where a cell is inverted or there is no mesh) and the steps.
 
     `where` says at what the worst cell is. `reason` says why there is no mesh: the surface leaves its hexahedron, or a
-    tail's root misses the fuselage.
+    tail's root leaves the fuselage.
     """
 
     angle: float
@@ -82,7 +83,7 @@ def find_limits(case: Case, mesh: Mesh, threshold: float, resolution: float, pro
 def _find(case: Case, mesh: Mesh, threshold: float, resolution: float, sign: float, progress: Progress) -> Limit:
     """Turn in steps until a cell is inverted or there is no mesh; bisect where the quality passes the threshold."""
     trials: dict[float, Trial] = {}
-    largest = LARGEST_ANGLE / max(abs(one.factor) for one in case.deflections)
+    largest = LARGEST_TURN / max(abs(one.factor) for one in case.deflections)
 
     def at(size: float) -> Trial:
         if size not in trials:

@@ -24,6 +24,7 @@ from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.volume.deflection import Deflected
+from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD
@@ -100,7 +101,7 @@ class FinishedCase(FinishedRun):
     def display(self) -> Display:
         """How it is shown: without the far field and the face of a Chimera block."""
         positive = "to port" if self.plan.surface == "rudder" else "trailing edge down"
-        return Display(self.case.title, positive, METRES, (FAR_FIELD, BLOCK), leading=1)
+        return Display(self.case.title, positive, METRES, (FAR_FIELD, BLOCK), 1, LARGEST_TURN)
 
     def report_data(self) -> ReportData:
         """Return what its report shows."""

@@ -10,6 +10,7 @@ from sdm_deflect.cases.report.data import Length, ReportData
 from sdm_deflect.cases.run.output import PAGE, output_folder
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
 from sdm_deflect.deform.volume.plan import Planned
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ class Display:
     length : unit of the mesh.
     hidden : patches that are not drawn.
     leading : of each surface so many patches are the surface itself, the others only follow; None: all.
+    largest : degrees that no surface can exceed.
     """
 
     title: str
@@ -34,6 +36,7 @@ class Display:
     length: Length
     hidden: tuple[str, ...]
     leading: int | None = None
+    largest: float = LARGEST_ANGLE
 
 
 @dataclass(frozen=True, slots=True, eq=False)

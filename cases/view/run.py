@@ -175,7 +175,7 @@ class InteractiveRun:
         """Angle that no surface can exceed."""
         if self.boxes[0].plan.job.surfaces[0].motion.unit != "deg":
             return BEYOND * (abs(self.angle) or 1.0)
-        return LARGEST_ANGLE / max(abs(one.factor) for one in self.surfaces)
+        return self.display.largest / max(abs(one.factor) for one in self.surfaces)
 
     @property
     def step(self) -> float:

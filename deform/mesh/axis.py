@@ -112,10 +112,7 @@ class Cylinder:
         c = np.sum(p * p, axis=1) - self.radius**2
         missed = ~((a > 0.0) & (b * b >= a * c))
         if missed.any():
-            row = int(np.argmax(missed))
-            raise ValueError(
-                f"{int(missed.sum())} lines miss the cylinder, such as that through {points[row]} along {d[row]}"
-            )
+            raise ValueError(f"{int(missed.sum())} of {len(missed)} lines miss the cylinder")
         # The root of smaller magnitude in the form without cancellation: c over the larger sum.
         q = -(b + np.copysign(np.sqrt(b * b - a * c), b))
         t = np.divide(c, q, out=np.zeros_like(c), where=q != 0.0)

@@ -143,6 +143,14 @@ class RootRegion(NamedTuple):
         return cls(region.contains(rotated), (region.sites_on(tip, 0.25 * depth) - low) / (high - low))
 
 
+def root_on(cylinder: Cylinder, root: FloatArray, rays: FloatArray) -> FloatArray:
+    """Return where the rays (R, 3) of a tail's root nodes (R, 3) meet the body; InputError if one misses it."""
+    try:
+        return cylinder.projected_along(root, rays)
+    except ValueError as error:
+        raise InputError(f"the tail turns so far that its root leaves the fuselage: {error}; turn it less") from None
+
+
 def _ends(root: FloatArray, depth: float) -> tuple[FloatArray, FloatArray]:
     return root.min(axis=0) - depth, root.max(axis=0) + depth
 
@@ -156,10 +164,7 @@ def _extension(
     that distance, which is zero at the tip-facing end of the root region.
     """
     rays = (apex - rotated) / np.linalg.norm(apex - rotated, axis=1, keepdims=True)
-    try:
-        onto = motion.cylinder.projected_along(rotated[root], rays[root]) - rotated[root]
-    except ValueError as error:
-        raise InputError(f"the tail turns so far that its root misses the fuselage: {error}") from None
+    onto = root_on(motion.cylinder, rotated[root], rays[root]) - rotated[root]
     distances = np.einsum("ij,ij->i", onto, rays[root])[:, None]
     low, high = _ends(rotated[root], motion.depth)
     still, kernel = low + region.still * (high - low), Multiquadric(motion.epsilon)

@@ -22,6 +22,7 @@ from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import RepairMode
 from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.geometry.deflected import CadTurn
+from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.mesh import tets_of
 
 SETTLING = 800
@@ -29,8 +30,6 @@ SETTLING = 800
 UNDEFLECTED, DEFLECTED, REPAIRED, FRESH = "undeflected", "deflected", "repaired", "fresh"
 FRESH_DEFLECTED = "fresh-deflected"
 """Made anew around the undeflected CAD, and then deflected as a run does it."""
-LARGEST = 60.0
-"""Degrees by which the CAD of a control surface turns at most."""
 MOST = {"fresh": 20, "iterations": 100_000}
 
 
@@ -97,8 +96,8 @@ def study_of(
     if 0.0 in wanted:
         raise InputError("angles: 0 is the undeflected mesh, which is computed anyway; leave it out")
     for angle in wanted:
-        if not abs(angle) <= LARGEST:
-            raise InputError(f"angles: {angle:g} deg is outside -{LARGEST:g} ... {LARGEST:g} deg")
+        if not abs(angle) <= LARGEST_TURN:
+            raise InputError(f"angles: {angle:g} deg is outside -{LARGEST_TURN:g} ... {LARGEST_TURN:g} deg")
     settling = min(SETTLING, iterations // 3)
     return FlowStudy(case, wanted, stream or FreeStream(), fresh, iterations, settling, tuple(sorted(assignments)))
 

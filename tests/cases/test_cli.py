@@ -26,7 +26,10 @@ def sdm(sdm, monkeypatch, tmp_path):
     [
         (["run", "aleron"], "unknown case 'aleron'; did you mean aileron?"),
         (["run"], "no case given"),
-        (["run", "aileron", "--angle", "95"], "angle = 95 deg is outside -90 ... 90 deg"),
+        (["run", "aileron", "--angle", "95"], "angle = 95 deg is outside -85 ... 85 deg"),
+        (["run", "all", "--angle", "69"], "turns the rudder by 86.25 deg; at most 85 deg are possible"),
+        (["run", "tail", "--angle", "45"], "its root leaves the fuselage: 2 of 6 lines miss the cylinder"),
+        (["geometry", "--out", "sdm.step", "--angle", "86"], "angle = 86 deg is outside -85 ... 85 deg"),
         (["run", "aileron", "--angle", "nan"], "angle = nan is not a finite number"),
         (["run", "aileron", "--angle", "steep"], "steep"),
         (["run", "aileron", "--scale", "huge"], "'huge' is not one of 'small', 'medium', 'paper'"),

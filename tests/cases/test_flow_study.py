@@ -137,7 +137,7 @@ def test_without_openfoam_it_says_so(monkeypatch, tmp_path, capsys):
         (["flow", "--fresh", "0"], "fresh = 0 must be between 1 and 20"),
         (["flow", "--mach", "nan"], "mach = nan must be between 0.01 and 5"),
         (["flow", "--no-cache"], "No such option '--no-cache'"),
-        (["flow", "--angles", "-12,61"], "angles: 61 deg is outside -60 ... 60 deg"),
+        (["flow", "--angles", "-12,86"], "angles: 86 deg is outside -85 ... 85 deg"),
     ],
 )
 def test_what_cannot_be_studied_is_one_sentence(words, sentence, tmp_path, monkeypatch, capsys):

@@ -52,7 +52,7 @@ def test_toml_repeats_the_case(name, scale, tmp_path):
         ("adaptation.max_centers=9", "adaptation.max_centers = 9 is fewer than the 20 initial centres"),
         ("adaptation.rule=best", "adaptation.rule = 'best' is not one of separated, worst"),
         ("aileron.gap=0.5", "gap"),
-        ("angle=95", "angle = 95 deg is outside -90 ... 90 deg"),
+        ("angle=95", "angle = 95 deg is outside -85 ... 85 deg"),
         ("adaptation.strategy=both", "adaptation.strategy = 'both' is not one of squv, mv"),
         ("adaptation.strategy=", "adaptation.strategy = '' is not one of squv, mv"),
         ("strategy=mv", "unknown setting strategy; did you mean adaptation.strategy?"),

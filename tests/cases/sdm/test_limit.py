@@ -9,7 +9,7 @@ import pytest
 from sdm_deflect.cases.aircraft.limit import STEPS, attempt, find_limits, write_limits
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.base.progress import silent
-from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
+from sdm_deflect.geometry.parameters import LARGEST_TURN
 from tests.pictures import pixels, share
 
 pytestmark = pytest.mark.mesher
@@ -36,7 +36,7 @@ def test_limits_bracket_the_threshold(aileron_mesh, tmp_path):
     for alone, repaired in zip(limits[:2], limits[2:], strict=True):
         assert abs(repaired.angle) > abs(alone.angle)
         assert "fuselage_panel_left" in alone.end
-        assert "root misses the fuselage" in repaired.end
+        assert "root leaves the fuselage" in repaired.end
     write_limits(limits, case, threshold, tmp_path)
     rows = list(csv.DictReader((tmp_path / "limit.csv").read_text().splitlines()))
     assert len(rows) == sum(len(limit.trials) for limit in limits) - len(MODES)  # zero is in both signs
@@ -53,15 +53,15 @@ def test_no_surface_is_tried_beyond_what_any_can_turn(aileron_mesh):
     case = replace(case, deflections=tuple(one for one in case.deflections if one.surface == "rudder"))
     limits = find_limits(replace(case, repair="off"), aileron_mesh[0], 0.01, 30.0, silent)
     assert [limit.repair for limit in limits] == ["off", "off"]
-    assert max(abs(trial.angle) for limit in limits for trial in limit.trials) == LARGEST_ANGLE / 1.25
-    with pytest.raises(ValueError, match=r"turns the rudder by 91\.25 deg; at most 90 deg"):
-        replace(case, angle=73.0)
+    assert max(abs(trial.angle) for limit in limits for trial in limit.trials) == LARGEST_TURN / 1.25
+    with pytest.raises(ValueError, match=r"turns the rudder by 86\.25 deg; at most 85 deg"):
+        replace(case, angle=69.0)
 
 
 def test_a_tail_whose_root_misses_the_fuselage_is_no_limit_but_has_a_reason(aileron_mesh):
     trial = attempt(case_named("tail"), aileron_mesh[0], 60.0)
     assert (trial.quality_min, trial.steps) == (0.0, 0)
-    assert "root misses the fuselage" in trial.reason
+    assert "root leaves the fuselage" in trial.reason
 
 
 def test_an_aileron_that_leaves_its_hexahedron_is_no_limit_but_has_a_reason(aileron_mesh):

@@ -14,7 +14,7 @@ from sdm_deflect.cases.view.run import Span, Spans
 from sdm_deflect.deform.base.errors import InputError
 
 pytestmark = pytest.mark.mesher
-SPANS = Spans(Span(-26.5, 36.5, "it leaves its hexahedron", "its root misses the fuselage"), Span(-3.5, 12.0))
+SPANS = Spans(Span(-26.5, 36.5, "it leaves its hexahedron", "its root leaves the fuselage"), Span(-3.5, 12.0))
 
 
 @pytest.mark.parametrize(("text", "angle"), [("12", 12.0), (" -3,5° ", -3.5), ("\u22122.25", -2.25), ("36.5", 36.5)])
@@ -25,7 +25,7 @@ def test_angles_are_read(text, angle):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("75", "75° is outside -26.5° to 36.5°: its root misses the fuselage"),
+        ("75", "75° is outside -26.5° to 36.5°: its root leaves the fuselage"),
         ("-30", "-30° is outside -26.5° to 36.5°: it leaves its hexahedron"),
         ("nan", "nan° is outside"),
         ("steep", "'steep' is not a number of degrees"),

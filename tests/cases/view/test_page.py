@@ -196,7 +196,7 @@ def test_an_angle_out_of_range_is_refused_with_a_message(page):
     typed(page, "95")
     refusal = page.locator("#refusal")
     refusal.wait_for()
-    assert "95° is outside -90° to 90°" in refusal.inner_text()
+    assert "95° is outside -85° to 85°" in refusal.inner_text()
     assert np.array_equal(trailing_edge(page), place)
     typed(page, "steep")
     wait_until(lambda: "not a number" in refusal.inner_text(), "text is taken for an angle")

@@ -126,4 +126,4 @@ def test_the_spans_end_where_it_fails(tail):
     for angle in (spans.possible.low - 0.5, spans.possible.high + 0.5):
         with pytest.raises(InputError):
             tail.at(angle)
-    assert "leave the box" in spans.possible.below or "misses the fuselage" in spans.possible.below
+    assert "leave the box" in spans.possible.below or "leaves the fuselage" in spans.possible.below

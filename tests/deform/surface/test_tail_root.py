@@ -160,7 +160,7 @@ def test_rates_do_not_see_that_the_root_region_gets_a_further_row_of_points(law)
 
 def test_a_turn_so_far_that_the_root_misses_is_refused(surface):
     high = replace(MOTION, hinge=Axis(np.array([-0.3, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])))
-    with pytest.raises(InputError, match=r"the tail turns so far that its root misses the fuselage: .* lines miss"):
+    with pytest.raises(InputError, match=r"the tail turns so far that its root leaves the fuselage: .* lines miss"):
         high.law(surface).displacement(60.0)
 
 
