@@ -43,6 +43,7 @@ class Check:
     judgement : the check passes if value <= limit (``"at most"``) or value >= limit (``"at least"``).
     over : number of nodes or cells that were measured; over none the check is not applicable.
     nodes, distances : (K,) the nodes and what was measured at each, where a map of it is worth drawing.
+    figures : what was measured of each part, by its name.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Check:
     over: int = 1
     nodes: IntArray | None = field(default=None, compare=False, repr=False)
     distances: FloatArray | None = field(default=None, compare=False, repr=False)
+    figures: dict[str, dict[str, float]] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def passed(self) -> bool:
@@ -82,6 +84,7 @@ class Check:
             "over": self.over,
             "unit": self.unit,
             "where": self.where,
+            **({"figures": self.figures} if self.figures else {}),
         }
 
 

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from functools import partial
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.reference import turned
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.geometry.aircraft import background, build, chimera_block
+from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.generation import Finer, Generated, generate
 from sdm_deflect.meshing.generate.parameters import MeshParameters
@@ -27,7 +27,7 @@ def background_cad(case: Case) -> CadModel:
 
 def deflected_cad(case: Case) -> CadModel:
     """Build the aircraft with its surfaces turned rigidly by the angles of the case."""
-    return build(case.fighter, turned(case, "rigid"))
+    return build(case.fighter, {one.surface: CadTurn(one.factor * case.angle) for one in case.deflections})
 
 
 def undeflected(case: Case, watch: Stopwatch) -> Generated:

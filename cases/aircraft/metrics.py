@@ -16,6 +16,7 @@ from sdm_deflect.cases.run.metrics import (
     repair_text,
     verdict_figures,
 )
+from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
@@ -53,7 +54,7 @@ class Run:
     deflection : of every control surface.
     whole_mesh_seconds : time to evaluate the first interpolant at every mesh node, for comparison.
     checks : the validation.
-    seconds : per stage.
+    watch : the time that it took.
     background : the mesh around a Chimera block; None without a block.
     pinned : quality inside the hexahedron with a pinned instead of a sliding Chimera face, for comparison.
     """
@@ -65,7 +66,7 @@ class Run:
     deflection: Deflected
     whole_mesh_seconds: float
     checks: tuple[Check, ...]
-    seconds: dict[str, float] = field(default_factory=dict)
+    watch: Stopwatch = field(default_factory=lambda: Stopwatch(Silent()), repr=False)
     background: Mesh | None = None
     pinned: Quality | None = None
 
@@ -101,8 +102,8 @@ def metrics(run: Run) -> Json:
         "quality": {"before": quality[0], "after": quality[1], "inverted": after.inverted},
         "validation": verdict_figures(run.checks),
         "deflections": surfaces,
-        "timings": run.seconds,
-        "total_seconds": sum(run.seconds.values()),
+        "timings": run.watch.seconds,
+        "total_seconds": run.watch.total,
         "peak_rss_bytes": peak_rss_bytes(),
     }
 
@@ -133,7 +134,7 @@ def summary(run: Run) -> Iterator[str]:
                 f"Chimera face {state}: smallest quality inside {q.min:.3f}, {q.below_0_4:.3%} below 0.4, "
                 f"{q.inverted} inverted"
             )
-    yield ", ".join(f"{name} {seconds:.1f} s" for name, seconds in run.seconds.items())
+    yield ", ".join(f"{name} {seconds:.1f} s" for name, seconds in run.watch.seconds.items())
 
 
 def _evaluation(run: Run) -> Json:

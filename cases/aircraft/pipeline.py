@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, report: bool = True) -> Run:
     """Run a case and write its files into `folder`, with pictures and a page if a `report` is wanted."""
-    with reference(case) as deflected_cad:
+    with reference(case, cache) as deflected_cad:
         # Matplotlib, pyvista and trimesh load while the CAD is being built.
         from sdm_deflect.cases.aircraft.validation import further_checks, validate
 
@@ -54,7 +54,7 @@ def run_case(case: Case, watch: Stopwatch, folder: Path, cache: bool = True, rep
             checks = validate(case, mesh, moved, plan, deflected_cad(), background, found.moved_by_repair)
             checks += further_checks(found, checks)
             progress(f"{sum(check.passed for check in checks)} of {len(checks)} checks passed", 1.0)
-    run = Run(case, mesh, origin, moved, found, whole, checks, watch.seconds, background, stiff)
+    run = Run(case, mesh, origin, moved, found, whole, checks, watch, background, stiff)
     if report:
         from sdm_deflect.cases.aircraft.report import compared
         from sdm_deflect.cases.report.page import write_report

@@ -1,25 +1,30 @@
-"""The deflected CAD that the validation measures against, reduced to arrays; a process of its own builds it.
+"""The CAD that the validation measures against, reduced to arrays; a process of its own builds it once and keeps it.
 
 Building takes seconds, most of them for loading the CAD kernel and fusing the aircraft, and depends on the case alone:
-it goes on while this process reads the mesh and deforms it.
+it goes on while this process reads the mesh and deforms it. A later run of the same case reads the arrays.
 """
 
 from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sdm_deflect import geometry
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.geometry.datum import SURFACES, hinged
+from sdm_deflect.deform.base.cache_folder import default_folder
+from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.meshing.errors import MeshingError
+from sdm_deflect.meshing.files.cache import ArrayCache, cache_key
 from sdm_deflect.meshing.files.child import Arrays, serve, started
+from sdm_deflect.meshing.formats.format import MeshFileError
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.aircraft.case import Case
@@ -27,6 +32,8 @@ if TYPE_CHECKING:
 
 SECONDS = 600.0
 """Time that the CAD kernel may take."""
+CURVED, EDGE = 1e-5, 1e-7
+"""Deflection (m) of the triangles of curved faces, and of planar ones at curved edges: the kernel's least."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,74 +53,100 @@ Faces = tuple[ReferenceFace, ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The faces of the deflected surfaces, by surface: turned rigidly, and blended (the same for a tail).
+    """The faces of surfaces by name.
 
-    Those of the components beside hinged ones are in `still`, by patch: they have not moved.
+    Attributes
+    ----------
+    undeflected : of the moving surfaces before they move: what rigid CAD is made of.
+    deflected : of the moving surfaces in CAD that was built again: blended as the mesh is, tails on the fuselage.
+    still : of the components beside hinged surfaces, which do not move.
     """
 
-    rigid: dict[str, Faces]
-    blended: dict[str, Faces]
+    undeflected: dict[str, Faces]
+    deflected: dict[str, Faces]
     still: dict[str, Faces]
 
 
 @contextmanager
-def reference(case: Case) -> Iterator[Callable[[], Reference]]:
-    """Begin to build the deflected CAD of a case; the callable waits for it.
+def reference(case: Case, cache: bool = True) -> Iterator[Callable[[], Reference]]:
+    """Read the CAD of a case from the cache, or begin to build it; the callable waits for it.
 
     Raises CadError from the callable, if the CAD kernel fails.
     """
+    store, key = ArrayCache(default_folder()), f"cad-{cache_key(parameters(case))}"
+    with suppress(MeshFileError):
+        if cache and (kept := store.read(key)):
+            yield lambda: decoded(kept)
+            return
     with started("sdm_deflect.cases.aircraft.reference", question(case)) as pending:
 
         def wait() -> Reference:
             try:
-                return decoded(pending.answer(SECONDS))
+                found = pending.answer(SECONDS)
             except MeshingError as error:
                 raise CadError(f"the deflected CAD: {error}") from None
+            if cache:
+                with suppress(MeshFileError):  # built again by the next run
+                    store.write(key, found)
+            return decoded(found)
 
         yield wait
 
 
-def variants(case: Case) -> tuple[dict[str, CadTurn], ...]:
-    """Return how the surfaces turn in the rigid CAD and, if that is another, in the blended one."""
-    rigid, blended = turned(case, "rigid"), turned(case, "blended")
-    return (rigid,) if rigid == blended else (rigid, blended)
+def parameters(case: Case) -> dict[str, object]:
+    """Return what the CAD of a case depends on; the sources of the geometry are among it."""
+    sources = "".join(path.read_text(encoding="utf-8") for path in sorted(Path(geometry.__path__[0]).glob("*.py")))
+    return {"fighter": case.fighter, "turned": turned(case), "sources": sources}
 
 
-def turned(case: Case, mode: Literal["rigid", "blended"]) -> dict[str, CadTurn]:
-    """Return by how much the CAD's surfaces turn, and how; tails can only turn rigidly."""
+def turned(case: Case) -> dict[str, CadTurn]:
+    """Return how the CAD's surfaces turn where it is built as the mesh is: tails can only turn rigidly."""
     return {
-        one.surface: CadTurn(one.factor * case.angle, mode if hinged(one.surface) else "rigid")
+        one.surface: CadTurn(one.factor * case.angle, "blended", case.blending.strip)
+        if hinged(one.surface)
+        else CadTurn(one.factor * case.angle)
         for one in case.deflections
     }
 
 
 def question(case: Case) -> Arrays:
     """Return what the process that builds is asked."""
-    return packed((case.fighter, variants(case)))
+    packed = pickle.dumps((case.fighter, turned(case)))
+    return {"packed": np.frombuffer(packed, dtype=np.uint8)}
 
 
 def answer(question: Arrays) -> Arrays:
-    """Build the aircraft once for each variant and return the faces of the surfaces that turn."""
+    """Build the aircraft undeflected and deflected; return the faces' arrays as ``which/surface/number/field``."""
     from sdm_deflect.geometry.aircraft import build  # the CAD kernel: in the process that builds alone
 
-    fighter, variants = unpacked(question)
-    built = []
-    for turned in variants:
-        model = build(fighter, turned)
-        names = (*turned, *carriers(turned))
-        built.append({name: [arrays_of(face) for face in model.faces_of(name)] for name in names})
-    return packed(built)
+    fighter, turned = pickle.loads(question["packed"].tobytes())
+    before, after = build(fighter), build(fighter, turned)
+    parts = (("undeflected", before, turned), ("deflected", after, turned), ("still", before, carriers(turned)))
+    return {
+        f"{which}/{name}/{row}/{field}": array
+        for which, model, names in parts
+        for name in names
+        for row, face in enumerate(model.faces_of(name))
+        for field, array in arrays_of(face).items()
+    }
 
 
 def decoded(answer: Arrays) -> Reference:
     """Return the reference that an answer holds."""
-    built = [
-        {surface: tuple(ReferenceFace(*parts) for parts in faces) for surface, faces in found.items()}
-        for found in unpacked(answer)
-    ]
-    beside = {name: faces for name, faces in built[-1].items() if name not in SURFACES}
-    rigid, blended = ({name: faces for name, faces in one.items() if name in SURFACES} for one in (built[0], built[-1]))
-    return Reference(rigid, blended, beside)
+    found: dict[str, dict[str, list[dict[str, Any]]]] = {field.name: {} for field in fields(Reference)}
+    for path, array in answer.items():
+        if path.count("/") == 3:
+            which, name, row, field = path.split("/")
+            faces = found[which].setdefault(name, [])
+            if int(row) == len(faces):
+                faces.append({})
+            faces[-1][field] = array
+    return Reference(
+        **{
+            which: {name: tuple(ReferenceFace(**face) for face in faces) for name, faces in surfaces.items()}
+            for which, surfaces in found.items()
+        }
+    )
 
 
 def carriers(surfaces: Iterable[str]) -> list[str]:
@@ -121,20 +154,11 @@ def carriers(surfaces: Iterable[str]) -> list[str]:
     return ["fin" if one == "rudder" else one.replace("aileron", "wing") for one in surfaces if hinged(one)]
 
 
-def arrays_of(face: CadFace) -> tuple[FloatArray, IntArray, FloatArray]:
+def arrays_of(face: CadFace) -> dict[str, FloatArray | IntArray]:
     """Return the fields of a `ReferenceFace`."""
-    points, triangles = face.tessellation()
-    return points, triangles, face.normal_at(points[:1])[0] if face.planar else np.full(3, np.nan)
-
-
-def packed(value: object) -> Arrays:
-    """Return a value as the array of its bytes; only this program's own are unpacked."""
-    return {"packed": np.frombuffer(pickle.dumps(value), dtype=np.uint8)}
-
-
-def unpacked(arrays: Arrays) -> Any:
-    """Return the value that was packed."""
-    return pickle.loads(arrays["packed"].tobytes())
+    points, triangles = face.tessellation(EDGE if face.planar else CURVED)
+    normal = face.normal_at(points[:1])[0] if face.planar else np.full(3, np.nan)
+    return {"points": points, "triangles": triangles, "normal": normal}
 
 
 if __name__ == "__main__":

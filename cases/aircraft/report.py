@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
@@ -22,7 +21,6 @@ from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.volume.deflection import Deflected
 from sdm_deflect.deform.volume.plan import Plan, Planned
-from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD
 
 MAP = "viridis"
@@ -34,7 +32,7 @@ ROUNDING = 1e-12
 """Distances (m) that are all below this are rounding: there is nothing to see in a map of them."""
 COMPARED = {"cad_map": ("surface_to_cad", "root_on_cylinder"), "rigid_cad_map": ("surface_to_rigid_cad",)}
 """For each map the checks whose distances it shows."""
-BLENDED, RIGID = "the deflected CAD, blended by the same rule as the surface", "the CAD that was rotated rigidly"
+DEFLECTED, RIGID = "the deflected CAD, built again", "its CAD faces turned rigidly"
 
 
 def report_data_of(case: Case, found: Deflected) -> ReportData:
@@ -74,12 +72,11 @@ def _box(plan: Plan, fits: FitRows) -> Box:
 
 
 def compared(data: ReportData, folder: Path) -> list[Exhibit]:
-    """Draw the distances from the CAD that the validation found into `folder`; a tail's CAD is rigid, hence one."""
+    """Draw the distances from the CAD that the validation found into `folder`."""
     return [
         saved(folder, part, surface.name, *map_drawn)
         for surface in data.surfaces
         for part in COMPARED
-        if part == "cad_map" or hinged(surface.name)
         for map_drawn in cad_map(data, surface, part)
     ]
 
@@ -98,7 +95,7 @@ def cad_distances(data: ReportData, surface: str, checks: Sequence[str]) -> tupl
 def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tuple[Figure, str]]:
     """Draw the map of a surface where distances were measured, and say what is seen."""
     checks = COMPARED[part]
-    what = BLENDED if part == "cad_map" and hinged(surface.name) else RIGID
+    what = DEFLECTED if part == "cad_map" else RIGID
     distance, limit = cad_distances(data, surface.name, checks)
     known = distance[~np.isnan(distance)]
     if not len(known) or known.max() < ROUNDING:
@@ -121,13 +118,14 @@ def cad_map(data: ReportData, surface: MovedSurface, part: str) -> Iterator[tupl
         one.set_xlabel(f"{'xyz'[seen[0]]}, mm")
     unit = METRES.shown if factor > 1.0 else METRES.name
     figure.colorbar(ScalarMappable(norm, MAP), ax=list(axes), label=f"distance, {unit}")
-    blended = np.isnan(distance[triangles]).any()
-    text = (
-        f"Distance of {len(known)} moved nodes of {surface.name} from {what}, on both sides: at most "
-        f"{factor * largest:.2g} {unit}, median {factor * median:.2g} {unit}; the limit is "
-        f"{factor * limit:.3g} {unit}. "
+    yield (
+        figure,
+        (
+            f"Distance of {len(known)} moved nodes of {surface.name} from {what}, on both sides: at most "
+            f"{factor * largest:.2g} {unit}, median {factor * median:.2g} {unit}; the limit is "
+            f"{factor * limit:.3g} {unit}."
+        ),
     )
-    yield figure, text + ("Hatched triangles belong to a strip that is blended and not compared." if blended else "")
 
 
 def _scale(largest: float, limit: float) -> Normalize:
@@ -146,19 +144,13 @@ def views(points: FloatArray, triangles: IntArray) -> tuple[list[int], BoolArray
 
 
 def _side(axes: Axes, flat: FloatArray, triangles: IntArray, distance: FloatArray, norm: Normalize) -> None:
-    """Draw triangles (F, 3) with nodes at `flat` (N, 2); those with a node without a distance are hatched."""
+    """Draw triangles (F, 3) with nodes at `flat` (N, 2), coloured by distances (N,)."""
     nodes, triangles = np.unique(triangles, return_inverse=True)
-    flat, distance = flat[nodes], distance[nodes]
-    known = ~np.isnan(distance[triangles]).any(axis=1)
-    x, y = flat.T
-    if known.any():
-        shown = Triangulation(x, y, triangles[known])
-        axes.tripcolor(shown, np.nan_to_num(distance), norm=norm, cmap=MAP, shading="gouraud")
-        drawn = np.unique(triangles[known])
-        axes.scatter(x[drawn], y[drawn], c=distance[drawn], norm=norm, cmap=MAP, s=6, edgecolors="0.15", linewidths=0.4)
-    axes.triplot(Triangulation(x, y, triangles), color="0.35", lw=0.3)
-    blended = PolyCollection(list(flat[triangles[~known]]), facecolor="0.93", edgecolor="0.6", hatch="////", lw=0.2)
-    axes.add_collection(blended)
+    (x, y), known = flat[nodes].T, distance[nodes]
+    shown = Triangulation(x, y, triangles.reshape(-1, 3))
+    axes.tripcolor(shown, known, norm=norm, cmap=MAP, shading="gouraud")
+    axes.scatter(x, y, c=known, norm=norm, cmap=MAP, s=6, edgecolors="0.15", linewidths=0.4)
+    axes.triplot(shown, color="0.35", lw=0.3)
 
 
 def parameter_tables(case: Case) -> dict[str, Rows]:

@@ -137,7 +137,7 @@ class FinishedCase(FinishedRun):
 
     def validated(self) -> tuple[Check, ...]:
         """Return the checks that the run made, against CAD built afresh, and those of its files."""
-        with reference(self.case) as deflected_cad:
+        with reference(self.case, cache=False) as deflected_cad:
             return self.checked(deflected_cad, undeflected_models)
 
     def checked(

@@ -60,6 +60,11 @@ def outcome(checks: Sequence[Check]) -> str:
     return f"A VALIDATION FAILED: {', '.join(failed)}" if failed else "all validations passed"
 
 
+def rigid_lines(checks: Sequence[Check]) -> list[str]:
+    """Return how far each surface of the aircraft is from CAD that turned rigidly."""
+    return [check.where for check in checks if check.name.partition(":")[0] == "surface_to_rigid_cad"]
+
+
 def findings(found: Sequence["Finding"]) -> Group:
     """Return what was found on a machine, and what would help."""
     table = _table("", ("",), (), ("found", " "))

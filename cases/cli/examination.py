@@ -126,7 +126,7 @@ def compiled_code() -> Finding:
 
 def _loads(store: MeshCache, key: str) -> bool:
     try:
-        return store.load(key) is not None
+        return store.read(key) is not None
     except MeshFileError:
         return False
 

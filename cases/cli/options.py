@@ -142,10 +142,10 @@ def progress_options(command: Command) -> Command:
 @contextmanager
 def watched(quiet: bool = False, verbose: bool = False) -> Iterator["Stopwatch"]:
     """Show stages on the standard error output."""
-    from sdm_deflect.cases.run.progress import Stopwatch, shown
+    from sdm_deflect.cases.run.progress import Stopwatch, process_start, shown
 
     with shown(quiet=quiet, verbose=verbose) as display:
-        yield Stopwatch(display)
+        yield Stopwatch(display, start=process_start())
 
 
 def print_json(value: Any) -> None:

@@ -44,7 +44,7 @@ def run(
 
     from sdm_deflect.cases.aircraft.metrics import summary
     from sdm_deflect.cases.aircraft.pipeline import run_case
-    from sdm_deflect.cases.cli.console import outcome, verdict
+    from sdm_deflect.cases.cli.console import outcome, rigid_lines, verdict
     from sdm_deflect.cases.run.output import output_folder, report_lacks
 
     folder, lacking = out or Path("runs") / resolved.name, report_lacks() if report else ""
@@ -56,8 +56,8 @@ def run(
         click.echo((folder / "metrics.json").read_text(encoding="utf-8"), nl=False)
     else:
         title = f"{resolved.name} {resolved.angle:+g} deg, {resolved.scale}, {resolved.strategy}"
-        last = outcome(result.checks)
-        options.print_tables(verdict(result.checks, title), *summary(result), f"results in {folder}", last)
+        last = (f"results in {folder}", *rigid_lines(result.checks), outcome(result.checks))
+        options.print_tables(verdict(result.checks, title), *summary(result), *last)
     return options.code_of(result.passed)
 
 
@@ -98,13 +98,14 @@ def geometry(out: Path, case: str, angle: float | None, binary: bool, **given: A
 @options.progress_options
 def validate(folder: Path, as_json: bool, quiet: bool, verbose: bool) -> int:
     """Repeat the validation of a finished run, or of a deflected mesh by the folder beside it, from the files."""
-    from sdm_deflect.cases.cli.console import verdict
+    from sdm_deflect.cases.cli.console import outcome, rigid_lines, verdict
     from sdm_deflect.cases.finished import finished
     from sdm_deflect.cases.run.metrics import verdict_figures
 
     with options.watched(quiet, verbose) as watch, watch.stage("validation"):
         checks = finished(folder).validated()
-    options.print_either(as_json, {"folder": folder, **verdict_figures(checks)}, verdict(checks, str(folder)))
+    tables = (verdict(checks, str(folder)), *rigid_lines(checks), outcome(checks))
+    options.print_either(as_json, {"folder": folder, **verdict_figures(checks)}, *tables)
     return options.code_of(all(check.passed for check in checks))
 
 

@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import isnan, nan
-from time import perf_counter
+from os import sysconf
+from pathlib import Path
+from time import CLOCK_BOOTTIME, clock_gettime, perf_counter
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sdm_deflect.deform.base.errors import printable
@@ -135,12 +137,24 @@ def shown(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> It
             yield display
 
 
+def process_start() -> float:
+    """Return when this process started, on the clock of `perf_counter`."""
+    ticks = int(Path("/proc/self/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[19])
+    return perf_counter() - (clock_gettime(CLOCK_BOOTTIME) - ticks / sysconf("SC_CLK_TCK"))
+
+
 @dataclass(slots=True)
 class Stopwatch:
-    """Seconds of every stage, shown on a display as they pass."""
+    """Seconds of every stage, shown on a display as they pass, and of all since `start` on the clock."""
 
     display: Display
     seconds: dict[str, float] = field(default_factory=dict)
+    start: float = field(default_factory=perf_counter)
+
+    @property
+    def total(self) -> float:
+        """Seconds since the start, with what lies between the stages."""
+        return perf_counter() - self.start
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Progress]:

@@ -90,7 +90,7 @@ class RepairResult:
     left : number of them that still are.
     inverted : (I,) rows, among the touched cells, of those that are still inverted and were not before the deflection.
     steps : steps of all searches.
-    seconds : time it took.
+    seconds : time it took, without compilation.
     """
 
     start: FloatArray = field(repr=False)

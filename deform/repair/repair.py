@@ -8,6 +8,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
+from numba.core.event import TimingListener, install_listener
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
@@ -58,6 +59,14 @@ def repaired(
     freedom : the nodes that may move.
     """
     begin = perf_counter()
+    with install_listener("numba:compile", TimingListener()) as compiling:
+        made = _repaired(points, touched, freedom, share, progress)
+    return replace(made, seconds=perf_counter() - begin - (compiling.duration if compiling.done else 0.0))
+
+
+def _repaired(
+    points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float, progress: Progress
+) -> RepairResult:
     goal = QualityGoal.of(touched, freedom)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts).of_cells(~touched.before.inverted)
@@ -82,7 +91,7 @@ def repaired(
     if len(freedom.images.nodes):
         here = points + freedom.images.projected(here - points)
     made = RepairResult.of(points, here, touched, freedom, share)
-    return replace(made, steps=steps, seconds=perf_counter() - begin)
+    return replace(made, steps=steps)
 
 
 class Target(NamedTuple):

@@ -52,16 +52,16 @@ def clear_code() -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class MeshCache:
-    """A folder of meshes, each with a note of plain JSON values on how it was made.
+class ArrayCache:
+    """A folder of arrays.
 
     A file is what `numpy.savez` writes, and after it the SHA-256 of the key and of all bytes before.
     """
 
     folder: Path
 
-    def load(self, key: str) -> tuple[Mesh, dict[str, object]] | None:
-        """The mesh and note stored under a key; None if there is none.
+    def read(self, key: str) -> dict[str, Any] | None:
+        """The arrays stored under a key; None if there are none.
 
         Raises MeshFileError if the file is not what was stored under this key, or cannot be read.
         """
@@ -74,8 +74,42 @@ class MeshCache:
             if checksum != _checksum(key, content):
                 raise MeshFileError("is damaged, or of an earlier version")
             with np.load(io.BytesIO(content), allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in _ARRAYS}
-                text = json.loads(str(stored["text"]))
+                return dict(stored)
+
+    def write(self, key: str, arrays: Mapping[str, Any]) -> None:
+        """Keep arrays, whole or not at all; MeshFileError where the folder cannot be written."""
+        content = io.BytesIO()
+        np.savez(content, **arrays)
+        content.write(_checksum(key, content.getbuffer()))
+        with written(self._path(key)), replacing(self._path(key)) as beside:
+            beside.write_bytes(content.getbuffer())
+
+    def entries(self) -> dict[str, int]:
+        """Size in bytes of each entry by its key."""
+        return {path.stem: path.stat().st_size for path in sorted(self.folder.glob("*.npz"))}
+
+    def clear(self) -> int:
+        """Remove all entries; returns how many bytes that freed. MeshFileError where that cannot be done."""
+        freed = sum(self.entries().values())
+        with written(self.folder):
+            for path in self.folder.glob("*.npz"):
+                path.unlink(missing_ok=True)
+        return freed
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{key}.npz"
+
+
+class MeshCache(ArrayCache):
+    """A cache of meshes, each with a note of plain JSON values on how it was made."""
+
+    def load(self, key: str) -> tuple[Mesh, dict[str, object]] | None:
+        """The mesh and note stored under a key, as `read` does."""
+        stored = self.read(key)
+        if stored is None:
+            return None
+        arrays = {name: stored[name] for name in _ARRAYS}
+        text = json.loads(str(stored["text"]))
         points = arrays["points"].astype(np.float64, copy=False)
         tets, triangles, patch, face = (arrays[name].astype(np.intp) for name in _ARRAYS[1:])
         return tetrahedral(points, tets, Skin(triangles, patch - 1, face), text["names"][1:]), dict(text["note"])
@@ -85,27 +119,8 @@ class MeshCache:
         text = json.dumps({"names": (VOLUME, *mesh.names), "note": dict(note)}, sort_keys=True)
         triangles, patch, face = skin(mesh)
         arrays = zip(_ARRAYS[1:], (tets_of(mesh), triangles, patch + 1, face), strict=True)
-        indices: dict[str, Any] = {name: values.astype(np.int32) for name, values in arrays}
-        content = io.BytesIO()
-        np.savez(content, points=mesh.points, text=np.array(text), **indices)
-        content.write(_checksum(key, content.getbuffer()))
-        with written(self._path(key)), replacing(self._path(key)) as beside:
-            beside.write_bytes(content.getbuffer())
-
-    def entries(self) -> dict[str, int]:
-        """Size in bytes of each kept mesh by its key."""
-        return {path.stem: path.stat().st_size for path in sorted(self.folder.glob("*.npz"))}
-
-    def clear(self) -> int:
-        """Remove all kept meshes; returns how many bytes that freed. MeshFileError where that cannot be done."""
-        freed = sum(self.entries().values())
-        with written(self.folder):
-            for path in self.folder.glob("*.npz"):
-                path.unlink(missing_ok=True)
-        return freed
-
-    def _path(self, key: str) -> Path:
-        return self.folder / f"{key}.npz"
+        indices = {name: values.astype(np.int32) for name, values in arrays}
+        self.write(key, {"points": mesh.points, "text": np.array(text), **indices})
 
 
 def _checksum(key: str, content: memoryview) -> bytes:

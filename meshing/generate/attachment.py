@@ -1,13 +1,16 @@
 """Which CAD vertex, edge or face each boundary node belongs to, and the nodes' places on them."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.topology import decode, encode
+
+if TYPE_CHECKING:
+    from sdm_deflect.geometry.model import CadModel
 
 # Nodes within this distance (metres) beyond the nearest one compete for a CAD vertex, so many at most: on
 # needle-shaped faces the mesher pulls the right node up to 4 mm away.
@@ -38,7 +41,7 @@ class Attachment:
         return self.nodes[(self.vertex < 0) & (self.edge < 0) & (self.face < 0)]
 
 
-def attach(points: FloatArray, triangles: IntArray, face: IntArray, model: CadModel) -> Attachment:
+def attach(points: FloatArray, triangles: IntArray, face: IntArray, model: "CadModel") -> Attachment:
     """Attach the nodes of boundary triangles (B, 3) whose CAD faces (B,) are known.
 
     A node of one face belongs to it, a node of two to the nearest edge between them. A CAD vertex takes the
@@ -52,7 +55,7 @@ def attach(points: FloatArray, triangles: IntArray, face: IntArray, model: CadMo
     return Attachment(nodes, vertex, edge, np.where(single, incidence[first, 1], -1), incidence)
 
 
-def _vertices(points: FloatArray, nodes: IntArray, incidence: IntArray, model: CadModel) -> IntArray:
+def _vertices(points: FloatArray, nodes: IntArray, incidence: IntArray, model: "CadModel") -> IntArray:
     """CAD vertex (K,) of nodes (K,) by the faces that they touch, incidence (P, 2); -1 for most."""
     vertex = np.full(len(nodes), -1)
     if not len(model.vertices):
@@ -72,7 +75,7 @@ def _vertices(points: FloatArray, nodes: IntArray, incidence: IntArray, model: C
     return vertex
 
 
-def _edges(points: FloatArray, nodes: IntArray, incidence: IntArray, model: CadModel) -> IntArray:
+def _edges(points: FloatArray, nodes: IntArray, incidence: IntArray, model: "CadModel") -> IntArray:
     """CAD edge (K,) nearest to each of the nodes (K,) among those between two faces it touches; -1 for none."""
     edge, nearest = np.full(len(nodes), -1), np.full(len(nodes), np.inf)
     on_face = [incidence[incidence[:, 1] == face, 0] for face in range(len(model.faces))]
@@ -85,7 +88,7 @@ def _edges(points: FloatArray, nodes: IntArray, incidence: IntArray, model: CadM
     return edge
 
 
-def snapped(points: FloatArray, attachment: Attachment, model: CadModel) -> FloatArray:
+def snapped(points: FloatArray, attachment: Attachment, model: "CadModel") -> FloatArray:
     """Points (N, 3) with each attached node moved to the nearest point of its CAD vertex, edge or face."""
     moved = points.copy()
     on_vertex = attachment.vertex >= 0

@@ -1,16 +1,19 @@
 """MeshLab judges the boundary of a mesh: closed, oriented, free of crossings, near the faces of the CAD."""
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import signed_volumes
-from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.errors import MeshingError
 from sdm_deflect.meshing.files import child
 from sdm_deflect.meshing.mesh import skin, tets_of
+
+if TYPE_CHECKING:
+    from sdm_deflect.geometry.model import CadModel
 
 SECONDS = 600.0
 DEFLECTION = 1e-4
@@ -25,7 +28,7 @@ ENCLOSED = 1e-9
 Triangulation = tuple[FloatArray, IntArray, IntArray]
 
 
-def meshlab_failures(mesh: Mesh, model: CadModel) -> list[str]:
+def meshlab_failures(mesh: Mesh, model: "CadModel") -> list[str]:
     """Return a sentence for everything that MeshLab finds wrong with the boundary; none for a usable one.
 
     MeshLab works in a process of its own, which may end or never come back from a boundary that makes no sense: that is
@@ -48,7 +51,7 @@ def meshlab_failures(mesh: Mesh, model: CadModel) -> list[str]:
     return [*surface_failures(mesh, answer), *cad_failures(mesh, model, answer)]
 
 
-def triangulated(model: CadModel) -> Triangulation:
+def triangulated(model: "CadModel") -> Triangulation:
     """Return points (N, 3), triangles (T, 3) of all CAD faces, without those of no area, and the face (T,) of each."""
     points, triangles, face, count = [], [], [], 0
     for index, cad in enumerate(model.faces):
@@ -84,7 +87,7 @@ def surface_failures(mesh: Mesh, answer: child.Arrays) -> Iterator[str]:
         yield f"the boundary encloses {float(answer['volume']):.9g} m^3, the cells fill {filled:.9g} m^3"
 
 
-def cad_failures(mesh: Mesh, model: CadModel, answer: child.Arrays) -> Iterator[str]:
+def cad_failures(mesh: Mesh, model: "CadModel", answer: child.Arrays) -> Iterator[str]:
     """Yield for which CAD faces there is no boundary, or one that is somewhere else."""
     boundary = skin(mesh)
     for index in np.setdiff1d(np.arange(len(model.faces)), boundary.face):
@@ -101,5 +104,5 @@ def cad_failures(mesh: Mesh, model: CadModel, answer: child.Arrays) -> Iterator[
             yield f"{_name(model, index)} is up to {off_mesh:.1e} m off its boundary triangles"
 
 
-def _name(model: CadModel, index: int) -> str:
+def _name(model: "CadModel", index: int) -> str:
     return f"CAD face {index} of {model.faces[index].patch}"

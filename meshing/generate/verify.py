@@ -2,18 +2,21 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
-from sdm_deflect.geometry.model import CadModel
 from sdm_deflect.meshing.generate.attachment import Attachment, attach
 from sdm_deflect.meshing.generate.meshlab import meshlab_failures
 from sdm_deflect.meshing.generate.parameters import MeshParameters
 from sdm_deflect.meshing.generate.topology import boundary_failures
 from sdm_deflect.meshing.mesh import FREE_FORM, skin, tets_of
+
+if TYPE_CHECKING:
+    from sdm_deflect.geometry.model import CadModel
 
 # Largest allowed distance in metres.
 EXACT = 1e-7
@@ -77,7 +80,7 @@ class Verification:
         return max(self.exactness.exact, self.exactness.edge, self.exactness.free_form)
 
 
-def verify(mesh: Mesh, model: CadModel, parameters: MeshParameters) -> Verification:
+def verify(mesh: Mesh, model: "CadModel", parameters: MeshParameters) -> Verification:
     """Check quality, boundary, far field, and how exactly the boundary follows the CAD."""
     quality = mean_ratio(mesh.points, tets_of(mesh))
     summary = summarise(quality)
@@ -140,7 +143,7 @@ def _quality_failures(summary: Quality, parameters: MeshParameters) -> Iterator[
         yield f"{summary.below_0_4:.3%} of the cells are below mean ratio 0.4"
 
 
-def exactness(points: FloatArray, attachment: Attachment, model: CadModel) -> Exactness:
+def exactness(points: FloatArray, attachment: Attachment, model: "CadModel") -> Exactness:
     """Measure all boundary nodes of points (N, 3)."""
     edge, away = 0.0, {True: 0.0, False: 0.0}
     for index, face in enumerate(model.faces):

@@ -198,15 +198,7 @@ def cad_turns(case: Case) -> dict[str, CadTurn]:
     always are.
     """
     gap = case.fighter.aileron.gap > 0.0
-    return {
-        name: replace(turn, mode="rigid") if gap and name != "rudder" else replace(turn, strip=strip_of(case, turn))
-        for name, turn in turned(case, "blended").items()
-    }
-
-
-def strip_of(case: Case, turn: CadTurn) -> float:
-    """Return the width (m) of the strip beside a rib; 0 for a tail, which has none."""
-    return case.blending.strip if turn.mode == "blended" else 0.0
+    return {name: CadTurn(turn.angle) if gap and name != "rudder" else turn for name, turn in turned(case).items()}
 
 
 def undeflected_mesh(study: FlowStudy, watch: Stopwatch) -> Mesh:

@@ -30,7 +30,7 @@ CHECKED = {"name", "value", "limit", "passed", "unit", "where", "verdict"}
 ANY_MESH = {"quality_min:tetra"}
 """What any mesh is asked, besides."""
 EVERY = {"outside_moved", "inverted_cells", "surfaces_crossed", "fixed_surfaces_moved", "quality_min"}
-SURFACE = {"planarity", "surface_to_cad", "surface_to_rigid_cad", "site_error"}
+SURFACE = {"planarity", "surface_to_cad", "exact_to_cad", "surface_to_rigid_cad", "rigid_cad_predicted", "site_error"}
 HINGED = SURFACE | {"trailing_edge_angle", "hinge_offset"}
 TAIL = SURFACE | {"cylindricity", "root_on_cylinder"}
 
@@ -83,7 +83,7 @@ def test_every_name_is_there(kept):
     assert all(fit.keys() >= FITTED for fit in figures["adaptation"].values())
     for when in ("before", "after"):
         assert figures["quality"][when].keys() >= SHAPE
-    assert figures["total_seconds"] == pytest.approx(sum(figures["timings"].values()))
+    assert figures["total_seconds"] > sum(figures["timings"].values())
 
 
 def test_the_checks_have_their_names(kept):

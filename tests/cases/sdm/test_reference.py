@@ -5,35 +5,43 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sdm_deflect.cases.aircraft import reference as aircraft_reference
 from sdm_deflect.cases.aircraft.case import SurfaceTurn
-from sdm_deflect.cases.aircraft.reference import ReferenceFace, reference, variants
+from sdm_deflect.cases.aircraft.reference import ReferenceFace, parameters, reference
 from sdm_deflect.cases.aircraft.registry import case_named
+from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
 from sdm_deflect.geometry.errors import CadError
+from sdm_deflect.meshing.files.cache import cache_key
 from tests.cases.sdm.deflected_cad import built
 
 
-def test_both_processes_build_the_same():
+def test_both_processes_build_the_same_and_the_second_run_reads_it(tmp_path, monkeypatch):
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     case = case_named("aileron")
     with reference(case) as wait:
         found = wait()
-    for mode in ("rigid", "blended"):
-        mine, other = getattr(built(case), mode), getattr(found, mode)
-        assert list(mine) == list(other) == ["aileron_left"]
-        for one, two in zip(mine["aileron_left"], other["aileron_left"], strict=True):
+    monkeypatch.setattr(aircraft_reference, "started", None)  # a second process would fail
+    with reference(case) as wait:
+        kept = wait()
+    for which in ("undeflected", "deflected", "still"):
+        mine, other, read = (getattr(one, which) for one in (built(case), found, kept))
+        assert list(mine) == list(other) == list(read) == ["wing_left" if which == "still" else "aileron_left"]
+        for faces in zip(*(one[next(iter(mine))] for one in (mine, other, read)), strict=True):
             for part in ReferenceFace.__slots__:
-                np.testing.assert_array_equal(getattr(one, part), getattr(two, part))
-    tips = [np.vstack([face.points for face in faces["aileron_left"]]) for faces in (found.rigid, found.blended)]
-    assert np.ptp(tips[0], axis=0) != pytest.approx(np.ptp(tips[1], axis=0), abs=1e-6)
+                for one in faces[1:]:
+                    np.testing.assert_array_equal(getattr(faces[0], part), getattr(one, part))
 
 
-def test_a_tail_is_built_once():
-    assert len(variants(case_named("tail"))) == 1
-    assert len(variants(case_named("all"))) == 2
+def test_another_angle_is_built_again():
+    case = case_named("aileron")
+    other = replace(case, angle=-11.0)
+    assert cache_key(parameters(case)) != cache_key(parameters(other))
+    assert cache_key(parameters(case)) == cache_key(parameters(replace(case, scale="paper", repair="off")))
 
 
 def test_planes_have_normals_out_of_the_body():
-    (faces,) = built(case_named("tail")).rigid.values()
-    assert built(case_named("tail")).blended.keys() == {"tail_left"}
+    (faces,) = built(case_named("tail")).undeflected.values()
+    assert built(case_named("tail")).deflected.keys() == {"tail_left"}
     middle = np.vstack([face.points for face in faces]).mean(axis=0)
     for face in faces:
         corners = face.points[face.triangles]
