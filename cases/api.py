@@ -221,7 +221,7 @@ class Result:
         The page, ``report.html``.
 
         Raises InputError if the folder cannot be written, or holds other files than those of a report; if libraries are
-        not installed that the extra ``sdm-deflect[report]`` brings.
+        not installed that the extra ``report`` brings.
         """
         from sdm_deflect.cases.report.folder import write_run_folder
         from sdm_deflect.cases.run.output import OutputError, check_report, output_folder
@@ -247,7 +247,7 @@ class Result:
         -------
         A matplotlib Figure, which a notebook shows; `savefig` writes it to a file.
 
-        Raises InputError if libraries are not installed that the extra ``sdm-deflect[report]`` brings.
+        Raises InputError if libraries are not installed that the extra ``report`` brings.
         """
         from sdm_deflect.cases.run.output import check_report
 

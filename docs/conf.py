@@ -26,7 +26,7 @@ extensions = [
     "signatures",
     "accessible",
 ]
-exclude_patterns = ["_build", "examples"]
+exclude_patterns = ["_build", "examples", "tutorials/*.ipynb"]
 templates_path = ["_templates"]
 default_role = "code"
 

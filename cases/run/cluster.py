@@ -161,7 +161,7 @@ def _load() -> None:
         with dask.config.set({"logging": QUIET}):
             import distributed  # noqa: F401
     except ImportError as error:
-        raise InputError(f"workers need a library ({error.name}): pip install 'sdm-deflect[cluster]'") from None
+        raise InputError(f"workers need a library ({error.name}): in your clone, pip install '.[cluster]'") from None
 
 
 @contextmanager

@@ -38,7 +38,7 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
 def report_lacks() -> str:
     """Return a sentence on what a report needs and is not installed; empty if all is."""
     absent = [name for name in ("jinja2", "matplotlib", "PIL") if find_spec(name) is None]
-    return f"a report needs {' and '.join(absent)}: pip install 'sdm-deflect[report]'" if absent else ""
+    return f"a report needs {' and '.join(absent)}: in your clone, pip install '.[report]'" if absent else ""
 
 
 def check_report() -> None:

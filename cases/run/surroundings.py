@@ -62,4 +62,4 @@ def missing(error: ModuleNotFoundError) -> str:
     """Return which extra brings a module that is not installed, as a sentence; empty if none does."""
     module = (error.name or "").partition(".")[0]
     extra = next((name for name, modules in EXTRAS.items() if module in modules), "")
-    return extra and f"this needs {module}, which is not installed: pip install 'sdm-deflect[{extra}]'"
+    return extra and f"this needs {module}, which is not installed: in your clone, pip install '.[{extra}]'"

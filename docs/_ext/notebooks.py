@@ -2,6 +2,7 @@
 
 The page is executed while the guide is built. Beside `NAME.html` appear `NAME.ipynb`, without outputs and in the
 Markdown that every notebook program reads, and `NAME.png`, the picture of the cell with the tag `gallery`.
+`python docs/_ext/notebooks.py` writes the notebooks beside their sources, for use without the guide.
 """
 
 import base64
@@ -108,3 +109,8 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("doctree-read", offer)
     app.connect("build-finished", write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+if __name__ == "__main__":
+    for source in filter(is_notebook, (Path(__file__).parents[1] / "tutorials").glob("*.md")):
+        nbformat.write(notebook_of(source), source.with_suffix(".ipynb"))

@@ -448,7 +448,7 @@ def alive(process):
 @pytest.mark.parametrize("library", ["distributed", "cryptography"])
 def test_without_the_library_the_command_says_what_to_install(library, block, monkeypatch):
     monkeypatch.setitem(sys.modules, library, None)
-    assert refused(block, "--workers", "2").endswith(": pip install 'sdm-deflect[cluster]'")
+    assert refused(block, "--workers", "2").endswith(": in your clone, pip install '.[cluster]'")
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ def test_every_module_that_may_be_missing_is_of_its_extra():
 
 def test_a_missing_module_is_one_sentence_that_says_what_brings_it():
     assert missing(ModuleNotFoundError("", name="trame.app")) == (
-        "this needs trame, which is not installed: pip install 'sdm-deflect[view]'"
+        "this needs trame, which is not installed: in your clone, pip install '.[view]'"
     )
     assert missing(ModuleNotFoundError("", name="numpyy")) == ""
 
@@ -53,7 +53,7 @@ def test_a_command_without_its_extra_ends_with_that_sentence(monkeypatch, sdm):
     monkeypatch.delitem(sys.modules, "sdm_deflect.cases.view.serve", raising=False)
     code, _, complaint = sdm("view", "nowhere")
     assert code == 2
-    assert "sdm-deflect[view]" in complaint
+    assert "pip install '.[view]'" in complaint
 
 
 def test_an_extra_that_is_not_installed_is_no_fault(monkeypatch):

@@ -40,11 +40,18 @@ def test_a_notebook_is_one_and_needs_no_more_than_the_package(page):
     nbformat.validate(notebook)
     assert not [cell for cell in notebook.cells if "```{" in cell.source]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    needs = [*project["dependencies"], *(need for lines in project["optional-dependencies"].values() for need in lines)]
+    extras = project["optional-dependencies"]
+    needs = [*project["dependencies"], *extras["notebook"], *extras["report"]]
     known = {re.split(r"[^\w-]", need)[0] for need in needs}
     known |= {"sdm_deflect", *sys.stdlib_module_names}
     wanted = {name for cell in code(page) for name in imported(cell.source)}
     assert {MODULES.get(name, name) for name in wanted} <= known
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_notebook_beside_a_page_is_the_page(page):
+    """`python docs/_ext/notebooks.py` writes them."""
+    assert nbformat.read(page.with_suffix(".ipynb"), as_version=4) == notebook_of(page)
 
 
 def test_links_of_a_notebook_do_not_lead_to_pages_that_are_not_there(tmp_path):

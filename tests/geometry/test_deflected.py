@@ -86,7 +86,7 @@ def test_an_opposite_deflection_is_the_mirror_image(fighter):
 
 
 def test_unusable_deflections_are_refused(fighter):
-    with pytest.raises(ValueError, match=r"deflection.angle = 95 deg is outside -60 ... 60 deg"):
+    with pytest.raises(ValueError, match=r"deflection.angle = 95 deg is outside -85 ... 85 deg"):
         CadTurn(95.0)
     with pytest.raises(ValueError, match=r"deflection.mode = 'bent'"):
         CadTurn(5.0, "bent")

@@ -3,8 +3,8 @@
 import json
 
 import pytest
-
 import rigid_cad
+
 from sdm_deflect.cases.aircraft.cad import undeflected_cad
 
 pytestmark = pytest.mark.mesher
