@@ -1,5 +1,6 @@
 """The whole method from Python: read a mesh, deflect it, look at it, save it."""
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 from numpy.typing import ArrayLike
 
+from sdm_deflect.cases.run.metrics import notes_of, warnings_of
 from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON, angles_of, settings_of, tables_of
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
@@ -285,8 +287,13 @@ class Result:
         verdict = f"FAILED: {', '.join(failed)}" if failed else "all checks passed"
         return f"{', '.join(self.plan.patches)} of {self.plan.mesh.name} at {self.angle:+g} {unit}: {verdict}"
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings, on what is probably wrong though every check holds, and then what else one may not expect."""
+        return (*warnings_of(self.plan), *notes_of(self.plan))
+
     def __repr__(self) -> str:
-        return f"<Result: {self.title}>"
+        return "\n".join([f"<Result: {self.title}>", *(f"warning: {text}" for text in warnings_of(self.plan))])
 
     def _repr_html_(self) -> str:
         """Return the checks and the quality before and after, as tables for notebooks."""
@@ -298,8 +305,11 @@ class Result:
             (new.shape, new.measure, str(new.cells), *(f"{one.min:.3f} / {one.mean:.3f}" for one in (old, new)))
             for old, new in zip(self.plan.before, self.quality, strict=True)
         ]
-        return _table(self.title, ("check", "value", "limit", "verdict"), checks) + _table(
-            "Cells in the box: least / mean quality", ("type", "measure", "cells", "before", "after"), quality
+        warned = "".join(f"<p>&#9888; {escape(text)}</p>" for text in warnings_of(self.plan))
+        return (
+            warned
+            + _table(self.title, ("check", "value", "limit", "verdict"), checks)
+            + _table("Cells in the box: least / mean quality", ("type", "measure", "cells", "before", "after"), quality)
         )
 
 
@@ -443,6 +453,8 @@ def _run(
         raise InputError(f"progress = {shortened(progress)} must be a function of a text and a fraction")
     given = adapters.accepted(read(mesh, progress) if isinstance(mesh, str | PathLike) else mesh)
     plan = Plans.of(given.mesh, jobs, angles, progress)
+    for text in warnings_of(plan):
+        warnings.warn(text, stacklevel=3)
     results = [
         (i, Result(one, given.with_points(one.points), checks_of(one, least), least))
         for i, one in swept(plan, angles, progress)

@@ -128,7 +128,8 @@ def check_case(case: Case) -> None:
 
 def axis_of(fighter: Fighter, surface: str) -> Axis:
     """Return the axis of rotation of a control surface."""
-    return Axis.through(*datum.hinge_line(fighter, surface))
+    first, second = datum.hinge_line(fighter, surface)
+    return Axis.through(first, second) if hinged(surface) else Axis(first, second - first)
 
 
 def motion_of(case: Case, mesh: Mesh, surface: str, hexahedron: Hexahedron) -> Motion:

@@ -15,6 +15,7 @@ from sdm_deflect.cases.run.metrics import (
     peak_rss_bytes,
     repair_text,
     verdict_figures,
+    warnings_of,
 )
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.checks import Check
@@ -101,6 +102,7 @@ def metrics(run: Run) -> Json:
         "evaluation": _evaluation(run),
         "quality": {"before": quality[0], "after": quality[1], "inverted": after.inverted},
         "validation": verdict_figures(run.checks),
+        "warnings": list(warnings_of(run.deflection.plan)),
         "deflections": surfaces,
         "timings": run.watch.seconds,
         "total_seconds": run.watch.total,

@@ -20,6 +20,7 @@ from sdm_deflect.cases.run.metrics import (
     notes_of,
     repair_text,
     travels,
+    warnings_of,
 )
 from sdm_deflect.deform.base.errors import printable
 from sdm_deflect.deform.base.sets import union
@@ -54,10 +55,19 @@ def verdict(checks: Sequence[Check], title: str) -> Table:
     return table
 
 
-def outcome(checks: Sequence[Check]) -> str:
-    """Say whether all checks hold, or which do not."""
+def outcome(checks: Sequence[Check], warned: Sequence[str] = ()) -> str:
+    """Say whether all checks hold, or which do not, and how many warnings there are."""
     failed = dict.fromkeys(check.name for check in checks if not check.passed)
-    return f"A VALIDATION FAILED: {', '.join(failed)}" if failed else "all validations passed"
+    count = f", {len(warned)} warning{'s' if len(warned) > 1 else ''}" if warned else ""
+    return (f"A VALIDATION FAILED: {', '.join(failed)}" if failed else "all validations passed") + count
+
+
+def warning_texts(warned: Sequence[str], *before: str) -> list[Text]:
+    """Return warnings in yellow, below what comes before them; nothing without any."""
+    lines = [plain(f"warning: {text}") for text in warned]
+    for line in lines:
+        line.stylize("yellow")
+    return [*map(plain, before), *lines] if lines else []
 
 
 def rigid_lines(checks: Sequence[Check]) -> list[str]:
@@ -82,7 +92,7 @@ def plan_table(plan: Planned) -> Group:
     for patch in plan.mesh.patches:
         count = len(np.intersect1d(patch.nodes, inside, assume_unique=True))
         table.add_row(plain(patch.name), plain(_part(plan, patch.name)), str(len(patch.nodes)), str(count))
-    return Group(table, *_texts(_lines(plan)))
+    return Group(*warning_texts(warnings_of(plan)), table, *_texts(_lines(plan)))
 
 
 def result_table(done: "Outcome") -> Group:
@@ -95,8 +105,9 @@ def result_table(done: "Outcome") -> Group:
     texts += [f"note: {text}" for text in done.notes]
     texts += [f"not held by this format: {text}" for text in done.lost]
     texts += [done.flow.text(done.plan)] if done.flow else []
-    texts += _closing(done)
-    return Group(*tables, *_texts(texts))
+    warned = warnings_of(done.plan)
+    last = outcome([*(check for judged in done.angles for check in judged.checks), *done.checks], warned)
+    return Group(*warning_texts(warned, last), *tables, *_texts([*texts, *_closing(done), last]))
 
 
 def _of_one_angle(done: "Outcome", judged: "Judged") -> tuple[list[Table], list[str]]:
@@ -124,14 +135,13 @@ def _unit(done: "Outcome") -> str:
 
 
 def _closing(done: "Outcome") -> Iterator[str]:
-    """Yield how long it took, what was written, and whether all checks hold."""
+    """Yield how long it took, and what was written."""
     further = [judged.seconds for judged in done.angles[1:]]
     mean = f", {sum(further) / len(further):.2f} s for each further one" if further else ""
     yield f"first angle {done.angles[0].seconds:.2f} s{mean}"
     if done.files:
         warning = "" if done.passed else ", of which the mesh should not be used as it is"
         yield f"wrote {', '.join(map(str, (*done.files, *done.reports)))}{warning}"
-    yield outcome([*(check for judged in done.angles for check in judged.checks), *done.checks])
 
 
 def quality_table(before: Sequence[Quality], after: Sequence[Quality]) -> Table:

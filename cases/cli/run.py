@@ -44,7 +44,8 @@ def run(
 
     from sdm_deflect.cases.aircraft.metrics import summary
     from sdm_deflect.cases.aircraft.pipeline import run_case
-    from sdm_deflect.cases.cli.console import outcome, rigid_lines, verdict
+    from sdm_deflect.cases.cli.console import outcome, rigid_lines, verdict, warning_texts
+    from sdm_deflect.cases.run.metrics import warnings_of
     from sdm_deflect.cases.run.output import output_folder, report_lacks
 
     folder, lacking = out or Path("runs") / resolved.name, report_lacks() if report else ""
@@ -56,8 +57,10 @@ def run(
         click.echo((folder / "metrics.json").read_text(encoding="utf-8"), nl=False)
     else:
         title = f"{resolved.name} {resolved.angle:+g} deg, {resolved.scale}, {resolved.strategy}"
-        last = (f"results in {folder}", *rigid_lines(result.checks), outcome(result.checks))
-        options.print_tables(verdict(result.checks, title), *summary(result), *last)
+        warned = warnings_of(result.deflection.plan)
+        last = outcome(result.checks, warned)
+        lines = (*summary(result), f"results in {folder}", *rigid_lines(result.checks), last)
+        options.print_tables(*warning_texts(warned, last), verdict(result.checks, title), *lines)
     return options.code_of(result.passed)
 
 

@@ -46,6 +46,7 @@ from sdm_deflect.cases.run.metrics import (
     peak_rss_bytes,
     travels,
     verdict_figures,
+    warnings_of,
 )
 from sdm_deflect.cases.run.output import moved_by_repair, report_lacks, write_convergence, write_interpolants
 from sdm_deflect.cases.run.read_back import difference
@@ -252,6 +253,7 @@ def metrics_of(one: Deflected, checks: tuple[Check, ...], out: Path | None, timi
         "evaluation": {"seconds": sum(step.evaluation_seconds for box in one.boxes for step in box.steps)},
         "validation": verdict_figures(checks),
         "deflections": boxes,
+        "warnings": list(warnings_of(plan)),
         "notes": [*notes_of(plan), *part],
         "files": [str(out)] if out else [],
         "timings": dict(timings),

@@ -15,6 +15,7 @@ from sdm_deflect.cases.run.metrics import (
     motion_figures,
     notes_of,
     verdict_figures,
+    warnings_of,
 )
 from sdm_deflect.cases.run.output import output_files, report_lacks
 from sdm_deflect.cases.run.progress import Stopwatch
@@ -220,6 +221,7 @@ def plan_figures(plan: Planned, flow: "FlowCase | None" = None) -> Json:
         "cells_touched": plan.touched.count,
         "farthest": {name: {"at": at.tolist(), "move": move.tolist()} for name, at, move in farthest(plan)},
         "motion": motion_figures(plan, max(plan.angles, key=abs)),
+        "warnings": list(warnings_of(plan)),
         "notes": list(notes_of(plan)),
         **({"case": flow.figures(plan)} if flow else {}),
     }

@@ -9,6 +9,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.checks import Check
+from sdm_deflect.deform.mesh.mesh import Warned
 from sdm_deflect.deform.mesh.orthogonality import SEVERE, SKEW
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.rbf.fitting import KERNELS, ORDERS
@@ -174,10 +175,15 @@ def verdict_figures(checks: Sequence[Check]) -> Json:
     return {"checks": [check.as_dict() for check in checks], "passed": all(check.passed for check in checks)}
 
 
+def warnings_of(plan: Planned) -> tuple[str, ...]:
+    """Return sentences on what is probably wrong, though every check may hold."""
+    found = [note for note in plan.mesh.notes if isinstance(note, Warned)]
+    return tuple(dict.fromkeys([*found, *(text for box in plan.boxes for text in box.boundary.warnings)]))
+
+
 def notes_of(plan: Planned) -> tuple[str, ...]:
     """Return sentences on what a user may not expect of a mesh."""
-    placements = (placement for box in plan.boxes for placement in box.boundary.placements)
-    notes = [*plan.mesh.notes, *(note for placement in placements for note in placement.notes())]
+    notes = [note for note in plan.mesh.notes if not isinstance(note, Warned)]
     if coincident := sum(box.sites.coincident for box in plan.boxes):
         notes.append(f"{coincident} moving nodes coincide with others; they move as one")
     if min(plan.touched.orientation, default=1.0) < 0.0:

@@ -30,6 +30,7 @@ class Options(TypedDict, total=False):
     zones: str | Sequence[str]
     near_wall: bool
     allow_inverted: bool
+    force: bool
     select: str | Sequence[str] | Mapping[str, str]
     slide: str | Sequence[str] | Mapping[str, str]
     periodic: Mapping[str, Any] | Sequence[Any]

@@ -275,6 +275,12 @@ class Whole:
     inverted: tuple[int, ...] = ()
 
 
+class Warned(str):
+    """A note that is a warning: the result is probably not what is wanted."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
     """Points, cells of every type and named boundary patches: all that a deformation needs to know.
@@ -289,7 +295,7 @@ class Mesh:
     zones : Parts with points of their own, which cover all points in order. One unless the file says otherwise.
     name : The file or kind of mesh, for messages.
     source : The file it was read from, if it was.
-    notes : Sentences on what a user may not expect of it.
+    notes : Sentences on what a user may not expect of it; those that are `Warned` are shown as warnings.
     whole : The mesh that this one is an excerpt of; None if it is whole itself.
     periodic : Pairs of patches whose nodes are images of one another.
     files : The files it was read from, as they were then (`check_unchanged`).

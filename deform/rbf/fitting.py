@@ -147,6 +147,7 @@ class JobOptions:
         "Nodes of fixed patches that reach into the box are data sites then. Without it, as in the paper, the moving "
         "surface and the box are the only data sites, and no other patch may reach into the box.")] = True
     allow_inverted: Annotated[bool, Doc("Quality", "Take a mesh that has inverted cells already.")] = False
+    force: Annotated[bool, Doc("What moves", "Take a hinge farther from its surface than that is wide.")] = False
     # fmt: on
     fitting: Annotated[Fitting, INLINE] = field(default_factory=Fitting)
     repair: Annotated[Repair, INLINE] = field(default_factory=Repair)

@@ -13,8 +13,9 @@ from sdm_deflect.deform.surface.surface import Surface
 
 UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.37)
 """Factors between metres, millimetres, inches and feet."""
-HALF = 0.5
-"""Share of a surface along its hinge that the hinge's two points span at least in another unit."""
+HALF, QUARTER = 0.5, 0.25
+"""Share of a surface along its hinge that the hinge's two points span at least; share of its width that is far."""
+MEANT = "correct it, or say --force (force = true) if it is meant"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,9 +27,10 @@ class Placement:
     surface : its patches, for messages.
     axis : the hinge.
     width : extent of the surface across the hinge.
-    distance : of the hinge's line from the nearest node.
+    distance : of the hinge's line from the nearest node; 0 inside the surface, whose nodes are all around it.
     covered : share of the surface's extent along the hinge that lies between the two points of the hinge; 1 where these
         are not known.
+    ahead : how far the surface reaches to the other side of the hinge than its farthest node.
     chord : second largest extent of the surface, whichever way it lies.
     ends : (E, 3) the two points of the hinge, as far as they are known, with their `apart` (E,) from the nearest node.
     """
@@ -38,6 +40,7 @@ class Placement:
     width: float
     distance: float
     covered: float
+    ahead: float
     chord: float
     ends: FloatArray = field(repr=False)
     apart: FloatArray = field(repr=False)
@@ -54,27 +57,31 @@ class Placement:
         width = float(np.linalg.norm(np.ptp(radial, axis=0)))
         centred = points - points.mean(axis=0)
         chord = float(np.sort(np.ptp(centred @ np.linalg.eigh(centred.T @ centred)[1], axis=0))[1])
-        reach = [] if axis.length is None else [0.0, axis.length]
-        ends = np.array([axis.point + far * axis.direction for far in reach]).reshape(-1, 3)
+        known = [] if axis.length is None or high <= low else [0.0, axis.length]
+        ends = np.array([axis.point + far * axis.direction for far in known]).reshape(-1, 3)
         apart = cKDTree(points).query(ends)[0] if len(ends) else np.empty(0)
-        distance = float(np.linalg.norm(radial, axis=1).min())
-        return cls(surface.named, axis, width, distance, covered, chord, ends, apart)
+        reach = np.linalg.norm(radial, axis=1)
+        distance = 0.0 if _surrounds(radial, axis) else float(reach.min())
+        ahead = -float((radial @ radial[np.argmax(reach)]).min()) / max(float(reach.max()), np.finfo(np.float64).tiny)
+        return cls(surface.named, axis, width, distance, covered, ahead, chord, ends, apart)
 
     @property
     def near(self) -> bool:
         """Whether the hinge passes the surface no farther away than it is wide."""
         return self.distance <= self.width
 
-    def check(self, surface: Surface) -> None:
-        """Raise InputError if the hinge is far away, and fits to the surface in another unit of length."""
-        if self.near:
+    def check(self, surface: Surface, force: bool) -> None:
+        """Raise InputError if the hinge is far away, unless by `force`, or fits in another unit of length."""
+        if self.near or force:
             return
         fits = [(there.distance, factor) for factor, there in self._elsewhere(surface)]
-        if fits:
-            raise InputError(
-                f"hinge: its line passes {self.distance:.4g} from {self.surface}, which is {self.width:.4g} wide "
-                f"across it; times {min(fits)[1]:.4g} it would fit: give it in the mesh's unit of length"
-            )
+        help = f"times {min(fits)[1]:.4g} it would fit: give it in the mesh's unit of length" if fits else MEANT
+        raise InputError(f"hinge: {self.passes}; {help}")
+
+    @property
+    def passes(self) -> str:
+        """How far away the hinge is, in words."""
+        return f"its line passes {self.distance:.4g} from {self.surface}, which is {self.width:.4g} wide across it"
 
     def _elsewhere(self, surface: Surface) -> Iterator[tuple[float, "Placement"]]:
         """Yield units of the hinge, by their factor, in which it fits to the surface."""
@@ -84,17 +91,25 @@ class Placement:
             if there.near and there.covered >= HALF:
                 yield factor, there
 
-    def notes(self) -> Iterator[str]:
-        """Yield what is unusual, as sentences."""
-        if not self.near:
-            yield (
-                f"the hinge passes {self.distance:.4g} from {self.surface}, which is {self.width:.4g} wide across it: "
-                "is it the right one?"
-            )
+    def warnings(self, blended: bool) -> Iterator[str]:
+        """Yield what makes it likely that the hinge is wrong, as sentences."""
+        if self.distance > QUARTER * self.width:
+            yield f"hinge: {self.passes}: is it the right one?"
+        if self.covered < HALF:
+            yield f"hinge: its two points cover {self.covered:.0%} of the span of {self.surface}: is it the right one?"
+        if blended and self.ahead > QUARTER * self.width:
+            yield f"hinge: {self.surface}, {self.width:.4g} wide, reaches {self.ahead:.4g} ahead of it: is it right?"
         for name, end, apart in zip(("first", "second"), self.ends, self.apart, strict=False):
             if self.near and apart > self.chord:
                 place = ", ".join(f"{x:.6g}" for x in end)
                 yield (
-                    f"the {name} point of the hinge, ({place}), is {apart:.4g} from {self.surface}, whose chord is "
+                    f"hinge: its {name} point, ({place}), is {apart:.4g} from {self.surface}, whose chord is "
                     f"{self.chord:.4g}: is it right?"
                 )
+
+
+def _surrounds(radial: FloatArray, axis: Axis) -> bool:
+    """Return whether vectors (N, 3) away from an axis leave no half of the circle around it free."""
+    first = radial[0]
+    angles = np.sort(np.arctan2(radial @ np.cross(axis.direction, first), radial @ first))
+    return bool(np.diff(angles, append=angles[0] + 2.0 * np.pi).max() < np.pi)

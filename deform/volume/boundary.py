@@ -8,10 +8,12 @@ import numpy as np
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, nearest
 from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.mesh.edges import median_edge
 from sdm_deflect.deform.mesh.images import THIN, Images, is_thin, plane_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fitted
 from sdm_deflect.deform.rbf.sites import XYZ
+from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import MotionLaw
 from sdm_deflect.deform.surface.placement import Placement
 from sdm_deflect.deform.surface.reached import Reached
@@ -23,6 +25,7 @@ LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordin
 ON_SHAPE = 1e-6  # of it: a moving node this near to a sliding shape is put on it
 ALIKE = 0.01  # of the largest displacement: images on a moving surface that move alike but for this get the mean
 TILT = 0.1  # the same in a wedge, whose sides are turned from the plane in which its hinge turns
+COARSE = 0.1  # of the moving surface's median edge: a tolerance above it is a slip
 KEPT = 32  # displacements of different amounts, each of which may take a fit
 Amounts = tuple[float, ...]
 """Amount of each moving surface: degrees, or the share of a table."""
@@ -142,9 +145,14 @@ class PrescribedNodes:
         return self.images.among(self.nodes).projected(out)
 
     @property
-    def placements(self) -> tuple[Placement, ...]:
-        """Where the hinges lie beside their surfaces."""
-        return tuple(placement for placement, _ in _placements(self.job, self.surfaces))
+    def warnings(self) -> tuple[str, ...]:
+        """What makes it likely that a hinge or the tolerance is wrong."""
+        found = [text for one, _, blended in _placements(self.job, self.surfaces) for text in one.warnings(blended)]
+        patches = [name for surface in self.surfaces for name in surface.patches]
+        edge, tolerance = median_edge(self.mesh.points, self.mesh.faces_of(patches)), self.job.fitting.tolerance
+        if (tolerance or 0.0) > COARSE * edge:
+            found.append(f"tolerance = {tolerance:g} is above {COARSE:g} of the surface's median edge, {edge:.3g}")
+        return tuple(found)
 
     def farthest(self, amounts: Amounts) -> Iterator[tuple[Surface, FloatArray, FloatArray]]:
         """Yield each surface with place and displacement (3,) of the node that moves farthest."""
@@ -311,15 +319,15 @@ def _walls(mesh: Mesh) -> tuple[Plane, ...]:
 
 def _check_hinges(job: Job, surfaces: Sequence[Surface]) -> None:
     """Raise if a hinge does not lie beside its surface as it must."""
-    for placement, surface in _placements(job, surfaces):
-        placement.check(surface)
+    for placement, surface, _ in _placements(job, surfaces):
+        placement.check(surface, job.force)
 
 
-def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement, Surface]]:
-    """Yield where hinges lie beside their surfaces, of those that have one."""
+def _placements(job: Job, surfaces: Sequence[Surface]) -> Iterator[tuple[Placement, Surface, bool]]:
+    """Yield where hinges lie beside their surfaces, of those that have one, and whether the motion is blended."""
     for moving, surface in zip(job.surfaces, surfaces, strict=True):
         if moving.motion.axis is not None:
-            yield Placement.of(surface, moving.motion.axis), surface
+            yield Placement.of(surface, moving.motion.axis), surface, isinstance(moving.motion, Blended)
 
 
 def _check_parts(mesh: Mesh, moves: list[str], fixed: tuple[str, ...], sliding: dict[str, str]) -> None:

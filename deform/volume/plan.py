@@ -180,8 +180,7 @@ class Plan(Planned):
         try:
             region = BoxNodes.of(boundary, job.ends(wanted))
         except InputError as error:
-            notes = [note for placement in boundary.placements for note in placement.notes()]
-            raise InputError("; ".join([str(error), *notes])) from None
+            raise InputError("; ".join([str(error), *boundary.warnings])) from None
         sites = Sites.of(boundary, region)
         progress("cells", nan)
         touched = TouchedCells.of(boundary.mesh, union(region.inside, sites.moving))

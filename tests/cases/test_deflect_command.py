@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
+from sdm_deflect import deflect
 from sdm_deflect.meshing.formats.known import written
 from sdm_deflect.meshing.formats.registry import FORMATS, format_of
 from tests.calls import files_of_at_most
@@ -94,6 +95,28 @@ def test_a_dry_run_says_what_would_be_done_and_writes_nothing(files, sdm, tmp_pa
     assert plan["files"] == [str(tmp_path / "wing-deflected.su2")]
     assert plan["sites"]["surface"] > 0
     assert [path.name for path in tmp_path.iterdir()] == ["wing.su2"]
+
+
+def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_path):
+    """The hinge is on the other half of the wing: every check holds, and the flap turns the other way."""
+    words = ["deflect", files["su2"], *FLAP, "--hinge", "0.7,-0.3,0", "0.7,-0.7,0", "--angle", "8", "--quiet"]
+    warning = "hinge: its two points cover 0% of the span of flap_"
+    code, table, _ = sdm(*words, "--out", tmp_path / "w.su2", "--report")
+    lines = [line for line in table.splitlines() if line]
+    assert code == 0
+    assert lines[0] == lines[-1] == "all validations passed, 3 warnings"
+    assert lines[1].startswith(f"warning: {warning}")
+    assert sdm(*words, "--dry-run")[1].splitlines()[0].startswith(f"warning: {warning}")
+    figures = json.loads(sdm(*words, "--dry-run", "--json")[1])
+    assert figures["warnings"][0].startswith(warning)
+    page = (tmp_path / "w-report" / "report.html").read_text()
+    assert page.index("3 warnings") < page.index('<p class="warning">hinge') < page.index('<dl class="facts">')
+    assert json.loads((tmp_path / "w-report" / "metrics.json").read_text())["warnings"] == figures["warnings"]
+    wing = {"fixed": "wing_*", "slide": "symmetry:plane", "motion": "blended"}
+    with pytest.warns(UserWarning, match="hinge: its"):
+        result = deflect(str(files["su2"]), "flap_*", [[0.7, -0.3, 0], [0.7, -0.7, 0]], 8, **wing)
+    assert list(result.notes[:3]) == figures["warnings"]
+    assert f"warning: {warning}" in repr(result)
 
 
 def test_a_setting_that_is_set_counts(files, sdm):

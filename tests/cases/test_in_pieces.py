@@ -182,7 +182,7 @@ def plates(request, tmp_path):
     return written(one, tmp_path / f"plates{request.param}")
 
 
-HINGE = ["--hinge", "1.25,-1,0", "1.25,1,0", "--angle", "6"]
+HINGE = ["--hinge", "1.25,-1,0", "1.25,1,0", "--angle", "6", "--force"]
 
 
 def test_a_box_for_each_of_two_plates(plates, alike, tmp_path):
@@ -191,7 +191,9 @@ def test_a_box_for_each_of_two_plates(plates, alike, tmp_path):
         f"[[surface]]\npatches = ['wall#{part}']\nhinge = [[{x}, -1, 0], [{x}, 1, 0]]\nangle = {angle}\n"
         for part, x, angle in ((2, 1.25, 6), (3, -1.25, -3))
     )
-    (tmp_path / "two.toml").write_text("fixed = ['wall']\nbox_each = true\nmargin = 0.4\n" + "".join(tables))
+    (tmp_path / "two.toml").write_text(
+        "fixed = ['wall']\nbox_each = true\nforce = true\nmargin = 0.4\n" + "".join(tables)
+    )
     found = alike(plates, "--config", tmp_path / "two.toml")
     assert found["/passed"]
     assert found["/angles/0/cells_touched"] == sum(

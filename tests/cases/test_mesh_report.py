@@ -258,7 +258,7 @@ def test_without_its_libraries_a_report_has_all_but_the_page(coarse_wing, tmp_pa
     one = deflect(Plan.of(coarse_wing.mesh, blended(coarse_wing.hinge)), 3.0)
     write_run_folder(tmp_path, one, tuple(checks_of(one)), None, {})
     assert {path.name for path in tmp_path.iterdir()} == FILES - {"report.html"}
-    with pytest.raises(InputError, match=r"a report needs jinja2: pip install 'sdm-deflect\[report\]'"):
+    with pytest.raises(InputError, match=r"a report needs jinja2: in your clone, pip install '.\[report\]'"):
         check_report()
 
 

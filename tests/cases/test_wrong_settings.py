@@ -58,6 +58,7 @@ def faults(attempt, values):
     return found
 
 
+@pytest.mark.filterwarnings("ignore:(hinge|tolerance)")
 @pytest.mark.parametrize("name", [*FLAT, "surface", "surfaces", "fitting", "nosuch"])
 def test_a_keyword_of_python(name, block):
     blended = {"motion": "blended", "held": [0, 1, 2], "driven": [120, 121]}

@@ -16,12 +16,12 @@ FLAP = ("flap_*",)
 WING = ("wing_*", "flap_*")
 
 
-def job(patches, hinge=Y_AXIS, angle=10.0, motion=None, slide=None, box=None, repair="off", **more):
-    """Patches that turn about a hinge (2, 3); `box` is a rule, or its corners; nothing is repaired unless asked."""
+def job(patches, hinge=Y_AXIS, angle=10.0, motion=None, slide=None, box=None, repair="off", force=True, **more):
+    """Patches that turn about a hinge (2, 3), however far; `box`: a rule, or corners; repaired only if asked."""
     moving = Moving(tuple(patches), motion or Rotation.about(*hinge), angle)
     slides = tuple(Sliding(patch, shape) for patch, shape in (slide or {}).items())
     rule = Automatic() if box is None else Given.at(np.array(box, dtype=float)) if isinstance(box, list) else box
-    return Job((moving,), slides=slides, box=rule, repair=Repair(repair), **more)
+    return Job((moving,), slides=slides, box=rule, repair=Repair(repair), force=force, **more)
 
 
 def turn(mesh, patches=("body",), hinge=Y_AXIS, angle=10.0, **more):

@@ -111,7 +111,7 @@ def test_a_motion_that_does_not_exist_is_refused(tail):
     with pytest.raises(InputError):
         tail.at(45.0)
     for angle in (91.0, float("nan"), float("inf")):
-        with pytest.raises(InputError, match=r"outside -90 \.\.\. 90"):
+        with pytest.raises(InputError, match=r"outside -85 \.\.\. 85"):
             tail.at(angle)
 
 

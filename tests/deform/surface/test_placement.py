@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.run.metrics import farthest, notes_of, travels
+from sdm_deflect.cases.run.metrics import farthest, travels, warnings_of
 from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.mesh.edges import median_edge
+from sdm_deflect.deform.rbf.fitting import Fitting
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.placement import UNITS, Placement
 from sdm_deflect.deform.surface.surface import Surface
@@ -41,34 +43,67 @@ def test_a_hinge_in_another_unit_is_refused_with_the_factor(mesh, factor):
     other = replace(mesh, points=mesh.points * factor)
     match = rf"hinge: its line passes \S+ from body, which is \S+ wide across it; times {factor:.4g} it would fit"
     with pytest.raises(InputError, match=match):
-        Plan.of(other, job(["body"], HINGE))
+        Plan.of(other, job(["body"], HINGE, force=False))
 
 
-def test_a_hinge_that_is_far_away_in_any_unit_is_taken_and_said(mesh):
-    notes = notes_of(Plan.of(mesh, job(["body"], HINGE + 2.0 * UP, 1.0)))
-    assert notes == ("the hinge passes 1.5 from body, which is 1.414 wide across it: is it the right one?",)
+def warned(mesh, hinge, angle=1.0, force=False, **settings):
+    return warnings_of(Plan.of(mesh, replace(job(["body"], hinge, angle), force=force, **settings)))
+
+
+def test_a_hinge_that_is_far_away_in_any_unit_is_refused_unless_it_is_meant(mesh):
+    far = "its line passes 1.5 from body, which is 1.414 wide across it"
+    with pytest.raises(InputError, match=re.escape(f"hinge: {far}; correct it, or say --force (force = true) if")):
+        warned(mesh, HINGE + 2.0 * UP)
+    assert warned(mesh, HINGE + 2.0 * UP, force=True) == (f"hinge: {far}: is it the right one?",)
+
+
+def test_a_hinge_beyond_a_quarter_of_the_width_is_warned_of(mesh):
+    assert warned(mesh, HINGE + 0.8 * UP) == ()
+    (text,) = warned(mesh, HINGE + 0.9 * UP)
+    assert text == "hinge: its line passes 0.4 from body, which is 1.414 wide across it: is it the right one?"
 
 
 @pytest.mark.parametrize(
     ("hinge", "said"),
     [
-        ([[3.0, -0.5, 0.0], [3.0, -5.0, 0.0]], "the second point of the hinge, (3, -5, 0), is 4.5 from body"),
-        ([[30.0, -0.5, 0.0], [3.0, 0.5, 0.0]], "the first point of the hinge, (30, -0.5, 0), is 26.5 from body"),
+        ([[3.0, -0.5, 0.0], [3.0, -5.0, 0.0]], "its second point, (3, -5, 0), is 4.5 from body"),
+        ([[30.0, -0.5, 0.0], [3.0, 0.5, 0.0]], "its first point, (30, -0.5, 0), is 26.5 from body"),
     ],
 )
 def test_a_point_with_a_wrong_digit_is_named(mesh, hinge, said):
-    (note,) = notes_of(Plan.of(mesh, job(["body"], hinge, 1.0)))
-    assert note == f"{said}, whose chord is 1: is it right?"
+    assert f"hinge: {said}, whose chord is 1: is it right?" in warned(mesh, hinge)
 
 
-@pytest.mark.parametrize("hinge", [HINGE, [[3.0, -0.5, 0.0], [3.0, -0.4, 0.0]], [[3.0, -1.0, 0.0], [3.0, 1.4, 0.0]]])
+@pytest.mark.parametrize("hinge", [HINGE, [[3.0, -1.0, 0.0], [3.0, 1.4, 0.0]]])
 def test_two_points_on_or_beside_the_surface_are_taken_silently(mesh, hinge):
-    assert notes_of(Plan.of(mesh, job(["body"], hinge, 1.0))) == ()
+    assert warned(mesh, hinge) == ()
+
+
+@pytest.mark.parametrize(("last", "share"), [(-0.4, "10%"), (-1.5, "0%")])
+def test_two_points_that_cover_little_of_the_span_are_warned_of(mesh, last, share):
+    (text, *_) = warned(mesh, [[3.0, -0.5, 0.0], [3.0, last, 0.0]])
+    assert text == f"hinge: its two points cover {share} of the span of body: is it the right one?"
+
+
+def test_a_blended_surface_on_both_sides_of_its_hinge_is_warned_of(mesh):
+    surface = Surface.of(mesh, ["body"])
+    amidships, ahead = (Placement.of(surface, Rotation.about(*(HINGE - x * AFT)).axis) for x in (0.0, 0.5))
+    assert list(amidships.warnings(blended=False)) == list(ahead.warnings(blended=True)) == []
+    (text,) = amidships.warnings(blended=True)
+    assert re.fullmatch(r"hinge: body, 1.414 wide, reaches 0\.7\d* ahead of it: is it right\?", text)
+
+
+def test_a_tolerance_above_a_tenth_of_an_edge_is_warned_of(mesh):
+    edge = median_edge(mesh.points, mesh.faces_of(["body"]))
+    for share, count in ((0.09, 0), (0.11, 1)):
+        texts = warned(mesh, HINGE, fitting=Fitting(tolerance=share * edge))
+        assert len(texts) == count
+        assert all("is above 0.1 of the surface's median edge" in text for text in texts)
 
 
 def test_a_box_that_does_not_fit_says_so_beside_the_hinge(mesh):
-    with pytest.raises(InputError, match=r"must not move.*; the hinge passes 3\.5 from body, .*is it the right one\?"):
-        Plan.of(mesh, job(["body"], HINGE + 4.0 * UP, 40.0))
+    with pytest.raises(InputError, match=r"must not move.*; hinge: its line passes 3\.5 from body, .*the right one\?"):
+        Plan.of(mesh, replace(job(["body"], HINGE + 4.0 * UP, 40.0), force=True))
 
 
 def test_the_farthest_node_says_where_the_surface_goes(mesh):

@@ -17,10 +17,10 @@ HINGE = Rotation.about([0.7, 0.0, 0.0], [0.7, 1.0, 0.0])
 def test_two_surfaces_turn_by_their_own_angles(hybrid_wing):
     mesh = hybrid_wing.mesh
     one, two = Moving(("flap_upper",), HINGE, 10.0), Moving(("flap_base",), HINGE, -5.0)
-    apart = PrescribedNodes.of(mesh, Job((one, two)))
+    apart = PrescribedNodes.of(mesh, Job((one, two), force=True))
     with pytest.raises(InputError, match=r"\d+ nodes of flap_base also belong to another moving surface"):
         apart.displacement((10.0, -5.0))
-    same = PrescribedNodes.of(mesh, Job((one, Moving(("flap_base",), HINGE, 10.0))))
+    same = PrescribedNodes.of(mesh, Job((one, Moving(("flap_base",), HINGE, 10.0)), force=True))
     every = Surface.of(mesh, ("flap_upper", "flap_base"))
     np.testing.assert_allclose(same.displacement((4.0, 4.0)), HINGE.law(every).displacement(4.0), atol=1e-16)
     with pytest.raises(InputError, match="the two move at different rates there"):

@@ -42,7 +42,8 @@ def flapped(w, angle, angles=(), **more):
 def sliding(block_on_cylinder):
     """A fin that turns on the cylinder on which the mesh around it slides."""
     turn = Rotation(Axis(np.zeros(3), np.array([0.0, 0.0, 1.0])))
-    job = Job((Moving(("body",), turn, 4.0),), fixed=("rest",), slides=(Sliding("round", "cylinder"),))
+    slides = (Sliding("round", "cylinder"),)
+    job = Job((Moving(("body",), turn, 4.0),), fixed=("rest",), slides=slides, force=True)
     return Plan.of(block_on_cylinder, job)
 
 
