@@ -5,9 +5,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.base.sets import union
+from sdm_deflect.deform.base import limits
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.sets import distinct, union
 from sdm_deflect.deform.mesh import polyhedra
 from sdm_deflect.deform.mesh.crossing import Crossings
 from sdm_deflect.deform.mesh.edges import edges_of, polygons_of
@@ -17,6 +19,8 @@ from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.precision import EVERY_BIT
 from sdm_deflect.deform.mesh.quality import POLYHEDRON, inverted_of
 from sdm_deflect.deform.mesh.touched import Layers, first_layer
+from sdm_deflect.deform.surface.blended import Blended
+from sdm_deflect.deform.surface.surface import OnPatches
 from sdm_deflect.deform.volume.deflection import Deflected, Deflection
 from sdm_deflect.deform.volume.plan import Plan, Planned
 
@@ -24,6 +28,7 @@ LAYER_CHANGE, THICK_CHANGE = 0.01, 0.1  # of the first layer's height; of thick 
 ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be from where they slid
 ON_IMAGE = 1e-14  # of a pair's size: how far nodes may be from the images of others
 WORSE = 4.0  # times as far as they were, in files with fewer digits
+SAME_PLACE = 1e-9  # of the box: nodes that are nearer are the same place
 MIN_QUALITY = 0.1  # of the undeflected mesh's least quality: what is left of it, unless asked otherwise
 
 Judgement = Literal["at most", "at least"]
@@ -140,6 +145,7 @@ def _checks(deflection: Deflected, min_quality: float, unit: str) -> Iterator[Ch
     yield _unmoved("fixed_surfaces_moved", moved[fixed], "nodes inside the box", unit)
     if len(slid):
         yield _slid_on_surfaces(deflection, slid, unit)
+    yield left_behind(deflection, unit)
     for box in deflection.boxes:
         yield from named([site_error(box, unit)], box.plan, plan)
     if mesh.cells:
@@ -155,6 +161,59 @@ def _checks(deflection: Deflected, min_quality: float, unit: str) -> Iterator[Ch
     yield from _sliding(deflection, unit)
     yield from _pairs(deflection)
     yield from _first_layer(deflection)
+
+
+def left_behind(deflection: Deflected, unit: str = "") -> Check:
+    """Check that no node stays where one that moves was, unless its patch is to stay: others hold the same surface."""
+    mesh, moved = deflection.plan.mesh, np.linalg.norm(deflection.points - deflection.plan.undeflected, axis=1)
+    behind: dict[str, int] = {}
+    largest, stay, over = 0.0, 0, 0
+    for box in deflection.plan.boxes:
+        near = SAME_PLACE * float(np.ptp(box.region.hexahedron.corners, axis=0).max())
+        goes = box.changed[moved[box.changed] > near]
+        over += len(goes)
+        for holder, places in _staying(box, moved == 0.0, near):
+            stay += len(places)
+            low, high = places.min(axis=0, initial=np.inf) - near, places.max(axis=0, initial=-np.inf) + near
+            some = goes[np.all((mesh.points[goes] >= low) & (mesh.points[goes] <= high), axis=1)]
+            if len(some):
+                gaps, rows = cKDTree(places).query(mesh.points[some], distance_upper_bound=near)
+                hit = np.isfinite(gaps)
+                behind[holder] = behind.get(holder, 0) + len(distinct(rows[hit]))
+                largest = max(largest, float(moved[some[hit]].max(initial=0.0)))
+    where = f"{over} nodes that moved, beside {stay} in the box that stay, without patches in fixed and held"
+    if count := sum(behind.values()):
+        names = ", ".join(f"{number} of {holder}" for holder, number in behind.items() if number)
+        where = (
+            f"{names}; moving nodes that were there are now up to {largest:.4g} {unit}".rstrip()
+            + " away: let the zone deform (--zone) and its patch move (--surface), or name the patch in fixed"
+        )
+    return Check("left_behind", float(count), 0.0, "nodes", where, over=over)
+
+
+def _staying(box: Plan, still: BoolArray, near: float) -> Iterator[tuple[str, FloatArray]]:
+    """Yield who holds nodes (K, 3) in the box that are `still` (N,): patches, zones, and zones in the file alone."""
+    mesh, job, region = box.mesh, box.job, box.region
+    held = [one.motion.held for one in job.surfaces if isinstance(one.motion, Blended)]
+    names = [name for nodes in held if isinstance(nodes, OnPatches) for name in mesh.named(nodes.names, "held")]
+    may = still.copy()
+    may[union(mesh.on(*box.boundary.fixed, *names), *(pair.nodes.ravel() for pair in mesh.periodic))] = False
+    rows = np.flatnonzero(may)
+    rows = rows[region.hexahedron.contains(mesh.points[rows], near)]
+    for patch in mesh.patches:
+        own = np.intersect1d(patch.nodes, rows, assume_unique=True)
+        rows = np.setdiff1d(rows, own, assume_unique=True)
+        yield f"patch {patch.name}", mesh.points[own]
+    for zone in mesh.zones:
+        own = rows[(rows >= zone.start) & (rows < zone.stop)]
+        yield f"zone {zone.name!r}", mesh.points[own]
+    if mesh.whole and len(region.zones) < len(mesh.zones):
+        pieces, known = mesh.whole.pieces, mesh.whole.nodes
+        for start in range(0, pieces.points, limits.LIMITS.points):
+            stop = min(start + limits.LIMITS.points, pieces.points)
+            rest = np.setdiff1d(np.arange(start, stop), known, assume_unique=True)
+            places = pieces.coordinates(start, stop)[rest - start]
+            yield "zones that do not deform", places[region.hexahedron.contains(places, near)]
 
 
 def _sliding(deflection: Deflected, unit: str) -> Iterator[Check]:

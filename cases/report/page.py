@@ -137,6 +137,7 @@ CHECKS = {
     "aspect_ratio_max": "largest aspect ratio of a cell, as OpenFOAM's checkMesh has it",
     "faces_without_area": "faces whose area has become zero",
     "open_cells": "cells whose faces do not close, by rounding",
+    "left_behind": "nodes that stay where moving nodes were: another holder of the same surface",
     "repair_elsewhere": "largest displacement by the repair of nodes that it must not move",
     "surface_kept": "nodes that the repair moved on the control surface, from its triangles",
     "planarity": "nodes of planar CAD faces from their best plane",

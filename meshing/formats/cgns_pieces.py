@@ -21,7 +21,7 @@ from sdm_deflect.meshing.formats.cgns_elements import (
     sections,
 )
 from sdm_deflect.meshing.formats.cgns_nodes import child, data
-from sdm_deflect.meshing.formats.cgns_read import Base, base_of, coordinate_data, may_fit
+from sdm_deflect.meshing.formats.cgns_read import Base, base_of, coordinate_data, coordinates_beside, may_fit
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.shapes import MIRRORED
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
@@ -49,7 +49,8 @@ def in_pieces(path: Path, file: Any) -> MeshInPieces | None:
     border = zone_border(base.node, zone, faces, found[-1].last, count, base.dimension)
     patches = without(border.patches, {fault.patch for fault in border.faults})
     pieces = TablePieces(str(path.resolve()), count, points, cells).oriented()
-    return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, count),), notes_of({name: border.faults}))
+    notes = (*notes_of({name: border.faults}), *coordinates_beside(file, base))
+    return MeshInPieces(path.name, pieces, patches, (Zone(name, 0, count),), notes)
 
 
 def _points(path: Path, base: Base, zone: str, count: int) -> tuple[PointRange, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polyhedra, Warned
 from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_blocks import Size, block_border, cells, collapsed, no_cells, size_of, wide
 from sdm_deflect.meshing.formats.cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border
@@ -29,6 +29,10 @@ DIMENSIONS = (3, 3), (2, 2), (2, 3)
 NONE = np.empty((0, 2), dtype=np.intp)
 TYPES = ("Structured", "Unstructured")
 UNPAIRED = "zone {}: interface {} is periodic, and not every point has an image in zone {}; the pair is left out"
+GRID = "GridCoordinates_t"
+STAYS = (
+    "the coordinates in {} stay as they are: what reads them has the undeflected mesh; remove them, or make them again"
+)
 PLANE = "the mesh is plane: its x and y are {} and {} of the file"
 
 
@@ -79,6 +83,7 @@ def read_base(file: Any, report: Callable[[float], None]) -> Fitted:
             zones.append(_zone(base, name))
     found = _put_together(_without_absent(zones))
     notes = notes_of({zone.part.name: zone.faults for zone in zones})
+    notes = (*notes, *coordinates_beside(file, base))
     if base.dimension < len(base.axes) and base.axes != AXES:
         notes = (PLANE.format(*base.axes), *notes)
     report(1.0)
@@ -115,6 +120,16 @@ def _only_base(file: Any) -> tuple[Any, tuple[int, int]]:
         held = "cells in three dimensions" if solid else "cells in three dimensions, or in a plane"
         raise MeshFileError(f"{len(chosen)} of {len(bases)} bases have {held}; one is needed")
     return bases[chosen[0]], each[chosen[0]]
+
+
+def coordinates_beside(file: Any, base: Base) -> tuple[str, ...]:
+    """Return warnings of coordinates that stay as they are: of other bases, and of other times in the zones."""
+    own = base.node.name.strip("/")
+    zones = {f"base {name}": children(one, "Zone_t") for name, one in children(file, "CGNSBase_t") if name != own}
+    others = [name for name, held in zones.items() if any(any(children(zone, GRID)) for _, zone in held)]
+    for name, zone in base.zones.items():
+        others += [f"{one} of zone {name}" for one, _ in children(zone, GRID) if one != "GridCoordinates"]
+    return tuple(Warned(STAYS.format(one)) for one in others)
 
 
 def _dimension(sizes: dict[str, Size], dimension: int) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons, Polyhedra
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons, Polyhedra, Warned
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files.staged import copied, fresh_folder
@@ -37,6 +37,11 @@ from sdm_deflect.meshing.formats.shapes import refuse_plane
 Read = TypeVar("Read")
 STALE = ("processor*",)
 """Parts of a decomposed case: their meshes would be the old ones, so they are not copied."""
+OF_TIMES = (
+    "{} is not deflected, and a solver that starts at that time reads it in place of constant/polyMesh: remove it, or "
+    "move it to constant/polyMesh and deflect that"
+)
+OF_REGIONS = "the meshes of the regions {} are not deflected: name one as constant/{}/polyMesh to deflect it by itself"
 BESIDE = "the parts of the case are neither read nor copied; name {} in place of the case to deflect them"
 
 
@@ -95,7 +100,7 @@ class OpenFoam(Format):
             cells = Polyhedra(polygons, owner, neighbour[neighbour >= 0])
             check_cells(cells)
             named = patches_of(patches, len(polygons), len(cells.neighbour), polygons.rows)
-            mesh = Mesh(points, (cells,), named, notes=parts_beside(case_folder(path)))
+            mesh = Mesh(points, (cells,), named, notes=meshes_beside(case_folder(path)))
             return replace(mesh, periodic=pairs_of(patches, named, lambda nodes: points[nodes]))
 
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
@@ -179,10 +184,16 @@ def has_parts(path: Path) -> bool:
     return (is_part(path) or alone) and bool(homes(case))
 
 
-def parts_beside(case: Path) -> tuple[str, ...]:
-    """A note on parts that stand beside the mesh of the whole."""
+def meshes_beside(case: Path) -> tuple[str, ...]:
+    """Notes on other meshes of a case: those of parts, of times, which a solver reads first, and of regions."""
     parts = sorted(folder for folder in case.glob(STALE[0]) if is_part(folder) and (folder / MESH).is_dir())
-    return (BESIDE.format(parts[0]),) if parts else ()
+    others = sorted({points.parent.parent for points in case.glob("*/polyMesh/points*")} - {case / MESH.parent})
+    times = [one.name for one in others if one.name.replace(".", "", 1).replace("e-", "", 1).isdecimal()]
+    regions = sorted({points.parents[1].name for points in case.glob("constant/*/polyMesh/points*")})
+    notes = [BESIDE.format(parts[0])] if parts else []
+    notes += [Warned(OF_TIMES.format(", ".join(f"{name}/polyMesh" for name in times)))] if times else []
+    notes += [Warned(OF_REGIONS.format(", ".join(regions), regions[0]))] if regions else []
+    return tuple(notes)
 
 
 def mesh_folder(path: Path) -> Path:

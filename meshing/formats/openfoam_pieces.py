@@ -25,7 +25,7 @@ from sdm_deflect.meshing.formats.openfoam import (
     case_folder,
     has_parts,
     mesh_folder,
-    parts_beside,
+    meshes_beside,
     patches_of,
     stored,
 )
@@ -163,7 +163,7 @@ def in_pieces(path: Path) -> MeshInPieces | None:
     pieces = FoamPieces(str(path.resolve()), count, ranges, (), path.absolute(), lists, cells, *spans)
     with about(folder):
         pairs = pairs_of(boundary, patches, pieces.places)
-    notes = parts_beside(case_folder(path))
+    notes = meshes_beside(case_folder(path))
     return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, count),), notes, pairs)
 
 

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
-from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Patch
+from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Patch, Warned
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.numbers import COMMENT, NumberLines, Placed, chunks, numbers
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
@@ -26,6 +26,10 @@ KINDS = {3: (SOLIDS, FACES), 2: (FACES, {3: "line"})}
 """Cells and boundary faces, by dimension."""
 PARALLEL = "SEND_RECEIVE"
 """Marker of points that other processes hold; it is no boundary."""
+BOXES = (
+    "the free-form boxes of the file ({}) are those of the undeflected mesh, and SU2_DEF would put the surface back: "
+    "make them again by SU2_DEF with DV_KIND= FFD_SETTING"
+)
 HALO = (
     "the file has points beyond its periodic markers (SEND_RECEIVE), whose images are not read; take the mesh from "
     "before SU2_MSH, and name the markers by --periodic"
@@ -166,9 +170,10 @@ def _blocks(lines: NumberLines, shapes: Mapping[int, str], points: int) -> Block
 
 
 def notes_of(found: Sequence[KeywordBlock]) -> tuple[str, ...]:
-    """Return a sentence if periodic markers have points beyond them, as SU2 made them before version 7."""
+    """Return sentences on points beyond periodic markers, as SU2 made them before version 7, and on free-form boxes."""
     moved = [own for own in found if own.keyword == "NPERIODIC" and own.value.split()[:1] not in ([], ["0"], ["1"])]
-    return (HALO,) if moved else ()
+    boxes = [own.value for own in found if own.keyword == "FFD_TAG"]
+    return (*([HALO] if moved else []), *(Warned(BOXES.format(", ".join(boxes))) for _ in boxes[:1]))
 
 
 def zones_of(found: Sequence[KeywordBlock]) -> dict[str, list[KeywordBlock]]:

@@ -72,7 +72,7 @@ def test_checks_of_a_surface_alone_in_its_box(block):
     """No fixed patch reaches into it: that none of its nodes moved is no achievement."""
     checks = named(turn(block, box=TIGHT))
     assert [check.name for check in checks.values()] == [
-        "outside_moved", "fixed_surfaces_moved", "site_error", "inverted_cells", "surfaces_crossed",
+        "outside_moved", "fixed_surfaces_moved", "left_behind", "site_error", "inverted_cells", "surfaces_crossed",
         "quality_min:hexahedron"
     ]  # fmt: skip
     assert checks["fixed_surfaces_moved"].verdict == "not applicable"
@@ -165,7 +165,7 @@ def test_no_share_no_check_of_quality(block):
 
 def test_points_alone_have_no_checks_of_cells(block):
     bare = replace(block, cells=())
-    expected = ["outside_moved", "fixed_surfaces_moved", "site_error", "surfaces_crossed"]
+    expected = ["outside_moved", "fixed_surfaces_moved", "left_behind", "site_error", "surfaces_crossed"]
     assert list(named(turn(bare, box=TIGHT))) == expected
     assert layers_of(turn(bare, box=TIGHT)) is None
 

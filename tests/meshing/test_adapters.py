@@ -28,7 +28,7 @@ def test_arrays(block, expected):
     assert np.array_equal(points, result.points)
     body = block.on("body")
     assert np.array_equal(result.points[body], expected[body])
-    asked = {"outside_moved", "fixed_surfaces_moved", "site_error", "surfaces_crossed"}
+    asked = {"outside_moved", "fixed_surfaces_moved", "left_behind", "site_error", "surfaces_crossed"}
     assert {check.name for check in result.checks} == asked
 
 
