@@ -6,7 +6,7 @@ extended to the fuselage: there the law of appendix A is solved again by SciPy.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
@@ -14,16 +14,18 @@ from scipy.interpolate import RBFInterpolator
 
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import Wedge, apex_of, axis_of, fuselage_cylinder, panel_of
-from sdm_deflect.cases.aircraft.reference import Faces
+from sdm_deflect.cases.aircraft.reference import Faces, ReferenceFace
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.points import farthest
 from sdm_deflect.deform.checks import Check, worst
+from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.closest import Triangles
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.surface.appendix_a import STRIP_SITES
 from sdm_deflect.deform.surface.tail_root import RootRegion
+from sdm_deflect.deform.volume.plan import Plan
 from sdm_deflect.geometry import datum
-from sdm_deflect.meshing.mesh import triangles_of
+from sdm_deflect.meshing.mesh import nodes_by_face, triangles_of
 
 PREDICTED = 1e-9
 """Largest difference (m) of a measured distance from the predicted one."""
@@ -46,43 +48,98 @@ WORDS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moved:
-    """A control surface of a case that turned by an angle (deg).
-
-    Attributes
-    ----------
-    before, after : the mesh.
-    slid : (N,) nodes that a repair slid on the surface; None without a repair.
-    """
+class Shape:
+    """A deflected control surface: the mesh before and after, what was asked, and how far a repair (N, 3) moved it."""
 
     case: Case
-    surface: str
-    angle: float
-    before: Mesh = field(repr=False)
-    after: Mesh = field(repr=False)
-    slid: BoolArray | None = field(repr=False)
+    mesh: Mesh
+    deflected: Mesh
+    plan: Plan
+    repair: FloatArray | None = None
+
+    @property
+    def surface(self) -> str:
+        """Name of the control surface."""
+        return self.plan.patches[0]
+
+    @property
+    def angle(self) -> float:
+        """Its angle, degrees."""
+        return self.plan.job.angle
+
+    @property
+    def axis(self) -> Axis:
+        """Its hinge."""
+        return axis_of(self.case.fighter, self.surface)
+
+    def rigid(self, faces: Faces) -> Faces:
+        """Return undeflected CAD faces turned rigidly."""
+        turn, matrix = self.axis.rotated, self.axis.matrix(self.angle)
+        return tuple(ReferenceFace(turn(one.points, self.angle), one.triangles, matrix @ one.normal) for one in faces)
+
+    @property
+    def exact(self) -> IntArray:
+        """Nodes that must lie on the deflected CAD: those that a repair slid if they now are in triangles of others."""
+        nodes, exact = self.plan.sites.moving, self.plan.boundary.laws[0].exact
+        if self.repair is None:
+            return nodes[exact]
+        slid = np.any(self.repair[nodes] != 0.0, axis=1)
+        triangles, start = self.triangles, self.deflected.points - self.repair
+        inner = np.all(np.isin(triangles, nodes[exact]), axis=1)
+        _, hit = closest(self.deflected.points[nodes[slid]], start, triangles)
+        return np.union1d(nodes[exact & ~slid], nodes[slid][inner[hit]])
 
     @property
     def nodes(self) -> IntArray:
-        """Nodes (K,) of the surface."""
-        return self.before.patch(self.surface).nodes
+        """Its nodes (K,)."""
+        return self.mesh.patch(self.surface).nodes
+
+    @property
+    def rows(self) -> IntArray:
+        """Its triangles (T, 3), as rows of its nodes."""
+        return np.searchsorted(self.nodes, triangles_of(self.mesh, self.surface))
 
     @property
     def triangles(self) -> IntArray:
-        """Triangles (T, 3) of the surface, as rows of its nodes."""
-        return np.searchsorted(self.nodes, triangles_of(self.before, self.surface))
+        """Triangles (T, 3) of all patches that move."""
+        return np.concatenate([triangles_of(self.mesh, name) for name in self.plan.patches])
+
+    @property
+    def hinge(self) -> IntArray:
+        """Nodes on the edges of the hinge: they keep their place."""
+        wedge = Wedge.of(self.plan.mesh, self.case.fighter, self.surface)
+        return wedge.nodes[wedge.hinge]
+
+    def faces(self, nodes: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
+        """For each CAD face of the surface: its nodes among those given, and its undeflected unit normal (3,)."""
+        for on_face in nodes_by_face(self.mesh, self.surface):
+            yield np.intersect1d(on_face, nodes), plane_normal(self.mesh.points[on_face])
+
+    def sides(self, nodes: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
+        """For each side of a hinged surface: its nodes among those given, and its rigidly rotated unit normal (3,)."""
+        for own, normal in self.faces(nodes):
+            if abs(normal @ self.axis.direction) <= 0.5:  # an end of the wedge turns in its plane
+                yield own, self.axis.matrix(self.angle) @ normal
+
+    def left_behind(self, nodes: IntArray, normal: FloatArray) -> FloatArray:
+        """Distance (N,) of nodes that did not turn from a plane that they are on, rotated with its normal (3,).
+
+        A repair may have slid them along the edge of the hinge: what counts is where they are now.
+        """
+        now = self.deflected.points[nodes]
+        return np.asarray(np.abs((now - self.axis.rotated(now, self.angle)) @ normal), dtype=np.float64)
 
 
-def rigid_checks(moved: Moved, rigid: Faces) -> Iterator[Check]:
+def rigid_checks(shape: Shape, rigid: Faces) -> Iterator[Check]:
     """Yield the distance from rigid CAD, over all nodes and back, and how far it is from what is predicted."""
-    nodes, triangles, corners = moved.nodes, moved.triangles, corners_of(rigid)
-    points, samples, (places, parts) = moved.after.points[nodes], lattice(corners), predicted(moved)
-    there, back = distance(points, corners), distance(samples.points, points[triangles])
+    nodes, triangles, corners = shape.nodes, shape.rows, corners_of(rigid)
+    points, (samples, areas), (places, parts) = shape.deflected.points[nodes], lattice(corners), predicted(shape)
+    there, back = distance(points, corners), distance(samples, points[triangles])
     shares, expected = nodal_areas(points, triangles), _closest(places, corners)
     figures = {name: _figures(there[rows], expected[rows], shares[rows]) for name, rows in parts.items() if rows.any()}
-    figures["cad_to_surface"] = _figures(back, _closest(samples.points, places[triangles]), samples.weights)
+    figures["cad_to_surface"] = _figures(back, _closest(samples, places[triangles]), areas)
     largest, asked, off = (max(one[key] for one in figures.values()) for key in ("largest", "predicted", "off"))
-    where = f"{sentence(moved.surface, figures)}; {worst(there, points)}"
+    where = f"{sentence(shape.surface, figures)}; {worst(there, points)}"
     yield Check("surface_to_rigid_cad", largest, asked + PREDICTED, "m", where, nodes=nodes, distances=there)
     where = f"{len(nodes)} nodes in {len(figures) - 1} parts, and {len(back)} points of the CAD"
     yield Check("rigid_cad_predicted", off, PREDICTED, "m", where, figures=figures)
@@ -109,60 +166,60 @@ def _figures(measured: FloatArray, predicted: FloatArray, weights: FloatArray) -
     }
 
 
-def parts_of(moved: Moved) -> dict[str, BoolArray]:
+def parts_of(shape: Shape) -> dict[str, BoolArray]:
     """Return the parts (K,) of a surface's nodes, each in one: by topology and by the CAD's datum lines."""
-    fighter, points = moved.case.fighter, moved.before.points[moved.nodes]
-    if not datum.hinged(moved.surface):
-        root = root_region(moved).inside
+    fighter, points = shape.case.fighter, shape.mesh.points[shape.nodes]
+    if not datum.hinged(shape.surface):
+        root = root_region(shape).inside
         return {"root": root, "beyond_root": ~root}
-    wedge = Wedge.of(moved.before, fighter, moved.surface)
-    station, ribs = points[:, 2 if moved.surface == "rudder" else 1], datum.ribs(fighter, moved.surface)
+    wedge = Wedge.of(shape.mesh, fighter, shape.surface)
+    station, ribs = points[:, 2 if shape.surface == "rudder" else 1], datum.ribs(fighter, shape.surface)
     strip = np.full(len(points), wedge.rib.any())
-    strip &= np.any(np.abs(station[:, None] - ribs) < moved.case.blending.strip, axis=1)
+    strip &= np.any(np.abs(station[:, None] - ribs) < shape.case.blending.strip, axis=1)
     hinge, trailing = wedge.hinge & ~strip, wedge.trailing & ~strip
     return {"strip": strip, "hinge_edges": hinge, "faces": ~(strip | hinge | trailing), "trailing_edge": trailing}
 
 
-def predicted(moved: Moved) -> tuple[FloatArray, dict[str, BoolArray]]:
+def predicted(shape: Shape) -> tuple[FloatArray, dict[str, BoolArray]]:
     """Return where the nodes (K, 3) must be, and the parts (K,) that they are in.
 
     Nodes that a repair slid must be on the surface of the others. They belong to the first part if they came into it.
     """
-    points, parts = moved.before.points[moved.nodes], parts_of(moved)
-    expected = points + (blended(moved) if datum.hinged(moved.surface) else extended(moved))
-    if moved.slid is not None and (slid := moved.slid[moved.nodes]).any():
-        found = Triangles.of(expected[moved.triangles]).closest(moved.after.points[moved.nodes[slid]])
+    points, parts = shape.mesh.points[shape.nodes], parts_of(shape)
+    expected = points + (blended(shape) if datum.hinged(shape.surface) else extended(shape))
+    if shape.repair is not None and (slid := np.any(shape.repair[shape.nodes], axis=1)).any():
+        found = Triangles.of(expected[shape.rows]).closest(shape.deflected.points[shape.nodes[slid]])
         first = next(iter(parts.values()))
         came = np.zeros(len(points), dtype=np.bool_)
-        came[slid] = np.any(first[moved.triangles[found.rows]] & (found.weights > ROUNDING), axis=1)
+        came[slid] = np.any(first[shape.rows[found.rows]] & (found.weights > ROUNDING), axis=1)
         parts = {name: rows & ~came if k else rows | came for k, (name, rows) in enumerate(parts.items())}
         expected[slid] = found.places
     return expected, parts
 
 
-def blended(moved: Moved) -> FloatArray:
+def blended(shape: Shape) -> FloatArray:
     """Return the displacement (K, 3) of a hinged surface: affine behind the hinge plane, blended beside a rib."""
-    points, fighter = moved.before.points[moved.nodes], moved.case.fighter
-    (first, second), lower = datum.hinge_edges(fighter, moved.surface)
-    normal, trailing = np.cross(second - first, lower[0] - first), datum.trailing_edge(fighter, moved.surface)[:1]
-    turned = (axis_of(fighter, moved.surface).rotated(trailing, moved.angle) - trailing)[0]
+    points, fighter = shape.mesh.points[shape.nodes], shape.case.fighter
+    (first, second), lower = datum.hinge_edges(fighter, shape.surface)
+    normal, trailing = np.cross(second - first, lower[0] - first), datum.trailing_edge(fighter, shape.surface)[:1]
+    turned = (axis_of(fighter, shape.surface).rotated(trailing, shape.angle) - trailing)[0]
     out = np.outer((points - first) @ normal / ((trailing[0] - first) @ normal), turned)
-    held, strip = Wedge.of(moved.before, fighter, moved.surface).fixed, parts_of(moved)["strip"]
+    held, strip = Wedge.of(shape.mesh, fighter, shape.surface).fixed, parts_of(shape)["strip"]
     if strip.any():
         rows = np.flatnonzero(~strip & ~held)
         known = np.concatenate([np.flatnonzero(held), rows[farthest(points[rows], STRIP_SITES)]])
         values = np.where(held[known, None], 0.0, out[known])
-        out[strip] = _solved(points[known], values, moved.case.blending.epsilon, points[strip])
+        out[strip] = _solved(points[known], values, shape.case.blending.epsilon, points[strip])
     out[held] = 0.0
     return out
 
 
-def extended(moved: Moved) -> FloatArray:
+def extended(shape: Shape) -> FloatArray:
     """Return the displacement (K, 3) of a tail: turned rigidly, its root stretched along rays to its apex."""
-    case, points, region = moved.case, moved.before.points[moved.nodes], root_region(moved)
-    axis, root = axis_of(case.fighter, moved.surface), root_of(moved)
-    turned = axis.rotated(points, moved.angle)
-    rays = axis.rotated(apex_of(datum.ends(case.fighter, moved.surface))[None], moved.angle) - turned
+    case, points, region = shape.case, shape.mesh.points[shape.nodes], root_region(shape)
+    axis, root = axis_of(case.fighter, shape.surface), root_of(shape)
+    turned = axis.rotated(points, shape.angle)
+    rays = axis.rotated(apex_of(datum.ends(case.fighter, shape.surface))[None], shape.angle) - turned
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     way = np.einsum(
         "ij,ij->i", fuselage_cylinder(case.fighter).projected_along(turned[root], rays[root]) - turned[root], rays[root]
@@ -175,15 +232,15 @@ def extended(moved: Moved) -> FloatArray:
     return turned - points
 
 
-def root_of(moved: Moved) -> BoolArray:
+def root_of(shape: Shape) -> BoolArray:
     """Return which nodes (K,) of a tail are on the fuselage."""
-    return np.isin(moved.nodes, moved.before.on(panel_of(moved.surface)), assume_unique=True)
+    return np.isin(shape.nodes, shape.mesh.on(panel_of(shape.surface)), assume_unique=True)
 
 
-def root_region(moved: Moved) -> RootRegion:
+def root_region(shape: Shape) -> RootRegion:
     """Return which nodes of a tail are extended."""
-    turned = axis_of(moved.case.fighter, moved.surface).rotated(moved.before.points[moved.nodes], moved.angle)
-    return RootRegion.of(turned, turned[root_of(moved)], moved.case.blending.root)
+    turned = axis_of(shape.case.fighter, shape.surface).rotated(shape.mesh.points[shape.nodes], shape.angle)
+    return RootRegion.of(turned, turned[root_of(shape)], shape.case.blending.root)
 
 
 def _solved(sites: FloatArray, values: FloatArray, epsilon: float, points: FloatArray) -> FloatArray:
@@ -192,16 +249,8 @@ def _solved(sites: FloatArray, values: FloatArray, epsilon: float, points: Float
     return np.asarray(solved(points), dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Samples:
-    """Points (S, 3) on triangles, and the areas (S,) that they stand for."""
-
-    points: FloatArray
-    weights: FloatArray
-
-
-def lattice(corners: FloatArray) -> Samples:
-    """Return points at fixed barycentric places of triangles (T, 3, 3): equally many for equal areas, corners too."""
+def lattice(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return points (S, 3) at fixed barycentric places of triangles (T, 3, 3), and the areas (S,) they stand for."""
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     points, weights = [], []
     for corner, area in zip(corners, areas, strict=True):
@@ -210,7 +259,7 @@ def lattice(corners: FloatArray) -> Samples:
         inner = np.array([6.0, 3.0, 1.0])[(places == 0).sum(axis=1)]  # how many of the small triangles meet there
         points.append(places / n @ corner)
         weights.append(inner * area / (3.0 * n * n))
-    return Samples(np.concatenate(points), np.concatenate(weights))
+    return np.concatenate(points), np.concatenate(weights)
 
 
 def nodal_areas(points: FloatArray, triangles: IntArray) -> FloatArray:
@@ -235,3 +284,16 @@ def distance(points: FloatArray, corners: FloatArray) -> FloatArray:
 def _closest(points: FloatArray, corners: FloatArray) -> FloatArray:
     """Return the distances (N,) of points (N, 3) from triangles (T, 3, 3), by our own tree."""
     return np.asarray(np.linalg.norm(points - Triangles.of(corners).closest(points).places, axis=1))
+
+
+def closest(points: FloatArray, nodes: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
+    """Distance (N,) of points (N, 3) from triangles (T, 3), and the rows (N,) of the nearest ones."""
+    if not len(points):
+        return np.empty(0), np.empty(0, dtype=np.intp)
+    found = Triangles.of(nodes[triangles]).closest(points)
+    return np.linalg.norm(points - found.places, axis=1), found.rows
+
+
+def plane_normal(points: FloatArray) -> FloatArray:
+    """Unit normal (3,) of the least-squares plane of points (N, 3); its sign is arbitrary."""
+    return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2], dtype=np.float64)

@@ -8,20 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.job import BLOCK, Wedge, axis_of, fuselage_cylinder, panel_of
+from sdm_deflect.cases.aircraft.job import BLOCK, Wedge, fuselage_cylinder, panel_of
 from sdm_deflect.cases.aircraft.overset import overset_checks
-from sdm_deflect.cases.aircraft.reference import EDGE, Faces, Reference, ReferenceFace
-from sdm_deflect.cases.aircraft.rigid import Moved, corners_of, distance, rigid_checks
+from sdm_deflect.cases.aircraft.reference import EDGE, Faces, Reference
+from sdm_deflect.cases.aircraft.rigid import Shape, closest, corners_of, distance, plane_normal, rigid_checks
 from sdm_deflect.cases.report.stored import NAMED
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.checks import Check, checks_of, named, surfaces_crossed, worst
-from sdm_deflect.deform.mesh.axis import Axis
-from sdm_deflect.deform.mesh.closest import Triangles
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.deform.volume.deflection import Deflected
-from sdm_deflect.deform.volume.plan import Plan, Planned
+from sdm_deflect.deform.volume.plan import Planned
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.meshing.generate.parameters import FAR_FIELD, MeshParameters
 from sdm_deflect.meshing.generate.topology import boundary_failures
@@ -155,89 +153,14 @@ ON_CYLINDER = 1e-12
 """Largest distance (m) of panel nodes from the cylinder: rounding only."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Shape:
-    """A deflected control surface: the mesh before and after, what was asked, and how far a repair (N, 3) moved it."""
-
-    case: Case
-    mesh: Mesh
-    deflected: Mesh
-    plan: Plan
-    repair: FloatArray | None = None
-
-    @property
-    def surface(self) -> str:
-        """Name of the control surface."""
-        return self.plan.patches[0]
-
-    @property
-    def angle(self) -> float:
-        """Its angle, degrees."""
-        return self.plan.job.angle
-
-    @property
-    def axis(self) -> Axis:
-        """Its hinge."""
-        return axis_of(self.case.fighter, self.surface)
-
-    def rigid(self, faces: Faces) -> Faces:
-        """Return undeflected CAD faces turned rigidly."""
-        turn, matrix = self.axis.rotated, self.axis.matrix(self.angle)
-        return tuple(ReferenceFace(turn(one.points, self.angle), one.triangles, matrix @ one.normal) for one in faces)
-
-    @property
-    def exact(self) -> IntArray:
-        """Nodes that must lie on the deflected CAD: those that a repair slid if they now are in triangles of others."""
-        nodes, exact = self.plan.sites.moving, self.plan.boundary.laws[0].exact
-        if self.repair is None:
-            return nodes[exact]
-        slid = np.any(self.repair[nodes] != 0.0, axis=1)
-        triangles, start = self.triangles, self.deflected.points - self.repair
-        inner = np.all(np.isin(triangles, nodes[exact]), axis=1)
-        _, hit = closest(self.deflected.points[nodes[slid]], start, triangles)
-        return np.union1d(nodes[exact & ~slid], nodes[slid][inner[hit]])
-
-    @property
-    def triangles(self) -> IntArray:
-        """Triangles (T, 3) of all patches that move."""
-        return np.concatenate([triangles_of(self.mesh, name) for name in self.plan.patches])
-
-    @property
-    def hinge(self) -> IntArray:
-        """Nodes on the edges of the hinge: they keep their place."""
-        wedge = Wedge.of(self.plan.mesh, self.case.fighter, self.surface)
-        return wedge.nodes[wedge.hinge]
-
-    def faces(self, nodes: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
-        """For each CAD face of the surface: its nodes among those given, and its undeflected unit normal (3,)."""
-        for on_face in nodes_by_face(self.mesh, self.surface):
-            yield np.intersect1d(on_face, nodes), plane_normal(self.mesh.points[on_face])
-
-    def sides(self, nodes: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
-        """For each side of a hinged surface: its nodes among those given, and its rigidly rotated unit normal (3,)."""
-        for own, normal in self.faces(nodes):
-            if abs(normal @ self.axis.direction) <= 0.5:  # an end of the wedge turns in its plane
-                yield own, self.axis.matrix(self.angle) @ normal
-
-    def left_behind(self, nodes: IntArray, normal: FloatArray) -> FloatArray:
-        """Distance (N,) of nodes that did not turn from a plane that they are on, rotated with its normal (3,).
-
-        A repair may have slid them along the edge of the hinge: what counts is where they are now.
-        """
-        now = self.deflected.points[nodes]
-        return np.asarray(np.abs((now - self.axis.rotated(now, self.angle)) @ normal), dtype=np.float64)
-
-
 def surface_checks(shape: Shape, reference: Reference) -> Iterator[Check]:
     """Checks of one control surface."""
     rigid, cad = shape.rigid(reference.undeflected[shape.surface]), reference.deflected[shape.surface]
-    slid = None if shape.repair is None else np.any(shape.repair, axis=1, keepdims=False)
-    moved = Moved(shape.case, shape.surface, shape.angle, shape.mesh, shape.deflected, slid)
     if shape.repair is not None:
         yield kept_shape(shape, shape.repair)
     yield planarity(shape)
-    yield from surface_to_cad(shape, moved, cad)
-    yield from rigid_checks(moved, rigid)
+    yield from surface_to_cad(shape, cad)
+    yield from rigid_checks(shape, rigid)
     if hinged(shape.surface):
         yield trailing_edge_angle(shape)
         yield hinge_offset(shape, rigid)
@@ -256,12 +179,12 @@ def kept_shape(shape: Shape, repair: FloatArray) -> Check:
     return Check("surface_kept", float(off.max(initial=0.0)), ON_PLANE, "m", worst(off, points[nodes]), over=len(nodes))
 
 
-def surface_to_cad(shape: Shape, moved: Moved, cad: Faces) -> Iterator[Check]:
+def surface_to_cad(shape: Shape, cad: Faces) -> Iterator[Check]:
     """Distance of all nodes from the trimmed faces of the deflected CAD, and of those that are on it to rounding.
 
     Beside a closed rib the CAD's faces are ruled, those of the mesh blended; a tail's root is on a curved edge.
     """
-    nodes, limit = moved.nodes, shape.case.limits.surface_to_cad
+    nodes, limit = shape.nodes, shape.case.limits.surface_to_cad
     points, exact = shape.deflected.points[nodes], shape.exact
     if hinged(shape.surface):
         ruled = RULED * float(np.linalg.norm(points - shape.mesh.points[nodes], axis=1).max())
@@ -336,14 +259,6 @@ def root_on_cylinder(shape: Shape, rigid: Faces, root: IntArray) -> Check:
     return Check("root_on_cylinder", float(off.max()), limit, "m", worst(off, points), nodes=root, distances=off)
 
 
-def closest(points: FloatArray, nodes: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray]:
-    """Distance (N,) of points (N, 3) from triangles (T, 3), and the rows (N,) of the nearest ones."""
-    if not len(points):
-        return np.empty(0), np.empty(0, dtype=np.intp)
-    found = Triangles.of(nodes[triangles]).closest(points)
-    return np.linalg.norm(points - found.places, axis=1), found.rows
-
-
 def distance_to_plane(points: FloatArray, faces: Faces, normal: FloatArray) -> FloatArray:
     """Distance (N,) of points (N, 3) from the plane of that face which looks along `normal` (3,)."""
     planes = [face for face in faces if np.isfinite(face.normal).all()]
@@ -354,11 +269,6 @@ def distance_to_plane(points: FloatArray, faces: Faces, normal: FloatArray) -> F
 def plane_deviation(points: FloatArray) -> FloatArray:
     """Distance (N,) of points (N, 3) from their least-squares plane."""
     return np.asarray(np.abs((points - points.mean(axis=0)) @ plane_normal(points)), dtype=np.float64)
-
-
-def plane_normal(points: FloatArray) -> FloatArray:
-    """Unit normal (3,) of the least-squares plane of points (N, 3); its sign is arbitrary."""
-    return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2], dtype=np.float64)
 
 
 def mesh_check(name: str, mesh: Mesh, model: "CadModel", parameters: MeshParameters) -> Check:

@@ -6,7 +6,6 @@ from itertools import combinations
 from time import perf_counter
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
@@ -53,8 +52,7 @@ class BoxNodes:
     def of(cls, boundary: PrescribedNodes, all_amounts: Sequence[Amounts]) -> "BoxNodes":
         """Confine the motion to all of the given amounts.
 
-        Raises InputError if a moving node leaves the box, or the box contains nodes of a patch that is not declared, or
-        cuts a zone from one that fits to it.
+        Raises InputError if a moving node leaves the box, or the box contains nodes of a patch that is not declared.
         """
         mesh = boundary.mesh
         zones, box = confined(boundary, all_amounts)
@@ -64,7 +62,6 @@ class BoxNodes:
         seconds = perf_counter() - start
         check_moving(boundary, box.hexahedron, all_amounts)
         _check_clear(boundary, box.hexahedron, inside)
-        _check_interfaces(boundary, box.hexahedron, inside, zones)
         fixed, sections = _at_rest(boundary, inside)
         return cls(box, inside, tuple(zone.name for zone in zones), fixed, sections, seconds)
 
@@ -202,25 +199,6 @@ def _remedy(mesh: Mesh, patch: Patch, tol: float) -> str:
     points = mesh.points[patch.nodes]
     plane = np.linalg.matrix_rank(points - points[0], tol) < 3
     return f"name it in fixed{f' or slide ({patch.name}:plane)' if plane else ''}"
-
-
-def _check_interfaces(
-    boundary: PrescribedNodes, hexahedron: Hexahedron, inside: IntArray, zones: tuple[Zone, ...]
-) -> None:
-    """Raise if nodes of a zone that stays coincide with nodes inside: zones that fit must deform together."""
-    mesh, tol = boundary.mesh, SAME * boundary.size
-    known = union(boundary.nodes, boundary.fixed_nodes)
-    free = np.setdiff1d(inside, known, assume_unique=True)
-    for zone in (zone for zone in mesh.zones if zone not in zones):
-        near = _inside(mesh, (zone,), hexahedron)
-        if len(near) and len(free):
-            gap, _ = cKDTree(mesh.points[near]).query(mesh.points[free], distance_upper_bound=tol)
-            count = int(np.isfinite(gap).sum())
-            if count:
-                raise InputError(
-                    f"{mesh.name}: {count} nodes inside the box coincide with nodes of zone {zone.name}, which would "
-                    f"stay behind; add {zone.name} to zones"
-                )
 
 
 def _at_rest(boundary: PrescribedNodes, inside: IntArray) -> tuple[IntArray, tuple[tuple[Section, IntArray], ...]]:

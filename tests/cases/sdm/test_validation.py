@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sdm_deflect.cases.aircraft.job import axis_of, plan_of
-from sdm_deflect.cases.aircraft.rigid import Moved, distance, parts_of
+from sdm_deflect.cases.aircraft.rigid import Shape, distance, parts_of
 from sdm_deflect.cases.aircraft.validation import plane_deviation, validate
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.volume.deflection import deflected
@@ -86,9 +86,9 @@ def test_a_tail_is_rigid_cad_but_for_its_root(tail_run):
 def test_a_node_off_its_face_by_a_tenth_of_a_millimetre_is_noticed(aileron_run, part):
     run, _ = aileron_run
     nodes = run.mesh.patch("aileron_left").nodes
-    moved = Moved(run.case, "aileron_left", -12.0, run.mesh, run.deflected, None)
+    shape = Shape(run.case, run.mesh, run.deflected, run.deflection.boxes[0].plan)
     points = run.deflected.points.copy()
-    node = nodes[np.flatnonzero(parts_of(moved)[part])[3]]
+    node = nodes[np.flatnonzero(parts_of(shape)[part])[3]]
     points[node, 2] += 1e-4
     assert "rigid_cad_predicted" in failing(run, points)
 

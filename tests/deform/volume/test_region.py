@@ -1,5 +1,6 @@
 """The box and what is in it: what moves, what must not be there, sections of overlapping blocks, zones."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.checks import checks_of
+from sdm_deflect.deform.checks import checks_of, left_behind
 from sdm_deflect.deform.hexahedron import Hexahedron, box
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Zone
 from sdm_deflect.deform.surface.motions import Rotation
@@ -151,10 +152,13 @@ def test_zones_that_fit_must_deform_together(block):
         name="pair",
     )
     wide = [[-1.9, -1.9, -1.9], [1.9, 1.9, 1.9]]
-    sentence = r"pair: \d+ nodes inside the box coincide with nodes of zone right, which would stay behind; add right"
-    with pytest.raises(InputError, match=sentence):
-        turn(mesh, box=wide)
-    together = turn(mesh, box=wide, zones=("right",))
+    alone, together = (turn(mesh, box=wide, zones=zones) for zones in ((), ("right",)))
+    check = left_behind(alone)
+    assert not check.passed
+    assert re.match(
+        r"\d+ of zone 'right'; moving nodes that were there are now up to 0\.\d+ away: let the zone", check.where
+    )
+    assert left_behind(together).passed
     gap = np.abs(together.points[:n, None] - together.points[None, n:]).max(axis=2)
     before = np.abs(mesh.points[:n, None] - mesh.points[None, n:]).max(axis=2)
     assert (before == 0.0).any()
