@@ -53,7 +53,7 @@ def job_of(settings: JobSettings) -> Job:
     if not settings.surface:
         raise InputError("no surface to move: name its patches")
     return Job(
-        surfaces=tuple(_moving(surface, settings.fixed) for surface in settings.surface),
+        surfaces=tuple(_moving(surface, _stays_beside(surface, settings)) for surface in settings.surface),
         slides=tuple(Sliding(patch, shape) for patch, shape in settings.slide.items()),
         box=_box(settings),
         sections=tuple(_section(section) for section in settings.section),
@@ -64,8 +64,14 @@ def job_of(settings: JobSettings) -> Job:
     )
 
 
+def _stays_beside(surface: SurfaceSettings, settings: JobSettings) -> tuple[str, ...]:
+    """Return the patches on which nodes of a blended surface stay: fixed ones, and surfaces that move otherwise."""
+    others = (one for one in settings.surface if (one.hinge, one.angle) != (surface.hinge, surface.angle))
+    return (*settings.fixed, *(name for one in others for name in one.patches)) if settings.fixed else ()
+
+
 def _moving(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Moving:
-    """Return the patches with their motion; nodes on `fixed` patches are held if no others are named."""
+    """Return the patches with their motion; nodes on `fixed` ones are held if no others are named."""
     surface = _of_cpacs(surface) if surface.cpacs or surface.device else surface
     motion = _motion(surface, fixed)
     amount = surface.angle if motion.unit == "deg" else surface.amount

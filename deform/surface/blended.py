@@ -107,9 +107,10 @@ class Blended:
                 f"{surface.named}: all {int(follow.sum())} nodes that follow the motion are held as well; name fewer "
                 "patches or nodes in held, or in fixed, which is held by default"
             )
-        for mask, what in ((held, "nodes that stay, such as its hinge edge"), (driven, "nodes that follow the motion")):
+        stay, go = "nodes that stay, such as its hinge edge", "nodes that follow the motion, such as its trailing edge"
+        for mask, what, option in ((held, stay, "held"), (driven, go, "driven")):
             if not mask.any():
-                raise InputError(f"{surface.named}: found no {what}; name a patch or give a list of nodes")
+                raise InputError(f"{surface.named}: found no {what}; mend the hinge, or name them by --{option}")
         reach = np.linalg.norm(hinge.radial(points), axis=1)
         given = self.hinge_nodes.of(surface, hinge) if self.hinge_nodes else held & (reach <= NEAR * reach.max())
         front = given & held if (given & held).any() else held

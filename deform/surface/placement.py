@@ -15,6 +15,8 @@ UNITS = (1000.0, 0.001, 25.4, 1.0 / 25.4, 0.3048, 1.0 / 0.3048, 39.37, 1.0 / 39.
 """Factors between metres, millimetres, inches and feet."""
 HALF, QUARTER = 0.5, 0.25
 """Share of a surface along its hinge that the hinge's two points span at least; share of its width that is far."""
+HALF_TURN = 1.1 * np.pi
+"""Largest angle without nodes around a hinge between an upper and a lower skin, with some allowance."""
 MEANT = "correct it, or say --force (force = true) if it is meant"
 
 
@@ -109,7 +111,7 @@ class Placement:
 
 
 def _surrounds(radial: FloatArray, axis: Axis) -> bool:
-    """Return whether vectors (N, 3) away from an axis leave no half of the circle around it free."""
+    """Return whether vectors (N, 3) away from an axis leave no more than half of the circle around it free."""
     first = radial[0]
     angles = np.sort(np.arctan2(radial @ np.cross(axis.direction, first), radial @ first))
-    return bool(np.diff(angles, append=angles[0] + 2.0 * np.pi).max() < np.pi)
+    return bool(np.diff(angles, append=angles[0] + 2.0 * np.pi).max() < HALF_TURN)

@@ -9,6 +9,7 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError, nearest
 from sdm_deflect.deform.base.sets import union
 from sdm_deflect.deform.mesh.edges import median_edge
+from sdm_deflect.deform.mesh.faces import node_keys, patch_keys
 from sdm_deflect.deform.mesh.images import THIN, Images, is_thin, plane_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.sliding import Plane, SlidingPatch, fitted
@@ -25,6 +26,7 @@ LEAST = 1e-8  # length of the moving surfaces, as a share of the largest coordin
 ON_SHAPE = 1e-6  # of it: a moving node this near to a sliding shape is put on it
 ALIKE = 0.01  # of the largest displacement: images on a moving surface that move alike but for this get the mean
 TILT = 0.1  # the same in a wedge, whose sides are turned from the plane in which its hinge turns
+ACROSS = 0.1  # cosine between a hinge and the normal of a plane, below which the surface turns across the plane
 COARSE = 0.1  # of the moving surface's median edge: a tolerance above it is a slip
 KEPT = 32  # displacements of different amounts, each of which may take a fit
 Amounts = tuple[float, ...]
@@ -49,6 +51,7 @@ class PrescribedNodes:
     pairs : names of the patches of periodic pairs, which are neither fixed nor moving.
     sides : names of the same of cases one cell thick.
     walls : planes of all these patches, where they are plane.
+    covered : patches all of whose faces are on others that are named: nothing need be said of them.
     """
 
     job: Job
@@ -64,6 +67,7 @@ class PrescribedNodes:
     pairs: tuple[str, ...] = ()
     sides: tuple[str, ...] = ()
     walls: tuple[Plane, ...] = ()
+    covered: tuple[str, ...] = ()
     _known: dict[Amounts, FloatArray] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -85,7 +89,8 @@ class PrescribedNodes:
         sliding = tuple(SlidingPatch.of(mesh, name, shape) for name, shape in slides.items())
         fixed_nodes = np.setdiff1d(mesh.on(*fixed), nodes, assume_unique=True)
         bound = Images.of(mesh, flat), _without(pairs, fixed), _without(sides, fixed), _walls(mesh)
-        return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, _size(mesh, nodes), *bound)
+        covered = _covered(mesh, (*moves, *fixed, *slides, *pairs))
+        return cls(job, mesh, surfaces, laws, nodes, fixed, fixed_nodes, sliding, _size(mesh, nodes), *bound, covered)
 
     @property
     def moving(self) -> tuple[str, ...]:
@@ -100,12 +105,12 @@ class PrescribedNodes:
     @property
     def declared(self) -> tuple[str, ...]:
         """Every patch that the job names, or the file binds: what becomes of its nodes is known."""
-        return (*self.moving, *self.fixed, *(patch.patch for patch in self.sliding), *self.pairs)
+        return (*self.moving, *self.fixed, *(patch.patch for patch in self.sliding), *self.pairs, *self.covered)
 
     @property
     def free(self) -> tuple[str, ...]:
         """Every patch whose nodes may move."""
-        return (*self.moving, *(patch.patch for patch in self.sliding), *self.pairs, *self.sides)
+        return (*self.moving, *(patch.patch for patch in self.sliding), *self.pairs, *self.sides, *self.covered)
 
     def displacement(self, amounts: Amounts) -> FloatArray:
         """Return how far each of `nodes` (K, 3) moves, each of them once.
@@ -152,6 +157,13 @@ class PrescribedNodes:
         edge, tolerance = median_edge(self.mesh.points, self.mesh.faces_of(patches)), self.job.fitting.tolerance
         if (tolerance or 0.0) > COARSE * edge:
             found.append(f"tolerance = {tolerance:g} is above {COARSE:g} of the surface's median edge, {edge:.3g}")
+        for patch, rows in self._on_sliding() if any(map(self._ends_on, self.sliding)) else ():
+            parts = [law.displacement(amount) for law, amount in zip(self.laws, self.job.amounts, strict=True)]
+            off = self._joined(parts, "move differently")[rows] - self.displacement(self.job.amounts)[rows]
+            if (far := float(np.linalg.norm(off, axis=1).max())) > ON_SHAPE * self.size:
+                found.append(
+                    f"nodes on {patch.patch}: {len(rows)} put back into its plane, up to {far:.4g} from the motion"
+                )
         return tuple(found)
 
     def farthest(self, amounts: Amounts) -> Iterator[tuple[Surface, FloatArray, FloatArray]]:
@@ -192,7 +204,8 @@ class PrescribedNodes:
             if apart.any():
                 raise InputError(
                     f"{self.mesh.name}: {int(apart.sum())} nodes of {surface.named} also belong to another moving "
-                    f"surface, and the two {fault} there; blend one of them"
+                    f"surface, and the two {fault} there; blend both, and name "
+                    "the other one's patch in held, beside those that stay"
                 )
             out[rows] = np.where(np.isnan(known), part, known)
         return out
@@ -245,13 +258,19 @@ class PrescribedNodes:
         on_shape = patch.surface.projected(points, displacement)
         off = np.linalg.norm(on_shape - displacement, axis=1)
         leaving = off > ON_SHAPE * self.size
-        if leaving.any():
+        if leaving.any() and not self._ends_on(patch):
             raise InputError(
                 f"{self.mesh.name}: {int(leaving.sum())} nodes shared by the moving surface and {patch.patch} would "
                 f"leave its shape by up to {float(off.max()):.4g}; the hinge must be normal to a plane, or blend the "
                 "motion there"
             )
         return on_shape
+
+    def _ends_on(self, patch: SlidingPatch) -> bool:
+        """Return whether surfaces turn across a plane, such as an outlet, into which their nodes are put back."""
+        normals = [patch.surface.normal] if isinstance(patch.surface, Plane) else []
+        axes = [moving.motion.axis for moving in self.job.surfaces]
+        return all(axis and abs(float(axis.direction @ n)) < ACROSS for n in normals for axis in axes) and bool(normals)
 
 
 def _bound(mesh: Mesh, moves: list[str], slides: dict[str, str]) -> tuple[tuple[str, ...], ...]:
@@ -309,6 +328,17 @@ def _symmetry(mesh: Mesh, named: tuple[str, ...]) -> dict[str, str]:
     """Return the planes of symmetry among the patches that are not named: nodes slide on them without being asked."""
     own = [patch for patch in mesh.patches if patch.constraint == "symmetry" and patch.name not in named]
     return {one.name: "plane" for one in own if plane_of(mesh, one.nodes)}
+
+
+def _covered(mesh: Mesh, named: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the patches that are not named and have no face but those of named ones, such as a group of all walls."""
+    nodes = mesh.on(*named)
+    some = [p for p in mesh.patches if p.name not in named and np.isin(p.nodes, nodes, assume_unique=True).all()]
+    if not some:
+        return ()
+    keys = node_keys(len(mesh.points))
+    known = np.concatenate([patch_keys(mesh.patch(name), keys) for name in named])
+    return tuple(patch.name for patch in some if np.isin(patch_keys(patch, keys), known).all())
 
 
 def _walls(mesh: Mesh) -> tuple[Plane, ...]:

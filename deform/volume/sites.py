@@ -232,9 +232,14 @@ def _zero_sites(
     All faces of the box carry sites for all directions, but its open ones. On the section of a block's face they are
     for its normal direction alone if nodes slide in its plane (section 5.2).
     """
-    faces = _in_front(boundary, _on_box(boundary, region, spacing))
-    faces = apart_from(faces, known, APART * spacing)
+    inner = _in_front(boundary, _on_box(boundary, region, spacing))
+    faces = apart_from(inner, known, APART * spacing)
     if not len(faces) and region.box.open_faces != FACES.keys():
+        if not len(inner):
+            raise InputError(
+                "no face of the box is within the sides that slide, so that nothing would hold the mesh; take a "
+                f"smaller box ({boundary.job.box.settings}), or name a side in fixed"
+            )
         raise InputError(
             f"spacing = {spacing:.3g} leaves no site on the box that is half of it from the surface; lower it, or "
             f"enlarge the box ({boundary.job.box.settings})"

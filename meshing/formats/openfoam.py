@@ -204,7 +204,9 @@ def mesh_folder(path: Path) -> Path:
             return folder
     if not path.exists():
         raise MeshFileError(f"{path}: No such file or directory")
-    raise MeshFileError(f"{path}: is not an OpenFOAM case; it has no file {MESH / 'points'}")
+    regions = sorted(points.parent for points in case.glob("constant/*/polyMesh/points*"))
+    help = f"; a mesh of its regions is in {regions[0].relative_to(case)}: name that path" if regions else ""
+    raise MeshFileError(f"{path}: is not an OpenFOAM case; it has no file {MESH / 'points'}{help}")
 
 
 def stored(folder: Path, name: str, read: Callable[[FoamFile], Read]) -> Read:

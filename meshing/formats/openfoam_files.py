@@ -233,7 +233,10 @@ class BinaryList(NamedTuple):
 
 
 def located(file: FoamFile, at: int, what: str, columns: int) -> BinaryList:
-    """Return where the binary list after a byte has its rows of numbers; MeshFileError if the file is shorter."""
+    """Return where the binary list after a byte has its rows of numbers; MeshFileError if the file is shorter.
+
+    Labels of a file without `arch` have the size with which the list ends where the file goes on.
+    """
     kind = file.kind(what)
     found = BINARY_COUNT.match(file.data, at)
     if not found:
@@ -242,10 +245,18 @@ def located(file: FoamFile, at: int, what: str, columns: int) -> BinaryList:
     if count == 0:
         return BinaryList(kind, 0, found.end(), False)
     uniform = file.data[found.end() : begin] == b"{"
-    end = begin + (1 if uniform else count) * columns * kind.itemsize
+    rows = 1 if uniform else count
+    if what == "label" and "label=" not in file.entries.get("arch", "") and not _ends(file, begin + 4 * rows * columns):
+        kind = np.dtype("<i8") if _ends(file, begin + 8 * rows * columns) else kind
+    end = begin + rows * columns * kind.itemsize
     if end >= len(file.data) or file.data[end : end + 1] not in b")}":
         raise MeshFileError(f"{count} values should follow, but the file ends before or goes on; it is damaged")
     return BinaryList(kind, count, begin, uniform)
+
+
+def _ends(file: FoamFile, at: int) -> bool:
+    """Return whether a list ends at a byte: with a bracket, before another list, a comment or the file's end."""
+    return bool(re.compile(rb"[)}]\s*(?:\d+\s*[({]|//|\Z)").match(file.data, at))
 
 
 def _binary(file: FoamFile, at: int, what: str, columns: int) -> tuple[FloatArray | IntArray, int]:
