@@ -14,6 +14,7 @@ from sdm_deflect.deform.mesh.faces import FACES, Keys
 from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh, Polyhedra, Volume
 from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
+from sdm_deflect.deform.mesh.quality import one_hand, other_hand, other_handed
 from sdm_deflect.deform.mesh.touched import touching
 from sdm_deflect.deform.volume.excerpt import gathered
 from sdm_deflect.meshing.formats.format import MeshFileError
@@ -64,12 +65,13 @@ def _whole(mesh: Mesh, points: FloatArray, moved: IntArray, staged: Path) -> str
     back = format_of(staged).read_copy(staged, Path(mesh.source))
     if found := check_points(points, back.points, 2 if mesh.plane else 3):
         return found
-    if _alike(mesh.cells, back.cells):
+    cells = [one_hand(mesh.points, block) for block in back.cells]
+    if _alike(mesh.cells, cells):
         return ""
     marked = np.zeros(len(points), dtype=np.bool_)
     marked[moved] = True
     judged = [oriented(points, block) if isinstance(block, Cells) else block for block in mesh.cells]
-    own, other = (_all_keys(blocks, marked) for blocks in (judged, back.cells))
+    own, other = (_all_keys(blocks, marked) for blocks in (judged, cells))
     return "" if np.array_equal(own, other) else "its cells are others"
 
 
@@ -98,10 +100,19 @@ def _in_pieces(mesh: Mesh, points: FloatArray, moved: IntArray, staged: Path) ->
                 if first < end:
                     low, high = int(places[first]), int(places[end - 1]) + 1
                     some = back.pieces.cells_of(number, low, high)
-                    cells = some.counted(some.nodes, low, high) if isinstance(some, SomePolyhedra) else some
-                    if not np.array_equal(_keys(cells, places[first:end] - low), keys[first:end]):
+                    at = places[first:end] - low
+                    if not np.array_equal(_keys(_as_judged(mesh, number, some, low, at), at), keys[first:end]):
                         return f"some of its cells {low} to {high - 1} are others"
     return ""
+
+
+def _as_judged(mesh: Mesh, number: int, some: Cells | SomePolyhedra, low: int, at: IntArray) -> Volume:
+    """Return cells of a block from `low` on as they were judged: those at some rows (R,) in the hand of the block."""
+    assert mesh.whole
+    if isinstance(some, SomePolyhedra):
+        return some.counted(some.nodes, low, low + int(at[-1]) + 1)
+    near = Cells(some.shape, np.searchsorted(mesh.whole.nodes, some.nodes[at]))
+    return Cells(some.shape, other_hand(some, at[other_handed(mesh.points, near, mesh.whole.orientation[number])]))
 
 
 def _alike(cells: Sequence[Volume], others: Sequence[Volume]) -> bool:

@@ -28,6 +28,11 @@ CORNERS = {
 A wedge's first triangle has its normal pointing outwards, opposite to Gmsh and CGNS: `orientation.mirrored` leads
 from one to the other.
 """
+MIRRORED = {
+    "tetra": (0, 2, 1, 3), "pyramid": (0, 3, 2, 1, 4), "wedge": (0, 2, 1, 3, 5, 4),
+    "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5),
+}  # fmt: skip
+"""The same corners in the order of the mirror image. For a wedge: from CGNS and Gmsh to VTK, and back."""
 VOLUMES = ("tetra", "pyramid", "wedge", "hexahedron")
 PLANE = ("triangle", "quad")
 """Cells of a plane mesh, whose points have one z; its boundary consists of lines."""

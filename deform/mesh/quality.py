@@ -7,7 +7,7 @@ of its edges at some corner is not, a polyhedron if OpenFOAM's checkMesh says so
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh import compiled_quality, polyhedra
-from sdm_deflect.deform.mesh.mesh import Cells, Polyhedra, Volume
+from sdm_deflect.deform.mesh.mesh import MIRRORED, VOLUMES, Cells, Polyhedra, Volume
 
 POLYHEDRON = "polyhedron"
 MEASURES = {
@@ -132,6 +132,32 @@ def oriented(points: FloatArray, block: Volume) -> tuple[float, int]:
         return 1.0, int(bad)
     mirrored = np.count_nonzero(inverted_of(points, block, orientation=-1.0))
     return (-1.0, int(mirrored)) if mirrored < bad else (1.0, int(bad))
+
+
+def other_handed(points: FloatArray, block: Volume, orientation: float) -> IntArray:
+    """Return the rows (R,) of cells that are counted in the other hand than the block, and good so.
+
+    Tetrahedra are none of these: one that is inverted is its own mirror image.
+    """
+    if isinstance(block, Polyhedra) or block.shape not in VOLUMES[1:]:
+        return np.empty(0, dtype=np.intp)
+    bad = np.flatnonzero(inverted_of(points, block, orientation=orientation))
+    return bad[~inverted_of(points, block, bad, -orientation)] if len(bad) else bad
+
+
+def one_hand(points: FloatArray, block: Volume) -> Volume:
+    """Return a block whose cells are all counted in the hand of most of them, as flow solvers do when they read it."""
+    if isinstance(block, Polyhedra) or block.shape not in VOLUMES[1:]:
+        return block
+    rows = other_handed(points, block, oriented(points, block)[0])
+    return replace(block, nodes=other_hand(block, rows)) if len(rows) else block
+
+
+def other_hand(block: Cells, rows: IntArray) -> IntArray:
+    """Return the nodes (M, k) of a block with some cells (R,) counted in the other hand."""
+    nodes = block.nodes.copy()
+    nodes[rows] = nodes[rows][:, MIRRORED[block.shape]]
+    return nodes
 
 
 def check_most(name: str, inverted: int, cells: int) -> None:

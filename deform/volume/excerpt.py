@@ -52,7 +52,7 @@ def excerpt(
     for some, at in ((task.boundary, border.points), (inside, places), (beyond, gathered(pieces, beyond))):
         points[np.searchsorted(nodes, some)] = at
     blocks = [_block(shape, own, nodes) for (shape, _), own in zip(pieces.blocks, found, strict=True)]
-    bad = tuple(sum(one.inverted for one in block) for block in found)
+    bad = tuple(sum(one.inverted - one.mirrored for one in block) for block in found)
     whole = Whole(pieces, nodes, tuple(rows for _, rows in blocks), task.sign, bad)
     return _numbered(mesh, points, tuple(cells for cells, _ in blocks), whole)
 

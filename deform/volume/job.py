@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from operator import is_
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pairing import PeriodicPatches, paired
+from sdm_deflect.deform.mesh.quality import one_hand
 from sdm_deflect.deform.mesh.selection import Selection, selected
 from sdm_deflect.deform.mesh.sliding import NAMES, SHAPES
 from sdm_deflect.deform.rbf.fitting import JobOptions
@@ -139,10 +141,14 @@ class Job(JobOptions):
 def prepared(mesh: Mesh, jobs: Sequence[Job]) -> Mesh:
     """Return a mesh with the selections of jobs as patches, and the periodic pairs that they name: all name the same.
 
+    Cells of a block that are counted in the other hand than most are turned over.
+
     Raises InputError if one of them does not suit the mesh.
     """
     names = tuple(dict.fromkeys(name for job in jobs for name in job.names))
-    return paired(selected(mesh, jobs[0].selections, names), jobs[0].periodic)
+    mesh = paired(selected(mesh, jobs[0].selections, names), jobs[0].periodic)
+    cells = tuple(one_hand(mesh.points, block) for block in mesh.cells) if not mesh.whole else mesh.cells
+    return mesh if all(map(is_, cells, mesh.cells)) else replace(mesh, cells=cells)
 
 
 def _named_by(motion: Motion) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from sdm_deflect.deform.mesh.faces import Keys, cell_face_keys, face_keys
 from sdm_deflect.deform.mesh.mesh import LARGEST, Cells, Polyhedra, Volume
 from sdm_deflect.deform.mesh.pieces import Pieces
 from sdm_deflect.deform.mesh.polyhedra import SomePolyhedra
-from sdm_deflect.deform.mesh.quality import inverted_of
+from sdm_deflect.deform.mesh.quality import inverted_of, other_hand, other_handed
 from sdm_deflect.deform.mesh.touched import touching
 
 PROBES, PROBED = 8, 1 << 14
@@ -125,11 +125,12 @@ class ScanTask:
 
 
 class CellsFound(NamedTuple):
-    """Rows (R,) of touched cells, and these; of all how many are inverted, and their faces (F,) on patches."""
+    """Rows (R,) of touched cells, and these; of all how many are inverted, and only mirrored; faces (F,) on patches."""
 
     rows: IntArray
     cells: Cells | SomePolyhedra
     inverted: int
+    mirrored: int
     faces: IntArray
 
 
@@ -162,9 +163,12 @@ def scan_cells(task: ScanTask, item: tuple[int, int, int]) -> CellsFound:
     else:
         cells, rows = stored.counted(nodes, start, stop), np.arange(stop - start)
     inverted = int(np.count_nonzero(inverted_of(view.points, cells, rows, task.sign[block])))
+    other = other_handed(view.points, cells, task.sign[block]) if inverted else np.empty(0, dtype=np.intp)
+    if len(other) and isinstance(stored, Cells):
+        stored = replace(stored, nodes=other_hand(stored, other))
     found = touching(cells, view.changed) if task.held or view.changed.any() else np.empty(0, dtype=np.intp)
     found = found[found < stop - start]  # the last of polyhedra stands for all others
-    return CellsFound(start + found, _some(stored, cells, found), inverted, _faces_seen(task, view, cells))
+    return CellsFound(start + found, _some(stored, cells, found), inverted, len(other), _faces_seen(task, view, cells))
 
 
 def beside(task: ScanTask, item: tuple[int, IntArray]) -> CellsFound:
@@ -175,7 +179,7 @@ def beside(task: ScanTask, item: tuple[int, IntArray]) -> CellsFound:
     sides, none = stored.sides, np.empty(0, dtype=np.intp)
     wanted = np.isin(sides.owner, rows)
     wanted[: len(sides.neighbour)] |= np.isin(sides.neighbour, rows)
-    return CellsFound(none, stored.some(wanted), 0, none)
+    return CellsFound(none, stored.some(wanted), 0, 0, none)
 
 
 def _some(stored: Cells | SomePolyhedra, cells: Volume, rows: IntArray) -> Cells | SomePolyhedra:

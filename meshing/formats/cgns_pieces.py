@@ -7,7 +7,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from sdm_deflect.deform.mesh.mesh import VOLUMES, Zone
+from sdm_deflect.deform.mesh.mesh import MIRRORED, VOLUMES, Zone
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.formats.cgns_boundary import NumberedFaces, notes_of, without, zone_border
 from sdm_deflect.meshing.formats.cgns_elements import (
@@ -23,7 +23,6 @@ from sdm_deflect.meshing.formats.cgns_elements import (
 from sdm_deflect.meshing.formats.cgns_nodes import child, data
 from sdm_deflect.meshing.formats.cgns_read import Base, base_of, coordinate_data, coordinates_beside, may_fit
 from sdm_deflect.meshing.formats.format import MeshFileError
-from sdm_deflect.meshing.formats.shapes import MIRRORED
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
 from sdm_deflect.meshing.formats.tables import FileTable
 

@@ -18,6 +18,7 @@ from sdm_deflect.meshing.formats.cgns_boundary import PART, Fault, NumberedFaces
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, ElementSection, blocks, read_polyhedra, sections
 from sdm_deflect.meshing.formats.cgns_interfaces import Interface, interfaces, meeting, pairs, periodic_pairs
 from sdm_deflect.meshing.formats.cgns_nodes import AXES, child, children, data, has, integers, text
+from sdm_deflect.meshing.formats.collapsed import simple
 from sdm_deflect.meshing.formats.fitted import Fitted, ZoneMesh, fitted
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import is_real
@@ -310,7 +311,8 @@ def _unstructured(base: Base, name: str, points: FloatArray) -> _CgnsZone:
         raise MeshFileError("cells by their faces (NGON_n) in two dimensions; triangles and quads can be read")
     volume, faces = _polyhedral(found, points) if polyhedral else _shaped(found, points, base.dimension)
     border = zone_border(base.node, zone, faces, found[-1].last, len(points), base.dimension)
-    mesh = Mesh(points, volume, tuple(border.patches))
+    patches = tuple(replace(patch, faces=tuple(simple(patch.faces))) for patch in border.patches)
+    mesh = Mesh(points, tuple(simple(volume)), patches)
     check_faces(mesh)
     meets, faults = interfaces(zone, name, base.sizes, faces)
     return _CgnsZone(ZoneMesh(name, mesh, border.families), meets, NONE, NONE, [*border.faults, *faults])

@@ -3,14 +3,16 @@
 Structured grids have them at singular lines and points: round an axis, at a wing tip, at a sharp edge.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import permutations, product
+from typing import TypeVar
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import IntArray
-from sdm_deflect.deform.mesh.mesh import Cells
+from sdm_deflect.deform.mesh.mesh import Cells, Polygons, Polyhedra
 
+Block = TypeVar("Block", Cells | Polygons, Cells | Polyhedra)
 CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
 EDGES = {
     "quad": ((0, 1), (1, 2), (2, 3), (3, 0)),
@@ -56,6 +58,12 @@ def expanded(block: Cells) -> Iterator[Cells]:
     for own in _quads(block.nodes, distinct) if block.shape == "quad" else _hexahedra(block.nodes, distinct):
         if len(own):
             yield own
+
+
+def simple(blocks: Iterable[Block]) -> Iterator[Block | Cells]:
+    """Yield blocks of cells or faces, those with repeated corners as the shapes that they are."""
+    for block in blocks:
+        yield from expanded(block) if isinstance(block, Cells) else (block,)
 
 
 def _quads(nodes: IntArray, distinct: IntArray) -> Iterator[Cells]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Periodic, Zone
+from sdm_deflect.deform.mesh.mesh import MIRRORED, Cells, Mesh, Patch, Periodic, Zone
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files.staged import fresh
@@ -22,7 +22,7 @@ from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.numbers import Placed, copy_text
 from sdm_deflect.meshing.formats.periodic import Listed, pairs_of, unwritten, written_pairs
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
-from sdm_deflect.meshing.formats.shapes import MIRRORED, mirrored, simple_faces
+from sdm_deflect.meshing.formats.shapes import mirrored, simple_faces
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
 from sdm_deflect.meshing.formats.tables import Held, Joined
 from sdm_deflect.meshing.mesh import VOLUME

@@ -1,6 +1,7 @@
 """What a mesh format is: the layout of its files, and what follows from that."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -12,6 +13,7 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.meshing.formats.collapsed import expanded, simple
 from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits, only_rewritten
 from sdm_deflect.meshing.formats.shapes import check_faces, oriented
 from sdm_deflect.meshing.formats.table_pieces import ROWS, TablePieces
@@ -165,8 +167,9 @@ def whole(mesh: MeshInPieces, report: Callable[[float], None]) -> Mesh:
         pieces.coordinates_into(points[start : start + ROWS], start)
         passed(len(points[start : start + ROWS]))
     for table in pieces.cells:
-        cells = Cells(table.shape, table.everything(len(points), passed))
-        blocks.append(oriented(points, cells) if table.shape in PLANE else cells)
-    found = Mesh(points, tuple(blocks), mesh.patches, mesh.zones, notes=mesh.notes, periodic=mesh.periodic)
+        for cells in expanded(Cells(table.shape, table.everything(len(points), passed))):
+            blocks.append(oriented(points, cells) if cells.shape in PLANE else cells)
+    patches = tuple(replace(patch, faces=tuple(simple(patch.faces))) for patch in mesh.patches)
+    found = Mesh(points, tuple(blocks), patches, mesh.zones, notes=mesh.notes, periodic=mesh.periodic)
     check_faces(found)
     return found

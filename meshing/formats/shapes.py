@@ -10,15 +10,10 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.mesh.faces import cell_face_keys, node_keys, patch_keys
-from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh, Patch, Polygons
+from sdm_deflect.deform.mesh.mesh import MIRRORED, PLANE, Cells, Mesh, Patch, Polygons
 from sdm_deflect.deform.mesh.parts import taken
 from sdm_deflect.meshing.formats.format import MeshFileError
 
-MIRRORED = {
-    "tetra": (0, 2, 1, 3), "pyramid": (0, 3, 2, 1, 4), "wedge": (0, 2, 1, 3, 5, 4),
-    "hexahedron": (0, 3, 2, 1, 4, 7, 6, 5),
-}  # fmt: skip
-"""The same corners in the order of the mirror image. For a wedge: from CGNS and Gmsh to VTK, and back."""
 AXES = {"tetra": (1, 2, 3), "pyramid": (1, 3, 4), "wedge": (2, 1, 3), "hexahedron": (1, 3, 4)}
 """Corners whose edges from corner 0 are a right-handed system in a cell that is not inverted."""
 SAMPLE = 1 << 12

@@ -10,7 +10,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch, Zone
+from sdm_deflect.deform.mesh.mesh import CORNERS, MIRRORED, Cells, Mesh, Patch, Zone
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
@@ -18,7 +18,7 @@ from sdm_deflect.meshing.formats.hdf5 import DAMAGE, Replaced
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.netcdf import NetCdf, opened
-from sdm_deflect.meshing.formats.shapes import MIRRORED, refuse_plane
+from sdm_deflect.meshing.formats.shapes import refuse_plane
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
 from sdm_deflect.meshing.formats.tables import Held
 from sdm_deflect.meshing.formats.tau_write import AXES, FACES, MARKERS, SOLIDS, write_grid

@@ -13,7 +13,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch, Zone
+from sdm_deflect.deform.mesh.mesh import CORNERS, MIRRORED, Cells, Mesh, Patch, Zone
 from sdm_deflect.deform.mesh.pieces import HERE, MeshInPieces, Runner
 from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits, fitting_names
@@ -22,7 +22,7 @@ from sdm_deflect.meshing.formats.layout import Format
 from sdm_deflect.meshing.formats.numbers import copy_text
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import standard_cells
-from sdm_deflect.meshing.formats.shapes import MIRRORED, refuse_plane, simple_faces
+from sdm_deflect.meshing.formats.shapes import refuse_plane, simple_faces
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
 from sdm_deflect.meshing.formats.tables import FileTable, Held
 from sdm_deflect.meshing.formats.ugrid_file import (

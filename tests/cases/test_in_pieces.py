@@ -304,6 +304,12 @@ def put(path: Path, block: int, row: int, values) -> None:
         put_row(next(iter(getattr(table, "tables", (table,)))), row, values)
 
 
+def inner(path: Path) -> int:
+    """The row of a cell of the first block whose nodes are on no patch."""
+    mesh = format_of(path).read(path)
+    return int(np.argmin(np.isin(mesh.cells[0].nodes, mesh.on(*mesh.names)).any(axis=1)))
+
+
 def put_point(path: Path, value: float) -> None:
     with in_pieces(path) as found:
         put_row(found.pieces.ranges[0].table, 7, lambda own: np.full_like(own, value))
@@ -324,14 +330,14 @@ def loose(mesh: Mesh) -> Mesh:
     return Mesh(mesh.points, mesh.cells, (Patch(first.name, (Cells(first.faces[0].shape, faces),)), *others))
 
 
-MIRROR = {4: [1, 0, 2, 3], 8: [4, 5, 6, 7, 0, 1, 2, 3]}
+TWISTED = {4: [1, 0, 2, 3], 8: [1, 0, 2, 3, 4, 5, 6, 7]}
 DAMAGE = {
     "a node too many": (lambda path: put(path, 1, 5, lambda own: own * 0 + 99999), "99999|99998|not among"),
     "a node too few": (lambda path: put(path, 1, 5, lambda own: own * 0 - 1), "nodes -2 to|not among"),
     "no number": (lambda path: put_point(path, np.nan), "points are not finite, the first is point 7$"),
     "too large": (lambda path: put_point(path, 1e41), r"points are beyond 1e\+40, the first is point 7$"),
     "inverted": (
-        lambda path: put(path, 0, 0, lambda own: own[MIRROR[len(own)]]),
+        lambda path: put(path, 0, inner(path), lambda own: own[TWISTED[len(own)]]),
         r"1 of \d+ cells \(\w+\) are inverted",
     ),
     "cut": (lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3]), "truncated|end|shorter"),
