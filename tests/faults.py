@@ -105,8 +105,6 @@ FAULTS = (
           "lift = np.array([sin(a), 0.0, cos(a)])", "tests/cases/flow"),
     Fault("a page of another site is answered", 'if not known or origin not in (None, "", f"http://{request.host}"):',
           "if not known:", "tests/cases/view/test_page.py"),
-    Fault("times may stand still", "if (steps <= 0.0).any():", "if (steps < 0.0).any():",
-          "tests/cases/test_history.py"),
 )  # fmt: skip
 
 

@@ -99,14 +99,12 @@ def result_table(done: "Outcome") -> Group:
     """Return the checks of a single angle, or a row for each of many, and what was written."""
     ordered = sorted(done.angles, key=lambda judged: judged.angle)
     tables, texts = _of_one_angle(done, ordered[0]) if len(ordered) == 1 else _of_many_angles(done, ordered)
-    if done.checks:
-        tables.append(verdict(done.checks, "from time to time"))
     texts += _lines(done.plan)
     texts += [f"note: {text}" for text in done.notes]
     texts += [f"not held by this format: {text}" for text in done.lost]
     texts += [done.flow.text(done.plan)] if done.flow else []
     warned = warnings_of(done.plan)
-    last = outcome([*(check for judged in done.angles for check in judged.checks), *done.checks], warned)
+    last = outcome([check for judged in done.angles for check in judged.checks], warned)
     return Group(*warning_texts(warned, last), *tables, *_texts([*texts, *_closing(done), last]))
 
 

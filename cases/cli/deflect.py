@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from sdm_deflect.cases.cli import options
 from sdm_deflect.cases.settings.job_settings import (
@@ -21,26 +20,21 @@ from sdm_deflect.deform.base.errors import InputError
 
 if TYPE_CHECKING:
     from sdm_deflect.cases.flow.flow_case import FlowCase
-    from sdm_deflect.cases.run.deflect_file import Outcome
-    from sdm_deflect.cases.run.history import History
     from sdm_deflect.cases.run.mesh_files import Targets
-    from sdm_deflect.cases.run.progress import Stopwatch
-    from sdm_deflect.deform.mesh.pieces import Runner
     from sdm_deflect.deform.volume.plan import Planned
 
 CASE = ("to_solver", "mach", "alpha", "far_field")
 """Options of a case for a flow solver."""
 HELPERS = ("workers", "scheduler", "worker_memory")
 """Options of work that others do."""
-IDLE_IN_TIME = ("angle", "angles", "sensitivity", *HELPERS, *CASE)
-"""Options that mean nothing beside a history."""
+NO_HISTORY = "--history: motions in time are not written; deflect to each angle by --angles, a mesh for each"
 moved = partial(click.option, cls=options.Grouped, group="What moves")
 
 
 @click.command(cls=options.DeflectCommand, params=options.settings_options(FLAT.values()))
 @click.argument("mesh", type=options.FILE)
 @moved("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")
-@moved("--history", type=options.FILE, help="Many times: a .csv of time,angle; an OpenFOAM case that moves.")
+@click.option("--history", hidden=True)
 @options.output_option("--out", type=options.FILE, help="File (default: MESH-deflected); its suffix says the format.")
 @options.output_option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
 @options.flow_options
@@ -61,24 +55,22 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     sdm deflect wing.su2 --surface flap --fixed wing --hinge 0.7,0,0 0.7,1,0 --angle 10 --motion blended
     """
     from sdm_deflect.cases.run.cluster import Wanted, workers
-    from sdm_deflect.cases.run.deflect_file import planned
+    from sdm_deflect.cases.run.deflect_file import deflect_file, figures, planned
     from sdm_deflect.cases.run.mesh_files import Targets
 
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
-    path, history, many = _several(given.pop("history"), given.pop("angles"))
+    if given.pop("history") is not None:
+        raise InputError(NO_HISTORY)
+    text = given.pop("angles")
+    many = angles_of(text) if text else ()
     helpers, flow = Wanted(*(given.pop(name) for name in HELPERS)), _flow([given.pop(name) for name in CASE])
     if many:
         given["angle"] = max(many, key=abs)
     settings, inputs = _settings(given)
     jobs = settings.jobs()
     angles = many or (jobs[0].angle,)
-    if history:
-        from sdm_deflect.cases.run.history import target_of
-
-        wanted = target_of(mesh, out, history)
-    else:
-        wanted = Targets.of(mesh, out, angles, sensitivity, report, flow)
-    wanted.check((*inputs, *path))
+    wanted = Targets.of(mesh, out, angles, sensitivity, report, flow)
+    wanted.check(inputs)
     with (
         options.watched(quiet or (as_json and not verbose), verbose) as watch,
         workers(helpers, watch, mesh, wanted.out.absolute().parent) as runner,
@@ -86,10 +78,12 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
         if dry_run:
             plan = planned(wanted, jobs, watch, runner, angles)
         else:
-            done, shown = _deflected(wanted, settings, history, watch, runner)
+            done = deflect_file(wanted, jobs, watch, settings.min_quality, runner)
     if dry_run:
         return _show_plan(wanted, plan, as_json)
-    options.print_either(as_json, *shown)
+    from sdm_deflect.cases.cli.console import result_table
+
+    options.print_either(as_json, figures(done, watch), result_table(done))
     return options.code_of(done.passed)
 
 
@@ -104,33 +98,6 @@ def quality(mesh: Path, select: tuple[str, ...], as_json: bool) -> None:
         options.print_json(inspected(mesh, selections_of(select)))
     else:
         click.echo(inspect(mesh, selections_of(select)))
-
-
-def _several(path: Path | None, text: str | None) -> tuple[list[Path], "History | None", tuple[float, ...]]:
-    """Return the file of a history, the history, and the angles to deflect to; none for that of the job alone."""
-    if path is None:
-        return [], None, angles_of(text) if text else ()
-    from sdm_deflect.cases.run.history import History
-
-    _check_alone()
-    history = History.read(path)
-    return [path], history, history.distinct
-
-
-def _deflected(
-    wanted: "Targets", settings: JobSettings, history: "History | None", watch: "Stopwatch", runner: "Runner"
-) -> tuple["Outcome", tuple[Any, ...]]:
-    """Deflect to all angles, or to those of a history; return what was done, and what is shown of it."""
-    from sdm_deflect.cases.cli.console import result_table
-    from sdm_deflect.cases.run.deflect_file import deflect_file, figures
-
-    if history is None:
-        done = deflect_file(wanted, settings.jobs(), watch, settings.min_quality, runner)
-        return done, (figures(done, watch), result_table(done))
-    from sdm_deflect.cases.run.history import deflect_in_time
-
-    moved = deflect_in_time(wanted, settings.jobs(), history, watch, settings.min_quality)
-    return moved.outcome, (moved.figures(watch), result_table(moved.outcome))
 
 
 def _show_plan(wanted: "Targets", plan: "Planned", as_json: bool) -> int:
@@ -153,17 +120,6 @@ def _flow(given: list[Any]) -> "FlowCase | None":
     from sdm_deflect.cases.flow.flow_case import FlowCase
 
     return FlowCase.of(*given)
-
-
-def _check_alone() -> None:
-    """Refuse options that a history has no use for."""
-    here = click.get_current_context()
-    given = [name for name in here.params if here.get_parameter_source(name) is ParameterSource.COMMANDLINE]
-    for name in IDLE_IN_TIME:
-        if name in given:
-            raise InputError(f"--{name.replace('_', '-')}: --history has no use for it; leave one of them out")
-    if "report" in given and here.params["report"]:
-        raise InputError("--report: --history makes none; leave one of them out")
 
 
 def _settings(given: dict[str, Any]) -> tuple[JobSettings, tuple[Path, ...]]:

@@ -61,7 +61,7 @@ class Judged:
 class Outcome:
     """What was done, for the table at the end; the angles in the order in which they were computed.
 
-    `checks` are those of all angles together, `notes` sentences on what is left to do.
+    `notes` are sentences on what is left to do.
     """
 
     plan: Planned
@@ -69,14 +69,13 @@ class Outcome:
     files: tuple[Path, ...]
     reports: tuple[Path, ...]
     lost: tuple[str, ...]
-    checks: tuple[Check, ...] = ()
     notes: tuple[str, ...] = ()
     flow: "FlowCase | None" = None
 
     @property
     def passed(self) -> bool:
-        """True if every check of every angle holds, and of all together."""
-        return all(one.passed for one in self.angles) and all(check.passed for check in self.checks)
+        """True if every check of every angle holds."""
+        return all(one.passed for one in self.angles)
 
 
 def needed(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner: Runner = HERE) -> Mesh:
@@ -254,7 +253,6 @@ def figures(done: Outcome, watch: Stopwatch) -> Json:
         "files": [str(path) for path in done.files],
         "reports": [str(path) for path in done.reports],
         "lost": list(done.lost),
-        **({"validation": verdict_figures(done.checks)} if done.checks else {}),
         "passed": done.passed,
         "timings": watch.seconds,
     }

@@ -119,6 +119,14 @@ def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_pat
     assert f"warning: {warning}" in repr(result)
 
 
+def test_a_motion_in_time_is_refused_with_the_way_out(files, sdm, tmp_path):
+    words = [*FLAP, *HINGE, "--out", tmp_path / "w.su2"]
+    code, _, err = sdm("deflect", files["su2"], *words, "--history", "times.csv")
+    assert code == 2
+    assert "--history: motions in time are not written; deflect to each angle by --angles, a mesh for each" in err
+    assert sdm("deflect", files["su2"], *words, "--angles", "0,2,4")[0] == 0
+
+
 def test_a_setting_that_is_set_counts(files, sdm):
     words = ["deflect", files["su2"], *TURN, "--dry-run", "--json", "--set", "tolerance=0.0125"]
     assert json.loads(sdm(*words)[1])["sites"]["tolerance"] == 0.0125

@@ -13,8 +13,6 @@ from scipy.io import netcdf_file
 
 from sdm_deflect import deflect, read
 from sdm_deflect.cases.run import deflect_file as command
-from sdm_deflect.cases.run import history
-from sdm_deflect.cases.run.history import History, deflect_in_time, target_of
 from sdm_deflect.cases.run.mesh_files import Targets
 from sdm_deflect.cases.run.progress import Stopwatch, Told
 from sdm_deflect.cases.settings.job_settings import settings_of
@@ -345,32 +343,6 @@ def test_a_source_that_changed_since_it_was_read_is_not_copied(tmp_path):
         found.save(tmp_path / "out.su2")
     found.save(tmp_path / "out.cgns")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mesh.su2", "out.cgns"]
-
-
-def in_time(source, out):
-    settings = settings_of("body", BODY["hinge"], 4.0, {})
-    times = History((0.0, 1.0, 2.0), (0.0, 4.0, 2.0))
-    return deflect_in_time(target_of(source, out, times), settings.jobs(), times, Stopwatch(Told(silent)))
-
-
-@pytest.mark.parametrize("name", ["mesh", "mesh.su2"])
-def test_a_history_is_read_back_and_its_source_must_not_change(name, tmp_path, monkeypatch):
-    source, folder = tmp_path / name, tmp_path / "new"
-    DOUBLE[name](block_with_body(), source)
-    folder.mkdir()
-    assert in_time(source, folder / "good").passed
-    genuine = history.foam.write_points
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            history.foam, "write_points", lambda case, time, points: genuine(case, time, np.nextafter(points, 9.0))
-        )
-        with pytest.raises(MeshFileError, match="does not read back as what was judged"):
-            in_time(source, folder / "out")
-    changed = source / MESH / "points" if source.is_dir() else source
-    monkeypatch.setattr(history.foam, "write_points", lambda *all_: genuine(*all_) or edited(changed))
-    with pytest.raises(InputError, match="was changed or replaced"):
-        in_time(source, folder / "out")
-    assert [path.name for path in folder.iterdir()] == ["good"]
 
 
 def test_every_format_that_can_be_rewritten_is_here():

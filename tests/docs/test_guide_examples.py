@@ -22,7 +22,6 @@ import tail_root
 from PIL import Image
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.run.history import History
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.quality import mean_ratio, signed_volumes
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
@@ -64,14 +63,6 @@ def test_the_animated_picture_shows_deflected_meshes_and_is_stored_as_drawn(tmp_
             off = np.abs(coarse(np.asarray(stored.convert("RGB"))[:, half:]) - coarse(drawn[:, half:])).mean()
             assert off < moved / 3.0
     assert (FIGURES / "deflecting.gif").stat().st_size < 3_000_000
-
-
-def test_a_period_of_the_oscillation_ends_where_it_began_and_most_angles_come_twice(tmp_path):
-    subprocess.run([sys.executable, EXAMPLES / "oscillation.py", tmp_path], check=True)
-    swing = History.read(tmp_path / "flap.csv")
-    assert swing.times[-1] == 0.2
-    assert (swing.largest, swing.angles[0], swing.angles[-1]) == (5.0, 0.0, 0.0)
-    assert (len(swing.times), len(swing.distinct)) == (17, 9)
 
 
 def test_points_of_the_cloud_move_in_the_box_alone():

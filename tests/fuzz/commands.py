@@ -64,7 +64,6 @@ TEXTS = (
     "\udcff",
     "\U0001f600", "{}", "[]", "[[[[", "null", "1,", ",", "-", "--", "--help", "../m.su2", ".", "..", "none", "none.su2",
     "folder", "folder/none.su2", "m.su2", "m.su2/x.su2", "table.csv", "table.npz", "nodes.txt", "box.toml", "job.toml",
-    "flap.csv",
     "out.su2", "out.cgns", "out.msh", "out.vtu", "out.stl", "out.step", "case", "out.", ".su2", "m-deflected.su2",
     "a/b/c.su2",
     "aileron", "tail", "all", "rudder", "aileron-chimera", "small", "medium", "paper", "squv", "mv", "table1", "page",
@@ -97,7 +96,6 @@ def tables(folder: Path) -> Iterator[Input]:
         "table.npz": (*hinged, "--table", "table.npz"),
         "nodes.txt": (*DRY, "--motion", "blended", "--held", "far", "--driven", "nodes.txt"),
         "box.toml": (*DRY, "--box", "box.toml"),
-        "flap.csv": (*DRY[:9], *DRY[-3:], "--history", "flap.csv"),
         "aircraft.xml": (*hinged, "--cpacs", "aircraft.xml", "--device", "flap=0.5"),
         "job.toml": ("deflect", MESH, "--config", "job.toml", "-q", "--no-report", "--dry-run"),
     }
@@ -122,10 +120,9 @@ def support(folder: Path) -> dict[str, bytes]:
     np.savez(folder / "table.npz", points=rows[:, :3], vectors=rows[:, 3:])
     np.savetxt(folder / "nodes.txt", mesh.on("body")[:4], fmt="%d")
     (folder / "box.toml").write_text("corners = [[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]]\n")
-    (folder / "flap.csv").write_text("time,angle\n0,0\n0.05,4\n0.1,0\n0.15,-4\n0.2,0\n")
     (folder / "job.toml").write_text(tomli_w.dumps(JOB))
     written(folder)
-    names = (MESH, "aircraft.xml", "table.csv", "table.npz", "nodes.txt", "box.toml", "flap.csv", "job.toml")
+    names = (MESH, "aircraft.xml", "table.csv", "table.npz", "nodes.txt", "box.toml", "job.toml")
     return {name: (folder / name).read_bytes() for name in names}
 
 
@@ -138,7 +135,6 @@ def options(folder: Path) -> Iterator[Input]:
         (*DRY, "--motion", "blended", "--held", "far", "--driven", "nodes.txt", "--strip", "0.2"),
         (*DRY, "--slide", "far:plane", "--box", "box.toml", "--zone", "*", "--steps", "2", "--min-quality", "0"),
         (*DRY, "--periodic", "body", "far"),
-        (*BASE[:9], "-q", "--history", "flap.csv", "--out", "case"),
         (*DRY, "--select", "half=body side:0,0,0,1,0,0", "--fixed", "half"),
         ("quality", MESH, "--select", "part=far#1 box:-9,-9,0,9,9,9 sharp:40"),
         (*DRY, "--set", "tolerance=0.1", "--set", "max_steps=3", "--json"),

@@ -77,7 +77,6 @@ def motions() -> Iterator[tuple[str, Command]]:
     yield "rigid", deflect("body.su2", "--surface", "body", "--hinge", "1,1,0", "1,1,1", "--angle", "9")
     yield "table", deflect("body.su2", "--surface", "body", "--table", "table.csv")
     yield "plane mesh", deflect("flat.su2", "--surface", "body", "--hinge", "0.1,0.2", "--angle", "7")
-    yield "history", deflect("wing", *BLENDED, "--history", "times.csv", "--out", "moving")
     yield "settings in TOML", deflect("wing.su2", "--config", "job.toml")
 
 

@@ -40,7 +40,6 @@ def write(folder: Path) -> None:
     rows = [f"body {whole_face(blocks[int(name[5:]) - 1], int(name[5:]), face)}" for name, face in BODY]
     (folder / "wing.nmf").write_text(plot3d_head(blocks) + "\n".join(rows) + "\n")
     (folder / "table.csv").write_text(TABLE)
-    (folder / "times.csv").write_text("time,angle\n0,0\n0.1,2\n0.2,5\n")
     (folder / "job.toml").write_text(JOB)
 
 
