@@ -74,10 +74,13 @@ def reference(case: Case, cache: bool = True) -> Iterator[Callable[[], Reference
     Raises CadError from the callable, if the CAD kernel fails.
     """
     store, key = ArrayCache(default_folder()), f"cad-{cache_key(parameters(case))}"
-    with suppress(MeshFileError):
-        if cache and (kept := store.read(key)):
-            yield lambda: decoded(kept)
-            return
+    kept = None
+    with suppress(MeshFileError):  # a damaged entry is built again
+        kept = store.read(key) if cache else None
+    if kept is not None:
+        faces = decoded(kept)
+        yield lambda: faces
+        return
     with started("sdm_deflect.cases.aircraft.reference", question(case)) as pending:
 
         def wait() -> Reference:

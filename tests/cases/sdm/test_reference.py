@@ -12,6 +12,7 @@ from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
 from sdm_deflect.geometry.errors import CadError
 from sdm_deflect.meshing.files.cache import cache_key
+from sdm_deflect.meshing.formats.format import MeshFileError
 from tests.cases.sdm.deflected_cad import built
 
 
@@ -30,6 +31,19 @@ def test_both_processes_build_the_same_and_the_second_run_reads_it(tmp_path, mon
             for part in ReferenceFace.__slots__:
                 for one in faces[1:]:
                     np.testing.assert_array_equal(getattr(faces[0], part), getattr(one, part))
+
+
+def test_an_error_beside_kept_cad_is_passed_on_and_a_damaged_entry_is_built_again(tmp_path, monkeypatch):
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    case = case_named("tail")
+    with reference(case) as wait:
+        wait()
+    with pytest.raises(MeshFileError, match="of another"), reference(case):
+        raise MeshFileError("of another")
+    (path,) = tmp_path.glob("cad-*.npz")
+    path.write_bytes(path.read_bytes()[:-1])
+    with reference(case) as wait:
+        assert wait().undeflected.keys() == {"tail_left"}
 
 
 def test_another_angle_is_built_again():
