@@ -10,8 +10,8 @@ import numpy as np
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import BLOCK, Wedge, fuselage_cylinder, panel_of
 from sdm_deflect.cases.aircraft.overset import overset_checks
-from sdm_deflect.cases.aircraft.reference import EDGE, Faces, Reference
-from sdm_deflect.cases.aircraft.rigid import Shape, closest, corners_of, distance, plane_normal, rigid_checks
+from sdm_deflect.cases.aircraft.reference import Faces, Reference
+from sdm_deflect.cases.aircraft.rigid import Shape, closest, corners_of, distance, plane_normal, predicted, rigid_checks
 from sdm_deflect.cases.report.stored import NAMED
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.sets import distinct
@@ -147,8 +147,6 @@ ON_PLANE = 1e-9
 """Largest distance (m) of nodes that slid on a planar CAD face from it."""
 ANGLE_LIMIT = 1e-9
 """Largest deviation (deg) of the trailing edge from its angle: rounding only."""
-RULED = 0.15
-"""Share of the surface's travel by which a blended strip may miss the CAD's ruled one; measured: up to 0.082."""
 ON_CYLINDER = 1e-12
 """Largest distance (m) of panel nodes from the cylinder: rounding only."""
 
@@ -182,17 +180,15 @@ def kept_shape(shape: Shape, repair: FloatArray) -> Check:
 def surface_to_cad(shape: Shape, cad: Faces) -> Iterator[Check]:
     """Distance of all nodes from the trimmed faces of the deflected CAD, and of those that are on it to rounding.
 
-    Beside a closed rib the CAD's faces are ruled, those of the mesh blended; a tail's root is on a curved edge.
+    Beside a closed rib the CAD's faces are ruled and those of the mesh blended: there the limit follows from where the
+    nodes must be. A tail's root line is on a curved edge.
     """
-    nodes, limit = shape.nodes, shape.case.limits.surface_to_cad
-    points, exact = shape.deflected.points[nodes], shape.exact
-    if hinged(shape.surface):
-        ruled = RULED * float(np.linalg.norm(points - shape.mesh.points[nodes], axis=1).max())
-    else:
-        ruled, exact = 2.0 * EDGE, np.setdiff1d(exact, shape.mesh.on(panel_of(shape.surface)), assume_unique=True)
-    rows = np.isin(nodes, exact, assume_unique=True)
-    away = distance(points, corners_of(cad))
-    largest = limit if rows.all() else limit + ruled
+    nodes, exact, corners = shape.nodes, shape.exact, corners_of(cad)
+    if not hinged(shape.surface):
+        exact = np.setdiff1d(exact, shape.mesh.on(panel_of(shape.surface)), assume_unique=True)
+    rows, points = np.isin(nodes, exact, assume_unique=True), shape.deflected.points[nodes]
+    away, limit = distance(points, corners), shape.case.limits.surface_to_cad
+    largest = limit + float(distance(predicted(shape)[0], corners).max())
     yield Check("surface_to_cad", float(away.max()), largest, "m", worst(away, points), nodes=nodes, distances=away)
     yield Check("exact_to_cad", float(away[rows].max()), limit, "m", worst(away[rows], points[rows]))
 
