@@ -69,6 +69,15 @@ class LocalRotation:
             cross[:, k, j], cross[:, j, k] = w[:, i], -w[:, i]
         return np.asarray(rotation @ cross)
 
+    def strain(self, rate: FloatArray) -> FloatArray:
+        """Return how fast edges at each node change (K,) beyond its own turn, over their length, given rates (K, 3)."""
+        turn = self.rotation_rates(np.zeros_like(rate), rate)
+        along = self.vectors / np.sum(self.vectors**2, axis=1, keepdims=True)
+        off = rate[self.end] - rate[self.start] - np.einsum("eij,ej->ei", turn[self.start], along)
+        out = np.zeros(self.count)
+        np.maximum.at(out, self.start, np.linalg.norm(off, axis=1) * np.linalg.norm(self.vectors, axis=1))
+        return out
+
     def _polar(self, displacement: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return R and S (K, 3, 3); both the identity where the edges determine no rotation."""
         still = self._sums(np.zeros_like(displacement), unit=1.0)

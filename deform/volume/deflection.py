@@ -215,18 +215,22 @@ class Deflections(Deflected):
 
 
 def deflect(plan: Plan, angle: float, progress: Progress = silent, earlier: Deflection | None = None) -> Deflection:
-    """Bring the mesh to an angle; the angle is halved into steps while cells are inverted that were not before.
+    """Bring the mesh to an angle in one step, and repair it.
 
-    If no number of steps does, the one with the fewest such cells is the result. A single step uses the centres
-    and factors of an earlier deflection of a single step.
+    Where cells invert that did not before, the angle is taken in twice as many steps while that leaves at most half as
+    many such cells, and as long as the repair leaves any. If no number of steps leaves none, the one with the fewest
+    is the result. A single step uses the centres and factors of an earlier deflection of a single step.
     """
     reused = earlier.steps[0] if earlier is not None and len(earlier.steps) == 1 else None
-    best = mended(adapted_steps(plan, angle, 1, progress, reused), progress)
-    count = 2
-    while best.inverted and count <= plan.job.fitting.max_steps:
-        again = mended(adapted_steps(plan, angle, count, progress), progress)
-        best = min(best, again, key=lambda one: one.inverted)
-        count *= 2
+    found, most = [adapted_steps(plan, angle, 1, progress, reused)], plan.job.fitting.max_steps
+    allowed = found[0].inverted
+    while 0 < found[-1].inverted <= allowed and 2 ** len(found) <= most:
+        allowed = found[-1].inverted // 2
+        found.append(adapted_steps(plan, angle, 2 ** len(found), progress))
+    best = mended(min(found, key=lambda one: one.inverted), progress)
+    while best.inverted and 2 ** len(found) <= most:
+        found.append(mended(adapted_steps(plan, angle, 2 ** len(found), progress), progress))
+        best = min(best, found[-1], key=lambda one: one.inverted)
     return best
 
 

@@ -7,12 +7,16 @@ surface's local rotation: the field then turns with the surface. And every node 
 
     p + u(p) + psi (v(p) - u(p)),    v(p) = sum of w_j (u_j + (R_j - 1)(p - x_j)),
 
-with u the interpolant, v the mean of the rigid motions of the boundary nodes around, weighted by the inverse distance
-(Luke, Collins and Blades, J. Comput. Phys. 231, 2012), and a weight psi that fades out away from the boundary, and
-where another one that may move otherwise comes as near: in the middle of a gap the interpolant is alone.
+with u the interpolant, v the mean of the rigid motions of the boundary nodes around (Luke, Collins and Blades, J.
+Comput. Phys. 231, 2012), and a weight psi that fades out away from the boundary, and where another one that may move
+otherwise comes as near: in the middle of a gap the interpolant is alone. The share w_j of a node at distance d is
+(1 / d - 1 / D)**`POWER`, D being the distance of the nearest node that is left out (Franke and Nielson, Int. J. Numer.
+Meth. Eng. 15, 1980): v does not jump where the nodes around change, which would invert the flat cells of a wake.
 
 Both are corrections of what the interpolant misses, and reach no farther than that asks for (`Reach`): where they end,
-they shear the mesh.
+they shear the mesh. Layer sites stand beside nodes where the motion shears the surface, as a blended strip does: there
+the layers must turn otherwise from column to column. Where the surface turns rigidly, thin plate splines without them
+bend the mesh less in a narrow slot. `benchmarks/layers.md` has the figures, also for the constants.
 """
 
 from collections.abc import Sequence
@@ -32,8 +36,10 @@ COARSE = 5.0  # times the edge over the surface's size: that distance, in edges
 LAYERS = 8.0  # first heights: that distance, at least
 ALONE = 0.5  # of the distance to another part of the boundary: layer sites are nearer to their own
 MOST = 30_000  # layer sites
-AROUND, POWER = 16, 5  # boundary nodes whose mean a point follows, and the power of their inverse distances
-FADE = 2.0  # times that distance: where the mesh no longer follows
+AROUND, POWER = 32, 5  # boundary nodes whose mean a point follows, and the power of their weights
+LEAST = 2.0**-100  # distance; a power of two, so that a point on a node goes with it to the bit
+BEYOND = 1.001  # times the distance of the next node: where the weight of a node is zero
+FADE = 4.0  # times that distance: where the mesh no longer follows
 ERRORS = 10.0  # tolerances, at least: an error of one that fades shears the mesh by no more than some tenth
 KEPT = 0.005  # largest change of the first height, as a share, by an error of the tolerance that fades
 
@@ -69,52 +75,58 @@ class RigidFollow:
     places : (Q, 3) the points.
     boundary : (K, 3) the boundary nodes.
     nodes : (Q, A) rows of the boundary nodes that carry each point, the nearest first.
+    ends : (Q,) distance at which the weight of a node is zero; infinite where no node is left out.
     """
 
     rows: IntArray = field(repr=False)
     places: FloatArray = field(repr=False)
     boundary: FloatArray = field(repr=False)
     nodes: IntArray = field(repr=False)
+    ends: FloatArray = field(repr=False)
 
     @classmethod
     def of(cls, points: FloatArray, boundary: FloatArray, rows: IntArray, nearby: Nearby) -> "RigidFollow":
         """Let the nearest boundary node alone carry each of some rows of the points."""
-        return cls(rows, points[rows], boundary, nearby.node[rows, None].astype(np.int32))
+        nodes: IntArray = nearby.node[rows, None].astype(np.int32)
+        return cls(rows, points[rows], boundary, nodes, np.full(len(rows), np.inf))
 
     @classmethod
     def around(cls, points: FloatArray, boundary: FloatArray, rows: IntArray, known: IntArray) -> "RigidFollow":
         """Let the nearest of the boundary nodes `known` carry each of some rows of the points, by inverse distance."""
         count = min(AROUND, len(known))
         nodes: IntArray = np.empty((len(rows), count), np.int32)
+        ends: FloatArray = np.full(len(rows), np.inf)
         if nodes.size:
-            nearest = cKDTree(boundary[known]).query(points[rows], k=list(range(1, count + 1)), workers=-1)[1]
-            nodes[:] = known[nearest]
-        return cls(rows, points[rows], boundary, nodes)
+            tree, neighbours = cKDTree(boundary[known]), list(range(1, count + 2))
+            distance, nearest = tree.query(points[rows], k=neighbours, workers=-1)  # infinite beyond all nodes
+            nodes[:], ends = known[nearest[:, :count]], BEYOND * distance[:, count]
+        return cls(rows, points[rows], boundary, nodes, ends)
 
     def displaced(self, boundary: FloatArray, turns: FloatArray) -> FloatArray:
         """Return the displacements (Q, 3) for those (K, 3) of the boundary, turned by R - 1 (K, 3, 3)."""
-        return _carried(self.places, self.boundary, self.nodes, boundary, turns)
+        motions = np.concatenate([boundary[:, :, None], turns], axis=2)
+        return _carried(self.places, self.boundary, self.nodes, self.ends, motions)
 
 
 @compiled_exactly
-def _carried(places: FloatArray, known: FloatArray, nodes: IntArray, move: FloatArray, turns: FloatArray) -> FloatArray:
-    """Return the means (Q, 3) of the rigid motions of boundary nodes, weighted by distance to the power of -`POWER`."""
+def _carried(
+    places: FloatArray, known: FloatArray, nodes: IntArray, ends: FloatArray, motions: FloatArray
+) -> FloatArray:
+    """Return the weighted means (Q, 3) of the rigid motions (K, 3, 4) of boundary nodes: u_j, and R_j - 1."""
     out, offset = np.zeros((len(places), 3)), np.zeros(3)
     for q in range(len(places)):
-        least, total = 0.0, 0.0
+        total = 0.0
         for a in range(nodes.shape[1]):
             j, square = nodes[q, a], 0.0
             for i in range(3):
                 offset[i] = places[q, i] - known[j, i]
                 square += offset[i] * offset[i]
-            if a == 0:
-                least = square
-            share = (least / square) ** (POWER / 2) if square > 0.0 else 1.0
+            share = (1.0 / max(square**0.5, LEAST) - 1.0 / ends[q]) ** POWER
             total += share
             for i in range(3):
-                carried = move[j, i]
+                carried = motions[j, i, 0]
                 for k in range(3):
-                    carried += turns[j, i, k] * offset[k]
+                    carried += motions[j, i, k + 1] * offset[k]
                 out[q, i] += share * carried
         for i in range(3):
             out[q, i] /= total
@@ -157,17 +169,17 @@ class Reach(NamedTuple):
         return cls(sites, min(edge, max(FADE * sites, least)))
 
 
-def layer_sites(nearby: Nearby, moving: int, far: float) -> IntArray:
-    """Return rows of the points that become data sites: the farthest allowed one for each of the first nodes.
+def layer_sites(nearby: Nearby, nodes: IntArray, far: float) -> IntArray:
+    """Return rows of the points that become data sites: the farthest allowed one for each of some nodes.
 
     Parameters
     ----------
     nearby : Of the points.
-    moving : The first so many boundary nodes have layer sites.
+    nodes : Rows of the boundary nodes that have layer sites.
     far : Largest distance of a layer site.
     """
     first = nearby.first
-    good = (nearby.node < moving) & (first > NEAR * far) & (first < far) & (first < ALONE * nearby.second)
+    good = np.isin(nearby.node, nodes) & (first > NEAR * far) & (first < far) & (first < ALONE * nearby.second)
     rows = np.flatnonzero(good)
     rows = rows[np.lexsort((-first[rows], nearby.node[rows]))]
     _, own = np.unique(nearby.node[rows], return_index=True)

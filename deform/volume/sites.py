@@ -16,6 +16,7 @@ from sdm_deflect.deform.mesh.sliding import Plane
 from sdm_deflect.deform.rbf.fitting import KERNELS, Fitting
 from sdm_deflect.deform.rbf.kernels import OF_RADIUS, Kernel
 from sdm_deflect.deform.rbf.sites import DataSites, pinned
+from sdm_deflect.deform.surface.local_rotation import LocalRotation
 from sdm_deflect.deform.volume.boundary import SAME, PrescribedNodes
 from sdm_deflect.deform.volume.region import BoxNodes
 
@@ -27,6 +28,7 @@ MOST_ZERO = 12_000  # sites on the box, about: beyond, they stand farther apart
 MOST_EDGE = 3_000  # of them on an edge of the box, in a box that is like a needle
 MOST_RADIUS = 1e4  # of a kernel: diagonals of the box; at least a median edge of the surface over this
 HALVINGS = 6  # of the distance of sites on the box at most, while none is left
+SHEARED = 0.01  # strain of the moving surface, times its size over its largest displacement: above, it shears
 FINER = 0.1  # of that distance: sites on the box may not stand closer, even if they shall
 
 
@@ -118,6 +120,17 @@ class Sites:
         row[known] = np.arange(len(known))
         edges = row[edges_of(polygons_of(faces))[0]]
         return np.unique(np.sort(edges[(edges >= 0).all(axis=1)], axis=1), axis=0).astype(np.intp)
+
+    def sheared(self, boundary: PrescribedNodes) -> BoolArray:
+        """Return which moving nodes (K,) the motion shears: it is not rigid beside them, whatever its amount."""
+        rate, points = np.zeros((len(self.known), 3)), boundary.mesh.points
+        for surface, law in zip(boundary.surfaces, boundary.laws, strict=True):
+            own = law.rate(0.0)
+            largest = float(np.linalg.norm(own, axis=1).max())
+            rate[np.searchsorted(self.moving, surface.nodes)] = own / largest if largest else own
+        certain = len(self.moving) + len(self.fixed)
+        turning = LocalRotation.of(points[self.known], self.edges(boundary), certain, boundary.mesh.plane)
+        return np.asarray(turning.strain(rate)[: len(self.moving)] * boundary.size > SHEARED)
 
 
 def _radius(fitting: Fitting, corners: FloatArray, edge: float) -> float:

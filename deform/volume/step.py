@@ -119,7 +119,7 @@ class StepStart:
         nearby = Nearby.of(places, known, parts)
         size = min(float(np.linalg.norm(np.ptp(points[surface.nodes], axis=0))) for surface in boundary.surfaces)
         reach = Reach.of(first_height(nearby, certain), sites.edge, size, sites.tolerance)
-        rows = layer_sites(nearby, len(sites.moving), reach.sites)
+        rows = layer_sites(nearby, np.flatnonzero(sites.sheared(boundary)), reach.sites)
         layers = RigidFollow.of(places, known, rows, nearby)
         near_wall = NearWall.of(places, known, nearby, parts, reach.follow)
         places, parts = points[sites.slid], [part[part < certain] for part in parts]

@@ -51,6 +51,20 @@ def test_a_pure_stretch_turns_nothing():
     np.testing.assert_allclose(turns, 0.0, atol=1e-12)
 
 
+def test_a_strain_is_what_a_turn_leaves_of_the_edges_rates():
+    turn = np.cross([0.3, -0.5, 0.2], POINTS) + np.array([4.0, 0.0, 1.0])
+    np.testing.assert_allclose(of().strain(turn), 0.0, atol=1e-12)
+    stretch = turn.copy()
+    stretch[:, 0] += 0.25 * POINTS[:, 0]
+    found = of().strain(stretch)
+    assert 0.2 < found.max() < 0.3
+    assert found.min() > 0.05
+    one = turn.copy()
+    one[0] += 0.1
+    beside = np.isin(np.arange(40), EDGES[(EDGES == 0).any(axis=1)])
+    assert np.array_equal(of().strain(one) > 1e-9, beside)
+
+
 @pytest.mark.parametrize("size", [0.0, 0.05, 0.3])
 def test_rates_are_derivatives(size):
     local, h = of(), 1e-6

@@ -84,15 +84,16 @@ def test_following_blends_between_the_interpolant_and_the_wall(nearby):
 
 
 def test_a_point_follows_the_mean_of_the_nodes_around_by_inverse_distance():
-    """The mean of 16 rigid motions, weighted by the fifth power; at a node its own motion, to the bit."""
+    """The mean of rigid motions, by the fifth power of 1/d - 1/D, D that of the next; at a node its own, to the bit."""
     rows, move, turns = np.arange(0, 500, 9), rng.normal(size=(60, 3)), 0.1 * rng.normal(size=(60, 3, 3))
     follow = RigidFollow.around(POINTS, BOUNDARY, rows, np.arange(60))
     assert follow.nodes.shape == (len(rows), AROUND)
     for q, row in enumerate(rows):
         offset = POINTS[row] - BOUNDARY
         distance = np.linalg.norm(offset, axis=1)
-        near = np.argsort(distance)[:16]
-        share = distance[near] ** -5.0
+        near = np.argsort(distance)[: AROUND + 1]
+        share = (1.0 / distance[near] - 1.0 / (near_wall.BEYOND * distance[near[-1]])) ** 5.0
+        near, share = near[:-1], share[:-1]
         expected = share @ (move[near] + np.einsum("nij,nj->ni", turns[near], offset[near])) / share.sum()
         np.testing.assert_allclose(follow.displaced(move, turns)[q], expected, rtol=1e-12)
     at_nodes = RigidFollow.around(BOUNDARY, BOUNDARY, np.arange(60), np.arange(60))
@@ -109,10 +110,22 @@ def test_between_two_nodes_the_motion_does_not_jump():
     assert np.diff(moved).max() < 0.03
 
 
+def test_where_the_nodes_around_change_the_motion_does_not_jump():
+    """Beside a symmetric trailing edge as many nodes above as below are equally far: cells of no height feel a jump."""
+    x = np.linspace(0.0, 1.0, 60)
+    wall = np.vstack([np.column_stack([x, 0.0 * x, side * 0.05 * (1.0 - x)]) for side in (1.0, -1.0)])
+    height = 1e-7 * np.arange(-3.0, 4.0)
+    points = np.array([[1.02, 0.0, h] for h in height])
+    follow = RigidFollow.around(points, wall, np.arange(7), np.arange(120))
+    move = np.column_stack([0.0 * wall[:, 0], 0.0 * wall[:, 0], np.where(np.arange(120) < 60, wall[:, 0], 0.0)])
+    moved = follow.displaced(move, np.zeros((120, 3, 3)))[:, 2]
+    assert np.abs(np.diff(moved)).max() < 100.0 * 1e-7
+
+
 @pytest.mark.parametrize(("height", "edge", "size", "tolerance", "sites", "follow"), [
     (6e-6, 1e-3, 0.3, 1e-5, 5e-5, (10.0 * 6e-6 * 1e-5 / 0.005) ** 0.5),  # a fine airfoil, thin layers
     (1e-6, 0.06, 0.5, 6e-4, 0.03, 0.06),  # a coarse wing
-    (1e-6, 0.06, 60.0, 6e-4, 0.003, 0.006),  # the same edges of a large one
+    (1e-6, 0.06, 60.0, 6e-4, 0.003, 0.012),  # the same edges of a large one
     (0.02, 0.06, 60.0, 6e-4, 0.03, 0.06),  # thick layers
     (np.inf, 0.06, 60.0, 6e-4, 0.03, 0.06),  # no node near the boundary
 ])  # fmt: skip
@@ -138,26 +151,26 @@ def test_layer_sites_stand_in_the_layers_one_for_each_node():
     other = np.array([[1.0, 1.0, 5.0]])
     nearby = Nearby.of(points, np.vstack([wall, other]), [np.arange(9), np.array([9])])
     assert first_height(nearby, 9) == pytest.approx(0.02)
-    rows = layer_sites(nearby, 9, 0.5)
+    rows = layer_sites(nearby, np.arange(9), 0.5)
     assert len(rows) == 9
     highest = heights[heights < 0.5].max()
     np.testing.assert_allclose(points[rows, 2], highest)
     assert sorted(nearby.node[rows].tolist()) == list(range(9))
-    assert len(layer_sites(nearby, 4, 0.5)) == 4  # of the moving nodes alone
-    assert not len(layer_sites(nearby, 9, 0.005))  # a mesh without layers has none
+    assert len(layer_sites(nearby, np.arange(4), 0.5)) == 4  # of the moving nodes alone
+    assert not len(layer_sites(nearby, np.arange(9), 0.005))  # a mesh without layers has none
 
 
 def test_layer_sites_keep_away_from_another_part():
     wall, other = np.zeros((1, 3)), np.array([[0.0, 0.0, 0.6]])
     points = np.array([[0.0, 0.0, h] for h in (0.15, 0.19, 0.25, 0.45)])
     nearby = Nearby.of(points, np.vstack([wall, other]), [np.array([0]), np.array([1])])
-    assert layer_sites(nearby, 1, 0.5).tolist() == [1]
+    assert layer_sites(nearby, np.arange(1), 0.5).tolist() == [1]
 
 
 def test_too_many_layer_sites_are_thinned(monkeypatch):
     monkeypatch.setattr(near_wall, "MOST", 30)
     wall = np.column_stack([np.arange(100.0), np.zeros(100), np.zeros(100)])
     nearby = Nearby.of(wall + np.array([0.0, 0.0, 0.3]), wall, [np.arange(100)])
-    rows = layer_sites(nearby, 100, 0.5)
+    rows = layer_sites(nearby, np.arange(100), 0.5)
     assert len(rows) == 25
     assert np.array_equal(np.diff(rows), np.full(24, 4))

@@ -129,6 +129,16 @@ def test_each_moving_surface_is_a_part_of_its_own_and_the_rest_is_one(plan, hybr
     assert len(alone.sites.parts(alone.boundary)[1]) == len(alone.sites.slid) > 0
 
 
+def test_a_blended_flap_shears_in_its_strips_and_a_rigid_surface_nowhere(inboard_wing, hybrid_wing):
+    one = Plan.of(inboard_wing.mesh, job(FLAP, inboard_wing.hinge, **blended(inboard_wing)))
+    (law,), (surface,) = one.boundary.laws, one.boundary.surfaces
+    sheared = np.flatnonzero(one.sites.sheared(one.boundary))
+    assert np.isin(surface.nodes[law.strip], one.sites.moving[sheared]).mean() > 0.8
+    rigid = Plan.of(hybrid_wing.mesh, job(WING, hybrid_wing.hinge, slide={"symmetry": "plane"}))
+    assert not rigid.sites.sheared(rigid.boundary).any()
+    assert not len(rigid.state(hybrid_wing.mesh.points).layers.rows)
+
+
 def test_sites_that_keep_their_distance_are_kept():
     line = np.column_stack([np.arange(5.0), np.zeros(5), np.zeros(5)])
     assert apart_from(line, np.array([[2.2, 0.0, 0.0]]), 0.75)[:, 0].tolist() == [0.0, 1.0, 3.0, 4.0]
