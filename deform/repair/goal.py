@@ -15,6 +15,8 @@ from sdm_deflect.deform.repair.freedom import FreeNodes
 
 WORST = 1e-3
 """Least quality that cells are weighted by."""
+LOST = 0.005
+"""How far the mean quality of all touched cells of a type, and what 99 % of them exceed, may fall for the worst."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +58,27 @@ class QualityGoal:
         ends = np.cumsum([0, *(len(rows) for rows in self.touched.rows)])
         rows = tuple(own[cells[a:b]] for own, a, b in zip(self.touched.rows, ends, ends[1:], strict=False))
         return QualityGoal(replace(self.touched, rows=rows), self.floor[cells], self.weights[cells])
+
+    def spread(self, found: CellScores) -> FloatArray:
+        """Return the quality (T, 2) that 99 % of the cells of each type exceed, and its mean."""
+        by_type = [found.quality[own] for _, own in self.touched.by_shape()]
+        return np.array([[np.percentile(quality, 1.0), quality.mean()] for quality in by_type])
+
+    def keeps(self, found: CellScores, spread: FloatArray) -> bool:
+        """Return whether cells keep a spread (T, 2), but for `LOST`."""
+        return bool((self.spread(found) >= spread - LOST).all())
+
+    def keeping(self, found: CellScores, spread: FloatArray, care: float) -> QualityGoal:
+        """Return the same with weights that let no good cell fall far below what 99 % of its type exceed.
+
+        With care none falls far below that share of its own quality, either.
+        """
+        weights = self.weights.copy()
+        for (name, own), (low, _) in zip(self.touched.by_shape(), spread, strict=True):
+            wished = np.maximum(np.minimum(found.quality[own], low), care * found.quality[own])
+            rise = np.maximum(wished / max(float(self.floor[own].max()), WORST), 1.0)
+            weights[own] *= rise ** (3 if name == "tetra" else 2)
+        return replace(self, weights=weights)
 
     def judged(self, points: FloatArray) -> CellScores:
         """Judge the cells with the nodes at points (N, 3)."""

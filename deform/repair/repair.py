@@ -25,13 +25,15 @@ MANY = 0.2
 FAR, SMALL = 500, 10_000
 """Nodes for each cell below a level, beyond which they are too far away to help, unless it is inverted; so many nodes
 are never too many."""
-LEVELS = (0.0, 0.5, 0.7, 0.8, 0.85)
+LEVELS = (0.5, 0.7, 0.8, 0.85)
 """Shares of the least quality before to which all cells are brought, one after another, up to the one that is asked
-for; first none is inverted. The first that is not reached is the last, and the worst cell is no worse for it."""
+for. The first that is not reached is the last, and the worst cell is no worse for it."""
 BEYOND, NEAR = (0.95, 1.0), 2
 """Levels beyond that share, which are tried with so many sizes of patches alone."""
 LOSS, GAIN = 0.02, 0.02
 """Share of its floor that the worst cell may lose where fewer cells are below the level, and has to win where not."""
+CARE = 0.85
+"""Share of its quality that each good cell shall keep, where patches would otherwise trade many cells for few."""
 LARGER = 1.1
 """Nodes of a patch over those of the last one that was too small."""
 POOR = 0.7
@@ -70,12 +72,14 @@ def _repaired(
     goal = QualityGoal.of(touched, freedom)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts).of_cells(~touched.before.inverted)
-    found = start = goal.judged(points)
-    here, steps = points, 0
+    start = goal.judged(points)
     everything = (len(points),)
-    for level in _levels(share):
-        sizes = (*RINGS, *everything) if level <= share else RINGS[:NEAR]
-        there, other, count = _raised(here, found, tetrahedra, freedom, goal, Target(level, sizes, progress))
+    wanted = Target(0.0, (*RINGS, *everything), goal.spread(start), progress)
+    here, found, steps = _raised(points, start, tetrahedra, freedom, goal, wanted)
+    wanted = wanted._replace(spread=np.minimum(wanted.spread, goal.spread(found)))
+    for level in () if goal.missed(found, 0.0).any() else _levels(share):
+        wanted = wanted._replace(share=level, rings=wanted.rings if level <= share else RINGS[:NEAR])
+        there, other, count = _raised(here, found, tetrahedra, freedom, goal, wanted)
         steps += count
         reached = not goal.missed(other, level).any()
         if reached or goal.least(other) >= goal.least(found):
@@ -83,8 +87,8 @@ def _repaired(
         if not reached:
             break
     if goal.least(found) < POOR and len(freedom.nodes) < SMALL:
-        whole = Target(share, everything, progress)
-        there, other, count = _raised(points, start, tetrahedra, freedom, goal, whole)
+        wanted = wanted._replace(share=share, rings=everything)
+        there, other, count = _raised(points, start, tetrahedra, freedom, goal, wanted)
         steps += count
         if goal.rank(other) > goal.rank(found):
             here, found = there, other
@@ -95,10 +99,18 @@ def _repaired(
 
 
 class Target(NamedTuple):
-    """A share of their floor that cells shall reach, the sizes of patches in rings that are tried, and who is told."""
+    """A share of their floor that cells shall reach, and how.
+
+    Attributes
+    ----------
+    share, rings : that share, and the sizes of patches in rings that are tried.
+    spread : (T, 2) what the cells of each type shall keep, by `QualityGoal.spread`.
+    progress : who is told.
+    """
 
     share: float
     rings: tuple[int, ...]
+    spread: FloatArray
     progress: Progress
 
 
@@ -118,8 +130,8 @@ def _raised(
     """
     movable = np.zeros(len(points), dtype=np.bool_)
     movable[freedom.nodes] = True
-    level, sizes, progress = wanted
-    size, last, steps, vain = 0, 0, 0, 0
+    level, sizes, spread, progress = wanted
+    size, last, steps, vain, care = 0, 0, 0, 0, 0.0
     below = goal.missed(found, level)
     while below.any() and size < len(sizes) and vain < VAIN:
         unknown = freedom.closed(_around(tetrahedra, below, movable, sizes[size]), len(points))
@@ -130,7 +142,8 @@ def _raised(
         if level and len(unknown) > max(FAR * count, SMALL):
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
-        patch = RepairPatch.of(points, tetrahedra, unknown, freedom, goal)
+        wished = goal.keeping(found, spread, care) if level else goal
+        patch = RepairPatch.of(points, tetrahedra, unknown, freedom, wished)
         new, taken = mended(patch, level, REST if size else 0.0)
         beyond = freedom.left_by(points, new)
         if beyond:
@@ -141,7 +154,11 @@ def _raised(
         after = found.replaced(patch.cells, patch.goal.judged(new))
         steps, left = steps + taken, goal.missed(after, level)
         gain, remaining = goal.least(after) - goal.least(found), int(left.sum())
-        if _is_better(remaining < count, gain, level):
+        better = _is_better(remaining < count, gain, level)
+        kept = not level or goal.keeps(after, spread)
+        if better and not kept and not care:
+            care, last = CARE, 0
+        elif better and kept:
             points, found, below, vain = new, after, left, 0
             size = 0 if remaining <= FEWER * count else size + 1
         else:

@@ -5,6 +5,7 @@ import pytest
 
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh
 from sdm_deflect.deform.mesh.touched import TouchedCells
+from sdm_deflect.deform.repair import goal
 from sdm_deflect.deform.repair.freedom import FreeNodes
 from sdm_deflect.deform.repair.repair import repaired
 from tests.deform.repair.meshes import all_of, inner, lattice
@@ -44,6 +45,37 @@ def test_a_bar_whose_surface_is_bent_and_twisted_is_followed(degrees, least):
     found = repaired(points, touched, freedom, 0.9)
     assert not len(found.inverted)
     assert touched.quality(found.points)[0].min > least
+
+
+@pytest.mark.parametrize("lost", [0.005, 2.0])
+def test_many_cells_are_not_traded_for_few(lost, monkeypatch):
+    """The surface of a bar is twisted so much within a tenth of its length that its cells cannot be as good again."""
+    monkeypatch.setattr(goal, "LOST", lost)
+    mesh = lattice((4.0, 1.0, 1.0), (24, 6, 6))
+    x, y, z = (mesh.points - [0.0, 0.5, 0.5]).T
+    turn = np.radians(40.0) * np.clip((x - 1.8) / 0.4, 0.0, 1.0)
+    y, z = np.cos(turn) * y - np.sin(turn) * z, np.sin(turn) * y + np.cos(turn) * z
+    points = np.column_stack([x, 0.5 + y, 0.5 + z])
+    touched, freedom = all_of(mesh)
+    found = repaired(points, touched, freedom, 0.9)
+    (before,), (after,) = touched.quality(points), touched.quality(found.points)
+    assert not before.inverted
+    assert (before.mean - after.mean < 0.005) == (lost < 1.0)
+    assert after.p01 >= before.p01
+
+
+def test_weights_rise_with_what_good_cells_shall_keep():
+    mesh = lattice()
+    touched, freedom = all_of(mesh)
+    asked = goal.QualityGoal.of(touched, freedom)
+    found = touched.before
+    assert np.array_equal(asked.keeping(found, np.zeros((1, 2)), 0.0).weights, asked.weights)
+    least = found.quality.min()
+    careful = asked.keeping(found, np.zeros((1, 2)), 0.9)
+    expected = asked.weights * np.maximum(0.9 * found.quality / least, 1.0) ** 3
+    np.testing.assert_allclose(careful.weights, expected)
+    assert asked.keeps(found, asked.spread(found) + 0.004)
+    assert not asked.keeps(found, asked.spread(found) + 0.006)
 
 
 def test_good_cells_far_away_keep_their_bits():
