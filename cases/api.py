@@ -18,7 +18,7 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.schema import described
-from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
+from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import Threads
 from sdm_deflect.deform.mesh.quality import Quality
@@ -71,13 +71,11 @@ class Result:
     deflection : the plan, the fits of every step, and the points.
     mesh : the same kind of mesh as was given, with the new points.
     checks : what must hold.
-    min_quality : the share of the least quality that was asked for.
     """
 
     deflection: Deflected
     mesh: Any
     checks: tuple[Check, ...]
-    min_quality: float = MIN_QUALITY
 
     @property
     def angle(self) -> float:
@@ -196,7 +194,7 @@ class Result:
         if precision == self.plan.precision:
             return self
         one = self.deflection.stored(precision)
-        return replace(self, deflection=one, checks=checks_of(one, self.min_quality))
+        return replace(self, deflection=one, checks=checks_of(one))
 
     def _save(self, wanted: "Targets") -> tuple[str, ...]:
         """Write the mesh, or a case, and put it in place once it reads back as it was judged."""
@@ -235,7 +233,7 @@ class Result:
             if place.exists() and any(place.iterdir()) and not (place / "report.html").exists():
                 raise InputError(f"{place} holds other files already: name a new folder")
             with permitted_as(self.plan.mesh.source), output_folder(place) as scratch:
-                write_run_folder(scratch, self.deflection, self.checks, None, {}, self.min_quality, place)
+                write_run_folder(scratch, self.deflection, self.checks, None, {}, place)
         except (OSError, OutputError, MeshFileError) as error:
             raise InputError(str(error)) from None
         return place / "report.html"
@@ -366,9 +364,8 @@ def deflect(
                          motion="blended", fixed="wing", slide="symmetry:plane")
         result.save("naca-15.su2")
     """
-    settings = settings_of(surfaces, hinge, angle, options)
-    jobs = settings.jobs()
-    return _run(mesh, jobs, (jobs[0].angle,), settings.min_quality, progress)[0]
+    jobs = settings_of(surfaces, hinge, angle, options).jobs()
+    return _run(mesh, jobs, (jobs[0].angle,), progress)[0]
 
 
 def plan(
@@ -399,12 +396,11 @@ def plan(
     """
     from sdm_deflect.meshing.formats.registry import in_pieces
 
-    settings = settings_of(surfaces, hinge, angle, options)
-    jobs = settings.jobs()
+    jobs = settings_of(surfaces, hinge, angle, options).jobs()
     if isinstance(mesh, str | PathLike):
         with _about_files(), in_pieces(_path(mesh), progress) as large:
             mesh = excerpt(large, jobs, (), Threads(), progress) if large else mesh
-    (found,) = _run(mesh, jobs, (jobs[0].angle,), settings.min_quality, progress)
+    (found,) = _run(mesh, jobs, (jobs[0].angle,), progress)
     if not found.passed:
         raise InputError(found.title)
     return found.field
@@ -442,12 +438,10 @@ def sweep(
     wanted = angles_of(angles)
     largest = None if tables_of(surfaces) else max(wanted, key=abs)
     settings = settings_of(surfaces, hinge, largest, options)
-    return _run(mesh, settings.jobs(), wanted, settings.min_quality, progress)
+    return _run(mesh, settings.jobs(), wanted, progress)
 
 
-def _run(
-    mesh: Any, jobs: Sequence[Job], angles: Sequence[float], least: float, progress: Progress
-) -> tuple[Result, ...]:
+def _run(mesh: Any, jobs: Sequence[Job], angles: Sequence[float], progress: Progress) -> tuple[Result, ...]:
     """Plan jobs for all angles and bring the mesh to each; results in the order of the angles."""
     if not callable(progress):
         raise InputError(f"progress = {shortened(progress)} must be a function of a text and a fraction")
@@ -456,8 +450,7 @@ def _run(
     for text in warnings_of(plan):
         warnings.warn(text, stacklevel=3)
     results = [
-        (i, Result(one, given.with_points(one.points), checks_of(one, least), least))
-        for i, one in swept(plan, angles, progress)
+        (i, Result(one, given.with_points(one.points), checks_of(one))) for i, one in swept(plan, angles, progress)
     ]
     return tuple(result for _, result in sorted(results, key=lambda pair: pair[0]))
 

@@ -29,7 +29,6 @@ ON_SHAPE = 1e-9  # of the moving surface's size: how far sliding nodes may be fr
 ON_IMAGE = 1e-14  # of a pair's size: how far nodes may be from the images of others
 WORSE = 4.0  # times as far as they were, in files with fewer digits
 SAME_PLACE = 1e-9  # of the box: nodes that are nearer are the same place
-MIN_QUALITY = 0.1  # of the undeflected mesh's least quality: what is left of it, unless asked otherwise
 
 Judgement = Literal["at most", "at least"]
 Verdict = Literal["passed", "FAILED", "not applicable"]
@@ -107,19 +106,16 @@ def layers_of(deflection: Deflected) -> Layers | None:
     return first_layer(deflection.plan.touched, deflection.plan.walls, deflection.points)
 
 
-def checks_of(deflection: Deflected, min_quality: float = MIN_QUALITY, unit: str = "") -> tuple[Check, ...]:
+def checks_of(deflection: Deflected, unit: str = "") -> tuple[Check, ...]:
     """Return what must hold of the mesh at one angle, as the file holds it; of what rounding alone breaks, it says so.
 
-    Parameters
-    ----------
-    min_quality : Share of the undeflected mesh's least quality that the cells of each type must keep; 0: no such check.
-    unit : Unit of lengths, where the mesh's is known.
+    `unit` is that of lengths, where the mesh's is known.
     """
-    found = tuple(_checks(deflection, min_quality, unit))
+    found = tuple(_checks(deflection, unit))
     precision = deflection.plan.precision
     if precision.is_double or all(check.passed for check in found):
         return found
-    failing = {check.name for check in _checks(deflection.stored(EVERY_BIT), min_quality, unit) if not check.passed}
+    failing = {check.name for check in _checks(deflection.stored(EVERY_BIT), unit) if not check.passed}
     why = f"; fails by rounding to {precision}"
     return tuple(one if one.passed or one.name in failing else replace(one, where=one.where + why) for one in found)
 
@@ -131,7 +127,7 @@ def site_error(deflection: Deflection, unit: str = "") -> Check:
     return Check("site_error", error, deflection.plan.sites.tolerance, unit, where)
 
 
-def _checks(deflection: Deflected, min_quality: float, unit: str) -> Iterator[Check]:
+def _checks(deflection: Deflected, unit: str) -> Iterator[Check]:
     plan, points = deflection.plan, deflection.points
     mesh = plan.mesh
     moved = np.abs(points - plan.undeflected).max(axis=1)
@@ -154,8 +150,8 @@ def _checks(deflection: Deflected, min_quality: float, unit: str) -> Iterator[Ch
     yield surfaces_crossed(mesh, points)
     if plan.precision.every and not plan.precision.is_double:
         yield _rounding(deflection)
-    if mesh.cells and min_quality:
-        yield from _quality_checks(deflection, min_quality)
+    if mesh.cells and plan.job.repair.min_quality:
+        yield from _quality_checks(deflection)
     if plan.faces and deflection.faces:
         yield from (Check(*row) for row in plan.faces.verdicts(deflection.faces))
     yield from _sliding(deflection, unit)
@@ -359,7 +355,7 @@ def _boundary_checks(deflection: Deflected) -> Iterator[Check]:
         yield Check("faces_off_boundary", found.loose + found.inner, 0, "faces", where)
 
 
-def _quality_checks(deflection: Deflected, min_quality: float) -> Iterator[Check]:
+def _quality_checks(deflection: Deflected) -> Iterator[Check]:
     """Check that the touched cells of each type keep a share of the least quality that they had.
 
     Cells that were inverted, or of quality 0, are left out.
@@ -368,7 +364,7 @@ def _quality_checks(deflection: Deflected, min_quality: float) -> Iterator[Check
         where = f"{of.measure} of {new.cells} cells ({of.shape}), {old.quality:.3f} before"
         if new.cells < of.cells:
             where += f", without {of.cells - new.cells} that were inverted or flat before"
-        limit = min_quality * old.quality if old.cells else 0.0
+        limit = deflection.plan.job.repair.min_quality * old.quality if old.cells else 0.0
         yield Check(f"quality_min:{of.shape}", new.quality, limit, "", where, "at least", over=new.cells)
 
 

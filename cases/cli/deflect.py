@@ -78,7 +78,7 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
         if dry_run:
             plan = planned(wanted, jobs, watch, runner, angles)
         else:
-            done = deflect_file(wanted, jobs, watch, settings.min_quality, runner)
+            done = deflect_file(wanted, jobs, watch, runner)
     if dry_run:
         return _show_plan(wanted, plan, as_json)
     from sdm_deflect.cases.cli.console import result_table

@@ -57,7 +57,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.base.sets import union
-from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of
+from sdm_deflect.deform.checks import Check, checks_of
 from sdm_deflect.deform.mesh.axis import Axis
 from sdm_deflect.deform.mesh.mesh import Cells, Faces, Mesh, Patch, Polyhedra
 from sdm_deflect.deform.mesh.parts import taken
@@ -89,7 +89,6 @@ def write_run_folder(
     checks: tuple[Check, ...],
     out: Path | None,
     timings: Mapping[str, float],
-    min_quality: float = MIN_QUALITY,
     home: Path | None = None,
 ) -> ReportData:
     """Write settings.toml, metrics.json, deflected.vtu, convergence.csv, interpolant.npz, figures and report.html.
@@ -103,15 +102,13 @@ def write_run_folder(
     checks : The verdict on it.
     out : The file of the deflected mesh, beside which `folder` will be, as `folder_of` says. None if there is no file.
     timings : Seconds by stage.
-    min_quality : The setting by which the quality was judged.
     home : Where `folder` will be; it follows from `out` if that is given, else it is `folder` if None.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_convergence(folder / "convergence.csv", one.boxes)
     write_interpolants(folder / "interpolant.npz", one.boxes)
     place = folder_of(out) if out else home or folder
-    nested = {**settings_of(one, place, folder), "min_quality": min_quality}
-    settings = tomli_w.dumps(nested)
+    settings = tomli_w.dumps(settings_of(one, place, folder))
     (folder / SETTINGS).write_text(settings, encoding="utf-8")
     write_deflected(folder / "deflected.vtu", one)
     figures = metrics_of(one, checks, out, timings)
@@ -176,7 +173,7 @@ class FinishedJob(FinishedRun):
         plan = self.plan.keeping(precision_of(Path(self.plan.mesh.source), out, self.plan.mesh)) if out else self.plan
         again = stored_deflection(self.folder, plan, self.repair)
         size = max(diagonal(box.region.hexahedron.corners) for box in plan.boxes)
-        checks = checks_of(again.at(self.points), loads(self.settings)["min_quality"])
+        checks = checks_of(again.at(self.points))
         expected = metrics_of(again, checks, out, {}) | {"files": figures["files"]}
         whole = "node" not in vtu_arrays(self.folder / "deflected.vtu")
         mesh, node, quality = _shown(plan, self.points, whole)

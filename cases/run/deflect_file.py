@@ -23,7 +23,7 @@ from sdm_deflect.cases.run.read_back import check_written
 from sdm_deflect.deform.base import limits
 from sdm_deflect.deform.base.errors import InputError, printable
 from sdm_deflect.deform.base.progress import Progress
-from sdm_deflect.deform.checks import MIN_QUALITY, Check, checks_of, layers_of
+from sdm_deflect.deform.checks import Check, checks_of, layers_of
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import HERE, Runner
 from sdm_deflect.deform.mesh.quality import Quality
@@ -125,26 +125,24 @@ def planned(
     return plan
 
 
-def judged(one: Deflected, min_quality: float) -> Judged:
+def judged(one: Deflected) -> Judged:
     """Judge the mesh at one angle."""
-    measured = one.quality, layers_of(one), checks_of(one, min_quality)
+    measured = one.quality, layers_of(one), checks_of(one)
     own = {"deflections": figures_by_box(one)} if len(one.boxes) > 1 else {}
     return Judged(one.angle, {**deflection_figures(one), **own}, *measured, one.seconds)
 
 
-def deflect_file(
-    wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, min_quality: float = MIN_QUALITY, runner: Runner = HERE
-) -> Outcome:
+def deflect_file(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner = HERE) -> Outcome:
     """Deflect a mesh file to each angle; the files appear together at the end, or none of them.
 
     Raises InputError if a file that is read changes meanwhile, MeshFileError if one that is written is not what was
     judged.
     """
     with held(files_of(wanted.source)):
-        return _deflected(wanted, jobs, watch, min_quality, runner)
+        return _deflected(wanted, jobs, watch, runner)
 
 
-def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, min_quality: float, runner: Runner) -> Outcome:
+def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: Runner) -> Outcome:
     plan = planned(wanted, jobs, watch, runner)
     unit = plan.job.surfaces[0].motion.unit
     wanted.check_names(plan.mesh)
@@ -158,7 +156,7 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, min_quali
                 _, one = next(results)
                 progress(f"{one.angle:+g} {unit}", 1.0)
             with watch.stage("quality"):
-                found.append(judged(one, min_quality))
+                found.append(judged(one))
             mesh = wanted.mesh(one.angle)
             with watch.stage("write") as progress:
                 written, lost = write_angle(wanted, one, scratch / mesh.name, progress)
@@ -168,7 +166,7 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, min_quali
 
                 with watch.stage("report") as progress:
                     place, seconds = scratch / wanted.report(one.angle).name, {**watch.seconds}
-                    write_run_folder(place, one, found[-1].checks, mesh, seconds, min_quality)
+                    write_run_folder(place, one, found[-1].checks, mesh, seconds)
             if wanted.sensitive:
                 with watch.stage("sensitivity"):
                     arrays, picture = (scratch / path.name for path in wanted.sensitivity(one.angle))

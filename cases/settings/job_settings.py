@@ -235,8 +235,6 @@ class JobSettings(JobOptions):
         "Box", "Faces of an overlapping block that cut the box (section 5.2 of the paper).",
         "For each a table: `patch`, `point` (3,) of its plane, `axis` ``x``, ``y`` or ``z`` along its normal, `slides` "
         "(true): whether nodes slide in it.")] = ()
-    min_quality: Annotated[float, Range(0.0, 1.0), Doc(
-        "Quality", "Share of its least quality that a type of cell must keep; 0: no such check.")] = 0.1
     repair_slide: Annotated[dict[str, Shape], ONLY_SET, Spelling(read=shapes_of), Doc(
         "Quality", "Further patches, as `slide`, whose nodes may slide while cells are mended; moving ones too.",
         )] = field(default_factory=dict)

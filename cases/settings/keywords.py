@@ -39,7 +39,6 @@ class Options(TypedDict, total=False):
     box_each: bool
     open_faces: str | Sequence[str]
     section: Sequence[Mapping[str, Any]]
-    min_quality: float
     repair_slide: str | Sequence[str] | Mapping[str, str]
     strategy: Literal["squv", "mv"]
     tolerance: float
@@ -56,3 +55,4 @@ class Options(TypedDict, total=False):
     polynomial: Literal["linear", "constant", "none"]
     repair: Literal["auto", "off", "always"]
     repair_share: float
+    min_quality: float

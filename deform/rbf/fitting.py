@@ -114,7 +114,7 @@ class Fitting:
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """When cells are mended that a deflection has spoiled: the settings ``repair`` and ``repair_share``."""
+    """When cells are mended that a deflection has spoiled, and how good they must be."""
 
     # fmt: off
     mode: Annotated[RepairMode, Spelling("repair"), Doc(
@@ -122,6 +122,8 @@ class Repair:
         "that before; always: if it fell at all.")] = "auto"
     share: Annotated[float, Range(0.0, 1.0, above=True), Spelling("repair_share"), ONLY_SET, Doc(
         "Quality", "Share of the undeflected mesh's least quality below which auto mends.")] = 0.9
+    min_quality: Annotated[float, Range(0.0, 1.0), Doc(
+        "Quality", "Share of its least quality that a type of cell must keep; 0: no such check.")] = 0.1
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -29,7 +29,7 @@ LEVELS = (0.5, 0.7, 0.8, 0.85)
 """Shares of the least quality before to which all cells are brought, one after another, up to the one that is asked
 for. The first that is not reached is the last, and the worst cell is no worse for it."""
 BEYOND, NEAR = (0.95, 1.0), 2
-"""Levels beyond that share, which are tried with so many sizes of patches alone."""
+"""Levels beyond that share, of which so many sizes of patches alone are tried."""
 LOSS, GAIN = 0.02, 0.02
 """Share of its floor that the worst cell may lose where fewer cells are below the level, and has to win where not."""
 CARE = 0.85
@@ -47,39 +47,46 @@ FEWER = 0.5
 
 
 def repaired(
-    points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float, progress: Progress = silent
+    points: FloatArray,
+    touched: TouchedCells,
+    freedom: FreeNodes,
+    share: float,
+    limit: float = 0.0,
+    progress: Progress = silent,
 ) -> RepairResult:
     """Mend the cells that are inverted, or whose quality is below a share of their type's least before.
 
     Around them nodes move until all cells of the patch are as good as the worst was before, or nothing more is won.
-    While cells miss their share, the next patch is larger.
+    While cells miss their share, the next patch is larger. Once none is inverted or misses the limit, no type of cell
+    loses more than `LOST`, in all, of its mean quality and of what 99 % of it exceed.
 
     Parameters
     ----------
     points : (N, 3) the deflected mesh.
     touched : the cells that may change, and the mesh before.
     freedom : the nodes that may move.
+    share, limit : shares of their type's least quality before that cells shall have, and that they must have.
     """
     begin = perf_counter()
     with install_listener("numba:compile", TimingListener()) as compiling:
-        made = _repaired(points, touched, freedom, share, progress)
+        made = _repaired(points, touched, freedom, share, limit, progress)
     return replace(made, seconds=perf_counter() - begin - (compiling.duration if compiling.done else 0.0))
 
 
 def _repaired(
-    points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float, progress: Progress
+    points: FloatArray, touched: TouchedCells, freedom: FreeNodes, share: float, limit: float, progress: Progress
 ) -> RepairResult:
     goal = QualityGoal.of(touched, freedom)
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts).of_cells(~touched.before.inverted)
-    start = goal.judged(points)
-    everything = (len(points),)
-    wanted = Target(0.0, (*RINGS, *everything), goal.spread(start), progress)
-    here, found, steps = _raised(points, start, tetrahedra, freedom, goal, wanted)
-    wanted = wanted._replace(spread=np.minimum(wanted.spread, goal.spread(found)))
-    for level in () if goal.missed(found, 0.0).any() else _levels(share):
-        wanted = wanted._replace(share=level, rings=wanted.rings if level <= share else RINGS[:NEAR])
-        there, other, count = _raised(here, found, tetrahedra, freedom, goal, wanted)
+    here, found, steps, kept = points, goal.judged(points), 0, None
+    start, everything = found, (len(points),)
+    levels = (*(level for level in LEVELS if level < share), *(level for level in BEYOND if level > share))
+    for level in sorted({0.0, limit, share, *levels}):
+        if level > limit and kept is None:
+            kept = np.minimum(goal.spread(start), goal.spread(found))
+        sizes = (*RINGS, *everything) if level <= max(share, limit) else RINGS[:NEAR]
+        there, other, count = _raised(here, found, tetrahedra, freedom, goal, Target(level, sizes, kept, progress))
         steps += count
         reached = not goal.missed(other, level).any()
         if reached or goal.least(other) >= goal.least(found):
@@ -87,8 +94,8 @@ def _repaired(
         if not reached:
             break
     if goal.least(found) < POOR and len(freedom.nodes) < SMALL:
-        wanted = wanted._replace(share=share, rings=everything)
-        there, other, count = _raised(points, start, tetrahedra, freedom, goal, wanted)
+        whole = Target(share, everything, kept, progress)
+        there, other, count = _raised(points, start, tetrahedra, freedom, goal, whole)
         steps += count
         if goal.rank(other) > goal.rank(found):
             here, found = there, other
@@ -104,19 +111,14 @@ class Target(NamedTuple):
     Attributes
     ----------
     share, rings : that share, and the sizes of patches in rings that are tried.
-    spread : (T, 2) what the cells of each type shall keep, by `QualityGoal.spread`.
+    spread : (T, 2) what the cells of each type keep, by `QualityGoal.spread`; None: whatever it costs.
     progress : who is told.
     """
 
     share: float
     rings: tuple[int, ...]
-    spread: FloatArray
+    spread: FloatArray | None
     progress: Progress
-
-
-def _levels(share: float) -> list[float]:
-    """Return the shares of their floor that cells are brought to one after another, `share` among them, rising."""
-    return [*(level for level in LEVELS if level < share), share, *(level for level in BEYOND if level > share)]
 
 
 def _raised(
@@ -142,7 +144,7 @@ def _raised(
         if level and len(unknown) > max(FAR * count, SMALL):
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
-        wished = goal.keeping(found, spread, care) if level else goal
+        wished = goal if spread is None else goal.keeping(found, spread, care)
         patch = RepairPatch.of(points, tetrahedra, unknown, freedom, wished)
         new, taken = mended(patch, level, REST if size else 0.0)
         beyond = freedom.left_by(points, new)
@@ -155,7 +157,7 @@ def _raised(
         steps, left = steps + taken, goal.missed(after, level)
         gain, remaining = goal.least(after) - goal.least(found), int(left.sum())
         better = _is_better(remaining < count, gain, level)
-        kept = not level or goal.keeps(after, spread)
+        kept = spread is None or goal.keeps(after, spread)
         if better and not kept and not care:
             care, last = CARE, 0
         elif better and kept:

@@ -246,7 +246,8 @@ def mended(deflection: Deflection, progress: Progress = silent) -> Deflection:
     plan, wanted = deflection.plan, deflection.plan.job.repair
     if not is_spoiled(deflection):
         return deflection
-    found = repaired(deflection.points, plan.touched, plan.freedom(deflection.points), wanted.wanted, progress)
+    freedom, aim = plan.freedom(deflection.points), (wanted.wanted, wanted.min_quality)
+    found = repaired(deflection.points, plan.touched, freedom, *aim, progress)
     seconds = deflection.seconds + found.seconds
     after = replace(deflection, points=found.points, inverted=len(found.inverted), seconds=seconds, repaired=found)
     return after.with_points(found.points)

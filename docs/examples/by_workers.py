@@ -20,7 +20,7 @@ def deflected(source: Path, out: Path, settings: JobSettings, helpers: Wanted) -
     wanted = Targets.of(source, out, (jobs[0].angle,))
     wanted.check()
     with workers(helpers, watch, source, out.absolute().parent) as runner:
-        return deflect_file(wanted, jobs, watch, settings.min_quality, runner)
+        return deflect_file(wanted, jobs, watch, runner)
 
 
 if __name__ == "__main__":  # workers import this file

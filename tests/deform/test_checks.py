@@ -9,15 +9,23 @@ from sdm_deflect.deform.checks import Check, checks_of, layers_of, site_error, w
 from sdm_deflect.deform.mesh.mesh import Cells, Patch
 from sdm_deflect.deform.mesh.quality import inverted_of
 from sdm_deflect.deform.rbf.fitting import Fitting
+from sdm_deflect.deform.volume.deflection import deflect
+from sdm_deflect.deform.volume.plan import Plan
 from tests.deform.blocks import block_with_body
-from tests.deform.jobs import WING, turn
+from tests.deform.jobs import WING, job, turn
 from tests.deform.test_quality import as_polyhedra
 
 TIGHT = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]
 
 
-def named(deflection, **more):
-    return {check.name: check for check in checks_of(deflection, **more)}
+def named(deflection):
+    return {check.name: check for check in checks_of(deflection)}
+
+
+def kept(block, share, angle=10.0):
+    """A deflection whose cells must keep a share of their quality."""
+    wanted = job(("body",), angle=angle, box=TIGHT)
+    return deflect(Plan.of(block, replace(wanted, repair=replace(wanted.repair, min_quality=share))), angle)
 
 
 def twisted(mesh, rows):
@@ -150,8 +158,8 @@ def test_cells_in_the_box_that_are_mirror_images_are_judged_in_their_own_hand(to
 
 @pytest.mark.parametrize("share", [0.1, 0.9, 1.0])
 def test_quality_must_keep_a_share_of_what_it_was(block, share):
-    result = turn(block, box=TIGHT, angle=25.0)
-    check = named(result, min_quality=share)["quality_min:hexahedron"]
+    result = kept(block, share, 25.0)
+    check = named(result)["quality_min:hexahedron"]
     (before,), (after,) = result.plan.before, result.quality
     assert (check.value, check.limit) == (after.min, share * before.min)
     assert check.passed == (after.min >= share * before.min)
@@ -160,7 +168,7 @@ def test_quality_must_keep_a_share_of_what_it_was(block, share):
 
 
 def test_no_share_no_check_of_quality(block):
-    assert "quality_min:hexahedron" not in named(turn(block, box=TIGHT), min_quality=0.0)
+    assert "quality_min:hexahedron" not in named(kept(block, 0.0))
 
 
 def test_points_alone_have_no_checks_of_cells(block):

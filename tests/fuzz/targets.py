@@ -137,7 +137,7 @@ def _plan(mesh, random: Random) -> None:
     plan = Plan.of(mesh, job, (3.0,))
     if random.random() < 0.3:
         for _, one in sweep(plan, (3.0,)):
-            checks_of(one, 0.1)
+            checks_of(one)
 
 
 SAMPLES = {

@@ -11,6 +11,7 @@ from sdm_deflect.deform.mesh.images import Images
 from sdm_deflect.deform.mesh.mesh import Cells, Patch, Periodic
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.selection import Selection, Within, selected
+from sdm_deflect.deform.repair import goal
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Rotation
 from sdm_deflect.deform.surface.surface import OnPatches
@@ -184,7 +185,8 @@ def test_sweeps_and_prepared_angles_keep_pairs(turned):
 
 
 @pytest.mark.parametrize(("name", "angle"), [("cyclic", 45.0), ("empty", 45.0), ("sector", 25.0), ("wedge", 30.0)])
-def test_a_repair_moves_images_alike(name, angle):
+def test_a_repair_moves_images_alike(name, angle, monkeypatch):
+    monkeypatch.setattr(goal, "LOST", 1.0)
     mesh, wanted = made(name)
     wanted = replace(wanted.at(angle), repair=replace(wanted.repair, mode="auto", share=0.98))
     result = deflect(Plan.of(mesh, wanted), angle)
