@@ -35,13 +35,13 @@ def _measured(points: int, centers: int) -> dict[str, float]:
     return found
 
 
-def _reset_peak() -> None:
+def reset_peak() -> None:
     """Let the peak start from the memory in use, where the system can (Linux)."""
     if RESET.exists():
         RESET.write_text("5", encoding="ascii")
 
 
-def _peak() -> float:
+def peak() -> float:
     """Return the largest memory in use since the start or the last reset, in bytes."""
     if RESET.exists():
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
@@ -58,11 +58,11 @@ def main(points: int, centers: int) -> dict[str, float]:
     x = np.empty((points, 3))
     for axis in range(3):
         x[:, axis] = np.linspace(0.0, 1.0 + axis, points)
-    _reset_peak()
-    before, start = _peak(), perf_counter()
+    reset_peak()
+    before, start = peak(), perf_counter()
     values = s(x)
     seconds = perf_counter() - start
-    return {"seconds": seconds, "peak": _peak(), "above": max(0.0, _peak() - before - values.nbytes)}
+    return {"seconds": seconds, "peak": peak(), "above": max(0.0, peak() - before - values.nbytes)}
 
 
 if __name__ == "__main__":

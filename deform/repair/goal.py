@@ -15,6 +15,8 @@ from sdm_deflect.deform.repair.freedom import FreeNodes
 
 WORST = 1e-3
 """Least quality that cells are weighted by."""
+CARE = 0.95
+"""Share of its quality that a good cell shall keep while others are mended."""
 LOST = 0.005
 """How far the mean quality of all touched cells of a type, and what 99 % of them exceed, may fall for the worst."""
 
@@ -64,20 +66,18 @@ class QualityGoal:
         by_type = [found.quality[own] for _, own in self.touched.by_shape()]
         return np.array([[np.percentile(quality, 1.0), quality.mean()] for quality in by_type])
 
-    def keeps(self, found: CellScores, spread: FloatArray) -> bool:
-        """Return whether cells keep a spread (T, 2), but for `LOST`."""
-        return bool((self.spread(found) >= spread - LOST).all())
+    def keeps(self, found: CellScores, spread: FloatArray | None) -> bool:
+        """Return whether cells keep a spread (T, 2), but for `LOST`; of none, that they do."""
+        return spread is None or bool((self.spread(found) >= spread - LOST).all())
 
-    def keeping(self, found: CellScores, spread: FloatArray, care: float) -> QualityGoal:
-        """Return the same with weights that let no good cell fall far below what 99 % of its type exceed.
-
-        With care none falls far below that share of its own quality, either.
-        """
+    def weighted(self, found: CellScores, careful: bool) -> QualityGoal:
+        """Return the same, if careful with weights by which each good cell shall keep a share `CARE` of its quality."""
+        if not careful:
+            return self
         weights = self.weights.copy()
-        for (name, own), (low, _) in zip(self.touched.by_shape(), spread, strict=True):
-            wished = np.maximum(np.minimum(found.quality[own], low), care * found.quality[own])
-            rise = np.maximum(wished / max(float(self.floor[own].max()), WORST), 1.0)
-            weights[own] *= rise ** (3 if name == "tetra" else 2)
+        for name, own in self.touched.by_shape():
+            rise = CARE * found.quality[own] / max(float(self.floor[own].max()), WORST)
+            weights[own] *= np.maximum(rise, 1.0) ** (3 if name == "tetra" else 2)
         return replace(self, weights=weights)
 
     def judged(self, points: FloatArray) -> CellScores:

@@ -32,8 +32,6 @@ BEYOND, NEAR = (0.95, 1.0), 2
 """Levels beyond that share, of which so many sizes of patches alone are tried."""
 LOSS, GAIN = 0.02, 0.02
 """Share of its floor that the worst cell may lose where fewer cells are below the level, and has to win where not."""
-CARE = 0.85
-"""Share of its quality that each good cell shall keep, where patches would otherwise trade many cells for few."""
 LARGER = 1.1
 """Nodes of a patch over those of the last one that was too small."""
 POOR = 0.7
@@ -81,8 +79,7 @@ def _repaired(
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts).of_cells(~touched.before.inverted)
     here, found, steps, kept = points, goal.judged(points), 0, None
     start, everything = found, (len(points),)
-    levels = (*(level for level in LEVELS if level < share), *(level for level in BEYOND if level > share))
-    for level in sorted({0.0, limit, share, *levels}):
+    for level in _levels(share, limit):
         if level > limit and kept is None:
             kept = np.minimum(goal.spread(start), goal.spread(found))
         sizes = (*RINGS, *everything) if level <= max(share, limit) else RINGS[:NEAR]
@@ -121,57 +118,72 @@ class Target(NamedTuple):
     progress: Progress
 
 
+def _levels(share: float, limit: float) -> list[float]:
+    """Return the shares of their floor that cells are brought to one after another, rising from 0: none inverted."""
+    below, beyond = ([level for level in LEVELS if level < share], [level for level in BEYOND if level > share])
+    return sorted({0.0, limit, *below, share, *beyond})
+
+
 def _raised(
     points: FloatArray, found: CellScores, tetrahedra: Tetrahedra, freedom: FreeNodes, goal: QualityGoal, wanted: Target
 ) -> tuple[FloatArray, CellScores, int]:
     """Bring all cells to a level if that can be done; return all points (N, 3), their cells, and the steps.
 
     The patch is as small as it may be for the number of cells below the level. It grows while that number does not
-    fall by half, until nothing is won any more. If a node leaves the plane face that it slides on, the patch is mended
+    fall by half, until nothing is won any more. Where a spread is to be kept, each is mended with care for all its
+    cells first, and without if that wins nothing. If a node leaves the plane face that it slides on, it is mended
     again with the nodes of this face where they are.
     """
-    movable = np.zeros(len(points), dtype=np.bool_)
-    movable[freedom.nodes] = True
     level, sizes, spread, progress = wanted
-    size, last, steps, vain, care = 0, 0, 0, 0, 0.0
+    size, last, steps, vain, careful = 0, 0, 0, 0, spread is not None
     below = goal.missed(found, level)
-    while below.any() and size < len(sizes) and vain < VAIN:
-        unknown = freedom.closed(_around(tetrahedra, below, movable, sizes[size]), len(points))
+    while below.any() and vain < VAIN:
         count = int(below.sum())
-        if _is_small(unknown, count, last, sizes[size] < len(points)):
-            size += 1
-            continue
-        if level and len(unknown) > max(FAR * count, SMALL):
+        size, unknown = _patch_nodes(tetrahedra, below, freedom, len(points), sizes, (size, last))
+        if not len(unknown) or (level and len(unknown) > max(FAR * count, SMALL)):
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
-        wished = goal if spread is None else goal.keeping(found, spread, care)
-        patch = RepairPatch.of(points, tetrahedra, unknown, freedom, wished)
-        new, taken = mended(patch, level, REST if size else 0.0)
+        patch = RepairPatch.of(points, tetrahedra, unknown, freedom, goal.weighted(found, careful))
+        new, taken = mended(patch, level, REST * (size > 0))
         beyond = freedom.left_by(points, new)
         if beyond:
             freedom, last, steps = freedom.without(beyond), 0, steps + taken
-            movable[:] = False
-            movable[freedom.nodes] = True
             continue
         after = found.replaced(patch.cells, patch.goal.judged(new))
         steps, left = steps + taken, goal.missed(after, level)
-        gain, remaining = goal.least(after) - goal.least(found), int(left.sum())
-        better = _is_better(remaining < count, gain, level)
-        kept = spread is None or goal.keeps(after, spread)
-        if better and not kept and not care:
-            care, last = CARE, 0
-        elif better and kept:
+        if _is_better(left.sum() < count, goal.least(after) - goal.least(found), level) and goal.keeps(after, spread):
             points, found, below, vain = new, after, left, 0
-            size = 0 if remaining <= FEWER * count else size + 1
+            size = 0 if left.sum() <= FEWER * count else size + 1
+        elif careful:
+            careful, last = False, 0
+            continue
         else:
             size, vain = size + 1, vain + 1
+        careful = spread is not None
         last = len(unknown) if size else 0
     return points, found, steps
 
 
-def _is_small(unknown: IntArray, count: int, last: int, rings: bool) -> bool:
-    """Return whether a patch of nodes (U,) is hardly larger than the last one, or has `rings` full of spoiled cells."""
-    return len(unknown) <= LARGER * last or (rings and count > MANY * len(unknown))
+def _patch_nodes(
+    tetrahedra: Tetrahedra,
+    spoiled: BoolArray,
+    freedom: FreeNodes,
+    points: int,
+    sizes: tuple[int, ...],
+    after: tuple[int, int],
+) -> tuple[int, IntArray]:
+    """Return the next size of patches, and its nodes (U,); none if no size is left.
+
+    Sizes that are hardly larger than the last patch, or have rings full of spoiled cells, are left out. `points` is
+    the number of points; `after` is the first size that may be, and the number of nodes of the last patch.
+    """
+    movable = np.bincount(freedom.nodes, minlength=points) > 0
+    for size in range(after[0], len(sizes)):
+        nodes = freedom.closed(_around(tetrahedra, spoiled, movable, sizes[size]), len(movable))
+        crowded = sizes[size] < len(movable) and spoiled.sum() > MANY * len(nodes)
+        if len(nodes) > LARGER * after[1] and not crowded:
+            return size, nodes
+    return len(sizes), np.empty(0, dtype=np.intp)
 
 
 def _is_better(fewer: bool, gain: float, level: float) -> bool:

@@ -36,7 +36,7 @@ snapControls
 addLayersControls
 {
     relativeSizes true; expansionRatio 1.2; finalLayerThickness 0.3; minThickness 0.05;
-    layers { "(wing|aileron)_left" { nSurfaceLayers 2; } }
+    layers { "(wing|aileron)_left" { nSurfaceLayers %(layers)d; } }
     nGrow 0; featureAngle 100; nRelaxIter 3; nSmoothSurfaceNormals 1; nSmoothNormals 3; nSmoothThickness 10;
     maxFaceThicknessRatio 0.5; maxThicknessToMedialRatio 0.3; minMedialAxisAngle 90;
     nBufferCellsNoExtrude 0; nLayerIter 20;
@@ -52,8 +52,8 @@ EXTRACT = "sdm.stl { extractionMethod extractFromSurface; extractFromSurfaceCoef
 CONTROL = "startFrom startTime; startTime 0; stopAt endTime; endTime 1; deltaT 1; writeInterval 1; writePrecision 12;\n"
 
 
-def make(folder: Path) -> None:
-    """Make the mesh of a case in a folder that does not exist yet."""
+def make(folder: Path, layers: int = 2) -> None:
+    """Make the mesh of a case, with so many layers on the wing, in a folder that does not exist yet."""
     for name in ("constant/triSurface", "system"):
         (folder / name).mkdir(parents=True)
     model = build(Fighter())
@@ -67,7 +67,7 @@ def make(folder: Path) -> None:
     files = {
         "blockMeshDict": BOX,
         "surfaceFeatureExtractDict": EXTRACT,
-        "snappyHexMeshDict": SNAPPY % regions,
+        "snappyHexMeshDict": SNAPPY % {**regions, "layers": layers},
         "controlDict": CONTROL,
         "fvSchemes": "".join(f"{name}Schemes {{ }}\n" for name in schemes),
         "fvSolution": "",

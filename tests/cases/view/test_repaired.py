@@ -68,7 +68,7 @@ def test_the_control_repairs_at_rest_and_says_so(repaired, aileron):
 
 def test_any_mesh_shows_its_repair(bare_deflection, block):
     body = ("body", [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], 60.0)
-    folder = bare_deflection(block, "x.su2", *body, repair="always")
+    folder = bare_deflection(block, "x.su2", *body, repair="always", min_quality=0.9)
     finished = FinishedJob.of(folder)
     run, points = InteractiveRun.of(finished), finished.points
     assert run.moved.any()

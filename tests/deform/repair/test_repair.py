@@ -69,11 +69,9 @@ def test_weights_rise_with_what_good_cells_shall_keep():
     touched, freedom = all_of(mesh)
     asked = goal.QualityGoal.of(touched, freedom)
     found = touched.before
-    assert np.array_equal(asked.keeping(found, np.zeros((1, 2)), 0.0).weights, asked.weights)
-    least = found.quality.min()
-    careful = asked.keeping(found, np.zeros((1, 2)), 0.9)
-    expected = asked.weights * np.maximum(0.9 * found.quality / least, 1.0) ** 3
-    np.testing.assert_allclose(careful.weights, expected)
+    expected = asked.weights * np.maximum(0.95 * found.quality / found.quality.min(), 1.0) ** 3
+    np.testing.assert_allclose(asked.weighted(found, True).weights, expected)
+    assert asked.weighted(found, False) is asked
     assert asked.keeps(found, asked.spread(found) + 0.004)
     assert not asked.keeps(found, asked.spread(found) + 0.006)
 
