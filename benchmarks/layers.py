@@ -70,7 +70,8 @@ def measured(move: Callable[[], FloatArray]) -> Outcome:
 def examples(folder: Path, scratch: Path) -> Iterator[Example]:
     """Yield the meshes but that of snappyHexMesh."""
     for hinge in ((0.41, -0.005), (0.41025, -0.02073)):
-        settings = {"surfaces": "flap", "hinge": [hinge], "select": {"flap": "wall#3"}, "fixed": "wall"}
+        settings: dict[str, Any] = {"surfaces": "flap", "hinge": [hinge], "fixed": "wall"}
+        settings["select"] = {"flap": "wall#3"}
         yield Example(f"30P30N, flap about {hinge}", lambda: read(folder / "30p30n_L1_coarse.su2"), settings)
     blended: dict[str, Any] = {"surfaces": "flap", "motion": "blended", "fixed": "wing"}
     rear = "wall side:5.5,0,4.3,4.1,0,-1.1 box:-inf,-inf,4.3,inf,inf,8.4"

@@ -24,6 +24,8 @@ STEPS, TOLERANCE = 25, 1e-5
 """Of the search at one eps and power: most steps, and the least share by which each has to lower the energy."""
 WIDEST, LEAST_EPS = 0.01, 1e-6
 """Least eps at the start, over a target's determinant, and where untangling is given up."""
+FLAT = 1e-3
+"""Determinant over its target's, up to which an element is untangled: powers of its energy overflow."""
 NARROWER, NARROWEST = 0.5, 0.2
 """What is left of eps for the next search; and if this one ended by itself."""
 POWERS = (1, 2, 4, 8, 16)
@@ -156,8 +158,8 @@ class RepairPatch:
 
     @property
     def inverted(self) -> int:
-        """Number of elements that are inverted at the place last evaluated."""
-        return int(np.count_nonzero(self.energy.determinants <= 0.0))
+        """Number of elements that are inverted, or all but flat, at the place last evaluated."""
+        return int(np.count_nonzero(self.energy.determinants <= FLAT))
 
     def search(self, way: FloatArray, eps: float, power: int) -> tuple[FloatArray, int]:
         """Lower the energy, beginning at a way (U, 3); return where that ended, and the steps."""

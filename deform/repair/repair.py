@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
-from math import nan
+from math import inf, nan
 from time import perf_counter
 from typing import NamedTuple
 
@@ -24,7 +25,7 @@ MANY = 0.2
 """Spoiled cells over nodes that move, above which the next larger patch is taken at once."""
 FAR, SMALL = 500, 10_000
 """Nodes for each cell below a level, beyond which they are too far away to help, unless it is inverted; so many nodes
-are never too many."""
+are never too many. A larger patch is tried once, with care, and if that wins nothing the level is given up."""
 LEVELS = (0.5, 0.7, 0.8, 0.85)
 """Shares of the least quality before to which all cells are brought, one after another, up to the one that is asked
 for. The first that is not reached is the last, and the worst cell is no worse for it."""
@@ -78,12 +79,12 @@ def _repaired(
     parts = zip(touched.mesh.cells, touched.rows, touched.orientation, strict=True)
     tetrahedra = Tetrahedra.of(touched.mesh.points, parts).of_cells(~touched.before.inverted)
     here, found, steps, kept = points, goal.judged(points), 0, None
-    start, everything = found, (len(points),)
-    for level in _levels(share, limit):
+    start = found
+    for level, sizes, far in _levels(share, limit, len(points)):
         if level > limit and kept is None:
             kept = np.minimum(goal.spread(start), goal.spread(found))
-        sizes = (*RINGS, *everything) if level <= max(share, limit) else RINGS[:NEAR]
-        there, other, count = _raised(here, found, tetrahedra, freedom, goal, Target(level, sizes, kept, progress))
+        wanted = Target(level, sizes, far, kept, progress)
+        there, other, count = _raised(here, found, tetrahedra, freedom, goal, wanted)
         steps += count
         reached = not goal.missed(other, level).any()
         if reached or goal.least(other) >= goal.least(found):
@@ -91,7 +92,7 @@ def _repaired(
         if not reached:
             break
     if goal.least(found) < POOR and len(freedom.nodes) < SMALL:
-        whole = Target(share, everything, kept, progress)
+        whole = Target(share, (len(points),), FAR, kept, progress)
         there, other, count = _raised(points, start, tetrahedra, freedom, goal, whole)
         steps += count
         if goal.rank(other) > goal.rank(found):
@@ -108,20 +109,28 @@ class Target(NamedTuple):
     Attributes
     ----------
     share, rings : that share, and the sizes of patches in rings that are tried.
+    far : nodes of a patch for each cell below that share, beyond which a patch of more than `SMALL` is not tried.
     spread : (T, 2) what the cells of each type keep, by `QualityGoal.spread`; None: whatever it costs.
     progress : who is told.
     """
 
     share: float
     rings: tuple[int, ...]
+    far: float
     spread: FloatArray | None
     progress: Progress
 
 
-def _levels(share: float, limit: float) -> list[float]:
-    """Return the shares of their floor that cells are brought to one after another, rising from 0: none inverted."""
-    below, beyond = ([level for level in LEVELS if level < share], [level for level in BEYOND if level > share])
-    return sorted({0.0, limit, *below, share, *beyond})
+def _levels(share: float, limit: float, points: int) -> Iterator[tuple[float, tuple[int, ...], float]]:
+    """Yield the shares of their floor that cells are brought to one after another; first none is inverted.
+
+    With each come the sizes of its patches, and how far they may reach. `points` is the number of points.
+    """
+    for level in sorted({0.0, limit, share, *LEVELS, *BEYOND}):
+        if level <= max(share, limit):
+            yield level, (*RINGS, points), FAR if level else inf
+        elif level in BEYOND:
+            yield level, RINGS[:NEAR], 0.0
 
 
 def _raised(
@@ -134,13 +143,14 @@ def _raised(
     cells first, and without if that wins nothing. If a node leaves the plane face that it slides on, it is mended
     again with the nodes of this face where they are.
     """
-    level, sizes, spread, progress = wanted
+    level, sizes, far, spread, progress = wanted
     size, last, steps, vain, careful = 0, 0, 0, 0, spread is not None
     below = goal.missed(found, level)
     while below.any() and vain < VAIN:
         count = int(below.sum())
         size, unknown = _patch_nodes(tetrahedra, below, freedom, len(points), sizes, (size, last))
-        if not len(unknown) or (level and len(unknown) > max(FAR * count, SMALL)):
+        large = len(unknown) > SMALL
+        if not len(unknown) or (large and len(unknown) > far * count):
             break
         progress(f"repair: {count} cells, {len(unknown)} nodes", nan)
         patch = RepairPatch.of(points, tetrahedra, unknown, freedom, goal.weighted(found, careful))
@@ -153,14 +163,14 @@ def _raised(
         steps, left = steps + taken, goal.missed(after, level)
         if _is_better(left.sum() < count, goal.least(after) - goal.least(found), level) and goal.keeps(after, spread):
             points, found, below, vain = new, after, left, 0
-            size = 0 if left.sum() <= FEWER * count else size + 1
-        elif careful:
+            size = (size + 1) * int(left.sum() > FEWER * count)
+        elif careful and not large:
             careful, last = False, 0
             continue
         else:
-            size, vain = size + 1, vain + 1
+            size, vain = size + 1, vain + (VAIN if large else 1)
         careful = spread is not None
-        last = len(unknown) if size else 0
+        last = len(unknown) * (size > 0)
     return points, found, steps
 
 
