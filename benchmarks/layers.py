@@ -1,11 +1,12 @@
 """Meshes with layers beside dense TPS and OpenFOAM's solvers: ``python -m benchmarks.layers FOLDER > layers.md``.
 
 FOLDER holds two public meshes: ``30p30n_L1_coarse.su2`` and ``717_wl_L2.cgns``. All others are made. It needs OpenFOAM
-(``apt-get install --no-install-recommends openfoam``) and what the tests need.
+(``apt-get install --no-install-recommends openfoam cgns-convert``) and what the tests need.
 """
 
 import argparse
 import runpy
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -77,7 +78,8 @@ def examples(folder: Path, scratch: Path) -> Iterator[Example]:
     rear = "wall side:5.5,0,4.3,4.1,0,-1.1 box:-inf,-inf,4.3,inf,inf,8.4"
     settings = {**blended, "select": {"flap": rear}, "fixed": "wall", "strip": 0.05}
     settings["hinge"] = [[5.5, -0.15, 4.3], [6.6, -0.15, 8.4]]
-    yield Example("717 wing, the rear of its inner half", lambda: read(folder / "717_wl_L2.cgns"), settings)
+    subprocess.run(["cgnsconvert", "-h", folder / "717_wl_L2.cgns", scratch / "717.cgns"], check=True)
+    yield Example("717 wing, the rear of its inner half", lambda: read(scratch / "717.cgns"), settings)
     sides = {"symmetry": "plane", "end": "plane"}
     for chord, flap, first, strip in ((0.7, (0.3, 0.7), 1e-6, 0.1), (0.95, (0.4, 0.6), 6e-8, 0.04)):
         ends = [[chord, y, 0.0] for y in flap]

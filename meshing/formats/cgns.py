@@ -1,4 +1,4 @@
-"""CGNS meshes (.cgns) in HDF5 or ADF, of unstructured zones and of blocks (structured zones)."""
+"""CGNS meshes (.cgns) in HDF5, of unstructured zones and of blocks (structured zones)."""
 
 from __future__ import annotations
 
@@ -19,14 +19,16 @@ from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files.staged import fresh
-from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_pieces import in_pieces
 from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_fit, read_base
 from sdm_deflect.meshing.formats.cgns_write import write_base
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
-from sdm_deflect.meshing.formats.hdf5 import Replaced, Replacement, Span, damage, spans
+from sdm_deflect.meshing.formats.hdf5 import Replaced, Replacement, damage, spans
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
+
+ADF = b"ADF Database"
+"""Mark at the beginning of files in ADF."""
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
@@ -38,7 +40,7 @@ class Cgns(Format):
 
     Zones that fit together point by point, by the file's interfaces, are one zone of the mesh with one point at each
     place. Everything else in a file (solutions, families, units) is no part of the mesh; a rewritten file keeps it.
-    Coordinates in single precision stay in single precision, and a file in ADF stays one.
+    Coordinates in single precision stay in single precision.
     """
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
@@ -127,28 +129,13 @@ def _written(path: Path) -> Iterator[Any]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    with path.open("rb") as file:
-        if adf.MARK in file.read(32):
-            with damage():
-                yield adf.Tree(file).root
-            return
     if not h5py.is_hdf5(path):
-        raise MeshFileError("this is no CGNS file, neither in HDF5 nor in ADF")
+        with path.open("rb") as file:
+            old = ADF in file.read(32)
+        way = f"in ADF, of which HDF5 took the place; convert it: cgnsconvert -h {path.name} NEW.cgns"
+        raise MeshFileError(f"this CGNS file is {way}" if old else "this is no CGNS file in HDF5")
     with damage(), h5py.File(path) as opened:
         yield opened
-
-
-def _spans(axis: Any) -> list[Span]:
-    """Return where the numbers of a coordinate are in the file; nothing if they are packed."""
-    if not isinstance(axis, adf.NodeData):
-        return spans(axis)
-    size, found, first = axis.dtype.itemsize, [], 0
-    for begin, length in axis.pieces:
-        if length % size:
-            raise MeshFileError(f"a number of {axis.name} lies in two places; convert the file: cgnsconvert -h")
-        found.append((begin, first, first + length // size))
-        first += length // size
-    return found
 
 
 def _changed(
@@ -165,5 +152,5 @@ def _changed(
         parts = zip(stored, np.split(new, ends[:-1]), np.split(moved, ends[:-1]), strict=True)
         for own, put, changed in parts:
             axis = own[column]
-            found.append((axis, _spans(axis), put.reshape(axis.shape), changed.reshape(axis.shape)))
+            found.append((axis, spans(axis), put.reshape(axis.shape), changed.reshape(axis.shape)))
     return found

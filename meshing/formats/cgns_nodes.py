@@ -1,4 +1,4 @@
-"""Nodes of a CGNS file: in HDF5 groups with a label, and data in a dataset named ``" data"``; in ADF those of `adf`."""
+"""Nodes of a CGNS file: groups with a label, and data in a dataset named ``" data"``."""
 
 from collections.abc import Container, Iterable, Iterator
 from typing import Any
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.base.reading import check_unpacked
-from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.hdf5 import check_stored, is_real
 
@@ -26,39 +25,35 @@ def children(node: Any, label: str) -> Iterator[tuple[str, Any]]:
     """Yield name and group of each child with that label, in the order of making; MeshFileError for links of HDF5."""
     for name in _names(node):
         child = _own(node, name)
-        if isinstance(child, adf.Node) and child.kind == "LK":
-            raise _linked(child.name.strip("/"))
-        if isinstance(child, h5py.Group | adf.Node) and label_of(child) == label:
+        if isinstance(child, h5py.Group) and label_of(child) == label:
             yield name, child
 
 
 def child(node: Any, name: str) -> Any:
     """Return the child of that name; MeshFileError if there is none, or it is elsewhere, by a link."""
     found = _own(node, name)
-    if not isinstance(found, h5py.Group | adf.Node):
+    if not isinstance(found, h5py.Group):
         raise MeshFileError(f"{node.name.strip('/') or 'the file'} has no {name}")
     return found
 
 
 def has(node: Any, name: str) -> bool:
     """Whether a node has a child of that name."""
-    return name in (node.children if isinstance(node, adf.Node) else node)
+    return name in node
 
 
 def label_of(node: Any) -> str:
     """What a node is, by the SIDS: ``Zone_t``, ``BC_t``."""
-    return node.label if isinstance(node, adf.Node) else _attribute(node, "label")
+    return _attribute(node, "label")
 
 
 def data(node: Any) -> Any:
-    """Return the dataset of a node, or its `adf.NodeData`.
+    """Return the dataset of a node.
 
     MeshFileError if the node has none, or they are elsewhere: by a link, in an external file, in other datasets; or if
     they would take more memory than data of this file should.
     """
     name = node.name.strip("/")
-    if isinstance(node, adf.Node):
-        return _adf_data(node, name)
     found = _own(node, DATA)
     if not isinstance(found, h5py.Dataset) or found.shape is None:
         raise MeshFileError(f"{name} holds no data; the file is damaged")
@@ -68,26 +63,14 @@ def data(node: Any) -> Any:
     return found
 
 
-def _adf_data(node: adf.Node, name: str) -> adf.NodeData:
-    if node.kind == "LK":
-        raise _linked(name)
-    found = node.data
-    if found is None:
-        raise MeshFileError(f"{name} holds no data; the file is damaged")
-    return found
-
-
 def check_taken(node: Any, size: int, what: str) -> None:
     """Refuse (InputError) what would take `size` bytes of memory, too many for the file that a node is of."""
-    stored = node.tree.size if isinstance(node, adf.Node) else node.file.id.get_filesize()
-    check_unpacked(size, stored, what)
+    check_unpacked(size, node.file.id.get_filesize(), what)
 
 
 def integers(node: Any) -> IntArray:
     """Return the data (K,) of a node of integers, flat, in the order of the file; MeshFileError for other data."""
     stored = _of_kind(node, "iu", "integers")
-    if isinstance(stored, adf.NodeData):
-        return stored[()].astype(np.intp).reshape(-1)
     values = np.empty(stored.shape, dtype=np.intp)
     if values.size:
         stored.read_direct(values)
@@ -97,7 +80,7 @@ def integers(node: Any) -> IntArray:
 def reals(node: Any) -> Any:
     """Return the data of a node of real numbers, not read yet; MeshFileError for other data."""
     stored = _of_kind(node, "f", "real numbers")
-    if not isinstance(stored, adf.NodeData) and not is_real(stored):
+    if not is_real(stored):
         raise MeshFileError(f"{node.name.strip('/')} holds real numbers of an unknown kind; the file is damaged")
     return stored
 
@@ -161,10 +144,6 @@ def describe(node: Any, name: str, label: str, kind: str) -> None:
 
 def _own(node: Any, name: str) -> Any:
     """Return what the node holds by that name, None if nothing; MeshFileError if it is elsewhere, by a link."""
-    if isinstance(node, adf.Node):
-        if node.kind == "LK":
-            raise _linked(node.name.strip("/"))
-        return node.children.get(name)
     if _attribute(node, "type") == "LK":
         raise _linked(node.name.strip("/"))
     if not isinstance(node.get(name, getlink=True), h5py.HardLink | None):
@@ -182,8 +161,6 @@ def _attribute(node: Any, key: str) -> str:
 
 
 def _names(node: Any) -> list[str]:
-    if isinstance(node, adf.Node):
-        return list(node.children)
     tracked = node.id.get_create_plist().get_link_creation_order() & h5py.h5p.CRT_ORDER_TRACKED
     names: list[bytes] = []
     node.id.links.iterate(names.append, idx_type=h5py.h5.INDEX_CRT_ORDER if tracked else h5py.h5.INDEX_NAME)

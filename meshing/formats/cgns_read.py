@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polyhedra, Warned
-from sdm_deflect.meshing.formats import adf
 from sdm_deflect.meshing.formats.cgns_blocks import Size, block_border, cells, collapsed, no_cells, size_of, wide
 from sdm_deflect.meshing.formats.cgns_boundary import PART, Fault, NumberedFaces, notes_of, without, zone_border
 from sdm_deflect.meshing.formats.cgns_elements import NFACE, NGON, ElementSection, blocks, read_polyhedra, sections
@@ -112,8 +111,7 @@ def _only_base(file: Any) -> tuple[Any, tuple[int, int]]:
     """Return the base with cells, with their dimension and that of the points."""
     bases = [base for _, base in children(file, "CGNSBase_t")]
     if not bases:
-        kind = "ADF" if isinstance(file, adf.Node) else "HDF5"
-        raise MeshFileError(f"this {kind} file has no CGNSBase_t; it is no CGNS file")
+        raise MeshFileError("this HDF5 file has no CGNSBase_t; it is no CGNS file")
     each = [tuple(integers(base).tolist()) for base in bases]
     solid = [i for i, own in enumerate(each) if own == (3, 3)]
     chosen = solid or [i for i, own in enumerate(each) if own in DIMENSIONS]
@@ -174,7 +172,7 @@ def coordinate_data(base: Base, name: str) -> list[Any]:
     for axis, stored in zip(base.axes, found, strict=True):
         if stored.shape != expected or stored.dtype.kind != "f":
             raise MeshFileError(f"{axis} holds {stored.shape} {stored.dtype}, expected {expected} real numbers")
-        if not isinstance(stored, adf.NodeData) and not is_real(stored):
+        if not is_real(stored):
             raise MeshFileError(f"the kind of real numbers that {axis} holds is not supported")
     return found
 

@@ -250,7 +250,7 @@ def test_half_a_file_is_truncated(path):
 def test_other_content_is_no_cgns_file(tmp_path):
     path = tmp_path / "other.cgns"
     path.write_text("NDIME= 3\n")
-    assert "neither in HDF5 nor in ADF" in refused(path)
+    assert "this is no CGNS file in HDF5" in refused(path)
     with h5py.File(path, "w") as file:
         file["x"] = np.arange(3)
     assert "no CGNSBase_t" in refused(path)
