@@ -9,6 +9,7 @@ import click
 from sdm_deflect.cases.cli import options
 from sdm_deflect.cases.settings.job_settings import (
     FLAT,
+    GONE,
     JobSettings,
     angles_of,
     job_settings,
@@ -27,14 +28,24 @@ CASE = ("to_solver", "mach", "alpha", "far_field")
 """Options of a case for a flow solver."""
 HELPERS = ("workers", "scheduler", "worker_memory")
 """Options of work that others do."""
-NO_HISTORY = "--history: motions in time are not written; deflect to each angle by --angles, a mesh for each"
 moved = partial(click.option, cls=options.Grouped, group="What moves")
+
+
+def _refused(_: click.Context, option: click.Parameter, value: Any) -> None:
+    """Say which way there is in place of an option that is no more."""
+    if value is not None:
+        raise InputError(f"--{option.name}: {GONE[str(option.name)]}")
+
+
+gone = partial(click.option, hidden=True, expose_value=False, callback=_refused)
 
 
 @click.command(cls=options.DeflectCommand, params=options.settings_options(FLAT.values()))
 @click.argument("mesh", type=options.FILE)
 @moved("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")
-@click.option("--history", hidden=True)
+@gone("--history")
+@gone("--cpacs")
+@gone("--device")
 @options.output_option("--out", type=options.FILE, help="File (default: MESH-deflected); its suffix says the format.")
 @options.output_option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
 @options.flow_options
@@ -59,8 +70,6 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     from sdm_deflect.cases.run.mesh_files import Targets
 
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
-    if given.pop("history") is not None:
-        raise InputError(NO_HISTORY)
     text = given.pop("angles")
     many = angles_of(text) if text else ()
     helpers, flow = Wanted(*(given.pop(name) for name in HELPERS)), _flow([given.pop(name) for name in CASE])

@@ -139,10 +139,6 @@ class SurfaceSettings:
     table: Annotated[str | None, Spelling(file=""), IN_WORDS, Doc(
         "What moves", "Displacements instead of a hinge: .csv of x,y,z,dx,dy,dz, or .npz.")] = None
     amount: Annotated[float, ONLY_SET, Doc("What moves", "Share of the table; in Python it is the `angle`.")] = 1.0
-    cpacs: Annotated[str | None, Option(metavar="FILE"), Spelling(file=""), IN_WORDS, Doc(
-        "What moves", "CPACS file with the hinge line, in the mesh's unit, and the angle of `device`.")] = None
-    device: Annotated[str | None, Option(metavar="UID[=STEP]"), IN_WORDS, Doc(
-        "What moves", "Trailing edge device of `cpacs`, its uID; a step of its path, for the angle.")] = None
     corners: Annotated[tuple[Corner, ...] | None, ONLY_SET, Doc(
         "Box", "Of `box_each`: corners of this surface's box, as of `box`, instead of an automatic one.")] = None
     # fmt: on
@@ -255,6 +251,11 @@ class _Angles:
     angles: tuple[float, ...]
 
 
+GONE = {
+    "history": "motions in time are not written; deflect to each angle by --angles, a mesh for each",
+    **dict.fromkeys(("cpacs", "device"), "`python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line"),
+}
+"""Settings that are no more, and the ways out."""
 OF_SURFACE, OF_JOB = settings_in(SurfaceSettings), settings_in(JobSettings)
 FLAT = OF_SURFACE | {name: setting for name, setting in OF_JOB.items() if name != "surface"}
 """All settings of a job with one surface."""
@@ -388,7 +389,9 @@ def _parted(options: Mapping[str, Any]) -> tuple[Nested, Nested]:
     known = (*OF_JOB, *OF_SURFACE)
     for name in options:
         if name not in (*known, "fitting"):
-            raise InputError(f"unknown setting {name}; {nearest(name, known)}")
+            raise InputError(
+                f"{name}: {GONE[name]}" if name in GONE else f"unknown setting {name}; {nearest(name, known)}"
+            )
     own = {name: value for name, value in options.items() if name in OF_SURFACE}
     return own, {name: value for name, value in options.items() if name not in own}
 

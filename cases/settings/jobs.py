@@ -72,25 +72,11 @@ def _stays_beside(surface: SurfaceSettings, settings: JobSettings) -> tuple[str,
 
 def _moving(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Moving:
     """Return the patches with their motion; nodes on `fixed` ones are held if no others are named."""
-    surface = _of_cpacs(surface) if surface.cpacs or surface.device else surface
     motion = _motion(surface, fixed)
     amount = surface.angle if motion.unit == "deg" else surface.amount
     if amount is None:
         raise InputError(f"the angle of {', '.join(surface.patches)} is missing: give it in degrees")
     return Moving(surface.patches, motion, amount)
-
-
-def _of_cpacs(surface: SurfaceSettings) -> SurfaceSettings:
-    """Return the same with hinge and angle of the device."""
-    if not surface.cpacs or not surface.device:
-        raise InputError("cpacs and device go together: a CPACS file, and the uID of a trailing edge device in it")
-    if surface.hinge:
-        raise InputError(f"hinge = {surface.hinge}: that of the device is taken; leave out hinge or cpacs")
-    from sdm_deflect.cases.settings.cpacs import hinge_and_angle
-
-    angle = surface.angle if surface.table is None else 0.0
-    hinge, angle = hinge_and_angle(Path(surface.cpacs), surface.device, angle)
-    return replace(surface, hinge=hinge, angle=angle, cpacs=None, device=None)
 
 
 def _motion(surface: SurfaceSettings, fixed: tuple[str, ...]) -> Motion:

@@ -23,8 +23,6 @@ class Options(TypedDict, total=False):
     driven: ArrayLike | NodeSet
     strip: float
     table: str | PathLike[str]
-    cpacs: str | PathLike[str]
-    device: str | PathLike[str]
     corners: ArrayLike
     fixed: str | Sequence[str]
     zones: str | Sequence[str]

@@ -124,6 +124,8 @@ def test_a_motion_in_time_is_refused_with_the_way_out(files, sdm, tmp_path):
     code, _, err = sdm("deflect", files["su2"], *words, "--history", "times.csv")
     assert code == 2
     assert "--history: motions in time are not written; deflect to each angle by --angles, a mesh for each" in err
+    code, _, err = sdm("deflect", files["su2"], *words, "--cpacs", "aircraft.xml")
+    assert (code, err) == (2, "sdm: --cpacs: `python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line\n")
     assert sdm("deflect", files["su2"], *words, "--angles", "0,2,4")[0] == 0
 
 

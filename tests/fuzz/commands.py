@@ -30,7 +30,6 @@ from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.mesh import Skin, skin, tetrahedral, tets_of
-from tests.cases.cpacs_wing import written
 from tests.fuzz import meshes
 from tests.fuzz.inputs import Input, of_path
 from tests.fuzz.mutation import Damage
@@ -96,7 +95,6 @@ def tables(folder: Path) -> Iterator[Input]:
         "table.npz": (*hinged, "--table", "table.npz"),
         "nodes.txt": (*DRY, "--motion", "blended", "--held", "far", "--driven", "nodes.txt"),
         "box.toml": (*DRY, "--box", "box.toml"),
-        "aircraft.xml": (*hinged, "--cpacs", "aircraft.xml", "--device", "flap=0.5"),
         "job.toml": ("deflect", MESH, "--config", "job.toml", "-q", "--no-report", "--dry-run"),
     }
     for name, words in by_file.items():
@@ -121,8 +119,7 @@ def support(folder: Path) -> dict[str, bytes]:
     np.savetxt(folder / "nodes.txt", mesh.on("body")[:4], fmt="%d")
     (folder / "box.toml").write_text("corners = [[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]]\n")
     (folder / "job.toml").write_text(tomli_w.dumps(JOB))
-    written(folder)
-    names = (MESH, "aircraft.xml", "table.csv", "table.npz", "nodes.txt", "box.toml", "job.toml")
+    names = (MESH, "table.csv", "table.npz", "nodes.txt", "box.toml", "job.toml")
     return {name: (folder / name).read_bytes() for name in names}
 
 
