@@ -4,7 +4,6 @@ import gzip
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -293,48 +292,10 @@ def foam_text(name: str, data: bytes) -> bytes:
 
 
 def vtu(folder: Path) -> Iterator[Input]:
-    """VTK's XML: text, base64, appended as it is and in base64; packed in three ways or not; polyhedra."""
-    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
-
+    """What we write; polyhedra."""
     yield from of_format("vtu", folder)
     FORMATS["vtu"].write(polyhedral(tetrahedra()), folder / "polyhedra.vtu")
     yield of_path(folder / "polyhedra.vtu")
-    import pyvista as pv
-
-    voxels = pv.ImageData(dimensions=(3, 2, 2)).cast_to_unstructured_grid()
-    voxels.cell_data["Marker"] = np.array([0, 1])
-    voxels.point_data["wind"] = np.zeros((12, 3))
-    for title, shape in (("voxels", voxels), ("tetText", pv.read(folder / "tet.vtu"))):
-        _write_text(shape, folder / f"{title}.vtu")
-        yield of_path(folder / f"{title}.vtu")
-    data = (folder / "tetText.vtu").read_bytes()
-    start, end = data.index(b"<Piece"), data.index(b"</Piece>") + len(b"</Piece>")
-    yield Input({"pieces.vtu": data[:end] + b"\n" + data[start:]})
-    for title in ("tet", "polyhedra"):
-        shape = pv.read(folder / f"{title}.vtu")
-        for mode in ("Ascii", "Binary", "Appended"):
-            for packing in range(4) if mode != "Ascii" else (0,):
-                for base64 in (0, 1) if mode == "Appended" else (0,):
-                    writer = vtkXMLUnstructuredGridWriter()
-                    getattr(writer, f"SetDataModeTo{mode}")()
-                    writer.SetCompressorType(packing)
-                    writer.SetEncodeAppendedData(base64)
-                    writer.SetHeaderType(32 if packing % 2 else 64)
-                    path = folder / f"{title}{mode}{packing}{base64}.vtu"
-                    writer.SetFileName(str(path))
-                    writer.SetInputData(shape)
-                    writer.Write()
-                    yield of_path(path)
-
-
-def _write_text(shape: Any, path: Path) -> None:
-    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
-
-    writer = vtkXMLUnstructuredGridWriter()
-    writer.SetDataModeToAscii()
-    writer.SetFileName(str(path))
-    writer.SetInputData(shape)
-    writer.Write()
 
 
 WORDS: dict[str, tuple[bytes, ...]] = {

@@ -157,13 +157,3 @@ def test_meshes_of_other_libraries(library):
     assert other.points.tobytes() == result.points.tobytes()
     assert np.array_equal(np.asarray(other.mesh.points), result.points[:, : 2 if library == "meshio" else 3])
     assert result.plot().axes
-
-
-def test_a_surface_is_no_plane_mesh(tmp_path):
-    mesh = mixed()
-    bent = mesh.points + np.outer(mesh.points[:, 0], [0.0, 0.0, 1.0])
-    path = tmp_path / "plate.vtu"
-    format_of(path).write(mesh, path)
-    format_of(path).rewrite(path, bent, tmp_path / "bent.vtu")
-    with pytest.raises(MeshFileError, match="there are no volume cells"):
-        read(tmp_path / "bent.vtu")
