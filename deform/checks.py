@@ -143,7 +143,7 @@ def _checks(deflection: Deflected, unit: str) -> Iterator[Check]:
         yield _slid_on_surfaces(deflection, slid, unit)
     yield left_behind(deflection, unit)
     for box in deflection.boxes:
-        yield from named([site_error(box, unit)], box.plan, plan)
+        yield from named([site_error(box, unit)] if box.steps else [], box.plan, plan)
     if mesh.cells:
         yield _inverted_cells(deflection)
         yield from _boundary_checks(deflection)

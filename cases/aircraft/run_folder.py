@@ -10,12 +10,11 @@ import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import BLOCK, plan_of
-from sdm_deflect.cases.aircraft.metrics import MeshOrigin, Run, metrics
+from sdm_deflect.cases.aircraft.metrics import Run, metrics
 from sdm_deflect.cases.aircraft.reference import Reference, reference
 from sdm_deflect.cases.aircraft.registry import resolve
-from sdm_deflect.cases.report.data import METRES, RUN, ReportData, read_figures, read_json
+from sdm_deflect.cases.report.data import METRES, RUN, ReportData, measured, read_figures
 from sdm_deflect.cases.report.finished import Display, FinishedRun
-from sdm_deflect.cases.report.stored import same_deflection, stored_arrays, stored_deflection, stored_figures
 from sdm_deflect.cases.run.output import moved_by_repair, write_convergence, write_interpolants
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.deform.base.errors import InputError
@@ -23,7 +22,7 @@ from sdm_deflect.deform.base.reading import damaged
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
-from sdm_deflect.deform.volume.deflection import Deflected
+from sdm_deflect.deform.volume.deflection import Deflected, ended
 from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
@@ -149,20 +148,14 @@ class FinishedCase(FinishedRun):
         """
         from sdm_deflect.cases.aircraft.validation import further_checks, mesh_check
 
-        case, mesh, background, path = self.case, self.plan.mesh, self.background(), self.folder / "deflected.vtu"
-        faces = np.zeros(len(skin(mesh).triangles))
-        quality = np.concatenate([mean_ratio(self.points, tets_of(mesh)), faces])
-        arrays = stored_arrays(path, {"displacement": self.points - mesh.points, "quality": quality})
-        again = stored_deflection(self.folder, self.plan, self.repair)
-        figures = read_json(self.folder)
+        case, mesh, background = self.case, self.plan.mesh, self.background()
+        _, stored, _ = read_figures(self.folder)
         meshes, grids = (mesh, *([background] if background else ())), (case.mesh, case.background)
         parts = zip(("undeflected_mesh", "background_mesh"), meshes, models(case), grids, strict=False)
         own = tuple(mesh_check(*part) for part in parts)
         checks = self.judged(background, deflected_cad())
-        checks += further_checks(again, checks)
-        run = Run(case, mesh, MeshOrigin(own[0].value, 1, 0.0), self.deflected, again, 0.0, checks)
-        same = same_deflection(self.points, again, unit="m")
-        return (*checks, same, *own, arrays, stored_figures(figures, metrics(run), again))
+        checks += further_checks(ended(self.plan, self.points, self.repair), checks)
+        return (*checks, *measured(stored), *own)
 
 
 def undeflected_models(case: Case) -> "tuple[CadModel, ...]":

@@ -12,7 +12,6 @@ from sdm_deflect.cases.aircraft.job import BLOCK, Wedge, fuselage_cylinder, pane
 from sdm_deflect.cases.aircraft.overset import overset_checks
 from sdm_deflect.cases.aircraft.reference import Faces, Reference
 from sdm_deflect.cases.aircraft.rigid import Shape, closest, corners_of, distance, plane_normal, predicted, rigid_checks
-from sdm_deflect.cases.report.stored import NAMED
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.checks import Check, checks_of, named, surfaces_crossed, worst
@@ -278,7 +277,7 @@ def mesh_check(name: str, mesh: Mesh, model: "CadModel", parameters: MeshParamet
         if not measured.failures:
             return Check(name, measured.boundary_to_cad_max, FREE_FORM, "m", "filled, closed, on the CAD")
         found = list(measured.failures)
-    return Check(name, inf, FREE_FORM, "m", "; ".join(found[:NAMED]))
+    return Check(name, inf, FREE_FORM, "m", "; ".join(found[:3]))
 
 
 def mesh_faults(mesh: Mesh, model: "CadModel") -> list[str]:

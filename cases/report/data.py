@@ -364,6 +364,12 @@ def read_figures(folder: Path) -> tuple[Json, tuple[Check, ...], list[FitRows]]:
         return figures, tuple(_check(row) for row in figures["validation"]["checks"]), fits
 
 
+def measured(checks: Sequence[Check]) -> tuple[Check, ...]:
+    """Return those of a run's checks that only the run could make, of its fits, and mark them so."""
+    own = (check for check in checks if check.name.startswith("site_error"))
+    return tuple(replace(check, where=f"{check.where}; measured by the run") for check in own)
+
+
 def _directions(courses: Sequence[Convergence]) -> list[str]:
     """Return the directions in which a box was fitted: a plane mesh has no z."""
     return sorted({direction for course in courses for direction in course.directions})

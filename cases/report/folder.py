@@ -19,6 +19,7 @@ from sdm_deflect.cases.report.data import (
     FitRows,
     ReportData,
     in_view,
+    measured,
     name_of,
     read_figures,
     read_json,
@@ -27,14 +28,6 @@ from sdm_deflect.cases.report.data import (
 )
 from sdm_deflect.cases.report.finished import Display, FinishedRun
 from sdm_deflect.cases.report.near import some_cells
-from sdm_deflect.cases.report.stored import (
-    NOT_AGAIN,
-    diagonal,
-    same_deflection,
-    stored_arrays,
-    stored_deflection,
-    stored_figures,
-)
 from sdm_deflect.cases.run.mesh_files import SETTINGS, precision_of
 from sdm_deflect.cases.run.metrics import (
     Json,
@@ -66,15 +59,12 @@ from sdm_deflect.deform.rbf.fitting import JobOptions
 from sdm_deflect.deform.surface.blended import Blended
 from sdm_deflect.deform.surface.motions import Motion, Moving, Rotation, Table
 from sdm_deflect.deform.surface.surface import Listed, NodeSet, OnPatches, Surface, TrailingEdge
-from sdm_deflect.deform.volume.deflection import Deflected
+from sdm_deflect.deform.volume.deflection import Deflected, ended
 from sdm_deflect.deform.volume.job import Sliding
 from sdm_deflect.deform.volume.plan import Plan, Planned, Plans
 from sdm_deflect.meshing.formats.registry import ending, format_of
-from sdm_deflect.meshing.formats.vtu import vtu_arrays
 from sdm_deflect.meshing.formats.vtu_write import write_vtu
 
-OF_WHOLE = frozenset({"notes", "over", "whole"})
-"""Names of figures that are others where the mesh was read in pieces."""
 PART = "deflected.vtu holds only the {cells:,} cells with a node that may move; its array node numbers their nodes"
 
 
@@ -166,28 +156,13 @@ class FinishedJob(FinishedRun):
 
     def validated(self) -> tuple[Check, ...]:
         """Return the checks of the mesh on the disk, made again, and those of the files."""
-        figures = read_json(self.folder)
+        figures, stored, _ = read_figures(self.folder)
         with damaged(self.folder, RUN):
             names = [Path(name).name for name in figures["files"]]
         out = self.folder.resolve().with_name(names[0]) if names else None
         plan = self.plan.keeping(precision_of(Path(self.plan.mesh.source), out, self.plan.mesh)) if out else self.plan
-        again = stored_deflection(self.folder, plan, self.repair)
-        size = max(diagonal(box.region.hexahedron.corners) for box in plan.boxes)
-        checks = checks_of(again.at(self.points))
-        expected = metrics_of(again, checks, out, {}) | {"files": figures["files"]}
-        whole = "node" not in vtu_arrays(self.folder / "deflected.vtu")
-        mesh, node, quality = _shown(plan, self.points, whole)
-        faces = np.zeros(sum(len(patch) for patch in mesh.patches))
-        arrays = {
-            "displacement": mesh.points - plan.mesh.points[node], "quality": np.concatenate([quality, faces]),
-        }  # fmt: skip
-        return (
-            *checks,
-            same_deflection(self.points, again, size),
-            stored_arrays(self.folder / "deflected.vtu", arrays),
-            *([self._mesh_file(out)] if out else ()),
-            stored_figures(figures, expected, again, size, NOT_AGAIN if whole else NOT_AGAIN | OF_WHOLE),
-        )
+        checks = *checks_of(ended(plan, self.points, self.repair)), *measured(stored)
+        return (*checks, self._mesh_file(out)) if out else checks
 
     def _mesh_file(self, out: Path) -> Check:
         """Check that the file of the deflected mesh holds the points and cells that were judged."""

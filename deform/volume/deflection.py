@@ -77,12 +77,6 @@ class Deflected:
             return None
         return np.asarray(np.sum([box.points - box.interpolated for box in self.boxes], axis=0))
 
-    def at(self, points: FloatArray) -> "Deflected":
-        """Return the same deflection with its nodes at `points` (N, 3), of several boxes with those in them."""
-        return Deflections.of([
-            replace(box, points=points, inverted=inverted_count(box.plan, points)) for box in self.boxes
-        ])  # fmt: skip
-
     def sensitivity(self) -> FloatArray:
         """Return d(points)/d(angle) (N, 3) in length units per unit of the amount, from the same centres.
 
@@ -136,7 +130,9 @@ class Deflection(Deflected):
     @property
     def exact(self) -> FloatArray:
         """Coordinates (N, 3) before they were rounded to those of the file."""
-        return self.steps[-1].points if self.repaired is None else self.repaired.points
+        if self.repaired is not None:
+            return self.repaired.points
+        return self.steps[-1].points if self.steps else self.points
 
     def with_points(self, points: FloatArray) -> "Deflection":
         """Return it with other points (N, 3), rounded to those of the file; unchanged if they are its own."""
@@ -262,15 +258,20 @@ def is_spoiled(deflection: Deflection) -> bool:
     return fell or deflection.inverted > 0
 
 
-def as_repaired(deflection: Deflection, repair: FloatArray) -> Deflection:
-    """Return a deflection whose repair is known: how far it moved each node (N, 3); nothing is repaired anew."""
-    if not is_spoiled(deflection):
-        return deflection
-    plan, points = deflection.plan, deflection.points.copy()
-    points[plan.changed] += repair[plan.changed]
-    freedom = plan.freedom(deflection.points)
-    found = RepairResult.of(deflection.points, points, plan.touched, freedom, plan.job.repair.wanted)
-    return replace(deflection, points=points, inverted=len(found.inverted), repaired=found)
+def ended(plan: Planned, points: FloatArray, repair: FloatArray | None = None) -> Deflected:
+    """Return a deflection of which nothing is known but where its nodes (N, 3) are: it has no steps.
+
+    `repair` is how far its repair moved each node (N, 3), if it had one.
+    """
+    found = []
+    for box in plan.boxes:
+        repaired, wanted = None, box.job.repair
+        if repair is not None and wanted.mode != "off" and repair[box.changed].any():
+            start = points - repair
+            repaired = RepairResult.of(start, points, box.touched, box.freedom(start), wanted.wanted)
+        inverted = inverted_count(box, points)
+        found.append(Deflection(box, plan.angle_of(box, plan.angle), (), points, inverted, 0.0, repaired))
+    return Deflections.of(found)
 
 
 def sweep(plan: Planned, angles: Sequence[float], progress: Progress = silent) -> Iterator[tuple[int, Deflected]]:

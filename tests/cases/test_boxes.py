@@ -105,9 +105,7 @@ def test_the_folder_makes_report_and_view_again(home, run):
 def test_the_folder_is_validated_by_its_files(run):
     checks = FinishedJob.of(run).validated()
     assert [check.name for check in checks if not check.passed] == []
-    assert {"site_error:left", "same_deflection", "stored_arrays", "mesh_file", "stored_figures"} < {
-        c.name for c in checks
-    }
+    assert {"site_error:left", "inverted_cells", "mesh_file"} < {c.name for c in checks}
 
 
 def test_settings_of_a_report_repeat_the_run(home, run):

@@ -1,27 +1,19 @@
 """Kernels by name: every one deflects, says what it is, and is the same kernel in every file and for every angle."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sdm_deflect import Field, InputError, deflect, read
-from sdm_deflect.cases.aircraft.case import SurfaceTurn
-from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import case_named, resolve
 from sdm_deflect.cases.report.folder import FinishedJob, settings_of
-from sdm_deflect.cases.report.stored import stored_deflection
 from sdm_deflect.cases.run.mesh_files import write_mesh
 from sdm_deflect.cases.run.metrics import fit_text, kernel_text
-from sdm_deflect.cases.run.output import write_convergence, write_interpolants
 from sdm_deflect.cases.view.run import InteractiveRun
-from sdm_deflect.deform.base.reading import read_arrays
 from sdm_deflect.deform.rbf.fitting import KERNELS
-from sdm_deflect.deform.volume.deflection import deflected
 from tests.cases.view.conftest import written
-from tests.frozen.test_frozen import frozen_mesh
 
 HINGE = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
@@ -72,27 +64,6 @@ def test_the_view_turns_with_the_kernel_of_the_run(name, hybrid_wing, tmp_path):
     one = deflect(read(tmp_path / "wing.su2"), "flap_*", hybrid_wing.hinge, 5.0, **options)
     run = InteractiveRun.of(FinishedJob.of(written(tmp_path / "report", one.deflection)))
     assert np.abs(run.at(5.0).points - one.points).max() < 1e-9
-
-
-@pytest.mark.parametrize("name", ["tps", "mq", "wendland"])
-def test_a_finished_run_is_carried_out_again_by_its_kernel(name, tmp_path):
-    """Two surfaces, each with a box and so a radius of its own."""
-    case = replace(resolve("aileron", repair="off", assignments=[f"kernel={name}"]))
-    case = replace(case, deflections=(SurfaceTurn("aileron_left"), SurfaceTurn("rudder", 0.5)))
-    plan = plan_of(case, frozen_mesh("aircraft"))
-    results = deflected(plan, plan.angle).boxes
-    write_interpolants(tmp_path / "interpolant.npz", results)
-    write_convergence(tmp_path / "convergence.csv", results)
-    for one, again in zip(results, stored_deflection(tmp_path, plan).boxes, strict=True):
-        assert np.abs(one.points - again.points).max() < 1e-12
-        assert again.error_between.max == pytest.approx(one.error_between.max, rel=1e-9)
-    arrays = read_arrays(tmp_path / "interpolant.npz")
-    if name != "tps":
-        number = {"mq": "kernel_epsilon", "wendland": "kernel_radius"}[name]
-        assert arrays[number] != arrays[f"{number}_rudder"]
-        np.savez(tmp_path / "interpolant.npz", **{**arrays, number: 1.01 * arrays[number]})
-        with pytest.raises(InputError, match=r"the kernel of interpolant\.npz is not that of the settings"):
-            stored_deflection(tmp_path, plan)
 
 
 def test_a_run_takes_the_kernel_with_its_table_and_without():
