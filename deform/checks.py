@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Any, Literal
 
 import numpy as np
@@ -142,8 +143,8 @@ def _checks(deflection: Deflected, unit: str) -> Iterator[Check]:
     if len(slid):
         yield _slid_on_surfaces(deflection, slid, unit)
     yield left_behind(deflection, unit)
-    for box in deflection.boxes:
-        yield from named([site_error(box, unit)] if box.steps else [], box.plan, plan)
+    for box in filter(attrgetter("steps"), deflection.boxes):
+        yield from named([site_error(box, unit)], box.plan, plan)
     if mesh.cells:
         yield _inverted_cells(deflection)
         yield from _boundary_checks(deflection)
