@@ -1,17 +1,15 @@
 """Whether this machine is fit for the program, and if not, what would help."""
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
-from pathlib import Path
 from tempfile import TemporaryFile
 
-from sdm_deflect.cases.run.surroundings import EXTRAS, LIBRARIES, blas, usable_cores, versions
+from sdm_deflect.cases.run.surroundings import EXTRAS, LIBRARIES, usable_cores, versions
 from sdm_deflect.deform.base.cache_folder import (
     CODE_VARIABLE,
     FOLDER_VARIABLE,
@@ -29,8 +27,6 @@ COMPILED = ("cadquery", "gmsh", "pymeshlab", "pytetwild", "pyvista", "numba")
 """Libraries with compiled parts that need others of the system, by the names under which they are imported."""
 SECONDS = 120.0
 """An import that takes longer has failed."""
-LEAST_DISK, LEAST_MEMORY = 1e9, 1.5e9
-"""Bytes that a run at small scale should find."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,14 +84,6 @@ def import_complaint(module: str) -> str:
     return lines[-1] if done.returncode else ""
 
 
-def threads() -> Finding:
-    """Count cores and threads."""
-    from numba import config
-
-    text = f"{usable_cores()} cores, {config.NUMBA_NUM_THREADS} threads for kernel sums; {blas()}"
-    return Finding("threads", True, text)
-
-
 def cache() -> Finding:
     """Look whether meshes can be kept, and whether those that are kept are whole."""
     store = MeshCache(default_folder())
@@ -131,37 +119,5 @@ def _loads(store: MeshCache, key: str) -> bool:
         return False
 
 
-def disk() -> Finding:
-    """Look for room for results and meshes."""
-    places = {}
-    for place in (Path.cwd(), default_folder()):
-        existing = next(one for one in (place, *place.absolute().parents) if one.exists())
-        places[place] = shutil.disk_usage(existing).free
-    text = ", ".join(f"{free / 1e9:.1f} GB free at {place}" for place, free in places.items())
-    well = min(places.values()) >= LEAST_DISK
-    return Finding("disk", well, text, "" if well else f"a run needs about {LEAST_DISK / 1e9:g} GB: free some space")
-
-
-def memory() -> Finding:
-    """Look for enough memory."""
-    try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-    except OSError:
-        return Finding("memory", True, "not known on this system")
-    free = 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
-    well = free >= LEAST_MEMORY
-    remedy = f"a run at small scale needs about {LEAST_MEMORY / 1e9:g} GB: end other programs"
-    return Finding("memory", well, f"{free / 1e9:.1f} GB available", "" if well else remedy)
-
-
-EXAMINATIONS: tuple[Callable[[], Finding], ...] = (
-    libraries,
-    extras,
-    compiled,
-    threads,
-    cache,
-    compiled_code,
-    disk,
-    memory,
-)
+EXAMINATIONS: tuple[Callable[[], Finding], ...] = (libraries, extras, compiled, cache, compiled_code)
 """Everything that is looked at, in order."""

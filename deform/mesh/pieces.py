@@ -1,10 +1,8 @@
 """A mesh that is read in pieces, because it may be larger than memory, and whoever works on the pieces."""
 
-import ctypes
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -28,26 +26,6 @@ class Runner(Protocol):
         """Yield work(shared, item) for each item, in their order; `shared` is sent once."""
 
 
-@contextmanager
-def memory_kept() -> Iterator[None]:
-    """Keep what is freed for the next piece: the system takes longer to give memory anew than work on it takes.
-
-    It does something with the GNU C library alone.
-    """
-    library = ctypes.CDLL(None)
-    option = getattr(library, "mallopt", None)
-    if option is None:
-        yield
-        return
-    option(M_MMAP_THRESHOLD, LARGEST_KEPT)
-    option(M_TRIM_THRESHOLD, KEPT)
-    try:
-        yield
-    finally:
-        option(M_TRIM_THRESHOLD, 2 * LARGEST_KEPT)  # what the library comes to by itself
-        library.malloc_trim(0)
-
-
 class Threads:
     """Threads of this process; only as many results as there are threads wait to be taken."""
 
@@ -57,7 +35,7 @@ class Threads:
         """See `Runner.map`."""
         count = available_threads()
         waiting: deque[Future[Any]] = deque()
-        with memory_kept(), ThreadPoolExecutor(count, thread_name_prefix="pieces") as pool:
+        with ThreadPoolExecutor(count, thread_name_prefix="pieces") as pool:
             try:
                 for item in items:
                     waiting.append(pool.submit(work, shared, item))
@@ -72,12 +50,6 @@ class Threads:
 
 HERE = Threads()
 """The runner of whoever names no other."""
-
-
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
-"""Names of the GNU C library (malloc.h)."""
-LARGEST_KEPT, KEPT = 1 << 25, 1 << 29
-"""Bytes of an array that are kept when it is freed (the library takes no more), and of all such arrays."""
 
 
 class Pieces(Protocol):

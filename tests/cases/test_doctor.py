@@ -8,8 +8,6 @@ import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
-import pytest
-
 from sdm_deflect.cases.cli import examination as doctor
 from sdm_deflect.cases.cli.console import findings
 from sdm_deflect.cases.run.surroundings import EXTRAS, missing
@@ -109,15 +107,6 @@ def test_the_place_of_compiled_code_is_told_and_others_may_not_write_there(monke
     assert doctor.compiled_code().well
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/folder")
     assert "Not a directory" in doctor.compiled_code().text
-
-
-@pytest.mark.parametrize("examine", [doctor.disk, doctor.memory])
-def test_too_little_of_anything_is_found(monkeypatch, examine):
-    assert examine().text
-    monkeypatch.setattr(doctor, "LEAST_DISK", 1e18)
-    monkeypatch.setattr(doctor, "LEAST_MEMORY", 1e18)
-    assert not examine().well
-    assert examine().remedy
 
 
 def test_command_prints_and_fails_when_something_is_not_well(monkeypatch, capsys):

@@ -66,7 +66,7 @@ def test_left_handed_files_are_judged_accordingly(tmp_path):
 
 def test_a_file_most_of_whose_cells_are_inverted_is_refused(tmp_path):
     mesh = hybrid()
-    grid(mesh.with_points(mesh.points * [1.0, 1.0, 0.0])).save(tmp_path / "mesh.vtu")
+    FORMATS["vtu"].write(mesh.with_points(mesh.points * [1.0, 1.0, 0.0]), tmp_path / "mesh.vtu")
     with pytest.raises(InputError, match=r"mesh.vtu: more than half of the cells \(7 of 7\) are inverted or flat"):
         inspected(tmp_path / "mesh.vtu")
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-import pyvista as pv
 from scipy.io import netcdf_file
 
 from sdm_deflect import deflect, read
@@ -45,13 +44,6 @@ def single_cgns(mesh, path):
             node.attrs["type"] = np.bytes_("R4")
 
 
-def single_vtu(mesh, path):
-    format_of(path).write(mesh, path)
-    grid = pv.read(path)
-    grid.points = grid.points.astype("f4")
-    grid.save(path)
-
-
 def single_case(mesh, path):
     format_of(path).write(mesh, path)
     write_list(path / MESH / "points", "vectorField", [mesh.points.astype("<f4")])
@@ -65,7 +57,6 @@ SINGLE = {
     "single.cgns": single_cgns,
     "single.grid": lambda mesh, path: netcdf_files.written(mesh, path, "single"),
     "single.cas.h5": lambda mesh, path: fluent_files.written(mesh, path, real="f4"),
-    "single.vtu": single_vtu,
     "single": single_case,
 }
 """Files that keep 32 bits of a coordinate."""
@@ -82,7 +73,6 @@ ON_DISK = {
     "single.cgns": lambda path, n: hdf5(path, *(f"Base/Zone/GridCoordinates/Coordinate{axis}/ data" for axis in "XYZ")),
     "single.grid": lambda path, n: netcdf(path),
     "single.cas.h5": lambda path, n: hdf5(path, fluent_files.COORDS)[:, 0],
-    "single.vtu": lambda path, n: pv.read(path).points,
     "single": lambda path, n: foam_points(path, n),
 }
 """Coordinates by NumPy and the formats' own libraries."""
