@@ -165,8 +165,8 @@ class FinishedJob(FinishedRun):
         return (*checks, self._mesh_file(out)) if out else checks
 
     def _mesh_file(self, out: Path) -> Check:
-        """Check that the file of the deflected mesh holds the points and cells that were judged."""
-        text = difference(self.plan.mesh, self.points, self.plan.changed, out) if out.exists() else "it is not there"
+        """Check that the file of the deflected mesh holds the points that were judged."""
+        text = difference(self.plan.mesh, self.points, out) if out.exists() else "it is not there"
         return Check("mesh_file", float(bool(text)), 0.0, "faults", f"{out.name}: {text}" if text else out.name)
 
 

@@ -201,7 +201,7 @@ def write_angle(
     else:
         source = wanted.source if mesh.source else None
         lost = write_mesh(source, mesh, one.points, out, progress, one.plan.runner)
-    check_written(mesh, one.points, one.plan.changed, out, wanted.mesh(one.angle))
+    check_written(mesh, one.points, out, wanted.mesh(one.angle))
     return names, lost
 
 
