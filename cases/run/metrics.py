@@ -108,26 +108,21 @@ def fit_text(figures: Json, unit: str = "") -> str:
 
 
 def face_figures(one: Deflected) -> Json:
-    """Return what checkMesh says of the faces of touched polyhedra before and after, and of the whole mesh.
-
-    Nothing without polyhedra; nothing of the whole mesh where it is not held in memory.
-    """
+    """Return what checkMesh says of the faces of touched polyhedra before and after; nothing without polyhedra."""
     faces, after = one.plan.faces, one.faces
     if not faces or not after:
         return {}
-    own = faces.before.quality(), after.quality()
-    scopes = {"touched": own} | ({"whole": (faces.rest + own[0], faces.rest + own[1])} if faces.rest else {})
-    return {"face_quality": {of: {"before": a.as_dict(), "after": b.as_dict()} for of, (a, b) in scopes.items()}}
+    pair = {"before": faces.before.quality().as_dict(), "after": after.quality().as_dict()}
+    return {"face_quality": {"touched": pair}}
 
 
 def face_rows(figures: Json) -> tuple[str, list[tuple[str, str, str]]]:
     """Return whose faces the figures of a deflection tell of, and what each is before and after; none without any."""
-    found = figures.get("face_quality", {})
-    for of, text in (("whole", "all faces"), ("touched", "faces of the touched cells")):
-        if of in found:
-            pairs = ((*FACES[key], *(found[of][when][key] for when in ("before", "after"))) for key in FACES)
-            return text, [(name, f"{old:{form}}", f"{new:{form}}") for name, form, old, new in pairs]
-    return "", []
+    found = figures.get("face_quality", {}).get("touched")
+    if not found:
+        return "", []
+    pairs = ((*FACES[key], *(found[when][key] for when in ("before", "after"))) for key in FACES)
+    return "faces of the touched cells", [(name, f"{old:{form}}", f"{new:{form}}") for name, form, old, new in pairs]
 
 
 def repair_figures(one: Deflected) -> Json | None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.compiled import compiled_exactly
 from sdm_deflect.deform.base.vectors import Vector, cross, dot, minus, norm, plus, row_of
 
@@ -127,7 +127,7 @@ def judge_faces(
     sides: IntArray,
     judged: FloatArray,
 ) -> None:  # pragma: no cover - machine code
-    """Fill in the cosine of the non-orthogonality of faces, 1 on the boundary, their skewness and area (F, 3).
+    """Fill in the cosine of the non-orthogonality of faces, 1 on the boundary, and their skewness (F, 2).
 
     `sides` (F, 3) has the row of a face in `spans` and `faces`, the cell behind it, and that ahead, -1 on the boundary.
     The non-orthogonality is the angle between the area vector and the line of the cells' centres. The skewness is the
@@ -150,24 +150,4 @@ def judge_faces(
         for k in range(spans[face, 0], spans[face, 1]):
             arm = minus(row_of(points, nodes[k], 0), centre)
             extent = max(extent, abs(dot(skew, arm)) / (distance + TINY))
-        judged[i, 1], judged[i, 2] = distance / extent, size
-
-
-@compiled_exactly
-def judge_cells(
-    cells: FloatArray, rows: IntArray, axes: BoolArray, judged: FloatArray
-) -> None:  # pragma: no cover - machine code
-    """Fill in aspect ratio and openness (C, 2) of rows of cells, of a mesh that extends in some directions (3,)."""
-    solid = axes[0] and axes[1] and axes[2]
-    for i in range(len(rows)):
-        cell = rows[i]
-        least, most, total, openness = np.inf, 0.0, 0.0, 0.0
-        for c in range(3):
-            size = cells[cell, 7 + c]
-            total += size
-            openness = max(openness, abs(cells[cell, 4 + c]) / (size + TINY))
-            least, most = (min(least, size), max(most, size)) if axes[c] else (least, most)
-        aspect = most / (least + TINY)
-        if solid:
-            aspect = max(aspect, total / (6.0 * max(cells[cell, 3], TINY) ** (2.0 / 3.0)))
-        judged[i, 0], judged[i, 1] = aspect, openness
+        judged[i, 1] = distance / extent

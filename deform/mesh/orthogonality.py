@@ -1,4 +1,4 @@
-"""Faces and cells of polyhedra as OpenFOAM's checkMesh judges them: non-orthogonality, skewness and aspect ratio.
+"""Faces of polyhedra as OpenFOAM's checkMesh judges them: non-orthogonality and skewness.
 
 Only cells with a node that may move, and their faces, are measured again after a deflection.
 """
@@ -7,30 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import reduce
-from operator import add
 from typing import NamedTuple
 
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.threads import in_chunks
-from sdm_deflect.deform.mesh.compiled_faces import judge_cells, judge_faces
-from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of, rows_of
+from sdm_deflect.deform.mesh.compiled_faces import judge_faces
+from sdm_deflect.deform.mesh.edges import rows_of
 from sdm_deflect.deform.mesh.faces import face_keys, node_keys
-from sdm_deflect.deform.mesh.images import THIN, is_thin
+from sdm_deflect.deform.mesh.images import is_thin
 from sdm_deflect.deform.mesh.mesh import Mesh, Periodic, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.polyhedra import PARTS, ROWS, WEIGHT, measured_cells, spans_of
 from sdm_deflect.deform.mesh.quality import oriented
 from sdm_deflect.deform.mesh.touched import TouchedCells
 
-SEVERE, SKEW, STRETCHED, OPEN = 70.0, 4.0, 1000.0, 1e-6
-"""checkMesh counts faces of a larger non-orthogonality (degrees), and finds fault with faces of a larger skewness and
-cells of a larger aspect ratio or openness."""
+SEVERE, SKEW = 70.0, 4.0
+"""checkMesh counts faces of a larger non-orthogonality (degrees), and finds fault with faces of a larger skewness."""
 ERROR = 1e-15
 """It finds fault with a face if the cosine of its non-orthogonality is not larger."""
-NO_AREA = 1e-300
-"""It finds fault with a face of a smaller area."""
 LARGEST_ANGLE = 85.0
 """Non-orthogonality (degrees) up to which a deflected mesh passes, unless it had a larger one before."""
 
@@ -87,25 +82,21 @@ class FaceQuality:
 
 
 class State(NamedTuple):
-    """What was measured of some faces and cells.
+    """What was measured of some faces.
 
     Attributes
     ----------
     inner : (F,) which faces are between two cells, of those of a periodic pair the first one.
     second : (F,) which are the second one of a periodic pair.
-    cosines, skewness, areas : (F,) of faces.
+    cosines, skewness : (F,) of faces.
     places : (F, 3) centres of faces.
-    aspects, openness : (C,) of cells.
     """
 
     inner: BoolArray
     second: BoolArray
     cosines: FloatArray
     skewness: FloatArray
-    areas: FloatArray
     places: FloatArray
-    aspects: FloatArray
-    openness: FloatArray
 
     def quality(self, faces: BoolArray | slice = slice(None)) -> FaceQuality:
         """Condense what was measured of all faces, or of those in a mask (F,)."""
@@ -190,10 +181,8 @@ class Ring:
     count : number of cells.
     sides : (F, 3) rows of the faces of the cells that are meant, the cell behind each, and that ahead or -1. After the
         cells come the images of those that are coupled.
-    rows : (C,) the cells that are meant.
     numbers : (F,) the faces in the mesh.
     sign : -1 if normals point into the owners, else 1.
-    axes : (3,) which directions the mesh extends in; a case one cell thick has two.
     couples : of periodic pairs; their faces are rows of those that are meant, their partners cells.
     """
 
@@ -203,14 +192,12 @@ class Ring:
     neighbour: IntArray = field(repr=False)
     count: int
     sides: IntArray = field(repr=False)
-    rows: IntArray = field(repr=False)
     numbers: IntArray = field(repr=False)
     sign: float
-    axes: BoolArray
     couples: Couples
 
     @classmethod
-    def of(cls, cells: Polyhedra, rows: IntArray, sign: float, axes: BoolArray, couples: Couples) -> Ring:
+    def of(cls, cells: Polyhedra, rows: IntArray, sign: float, couples: Couples) -> Ring:
         """Collect the faces of rows (C,) of cells, and those that are coupled with them."""
         meant = _mask(len(cells), rows)
         wanted = _faces_of(cells, meant)
@@ -230,11 +217,11 @@ class Ring:
         )
         ahead[own.faces] = count + np.arange(len(own.faces))
         sides = np.column_stack([faces, owner[faces], ahead])
-        return cls(cells.faces.nodes, spans, owner, neighbour, count, sides, place[rows], numbers, sign, axes, own)
+        return cls(cells.faces.nodes, spans, owner, neighbour, count, sides, numbers, sign, own)
 
     def measured(self, points: FloatArray) -> State:
-        """Measure the faces and cells that are meant, with the nodes at points (N, 3)."""
-        pairs, judged, of_cells = self.couples, np.empty((len(self.sides), 3)), np.empty((len(self.rows), 2))
+        """Measure the faces that are meant, with the nodes at points (N, 3)."""
+        pairs, judged = self.couples, np.empty((len(self.sides), 2))
         count = self.count + len(pairs.faces)
         faces, cells = measured_cells(points, self.nodes, self.spans, self.owner, self.neighbour, self.sign, count)
 
@@ -244,11 +231,9 @@ class Ring:
         centres = cells[pairs.partners, :3]
         cells[self.count :, :3] = np.einsum("kij,kj->ki", pairs.rotations, centres) + pairs.shifts
         in_chunks(judge, len(self.sides), WEIGHT)
-        judge_cells(cells, self.rows, self.axes, of_cells)
         inner, second = self.sides[:, 2] >= 0, np.zeros(len(judged), dtype=np.bool_)
         inner[pairs.faces], second[pairs.faces] = ~pairs.second, pairs.second
-        (cosines, skewness, areas), (aspects, openness) = judged.T, of_cells.T
-        return State(inner, second, cosines, skewness, areas, faces[self.sides[:, 0], :3], aspects, openness)
+        return State(inner, second, judged[:, 0], judged[:, 1], faces[self.sides[:, 0], :3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,37 +244,31 @@ class TouchedFaces:
     ----------
     rings : of each block of polyhedra.
     before : what was measured of the mesh before.
-    rest : of all other faces of the mesh; None for an excerpt, of which these are not known.
     """
 
     rings: tuple[Ring, ...] = field(repr=False)
     before: State = field(repr=False)
-    rest: FaceQuality | None
 
     @classmethod
     def of(cls, touched: TouchedCells) -> TouchedFaces | None:
         """Measure a mesh as it is; None if it has no polyhedra, or none is touched."""
-        mesh, axes = touched.mesh, axes_of(touched.mesh)
-        parts = [
-            (block, rows, sign, axes, Couples.of(mesh, block))
+        mesh = touched.mesh
+        rings = tuple(
+            Ring.of(block, rows, sign, Couples.of(mesh, block))
             for block, rows, sign in zip(mesh.cells, touched.rows, touched.orientation, strict=True)
-            if isinstance(block, Polyhedra)
-        ]
-        rings = tuple(Ring.of(*part) for part in parts if len(part[1]))
-        if not rings:
-            return None
-        rest = None if mesh.whole else reduce(add, (_others(mesh.points, *part) for part in parts))
-        return cls(rings, _joined(rings, mesh.points), rest)
+            if isinstance(block, Polyhedra) and len(rows)
+        )
+        return cls(rings, _joined(rings, mesh.points)) if rings else None
 
     def at(self, points: FloatArray) -> State:
         """Measure the faces with the nodes at points (N, 3)."""
         return _joined(self.rings, points)
 
     def verdicts(self, after: State) -> Iterator[tuple[str, float, float, str, str]]:
-        """Yield name, value, limit, unit and place of what must hold of faces and cells afterwards.
+        """Yield name, value, limit, unit and place of what must hold of faces afterwards.
 
         Of a face that was beyond a limit before, no more is asked than that checkMesh does not newly find fault with
-        it. If a cell's aspect ratio was beyond the limit before, the largest one is the limit.
+        it.
         """
         inner = after.inner
         old, new = self.before.cosines[inner], after.cosines[inner]
@@ -299,53 +278,24 @@ class TouchedFaces:
         yield "non_orthogonality_max", _largest(new, (old <= LARGEST_ANGLE) | errs), LARGEST_ANGLE, "deg", where
         old, new = self.before.skewness, after.skewness
         yield "skewness_max", _largest(new, old <= SKEW), SKEW, "", _where(old, new, SKEW, SKEW, "faces", after.places)
-        old, new = self.before.aspects, after.aspects
-        limit = max(STRETCHED, _largest(old))
-        yield "aspect_ratio_max", _largest(new), limit, "", f"{len(new)} cells; {_largest(old):.4g} before"
-        if count := int(np.count_nonzero((after.areas < NO_AREA) & (self.before.areas >= NO_AREA))):
-            yield "faces_without_area", count, 0.0, "faces", "that had one before"
-        if count := _newly(self.before.openness, after.openness, OPEN):
-            yield "open_cells", count, 0.0, "cells", "whose area vectors do not add up to 0: coordinates are too coarse"
 
 
 def face_quality(mesh: Mesh) -> FaceQuality | None:
     """Return what checkMesh says of the faces of a mesh; None without polyhedra."""
-    none, axes = np.empty(0, dtype=np.intp), axes_of(mesh)
-    found = [
-        _others(mesh.points, block, none, oriented(mesh.points, block)[0], axes, Couples.of(mesh, block))
-        for block in mesh.cells
-        if isinstance(block, Polyhedra)
-    ]
-    return reduce(add, found) if found else None
-
-
-def axes_of(mesh: Mesh) -> BoolArray:
-    """Return in which directions (3,) a mesh extends: those that no ``empty`` or ``wedge`` patch is normal to."""
-    axes = np.ones(3, dtype=np.bool_)
-    for patch in mesh.patches:
-        if patch.constraint in THIN and len(patch):
-            areas = np.abs(area_vectors(mesh.points, polygons_of(patch.faces))).sum(axis=0)
-            axes[np.argmax(areas)] = False
-    return axes
-
-
-def _others(
-    points: FloatArray, cells: Polyhedra, rows: IntArray, sign: float, axes: BoolArray, couples: Couples
-) -> FaceQuality:
-    """Return what checkMesh says of the faces that are not those of a ring around rows (R,) of cells."""
-    moved, found = _mask(len(cells), rows), FaceQuality()
-    known, others = _faces_of(cells, moved), np.flatnonzero(~moved)
-    known[couples.partners[known[couples.faces]]] = True
-    for part in rows_of(len(others), max(ROWS, -(-len(others) // PARTS))):
-        ring = Ring.of(cells, others[part], sign, axes, couples)
-        owner = cells.owner[ring.numbers]
-        own = ~known[ring.numbers] & (owner >= others[part][0]) & (owner <= others[part][-1])
-        found += ring.measured(points).quality(own)
-    return found
+    found = FaceQuality()
+    for block in mesh.cells:
+        if isinstance(block, Polyhedra):
+            sign, couples, rows = oriented(mesh.points, block)[0], Couples.of(mesh, block), np.arange(len(block))
+            for part in rows_of(len(block), max(ROWS, -(-len(block) // PARTS))):
+                ring = Ring.of(block, rows[part], sign, couples)
+                owner = block.owner[ring.numbers]
+                own = (owner >= part.start) & (owner < part.stop)
+                found += ring.measured(mesh.points).quality(own)
+    return found if found.faces or found.skewness_max else None
 
 
 def _joined(rings: tuple[Ring, ...], points: FloatArray) -> State:
-    """Return what was measured of the faces and cells of all rings."""
+    """Return what was measured of the faces of all rings."""
     return State(*map(np.concatenate, zip(*(ring.measured(points) for ring in rings), strict=True)))
 
 

@@ -98,15 +98,11 @@ def called(monkeypatch, sdm):
 
 
 def figures(found, name=""):
-    """What was found, by its place, without times and files, and how many of the nodes that stay were looked at.
-
-    Faces of the whole mesh are measured only where it is in memory.
-    """
+    """What was found, by its place, without times and files, and how many of the nodes that stay were looked at."""
     if not isinstance(found, list | dict):
         return {name: found}
     items = found if isinstance(found, dict) else {str(i): own for i, own in enumerate(found)}
     left_out = {"timings", "files", "reports", *(("over", "where") if items.get("name") == "outside_moved" else ())}
-    left_out |= {"whole"} if name.endswith("/face_quality") else set()
     kept = [(key, own) for key, own in items.items() if key not in left_out and "seconds" not in key]
     return {place: value for key, own in kept for place, value in figures(own, f"{name}/{key}").items()}
 
