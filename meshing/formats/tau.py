@@ -1,11 +1,15 @@
-"""Primary grids of DLR's TAU code (.grid, .taumesh, .nc) in netCDF."""
+"""Primary grids of DLR's TAU code (.grid, .taumesh, .nc) in netCDF: CDF-1, CDF-2, or netCDF-4, which is HDF5."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import h5py
 import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
@@ -14,22 +18,86 @@ from sdm_deflect.deform.mesh.mesh import CORNERS, MIRRORED, Cells, Mesh, Patch, 
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.meshing.files.staged import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
-from sdm_deflect.meshing.formats.hdf5 import DAMAGE, Replaced
+from sdm_deflect.meshing.formats.hdf5 import DAMAGE, Replaced, Span, damage, dataset, spans
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.netcdf import NetCdf, opened
-from sdm_deflect.meshing.formats.shapes import refuse_plane
+from sdm_deflect.meshing.formats.periodic import unwritten
+from sdm_deflect.meshing.formats.polyhedra import standard_cells
+from sdm_deflect.meshing.formats.shapes import mirrored, refuse_plane, simple_faces
 from sdm_deflect.meshing.formats.table_pieces import CellTable, PointRange, TablePieces
-from sdm_deflect.meshing.formats.tables import Held
-from sdm_deflect.meshing.formats.tau_write import AXES, FACES, MARKERS, SOLIDS, write_grid
+from sdm_deflect.meshing.formats.tables import FileTable, Held
 
-MAPPINGS = (".bmap", ".para")
-"""Suffixes of files with a boundary mapping: the mapping alone, or all parameters of a computation."""
-LONGEST = 1 << 20
-"""Bytes of a boundary mapping."""
-MOST = 1 << 12
-"""Markers of a grid."""
+AXES = ("points_xc", "points_yc", "points_zc")
+MARKERS = "boundarymarker_of_surfaces"
+SOLIDS = {"tetraeders": "tetra", "prisms": "wedge", "pyramids": "pyramid", "hexaeders": "hexahedron"}
+FACES = {"surfacetriangles": "triangle", "surfacequadrilaterals": "quad"}
+KINDS = {"f": "real numbers", "iu": "whole numbers"}
+LONGEST, MOST, LARGEST = 1 << 20, 1 << 12, (1 << 31) - 4
+"""Bytes of a boundary mapping, markers of a grid, and bytes of a variable that is written."""
 NUMBER = re.compile(r"-?[0-9]{1,9}")
+
+
+class Grid(NamedTuple):
+    """An open grid: its arrays by name (None: of unlimited length), lengths of dimensions, and attributes."""
+
+    arrays: Any
+    lengths: Mapping[str, int | None]
+    attributes: Mapping[str, Any]
+
+    def stored(self, name: str, kinds: str, *width: int) -> tuple[Any, list[Span]]:
+        """Return an array (N, *width), not read yet, and where its numbers are; nothing if HDF5 has packed them."""
+        in_hdf5 = isinstance(self.arrays, h5py.File)
+        found = dataset(self.arrays, name, kinds, KINDS[kinds]) if in_hdf5 else self.arrays[name]
+        if found is None:
+            raise MeshFileError(f"{name} has an unlimited dimension; fix its length with `nccopy -u IN OUT`")
+        if found.dtype.kind not in kinds or not found.shape or found.shape[1:] != width:
+            expected = f"({', '.join(('N', *map(str, width)))}{'' if width else ','}) {KINDS[kinds]}"
+            raise MeshFileError(f"{name} holds {found.shape} {found.dtype}, expected {expected}")
+        return found, spans(found) if in_hdf5 else [(found.offset, 0, found.size)]
+
+    def table(self, path: Path, name: str, kinds: str, *width: int) -> FileTable | Held:
+        """Return where the rows of an array are; they are in memory if HDF5 has them in several places, or packed."""
+        found, places = self.stored(name, kinds, *width)
+        if len(places) != 1:
+            return Held(found[()].reshape(len(found), -1))
+        return FileTable(path.resolve(), places[0][0], found.dtype.str, len(found), *width)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Grid]:
+    """Open a netCDF file; MeshFileError if it is none, or damaged."""
+    with path.open("rb") as file:
+        magic = file.read(4)
+    if h5py.is_hdf5(path):
+        with damage(), h5py.File(path) as found:
+            lengths = {name: len(own) for name, own in found.items() if name.startswith("no_of_")}
+            yield Grid(found, lengths, found.attrs)
+    elif magic in (b"CDF\1", b"CDF\2"):
+        yield _classic(path)
+    else:
+        raise MeshFileError("this is no netCDF file, or one of CDF-5; run `nccopy -k 64-bit-offset IN OUT`")
+
+
+def _classic(path: Path) -> Grid:
+    """Return the arrays of a CDF-1 or CDF-2 file, memory-mapped where SciPy finds them."""
+    from scipy.io import netcdf_file
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # that a damaged file is still mapped
+        try:
+            with netcdf_file(path, "r", mmap=True) as file:
+                begin = {name: own.data.ctypes.data - own.data.base.ctypes.data for name, own in file.variables.items()}
+                arrays = {
+                    name: None if own.isrec else np.memmap(path, own.data.dtype, "r", begin[name], own.shape)
+                    for name, own in file.variables.items()
+                }
+                used = sorted((own.offset, own.offset + own.nbytes) for own in arrays.values() if own is not None)
+                if any(end > following for (_, end), (following, _) in pairwise(used)):
+                    raise ValueError("variables share bytes")
+                return Grid(arrays, dict(file.dimensions), dict(file._attributes))
+        except (*DAMAGE, MemoryError) as error:
+            reason = str(error)
+    raise MeshFileError(f"the header, or what it announces, is truncated or damaged ({reason})")
 
 
 @registered("tau", ".grid", ".taumesh", ".nc")
@@ -49,27 +117,30 @@ class Tau(Format):
     def layout(self, path: Path, scratch: Path | None = None, progress: Progress = silent) -> MeshInPieces | None:
         """See `Format.layout`; None for netCDF-4 in several parts."""
         progress(f"reading {path.name}", 0.0)
-        with about(path), opened(path) as file:
-            return _layout(file, path, scratch is not None)
+        with about(path), opened(path) as grid:
+            points, cells = _points(grid, path), _elements(grid, path, SOLIDS)
+            tables = (*(own.table for own in points.ranges), *(own.table for own in cells))
+            if scratch and any(isinstance(table, Held) for table in tables):
+                return None
+            _check_count(grid, "no_of_elements", cells)
+            patches = _patches(grid, path, points.points)
+        pieces = replace(points, cells=tuple(own for own in cells if own.table.rows)).oriented()
+        return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, points.points),))
 
     def stored(self, path: Path) -> TablePieces:
         """See `Format.stored`."""
-        with opened(path) as file:
-            return _points(file, path)
+        with opened(path) as grid:
+            return _points(grid, path)
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; only the bytes of points_xc, points_yc and points_zc change.
 
         Where netCDF-4 has packed them, HDF5 packs them anew, and may put them elsewhere in the file.
         """
-        with about(source), opened(source) as file:
-            stored = coordinates(file)
-            check_points(points, stored[0].size)
-            arrays = [
-                (own, file.spans(axis), new, file.array(axis) != new)
-                for axis, own, new in zip(AXES, stored, points.T, strict=True)
-            ]
-            new = Replaced.of(source, arrays)
+        with about(source), opened(source) as grid:
+            check_points(points, _points(grid, source).points)
+            stored = [(*grid.stored(axis, "f"), new) for axis, new in zip(AXES, points.T, strict=True)]
+            new = Replaced.of(source, [(own, places, new, own[()] != new) for own, places, new in stored])
         new.copy(source, out, progress)
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
@@ -77,129 +148,88 @@ class Tau(Format):
         refuse_plane(mesh, "TAU")
         progress(f"writing {out.name}", 0.0)
         with fresh(out) as beside, about(out), beside.open("wb") as file:
-            return write_grid(mesh, file)
+            return _write(mesh, file)
 
     def holds(self, path: Path) -> bool:
         """See `Format.holds`."""
-        try:
-            with opened(path) as file:
-                return AXES[0] in file
-        except (MeshFileError, *DAMAGE):
-            return False
+        with suppress(MeshFileError, *DAMAGE), opened(path) as grid:
+            return AXES[0] in grid.arrays
+        return False
 
 
-def _points(file: NetCdf, path: Path) -> TablePieces:
+def _points(grid: Grid, path: Path) -> TablePieces:
     """Return the points, without cells."""
-    count = coordinates(file)[0].size
-    ranges = tuple(PointRange(0, count, file.table(axis), i, i + 1) for i, axis in enumerate(AXES))
-    return TablePieces(str(path.resolve()), count, ranges, ())
-
-
-def _layout(file: NetCdf, path: Path, in_file: bool) -> MeshInPieces | None:
-    """Return the mesh of an open file; names of patches may be in files beside `path`.
-
-    None if some of it would be in memory, and all must be `in_file`.
-
-    MeshFileError or ValueError if variables are missing, damaged or contradict one another.
-    """
-    points = _points(file, path)
-    cells = [_elements(file, what, shape) for what, shape in SOLIDS.items() if f"points_of_{what}" in file]
-    stored = (*(own.table for own in points.ranges), *(own.table for own in cells))
-    if in_file and any(isinstance(table, Held) for table in stored):
-        return None
-    _check_count(file, "no_of_elements", cells)
-    patches = _patches(file, path, points.points)
-    pieces = replace(points, cells=tuple(own for own in cells if own.table.rows)).oriented()
-    return MeshInPieces(path.resolve().name, pieces, patches, (Zone("", 0, points.points),))
-
-
-def _patches(file: NetCdf, path: Path, points: int) -> tuple[Patch, ...]:
-    """Return the patches; markers of one name are one."""
-    tables = [_elements(file, what, shape) for what, shape in FACES.items() if f"points_of_{what}" in file]
-    _check_count(file, "no_of_surfaceelements", tables)
-    by_marker = _by_marker(file, [Cells(own.shape, own.everything(points)) for own in tables if own.table.rows])
-    patches: dict[str, list[Cells]] = {}
-    for marker, name in marker_names(file, path, list(by_marker)).items():
-        patches.setdefault(name, []).extend(by_marker[marker])
-    return tuple(Patch(name, tuple(blocks)) for name, blocks in patches.items())
-
-
-def coordinates(file: NetCdf) -> list[Any]:
-    """Return the variables x, y and z (N,); MeshFileError if they are no real numbers of one length."""
-    if missing := [axis for axis in AXES if axis not in file]:
+    if missing := [axis for axis in AXES if axis not in grid.arrays]:
         raise MeshFileError(f"there is no variable {missing[0]}; this is no primary grid of TAU, or it is damaged")
-    found = [file.stored(axis) for axis in AXES]
-    count = found[0].shape[0] if found[0].shape else 0
-    for axis, own in zip(AXES, found, strict=True):
-        if own.dtype.kind != "f" or own.dtype.itemsize not in (4, 8) or own.shape != (count,):
-            raise MeshFileError(f"{axis} holds {own.shape} {own.dtype}, expected ({count},) real numbers")
-    return found
+    tables = [grid.table(path, axis, "f") for axis in AXES]
+    if len(counts := {table.rows for table in tables}) > 1:
+        raise MeshFileError(f"{', '.join(AXES)} have different lengths: {sorted(counts)}; the file is damaged")
+    ranges = tuple(PointRange(0, table.rows, table, i, i + 1) for i, table in enumerate(tables))
+    return TablePieces(str(path.resolve()), tables[0].rows, ranges, ())
 
 
-def _elements(file: NetCdf, what: str, shape: str) -> CellTable:
-    """Return the cells or faces of one shape."""
-    name, corners = f"points_of_{what}", CORNERS[shape]
-    stored = file.stored(name)
-    if stored.dtype.kind not in "iu" or stored.shape[1:] != (corners,):
-        raise MeshFileError(f"{name} holds {stored.shape} {stored.dtype}, expected (N, {corners}) whole numbers")
-    return CellTable(shape, file.table(name), 0, MIRRORED[shape] if shape == "wedge" else ())
+def _elements(grid: Grid, path: Path, shapes: Mapping[str, str]) -> list[CellTable]:
+    """Return the cells or faces of each shape that is there."""
+    there = {f"points_of_{what}": shape for what, shape in shapes.items() if f"points_of_{what}" in grid.arrays}
+    tables = ((shape, grid.table(path, name, "iu", CORNERS[shape])) for name, shape in there.items())
+    return [CellTable(shape, own, 0, MIRRORED[shape] if shape == "wedge" else ()) for shape, own in tables]
 
 
-def _check_count(file: NetCdf, dimension: str, blocks: Sequence[CellTable]) -> None:
-    announced, found = file.length(dimension), sum(block.table.rows for block in blocks)
+def _check_count(grid: Grid, dimension: str, blocks: Sequence[CellTable]) -> None:
+    announced, found = grid.lengths.get(dimension), sum(block.table.rows for block in blocks)
     if announced is not None and announced != found:
         raise MeshFileError(f"{dimension} is {announced}, but {found} of the shapes that are supported are there")
 
 
-def _by_marker(file: NetCdf, faces: Sequence[Cells]) -> dict[int, list[Cells]]:
-    """Faces by marker, in the order of the markers; the file has markers of triangles, then of quadrilaterals."""
-    sizes = [len(block) for block in faces]
-    if not sizes:
-        return {}
-    if MARKERS not in file:
-        raise MeshFileError(f"there is no variable {MARKERS}, but there are {sum(sizes)} faces; the file is damaged")
-    markers = file.array(MARKERS)
-    if markers.dtype.kind not in "iu" or markers.shape != (sum(sizes),):
-        expected = f"expected ({sum(sizes)},) whole numbers, one for each triangle and quadrilateral"
-        raise MeshFileError(f"{MARKERS} holds {markers.shape} {markers.dtype}, {expected}")
-    labels, index = np.unique(markers, return_inverse=True)
-    if len(labels) > MOST:
-        raise MeshFileError(f"{MARKERS} holds {len(labels)} different markers, expected at most {MOST}")
-    found: dict[int, list[Cells]] = {marker: [] for marker in labels.tolist()}
-    for block, own in zip(faces, np.split(index, np.cumsum(sizes)[:-1]), strict=True):
-        for marker, rows in zip(found, _rows(own, len(labels)), strict=True):
-            if len(rows):
-                found[marker].append(replace(block, nodes=block.nodes[rows]))
-    return found
+def _patches(grid: Grid, path: Path, points: int) -> tuple[Patch, ...]:
+    """Return the patches; the file has markers of triangles, then of quadrilaterals, and those of one name are one."""
+    tables = [own for own in _elements(grid, path, FACES) if own.table.rows]
+    _check_count(grid, "no_of_surfaceelements", tables)
+    if not tables:
+        return ()
+    ends = np.cumsum([own.table.rows for own in tables])
+    markers = _markers(grid, ends[-1])
+    blocks = [Cells(own.shape, own.everything(points)) for own in tables]
+    patches: dict[str, list[Cells]] = {}
+    for marker, name in _marker_names(grid, path, np.unique(markers).tolist()).items():
+        for block, own in zip(blocks, np.split(markers == marker, ends[:-1]), strict=True):
+            if own.any():
+                patches.setdefault(name, []).append(replace(block, nodes=block.nodes[own]))
+    return tuple(Patch(name, tuple(own)) for name, own in patches.items())
 
 
-def _rows(index: IntArray, count: int) -> list[IntArray]:
-    """Rows that have each of the numbers 0 to count - 1."""
-    order = np.argsort(index, kind="stable")
-    return np.split(order, np.searchsorted(index[order], np.arange(1, count)))
+def _markers(grid: Grid, count: int) -> IntArray:
+    """Return the marker (F,) of each face."""
+    if MARKERS not in grid.arrays:
+        raise MeshFileError(f"there is no variable {MARKERS}, but there are {count} faces; the file is damaged")
+    markers = np.asarray(grid.stored(MARKERS, "iu")[0][()])
+    if len(markers) != count:
+        raise MeshFileError(f"{MARKERS} holds {len(markers)} markers of {count} triangles and quadrilaterals")
+    if (found := len(np.unique(markers))) > MOST:
+        raise MeshFileError(f"{MARKERS} holds {found} different markers, expected at most {MOST}")
+    return markers
 
 
-def marker_names(file: NetCdf, path: Path, markers: Sequence[int]) -> dict[int, str]:
-    """Name of each marker of the grid `path`."""
-    mapped = _mapping(path, markers)
-    given = {one: mapped.get(one) or file.text(f"marker_{one}") for one in markers}
-    return {one: name.replace("\0", "") or str(one) for one, name in given.items()}
+def _marker_names(grid: Grid, path: Path, markers: Sequence[int]) -> dict[int, str]:
+    """Return the name of each marker, by the mapping whose name is the longest beginning of the grid's and has any."""
+    mappings_of = (mapped_names(beside.read_bytes().decode("utf-8", "replace")) for beside in mappings(path))
+    mapped = next((found for found in mappings_of if found.keys() & set(markers)), {})
+    return {one: (mapped.get(one) or _text(grid, f"marker_{one}")).replace("\0", "") or str(one) for one in markers}
 
 
-def _mapping(path: Path, markers: Sequence[int]) -> dict[int, str]:
-    """Names by the file beside the grid whose name is the longest beginning of the grid's and that has its markers."""
-    for beside in mappings(path):
-        found = mapped_names(beside.read_bytes().decode("utf-8", "replace"))
-        if any(marker in found for marker in markers):
-            return found
-    return {}
+def _text(grid: Grid, attribute: str) -> str:
+    """Return a text of the grid, empty if there is none."""
+    value = grid.attributes.get(attribute, "")
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.item()
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value if isinstance(value, str) else ""
 
 
 def mappings(path: Path) -> Iterator[Path]:
     """Yield the files beside a grid that may have its boundary mapping, those of the longest names first."""
     parts = re.split(r"(?=[^0-9A-Za-z])", path.name)
     stems = ["".join(parts[:i]) for i in range(len(parts), 0, -1)]
-    for beside in (path.with_name(stem + suffix) for stem in stems if stem for suffix in MAPPINGS):
+    for beside in (path.with_name(stem + suffix) for stem in stems if stem for suffix in (".bmap", ".para")):
         if beside.is_file() and beside.stat().st_size <= LONGEST:
             yield beside
 
@@ -218,3 +248,51 @@ def mapped_names(text: str) -> dict[int, str]:
             words = re.split(r"[\s,]+", values.get("Markers", ""))
             found |= {int(word): name for word in words if NUMBER.fullmatch(word)}
     return found
+
+
+def _write(mesh: Mesh, file: Any) -> tuple[str, ...]:
+    """Write cells by shape, triangles and quadrilaterals with their markers; patch i is marker i + 1."""
+    from scipy.io import netcdf_file
+
+    cells = list(filter(len, standard_cells(mesh)))
+    if not cells:
+        raise MeshFileError("there are no volume cells")
+    grid = netcdf_file(file, "w", version=2)
+    grid.type = "Primary Grid: Tau Format"
+    grid.createDimension("no_of_elements", sum(map(len, cells)))
+    _store_shapes(grid, SOLIDS, [(block, 0) for block in cells])
+    faces = []
+    for marker, patch in enumerate(mesh.patches, 1):
+        setattr(grid, f"marker_{marker}", patch.name.encode("utf-8", "replace"))
+        faces += [(block, marker) for block in simple_faces(patch) if len(block)]
+    if markers := _store_shapes(grid, FACES, faces):
+        _store(grid, MARKERS, np.concatenate(markers), "no_of_surfaceelements")
+        _store(grid, "marker", np.arange(1, len(mesh.patches) + 1), "no_of_markers")
+    for axis, values in zip(AXES, mesh.points.T, strict=True):
+        _store(grid, axis, values, "no_of_points")
+    grid.flush()
+    empty = [f"patch {patch.name} has no faces and is left out" for patch in mesh.patches if not len(patch)]
+    return (*empty, *(["its zones are one mesh"] if len(mesh.zones) > 1 else []), *unwritten(mesh.periodic))
+
+
+def _store_shapes(grid: Any, shapes: Mapping[str, str], blocks: Sequence[tuple[Cells, int]]) -> list[IntArray]:
+    """Write blocks with their markers shape by shape; return the marker of each element."""
+    markers = []
+    for what, shape in shapes.items():
+        if own := [(block.nodes, marker) for block, marker in blocks if block.shape == shape]:
+            nodes = np.concatenate([one for one, _ in own])
+            nodes = mirrored(shape, nodes) if shape == "wedge" else nodes
+            _store(grid, f"points_of_{what}", nodes, f"no_of_{what}", f"points_per_{what.removesuffix('s')}")
+            markers += [np.full(len(one), marker) for one, marker in own]
+    return markers
+
+
+def _store(grid: Any, name: str, values: np.ndarray[Any, Any], *dimensions: str) -> None:
+    """Write an array, of integers or real numbers, with the dimensions that it needs."""
+    for dimension, length in zip(dimensions, values.shape, strict=True):
+        if dimension not in grid.dimensions:
+            grid.createDimension(dimension, length)
+    kind = "d" if values.dtype.kind == "f" else "i"
+    if values.size * np.dtype(f">{kind}").itemsize > LARGEST:
+        raise MeshFileError(f"{name} has more than the {LARGEST} bytes that netCDF holds; write CGNS (.cgns) instead")
+    grid.createVariable(name, kind, dimensions)[:] = values
