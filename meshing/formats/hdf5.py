@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -19,14 +18,11 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.meshing.formats.format import FULL, MeshFileError
-from sdm_deflect.meshing.formats.hdf5_packed import overwrite
 from sdm_deflect.meshing.formats.rewriting import Change, rewritten
 from sdm_deflect.meshing.formats.tables import FileTable
 
-DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, zlib.error)
+DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError)
 """What h5py raises for a damaged file."""
-FILTERS = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
-"""What may be done to data as they are stored; each only once, and in this order."""
 Array = NDArray[Any]
 Span = tuple[int, int, int]
 """Byte at which the numbers first to last - 1 of an array begin."""
@@ -54,7 +50,12 @@ def check_stored(stored: Any, name: str) -> None:
     largest = max(stored.size * max(stored.dtype.itemsize, 8), prod(stored.chunks or ()) * stored.dtype.itemsize)
     check_unpacked(largest, length, f"the data of {name}")
     if stored.chunks:
-        _check_chunks(stored, name, length)
+        found, expected = (
+            stored.id.get_num_chunks(),
+            prod(-(-a // b) for a, b in zip(stored.shape, stored.chunks, strict=True)),
+        )
+        if found < expected:
+            raise MeshFileError(f"{name} holds {found} of {expected} parts of its data; the file is incomplete")
     elif stored.id.get_storage_size() != stored.nbytes:
         raise MeshFileError(f"{name} holds no data, or not all; the file is damaged")
 
@@ -62,35 +63,6 @@ def check_stored(stored: Any, name: str) -> None:
 def is_real(stored: Any) -> bool:
     """Whether a dataset holds real numbers of a kind that NumPy has."""
     return stored.dtype.kind == "f" and bool(h5py.h5t.py_create(stored.dtype) == stored.id.get_type())
-
-
-def filters(stored: Any) -> list[int]:
-    """Return what is done to the data of a dataset as they are stored."""
-    properties = stored.id.get_create_plist()
-    return [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
-
-
-def _check_chunks(stored: Any, name: str, length: int) -> None:
-    """Refuse (MeshFileError) missing chunks, and such as are packed otherwise than known, or unpack to more."""
-    chunks: list[Any] = []
-    used = filters(stored)
-    if used != [known for known in FILTERS if known in used]:
-        suffix = Path(stored.file.filename).suffix
-        raise MeshFileError(
-            f"{name} is packed in a way that is not known; run `h5repack -f NONE IN{suffix} OUT{suffix}`"
-        )
-    stored.id.chunk_iter(chunks.append)
-    expected = prod(-(-size // chunk) for size, chunk in zip(stored.shape, stored.chunks, strict=True))
-    if len(chunks) < expected or any(chunk.size > length for chunk in chunks):
-        raise MeshFileError(f"{name} holds {len(chunks)} of {expected} parts of its data; the file is incomplete")
-    if h5py.h5z.FILTER_DEFLATE not in used:
-        return
-    skipped, room = 1 << used.index(h5py.h5z.FILTER_DEFLATE), prod(stored.chunks) * stored.dtype.itemsize
-    for chunk in chunks:
-        if not chunk.filter_mask & skipped:
-            _, packed = stored.id.read_direct_chunk(chunk.chunk_offset)
-            if len(zlib.decompressobj().decompress(packed, room + 1)) > room:  # HDF5 unpacks without a limit
-                raise MeshFileError(f"a part of {name} unpacks to more than its {room} bytes; the file is damaged")
 
 
 @contextmanager
@@ -150,7 +122,8 @@ def number(node: Any, name: str) -> int:
 
 def spans(stored: Any) -> list[Span]:
     """Return where the numbers of a dataset are in its file as they are; nothing if HDF5 has packed them."""
-    if stored.file.userblock_size or (stored.chunks and (filters(stored) or stored.chunks[1:] != stored.shape[1:])):
+    packed = stored.id.get_create_plist().get_nfilters() > 0
+    if stored.file.userblock_size or (stored.chunks and (packed or stored.chunks[1:] != stored.shape[1:])):
         return []
     if not stored.chunks:
         offset = stored.id.get_offset()
@@ -206,15 +179,14 @@ class Replaced:
         return found
 
     def copy(self, source: Path, out: Path, progress: Progress) -> None:
-        """Write a copy of the file; all but these numbers stays as it is, but HDF5 may put packed data elsewhere in it.
-
-        HDF5 does that in a process of its own: it may crash as it closes a damaged file.
-        """
+        """Write a copy of the file; all but these numbers stays, but HDF5 may put packed data elsewhere in it."""
         rewritten(source, self.changes, out, progress, after=self._pack)
 
     def _pack(self, copy: Path) -> None:
         if self.packed:
-            overwrite(copy, self.packed)
+            with damage(), h5py.File(copy, "r+") as file:
+                for name, values in self.packed.items():
+                    file[name][...] = values
 
 
 def _named(group: Any, path: str) -> str:

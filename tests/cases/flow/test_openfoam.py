@@ -2,6 +2,7 @@
 
 import re
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,11 +86,12 @@ def test_a_case_starts_from_where_another_one_ended(cube, tmp_path):
 
 
 def test_a_solver_that_is_not_waited_for_ends(cube):
-    case, _ = cube
+    case, setup = cube
     foam.run("checkMesh", case)
+    write_settings(case, replace(setup, iterations=10**6), fields=False)
     with closing(lines(SOLVER, case)) as said:
         assert any(line.startswith("Time = 1") for line in said)
-    assert iterations_done(case) == 0
+    assert iterations_done(case) < 10**6
 
 
 def test_what_a_solver_complains_of_is_told(cube):

@@ -318,7 +318,6 @@ def test_one_dataset_for_two_axes_is_not_rewritten(kind, tmp_path):
         ({"shape": (10**6,), "dtype": "f8", "chunks": (1000,)}, "points_xc holds 0 of 1000 parts"),
         ({"data": h5py.Empty("f8")}, "points_xc holds no real numbers"),
         ({"data": np.zeros(14, "c16")}, "points_xc holds no real numbers"),
-        ({"data": np.zeros(14), "chunks": (14,), "compression": "lzf"}, "run `h5repack -f NONE IN.grid OUT.grid`"),
     ],
 )
 def test_data_that_are_not_in_the_file(given, said, tmp_path):
