@@ -14,9 +14,9 @@ import numpy as np
 
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import resolve
-from sdm_deflect.cases.flow.frozen import hinge_moment, hinge_moment_rate
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.volume.deflection import deflected
+from studies.flow.frozen import hinge_moment, hinge_moment_rate
 from studies.flow.members import DEFLECTED, Member, study_of, undeflected_mesh
 from studies.flow.pictures import Skin
 from studies.flow.reference import surface_reference
