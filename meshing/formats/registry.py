@@ -19,7 +19,7 @@ from sdm_deflect.meshing.formats.layout import Format
 ADVICE = {
     ".cas": FLUENT,
     ".med": "convert it with Gmsh: gmsh FILE -save -format msh41 -o mesh.msh",
-    ".vtk": 'convert it with PyVista: pyvista.read("FILE").cast_to_unstructured_grid().save("mesh.vtu")',
+    ".vtk": "read it by PyVista, name the patches of its faces, and give the grid to sdm_deflect.deflect(grid, ...)",
     ".h5": "export it from the mesher as CGNS or SU2",
     ".stl": "it holds a surface or a geometry; a mesh with volume cells is needed",
 }

@@ -124,7 +124,7 @@ def test_polyhedra_are_judged_by_their_pyramids(tmp_path):
 def test_other_files_are_refused_in_a_sentence(tmp_path):
     for name, message in (
         ("surface.stl", "it holds a surface"),
-        ("mesh.vtk", "convert it with PyVista"),
+        ("mesh.vtk", "read it by PyVista, name the patches"),
         ("mesh.off", "known are "),
     ):
         (tmp_path / name).touch()
