@@ -28,6 +28,15 @@ def test_round_trip_loses_nothing(tmp_path):
     assert [patch.name for patch in again.patches] == [patch.name for patch in mesh.patches]
 
 
+def test_vtk_reads_the_same_cells(tmp_path):
+    mesh = hybrid()
+    Vtu().write(mesh, tmp_path / "mesh.vtu")
+    found = pv.read(tmp_path / "mesh.vtu").cells_dict
+    kinds = {"tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
+    for block in mesh.cells:
+        np.testing.assert_array_equal(found[kinds[block.shape]], block.nodes)
+
+
 def test_polyhedra_keep_cells_faces_and_patches(tmp_path):
     mesh = wing(cells=3).mesh
     OpenFoam().write(mesh, tmp_path / "case")
