@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PRODUCT = ("deform", "meshing", "geometry", "cases")
+PRODUCT = ("geometry", "meshing", "deform", "cases", "studies")
 NOT_COPIED = shutil.ignore_patterns(".git", "_build", "__pycache__", ".*_cache", ".venv")
 
 
