@@ -282,16 +282,15 @@ class TouchedFaces:
 
 def face_quality(mesh: Mesh) -> FaceQuality | None:
     """Return what checkMesh says of the faces of a mesh; None without polyhedra."""
-    found = FaceQuality()
-    for block in mesh.cells:
-        if isinstance(block, Polyhedra):
-            sign, couples, rows = oriented(mesh.points, block)[0], Couples.of(mesh, block), np.arange(len(block))
-            for part in rows_of(len(block), max(ROWS, -(-len(block) // PARTS))):
-                ring = Ring.of(block, rows[part], sign, couples)
-                owner = block.owner[ring.numbers]
-                own = (owner >= part.start) & (owner < part.stop)
-                found += ring.measured(mesh.points).quality(own)
-    return found if found.faces or found.skewness_max else None
+    found, blocks = FaceQuality(), [block for block in mesh.cells if isinstance(block, Polyhedra)]
+    for block in blocks:
+        sign, couples, rows = oriented(mesh.points, block)[0], Couples.of(mesh, block), np.arange(len(block))
+        for part in rows_of(len(block), max(ROWS, -(-len(block) // PARTS))):
+            ring = Ring.of(block, rows[part], sign, couples)
+            owner = block.owner[ring.numbers]
+            own = (owner >= part.start) & (owner < part.stop)
+            found += ring.measured(mesh.points).quality(own)
+    return found if blocks else None
 
 
 def _joined(rings: tuple[Ring, ...], points: FloatArray) -> State:

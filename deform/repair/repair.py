@@ -111,7 +111,7 @@ class Target(NamedTuple):
     share, rings : that share, and the sizes of patches in rings that are tried.
     far : nodes of a patch for each cell below that share, beyond which a patch of more than `SMALL` is not tried.
     spread : (T, 2) what the cells of each type keep, by `QualityGoal.spread`; None: whatever it costs.
-    progress : who is told.
+    progress : told the name of the work and the share of it that is done.
     """
 
     share: float

@@ -50,11 +50,8 @@ def check_stored(stored: Any, name: str) -> None:
     largest = max(stored.size * max(stored.dtype.itemsize, 8), prod(stored.chunks or ()) * stored.dtype.itemsize)
     check_unpacked(largest, length, f"the data of {name}")
     if stored.chunks:
-        found, expected = (
-            stored.id.get_num_chunks(),
-            prod(-(-a // b) for a, b in zip(stored.shape, stored.chunks, strict=True)),
-        )
-        if found < expected:
+        expected = prod(-(-size // chunk) for size, chunk in zip(stored.shape, stored.chunks, strict=True))
+        if (found := stored.id.get_num_chunks()) < expected:
             raise MeshFileError(f"{name} holds {found} of {expected} parts of its data; the file is incomplete")
     elif stored.id.get_storage_size() != stored.nbytes:
         raise MeshFileError(f"{name} holds no data, or not all; the file is damaged")
