@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 from numpy.typing import ArrayLike
 
 from sdm_deflect.cases.run.metrics import notes_of, warnings_of
-from sdm_deflect.cases.settings.job_settings import FLAT, IN_PYTHON, angles_of, settings_of, tables_of
+from sdm_deflect.cases.settings.job_settings import FLAT, GONE, IN_PYTHON, angles_of, settings_of, tables_of
 from sdm_deflect.cases.settings.keywords import Options
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, shortened
@@ -134,24 +134,13 @@ class Result:
 
         return metrics_of(self.deflection, self.checks, None, {})
 
-    def save(
-        self,
-        path: str | PathLike[str],
-        to_solver: str | None = None,
-        *,
-        mach: float | None = None,
-        alpha: float | None = None,
-        far_field: str | Sequence[str] = (),
-    ) -> tuple[str, ...]:
-        """Write the mesh, or a case for a flow solver; in the format that was read, only coordinates change.
+    def save(self, path: str | PathLike[str], *, to_solver: None = None) -> tuple[str, ...]:
+        """Write the mesh; in the format that was read, only coordinates change.
 
         Parameters
         ----------
         path : The file to write, or the folder of an OpenFOAM case; its suffix says the format.
-        to_solver : ``"openfoam"`` or ``"su2"``: write a case that starts as it is, of an inviscid flow, which reports
-            the forces on all walls and each moving surface's moment about its hinge. Lengths are taken as metres.
-        mach, alpha : Mach number (0.6) and angle of attack in degrees, nose up (0), of such a case.
-        far_field : Its far field: names of patches or wildcards, where the names of the patches do not say it.
+        to_solver : Refused: `studies.flow.case`, in a clone, writes cases for flow solvers.
 
         Returns
         -------
@@ -159,21 +148,20 @@ class Result:
 
         Raises InputError if the format is unknown, the file is the one that was read, or it cannot be written; if the
         file that was read has changed since, and its copy is to be written; if a check fails once coordinates are
-        rounded to those that the file keeps (`stored_in(path).save(path)` writes it all the same); of a case also if it
-        has no far field, or a value is out of its range.
+        rounded to those that the file keeps (`stored_in(path).save(path)` writes it all the same).
         """
-        from sdm_deflect.cases.flow.flow_case import FlowCase
         from sdm_deflect.cases.run.mesh_files import Targets
         from sdm_deflect.meshing.files.staged import permitted_as
 
+        if to_solver is not None:
+            raise InputError(f"to_solver: {GONE['to_solver']}")
         mesh, out = self.plan.mesh, _path(path)
-        flow = FlowCase.of(to_solver, mach, alpha, far_field)
         with _about_files():
             source = Path(mesh.source) if mesh.source else out.with_name(f"no file but {out.name}.vtu")
-            wanted = Targets.of(source, out, (self.angle,), flow=flow)
+            wanted = Targets.of(source, out, (self.angle,))
             wanted.check()
             wanted.check_names(mesh)
-            found = self if flow else self.stored_in(path)
+            found = self.stored_in(path)
             failed = {check.name for check in self.checks if not check.passed}
             for one in found.checks:
                 if not one.passed and one.name not in failed:
@@ -197,13 +185,13 @@ class Result:
         return replace(self, deflection=one, checks=checks_of(one))
 
     def _save(self, wanted: "Targets") -> tuple[str, ...]:
-        """Write the mesh, or a case, and put it in place once it reads back as it was judged."""
+        """Write the mesh, and put it in place once it reads back as it was judged."""
         from sdm_deflect.cases.run.deflect_file import write_angle
         from sdm_deflect.cases.run.output import OutputError, output_files
 
         try:
             with output_files(wanted.out.parent) as scratch:
-                _, lost = write_angle(wanted, self.deflection, scratch / wanted.out.name, silent)
+                lost = write_angle(wanted, self.deflection, scratch / wanted.out.name, silent)
                 wanted.keep_tables(scratch)
         except OutputError as error:
             raise InputError(str(error)) from None

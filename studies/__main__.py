@@ -100,9 +100,9 @@ def flow(case: str, angles: str | None, scale: str, assignments: tuple[str, ...]
     New meshes are made at the first angle. It takes hours, and continues in its folder where it was stopped.
     """
     from sdm_deflect.cases.aircraft.registry import resolve
-    from sdm_deflect.cases.flow.setup import FreeStream
     from sdm_deflect.cases.settings.job_settings import angles_of
     from studies.flow.members import study_of
+    from studies.flow.setup import FreeStream
 
     out, as_json, quiet, verbose = (given.pop(name) for name in ("out", "as_json", "quiet", "verbose"))
     given = {key: value for key, value in given.items() if value is not None}
@@ -119,6 +119,28 @@ def flow(case: str, angles: str | None, scale: str, assignments: tuple[str, ...]
         results, text = write_results(wanted, members, folder)
     options.print_either(as_json, figures_of(results), f"{text}\nresults in {folder}")
     return options.code_of(results.passed)
+
+
+@study.command()
+@click.argument("mesh", type=options.FILE)
+@click.argument("out", type=options.FILE)
+@click.option("--mach", type=float, default=0.6, show_default=True, help="Mach number of the free stream.")
+@click.option("--alpha", type=float, default=0.0, show_default=True, help="Angle of attack in degrees, nose up.")
+@click.option("--far-field", multiple=True, metavar="NAME", help="A patch that is far field, or a wildcard; repeat.")
+@click.option("--hinge", type=(str, str, str), multiple=True, metavar="PATCH X,Y,Z X,Y,Z",
+              help="Report the moment of a patch about a line; repeat.")  # fmt: skip
+def case(mesh: Path, out: Path, mach: float, alpha: float, far_field: tuple[str, ...], hinge: Any) -> None:
+    """Write a mesh, deflected or not, as a case that OpenFOAM (a folder) or SU2 (OUT.su2) starts as it is."""
+    from sdm_deflect.cases.settings.job_settings import points_of
+    from sdm_deflect.meshing.formats.registry import read
+    from studies.flow.case import write_flow
+    from studies.flow.setup import FreeStream, Hinge, Setup, kinds_of
+
+    given, hinges = read(mesh), [Hinge.through(patch, [patch], points_of(points)) for patch, *points in hinge]
+    kinds = kinds_of(given, far_field, [one.name for one in hinges])
+    for sentence in write_flow(given, out, Setup(FreeStream(mach, alpha), tuple(hinges), kinds=kinds)):
+        click.echo(f"{out}: {sentence}", err=True)
+    click.echo(f"{out}")
 
 
 @study.command()

@@ -30,7 +30,7 @@ settings.load_profile("untimed")
 def pytest_itemcollected(item: pytest.Item) -> None:
     """Put a test in its layer: nightly if it says so, unit by its folder, else contract."""
     if item.get_closest_marker("nightly") is None:
-        folder = item.path.relative_to(Path(__file__).parent).parts[0]
+        folder = item.path.relative_to(Path(__file__).parents[1]).parts[1]
         item.add_marker("unit" if folder in UNIT else "contract")
 
 

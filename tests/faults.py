@@ -98,9 +98,9 @@ FAULTS = (
     Fault("a failed verdict ends with 0", "return 0 if passed else FAILED", "return 0",
           "tests/cases/test_deflect_command.py tests/cases/sdm/test_metrics.py"),
     Fault("a moment of the other sign", "return float(np.cross(arm, pressure[:, None] * area)",
-          "return -float(np.cross(arm, pressure[:, None] * area)", "tests/cases/flow"),
+          "return -float(np.cross(arm, pressure[:, None] * area)", "studies/tests/flow"),
     Fault("lift along the wrong axis", "lift = np.array([-sin(a), 0.0, cos(a)])",
-          "lift = np.array([sin(a), 0.0, cos(a)])", "tests/cases/flow"),
+          "lift = np.array([sin(a), 0.0, cos(a)])", "studies/tests/flow"),
     Fault("a page of another site is answered", 'if not known or origin not in (None, "", f"http://{request.host}"):',
           "if not known:", "tests/cases/view/test_page.py"),
 )  # fmt: skip

@@ -102,7 +102,6 @@ def result_table(done: "Outcome") -> Group:
     texts += _lines(done.plan)
     texts += [f"note: {text}" for text in done.notes]
     texts += [f"not held by this format: {text}" for text in done.lost]
-    texts += [done.flow.text(done.plan)] if done.flow else []
     warned = warnings_of(done.plan)
     last = outcome([check for judged in done.angles for check in judged.checks], warned)
     return Group(*warning_texts(warned, last), *tables, *_texts([*texts, *_closing(done), last]))

@@ -9,7 +9,6 @@ import click
 from sdm_deflect.cases.cli import options
 from sdm_deflect.cases.settings.job_settings import (
     FLAT,
-    GONE,
     JobSettings,
     angles_of,
     job_settings,
@@ -17,38 +16,25 @@ from sdm_deflect.cases.settings.job_settings import (
     selections_of,
     with_options,
 )
-from sdm_deflect.deform.base.errors import InputError
 
 if TYPE_CHECKING:
-    from sdm_deflect.cases.flow.flow_case import FlowCase
     from sdm_deflect.cases.run.mesh_files import Targets
     from sdm_deflect.deform.volume.plan import Planned
 
-CASE = ("to_solver", "mach", "alpha", "far_field")
-"""Options of a case for a flow solver."""
 HELPERS = ("workers", "scheduler", "worker_memory")
 """Options of work that others do."""
 moved = partial(click.option, cls=options.Grouped, group="What moves")
 
 
-def _refused(_: click.Context, option: click.Parameter, value: Any) -> None:
-    """Say which way there is in place of an option that is no more."""
-    if value is not None:
-        raise InputError(f"--{option.name}: {GONE[str(option.name)]}")
-
-
-gone = partial(click.option, hidden=True, expose_value=False, callback=_refused)
-
-
 @click.command(cls=options.DeflectCommand, params=options.settings_options(FLAT.values()))
 @click.argument("mesh", type=options.FILE)
 @moved("--angles", metavar="A:B:STEP", help="Many angles, one file each; or a list with commas.")
-@gone("--history")
-@gone("--cpacs")
-@gone("--device")
+@options.gone("--history")
+@options.gone("--cpacs")
+@options.gone("--device")
+@options.gone("--to-solver")
 @options.output_option("--out", type=options.FILE, help="File (default: MESH-deflected); its suffix says the format.")
 @options.output_option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
-@options.flow_options
 @options.report_option
 @options.output_option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @options.json_option
@@ -72,13 +58,13 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     as_json, quiet, verbose = (given.pop(name) for name in ("as_json", "quiet", "verbose"))
     text = given.pop("angles")
     many = angles_of(text) if text else ()
-    helpers, flow = Wanted(*(given.pop(name) for name in HELPERS)), _flow([given.pop(name) for name in CASE])
+    helpers = Wanted(*(given.pop(name) for name in HELPERS))
     if many:
         given["angle"] = max(many, key=abs)
     settings, inputs = _settings(given)
     jobs = settings.jobs()
     angles = many or (jobs[0].angle,)
-    wanted = Targets.of(mesh, out, angles, sensitivity, report, flow)
+    wanted = Targets.of(mesh, out, angles, sensitivity, report)
     wanted.check(inputs)
     with (
         options.watched(quiet or (as_json and not verbose), verbose) as watch,
@@ -114,21 +100,10 @@ def _show_plan(wanted: "Targets", plan: "Planned", as_json: bool) -> int:
     from sdm_deflect.cases.cli.console import plan_table
     from sdm_deflect.cases.run.deflect_file import plan_figures
 
-    flow, meshes = wanted.flow, map(wanted.mesh, wanted.angles)
-    names = [str(path) for path in (*meshes, *wanted.configurations, *wanted.extra, *wanted.reports)]
-    case = [flow.text(plan)] if flow else []
-    figured = {**plan_figures(plan, flow), "files": names}
-    options.print_either(as_json, figured, plan_table(plan), *case, f"would write {', '.join(names)}")
+    names = [str(path) for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *wanted.reports)]
+    figured = {**plan_figures(plan), "files": names}
+    options.print_either(as_json, figured, plan_table(plan), f"would write {', '.join(names)}")
     return 0
-
-
-def _flow(given: list[Any]) -> "FlowCase | None":
-    """Return the case for a flow solver that is asked for; what writes it is loaded if there is one."""
-    if all(value in (None, ()) for value in given):
-        return None
-    from sdm_deflect.cases.flow.flow_case import FlowCase
-
-    return FlowCase.of(*given)
 
 
 def _settings(given: dict[str, Any]) -> tuple[JobSettings, tuple[Path, ...]]:

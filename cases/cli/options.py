@@ -13,7 +13,8 @@ import click
 from click.shell_completion import CompletionItem
 
 from sdm_deflect.cases.settings.conversion import spelled
-from sdm_deflect.cases.settings.job_settings import FLAT
+from sdm_deflect.cases.settings.job_settings import FLAT, GONE
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.schema import GROUPS, ONLY_SET, Setting, choices_of, kind_of
 from sdm_deflect.meshing.formats.known import written
 
@@ -25,7 +26,6 @@ FAILED, UNUSABLE, PIPE_CLOSED = 1, 2, 141
 FILE = click.Path(path_type=Path)
 SCALES = click.Choice(("small", "medium", "paper"))
 FORMATS = click.Choice(written())
-SOLVERS = click.Choice(("openfoam", "su2"))
 
 Command = Callable[..., Any]
 
@@ -115,21 +115,19 @@ class DeflectCommand(click.Command):
         return super().parse_args(ctx, args)
 
 
+def _refused(_: click.Context, option: click.Parameter, value: Any) -> None:
+    """Say which way there is in place of an option that is no more."""
+    if value is not None:
+        raise InputError(f"{option.opts[0]}: {GONE[str(option.name)]}")
+
+
+gone = partial(click.option, hidden=True, expose_value=False, callback=_refused)
 angle_option = click.option("--angle", type=float, help="Deflection in degrees; positive is trailing edge down.")
 set_option = click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Replace a setting; repeat.")
 json_option = output_option("--json", "as_json", is_flag=True, help="Print JSON to the standard output, nothing else.")
 cache_option = click.option("--cache/--no-cache", default=True, help="Whether to use the mesh cache.")
 report_option = output_option("--report/--no-report", default=True, help="Whether to make report and pictures.")
 scale_option = click.option("--scale", type=SCALES, default="small", show_default=True, help="Size of the mesh.")
-
-
-def flow_options(command: Command) -> Command:
-    """Give a command ``--to-solver`` and what belongs to it."""
-    solver = output_option("--to-solver", type=SOLVERS, help="Write a case that this flow solver can start as it is.")
-    mach = output_option("--mach", type=float, help="Of --to-solver: Mach number of the free stream (0.6).")
-    alpha = output_option("--alpha", type=float, help="Of --to-solver: angle of attack in degrees, nose up (0).")
-    far = output_option("--far-field", multiple=True, metavar="NAME", help="Of --to-solver: a far field; repeat.")
-    return solver(mach(alpha(far(command))))
 
 
 def progress_options(command: Command) -> Command:

@@ -177,34 +177,20 @@ def view(folder: Path, port: int, show: bool, quiet: bool, verbose: bool) -> Non
 
 @click.command()
 @click.argument("folder", metavar="RUN", type=options.FILE)
-@click.option("--format", "form", type=options.FORMATS, help="Format of the flow solver.")
-@options.flow_options
+@options.gone("--to-solver", is_eager=True)
+@click.option("--format", "form", type=options.FORMATS, required=True, help="Format of the flow solver.")
 @click.option("--which", default="deflected", show_default=True, type=click.Choice(("deflected", "undeflected")))
 @click.option("--out", type=options.FILE, help="File to write, for OpenFOAM a new folder (default: beside RUN).")
 @options.progress_options
-def export(
-    folder: Path, form: str | None, which: str, out: Path | None, quiet: bool, verbose: bool, **flow: Any
-) -> None:
-    """Write a finished run's mesh in a flow solver's format, boundary names included, or as a case that it starts."""
-    from sdm_deflect.cases.flow.flow_case import FlowCase
+def export(folder: Path, form: str, which: str, out: Path | None, quiet: bool, verbose: bool) -> None:
+    """Write a finished run's mesh in a flow solver's format, boundary names included."""
     from sdm_deflect.cases.run.export import export_run
-    from sdm_deflect.deform.base.errors import InputError
 
-    wanted = FlowCase.of(*(flow[name] for name in ("to_solver", "mach", "alpha", "far_field")))
-    if (form is None) == (wanted is None):
-        raise InputError("give either --format or --to-solver")
     with options.watched(quiet, verbose) as watch, watch.stage("export") as progress:
-        if wanted:
-            from sdm_deflect.cases.aircraft.flow_case import export_flow
-
-            files, lost = export_flow(folder, wanted, which, out, progress)
-        else:
-            target, lost = export_run(folder, str(form), which, out, progress)
-            files = (target,)
+        target, lost = export_run(folder, form, which, out, progress)
     for sentence in lost:
-        click.echo(f"{files[0]}: {sentence}", err=True)
-    for file in files:
-        click.echo(f"{file}")
+        click.echo(f"{target}: {sentence}", err=True)
+    click.echo(f"{target}")
 
 
 @click.command(params=options.settings_options([FLAT["repair"]]))

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from sdm_deflect.cases.run.mesh_files import Targets, write_mesh, write_sensitivity
 from sdm_deflect.cases.run.metrics import (
@@ -21,7 +20,7 @@ from sdm_deflect.cases.run.output import output_files, report_lacks
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.run.read_back import check_written
 from sdm_deflect.deform.base import limits
-from sdm_deflect.deform.base.errors import InputError, printable
+from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.checks import Check, checks_of, layers_of
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -35,9 +34,6 @@ from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan, Planned, Plans
 from sdm_deflect.meshing.files.staged import permitted_as
 from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
-
-if TYPE_CHECKING:
-    from sdm_deflect.cases.flow.flow_case import FlowCase
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +66,6 @@ class Outcome:
     reports: tuple[Path, ...]
     lost: tuple[str, ...]
     notes: tuple[str, ...] = ()
-    flow: "FlowCase | None" = None
 
     @property
     def passed(self) -> bool:
@@ -96,9 +91,7 @@ def _by_workers(wanted: Targets, jobs: Sequence[Job], progress: Progress, runner
     if not format_of(wanted.source).for_workers:
         raise InputError(f"{wanted.source}: workers need {_sent()}; leave out --workers and --scheduler, or convert it")
     if not wanted.is_copy:
-        raise InputError(
-            f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity or case"
-        )
+        raise InputError(f"{wanted.out}: workers write copies of {wanted.source.name} alone, and no sensitivity")
     with in_pieces(wanted.source, progress) as mesh:
         if mesh:
             return excerpt(mesh, jobs, wanted.angles, runner, progress)
@@ -119,10 +112,7 @@ def planned(
         mesh = needed(wanted, jobs, progress, runner)
     with watch.stage("plan") as progress:
         plan = Plans.of(mesh, jobs, angles or wanted.angles, progress)
-        plan = plan.keeping(wanted.precision(plan.mesh), runner)
-    if wanted.flow:
-        wanted.flow.setup(plan)
-    return plan
+        return plan.keeping(wanted.precision(plan.mesh), runner)
 
 
 def judged(one: Deflected) -> Judged:
@@ -159,8 +149,8 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
                 found.append(judged(one))
             mesh = wanted.mesh(one.angle)
             with watch.stage("write") as progress:
-                written, lost = write_angle(wanted, one, scratch / mesh.name, progress)
-                names += [wanted.out.with_name(name) for name in written]
+                lost = write_angle(wanted, one, scratch / mesh.name, progress)
+                names.append(mesh)
             if wanted.reported:
                 from sdm_deflect.cases.report.folder import write_run_folder
 
@@ -175,9 +165,7 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
                     )
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
-    return Outcome(
-        plan, tuple(found), tuple(names), wanted.reports, lost, notes=_without_page(wanted), flow=wanted.flow
-    )
+    return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost, notes=_without_page(wanted))
 
 
 def _without_page(wanted: Targets) -> tuple[str, ...]:
@@ -186,27 +174,19 @@ def _without_page(wanted: Targets) -> tuple[str, ...]:
     return (f"there is no report.html: {text}",) if text else ()
 
 
-def write_angle(
-    wanted: Targets, one: Deflected, out: Path, progress: Progress
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Write the mesh at one angle, or the case that it is to be in; return the names of what is written, and losses.
+def write_angle(wanted: Targets, one: Deflected, out: Path, progress: Progress) -> tuple[str, ...]:
+    """Write the mesh at one angle; return what its format cannot hold.
 
     Raises MeshFileError if it does not read back as what was judged.
     """
     mesh = one.plan.mesh
-    names: tuple[str, ...] = (out.name,)
-    if wanted.flow:
-        files, lost = wanted.flow.write(one.plan, one.points, out, progress)
-        names, lost = tuple(path.name for path in files), tuple(map(printable, lost))
-    else:
-        source = wanted.source if mesh.source else None
-        lost = write_mesh(source, mesh, one.points, out, progress, one.plan.runner)
+    lost = write_mesh(wanted.source if mesh.source else None, mesh, one.points, out, progress, one.plan.runner)
     check_written(mesh, one.points, out, wanted.mesh(one.angle))
-    return names, lost
+    return lost
 
 
-def plan_figures(plan: Planned, flow: "FlowCase | None" = None) -> Json:
-    """Return what was decided before the fit, as JSON has it, with the case for a flow solver if there is one.
+def plan_figures(plan: Planned) -> Json:
+    """Return what was decided before the fit, as JSON has it.
 
     Box and sites are those of the first box; of several all are in `boxes`.
     """
@@ -220,7 +200,6 @@ def plan_figures(plan: Planned, flow: "FlowCase | None" = None) -> Json:
         "motion": motion_figures(plan, max(plan.angles, key=abs)),
         "warnings": list(warnings_of(plan)),
         "notes": list(notes_of(plan)),
-        **({"case": flow.figures(plan)} if flow else {}),
     }
 
 
@@ -236,7 +215,7 @@ def _box_figures(plan: Plan) -> Json:
 def figures(done: Outcome, watch: Stopwatch) -> Json:
     """Return the figures of a job as JSON has them."""
     return {
-        **plan_figures(done.plan, done.flow),
+        **plan_figures(done.plan),
         "notes": [*notes_of(done.plan), *done.notes],
         "angles": [
             {

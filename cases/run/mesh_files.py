@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,11 +17,7 @@ from sdm_deflect.deform.mesh.pieces import HERE, Runner
 from sdm_deflect.deform.mesh.precision import DOUBLE, EVERY_BIT, Precision
 from sdm_deflect.deform.mesh.unchanged import check_unchanged
 from sdm_deflect.meshing.formats.format import only_rewritten
-from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.registry import FORMATS, ending, format_of
-
-if TYPE_CHECKING:
-    from sdm_deflect.cases.flow.flow_case import FlowCase
+from sdm_deflect.meshing.formats.registry import ending, format_of
 
 SENSITIVITY = "d_points_d_angle"
 SETTINGS = "settings.toml"
@@ -39,7 +35,6 @@ class Targets:
     angles : distinct, in the order asked for.
     sensitive : whether d(points)/d(angle) is written beside each mesh.
     reported : whether a folder with a report is written beside each mesh.
-    flow : the case for a flow solver that each mesh is to be in; None: a mesh alone.
     """
 
     source: Path
@@ -47,26 +42,17 @@ class Targets:
     angles: tuple[float, ...]
     sensitive: bool = False
     reported: bool = False
-    flow: "FlowCase | None" = None
 
     @classmethod
     def of(
-        cls,
-        source: Path,
-        out: Path | None,
-        angles: Sequence[float],
-        sensitive: bool = False,
-        reported: bool = False,
-        flow: "FlowCase | None" = None,
+        cls, source: Path, out: Path | None, angles: Sequence[float], sensitive: bool = False, reported: bool = False
     ) -> "Targets":
         """Return the targets of a job; `out` is beside the source if None.
 
         Raises MeshFileError for an unknown format, or one in which this mesh cannot be written, InputError for an `out`
-        without a name, with another suffix where a file is only rewritten, or in another format than the solver's.
+        without a name, or with another suffix where a file is only rewritten.
         """
-        chosen = out or _beside(source, FORMATS[flow.solver] if flow else format_of(source))
-        if flow:
-            flow.check_files(source, chosen)
+        chosen = out or _beside(source)
         named = format_of(chosen).place(chosen)
         if named.name in ("", "..") and not (named := named.resolve()).name:
             raise InputError(f"{chosen} is no place for a mesh; name a file or a folder in out")
@@ -75,7 +61,7 @@ class Targets:
                 raise only_rewritten(chosen)
             if ending(chosen).lower() != (own := ending(source)).lower():
                 raise InputError(f"{chosen}: is to be a copy of a file {own} and must have that suffix")
-        return cls(source, named, tuple(angles), sensitive, reported, flow)
+        return cls(source, named, tuple(angles), sensitive, reported)
 
     def mesh(self, angle: float) -> Path:
         """Return the mesh of one angle, such as ``wing-deflected_-12.su2`` where there are several."""
@@ -102,21 +88,12 @@ class Targets:
     @property
     def is_copy(self) -> bool:
         """Whether no more is written than copies of one file with other coordinates, and reports."""
-        return not (self.sensitive or self.flow) and self.source.exists() and _keeps_bytes(self.source, self.out)
+        return not self.sensitive and self.source.exists() and _keeps_bytes(self.source, self.out)
 
     @property
     def extra(self) -> tuple[Path, ...]:
         """Sensitivities beside the meshes."""
         return tuple(path for angle in self.angles for path in self.sensitivity(angle)) if self.sensitive else ()
-
-    @property
-    def configurations(self) -> tuple[Path, ...]:
-        """Configurations of SU2 beside the meshes."""
-        if self.flow is None or self.flow.solver != "su2":
-            return ()
-        from sdm_deflect.cases.flow.flow_case import configuration_of
-
-        return tuple(configuration_of(self.mesh(angle)) for angle in self.angles)
 
     @property
     def tables(self) -> tuple[Path, ...]:
@@ -143,7 +120,7 @@ class Targets:
         """
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
-        for target in (*meshes, *self.extra, *self.configurations, *self._other_tables()):
+        for target in (*meshes, *self.extra, *self._other_tables()):
             self._check_target(target, (self.source, *inputs))
             if target.resolve() in seen:
                 raise InputError(f"{target} would be written twice; choose another name in out")
@@ -250,18 +227,14 @@ def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tu
     write_vtu(picture, replace(mesh, points=points, patches=()), {SENSITIVITY: rates})
 
 
-def _beside(source: Path, form: Format) -> Path:
-    """Return the name of a mesh of some format beside the source."""
-    if format_of(source).folder:
-        folder = format_of(source).place(source)
-        named = folder if folder.name not in ("", "..") else folder.resolve()
-        suffix, name = "", f"{named.name}-deflected"
-    else:
-        named, suffix = source, ending(source)
-        name = f"{source.name.removesuffix(suffix)}-deflected"
-    if form.folder:
-        return named.with_name(name.replace(".", "-") if Path(name).suffix[1:2].isalpha() else name)
-    return named.with_name(name + (suffix if suffix.lower().endswith(form.suffixes) else form.suffixes[0]))
+def _beside(source: Path) -> Path:
+    """Return the name of a deflected mesh beside the source."""
+    if not format_of(source).folder:
+        return source.with_name(f"{source.name.removesuffix(ending(source))}-deflected{ending(source)}")
+    folder = format_of(source).place(source)
+    named = folder if folder.name not in ("", "..") else folder.resolve()
+    name = f"{named.name}-deflected"
+    return named.with_name(name.replace(".", "-") if Path(name).suffix[1:2].isalpha() else name)
 
 
 def _is_ours(path: Path) -> bool:

@@ -30,7 +30,7 @@ from sdm_deflect.meshing.formats.openfoam_files import (
 )
 from sdm_deflect.meshing.formats.openfoam_pairs import constraint_of, pairs_of
 from sdm_deflect.meshing.formats.openfoam_parts import BETWEEN, CYCLIC
-from sdm_deflect.meshing.formats.openfoam_write import STEADY, write_files, write_mesh
+from sdm_deflect.meshing.formats.openfoam_write import BARE, write_files, write_mesh
 from sdm_deflect.meshing.formats.polyhedra import check_cells
 from sdm_deflect.meshing.formats.shapes import refuse_plane
 
@@ -128,7 +128,7 @@ class OpenFoam(Format):
         with fresh_folder(case_folder(out)) as beside, about(out):
             progress(f"writing {out.name}", 0.0)
             lost = write_mesh(mesh, beside / MESH)
-            write_files(beside, STEADY)
+            write_files(beside, BARE)
             (beside / "case.foam").touch()
         return lost
 

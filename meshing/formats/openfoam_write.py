@@ -1,4 +1,4 @@
-"""OpenFOAM meshes written anew, with settings with which checkMesh, potentialFoam and simpleFoam run."""
+"""OpenFOAM meshes written anew, with settings with which checkMesh runs."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,7 +10,7 @@ from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.mesh.images import THIN, is_thin
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.formats.format import fitting_names
-from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch, open_foam, parse
+from sdm_deflect.meshing.formats.openfoam_files import MESH, FoamPatch
 from sdm_deflect.meshing.formats.periodic import unwritten
 from sdm_deflect.meshing.formats.polyhedra import Bounded, bounded
 
@@ -32,34 +32,7 @@ CLASSES = {
     "pointDisplacement": "pointVectorField",
 }  # fmt: skip
 """Classes of files by their names; all others are dictionaries."""
-FIELD_ROW = "    {patch} {{ {condition} }}\n"
-SCHEMES = """ddtSchemes { default steadyState; }
-gradSchemes { default cellLimited Gauss linear 1; }
-divSchemes
-{
-    default         none;
-    div(phi,U)      Gauss upwind;
-    div(div(phi,U)) Gauss linear;
-    div((nuEff*dev2(T(grad(U))))) Gauss linear;
-}
-laplacianSchemes { default Gauss linear limited 0.5; }
-interpolationSchemes { default linear; }
-snGradSchemes { default limited 0.5; }
-"""
-SOLUTION = """solvers
-{
-    Phi { solver GAMG; smoother DICGaussSeidel; tolerance 1e-9; relTol 0.01; }
-    p { $Phi; tolerance 1e-7; relTol 0.05; }
-    U { solver smoothSolver; smoother GaussSeidel; tolerance 1e-8; relTol 0.1; }
-}
-potentialFlow { nNonOrthogonalCorrectors 10; }
-SIMPLE { nNonOrthogonalCorrectors 1; pRefCell 0; pRefValue 0; }
-relaxationFactors
-{
-    equations { U 0.7; }
-    fields { p 0.3; }
-}
-"""
+SCHEMES = ("ddt", "grad", "div", "laplacian", "interpolation", "snGrad")
 
 
 def header(kind: str, name: str, folder: str = MESH.as_posix(), form: str = "ascii", note: str = "") -> str:
@@ -142,18 +115,10 @@ def written(patches: Sequence[FoamPatch]) -> str:
 
 def sides_reached(points: FloatArray, nodes: IntArray) -> int:
     """Return how many sides of the box around all points (N, 3) some nodes (K,) lie on; of a plane mesh's, four."""
-    return int(_reached(points, nodes).sum()) if len(nodes) else 0
+    return int(reached(points, nodes).sum()) if len(nodes) else 0
 
 
-def on_one_side(points: FloatArray, nodes: IntArray) -> bool:
-    """Whether some nodes (K,) all lie on one and the same side of the box around all points (N, 3)."""
-    if not len(nodes):
-        return False
-    flat = np.ptp(points[nodes], axis=0) <= FLAT * np.ptp(points, axis=0).max()
-    return bool((_reached(points, nodes).any(axis=0) & flat).any())
-
-
-def _reached(points: FloatArray, nodes: IntArray) -> BoolArray:
+def reached(points: FloatArray, nodes: IntArray) -> BoolArray:
     """Return whether some nodes reach the low and the high side (2, 3) along each axis along which there is room."""
     low, high, own = points.min(axis=0), points.max(axis=0), points[nodes]
     near = FLAT * (high - low).max()
@@ -178,16 +143,6 @@ def control(**changed: object) -> str:
     return "".join(f"{name:<15} {value};\n" for name, value in {**CONTROL, **changed}.items() if value is not None)
 
 
-def field_file(
-    dimensions: str, inner: str, patches: Mapping[str, str], conditions: Mapping[str, str], row: str = FIELD_ROW
-) -> str:
-    """Return a field: its values inside, and a condition for each patch by its type, which else is its own."""
-    boundary = "".join(
-        row.format(patch=patch, condition=conditions.get(kind, f"type {kind};")) for patch, kind in patches.items()
-    )
-    return f"dimensions {dimensions};\ninternalField {inner};\nboundaryField\n{{\n{boundary}}}\n"
-
-
 def write_files(case: Path, files: Mapping[str, str]) -> None:
     """Write text files of a case, given by their paths in it, each with its header."""
     for name, content in files.items():
@@ -197,14 +152,9 @@ def write_files(case: Path, files: Mapping[str, str]) -> None:
         path.write_text(header(kind, path.name, path.parent.name) + content, encoding="utf-8")
 
 
-def patch_types(case: Path) -> dict[str, str]:
-    """Return the type of each patch of a case by its name."""
-    return {patch.name: patch.type for patch in parse(open_foam(case / MESH, "boundary").text())}
-
-
-STEADY = {
+BARE = {
     "system/controlDict": control(runTimeModifiable="false"),
-    "system/fvSchemes": SCHEMES,
-    "system/fvSolution": SOLUTION,
+    "system/fvSchemes": "".join(f"{what}Schemes {{ }}\n" for what in SCHEMES),
+    "system/fvSolution": "solvers { }\n",
 }
-"""Settings with which checkMesh, potentialFoam and simpleFoam run."""
+"""Settings with which checkMesh and decomposePar run: a solver needs its own."""

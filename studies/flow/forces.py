@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.flow.setup import Hinge, Setup
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
+from studies.flow.setup import Hinge, Setup
 
 REPORTS = Path("postProcessing")
 VALUES = 4

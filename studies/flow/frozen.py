@@ -6,8 +6,8 @@ pressures do. The first is geometric; it follows from a solver's pressures and f
 
 import numpy as np
 
-from sdm_deflect.cases.flow.setup import Hinge
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from studies.flow.setup import Hinge
 
 
 def hinge_moment(points: FloatArray, triangles: IntArray, pressure: FloatArray, hinge: Hinge) -> float:

@@ -7,12 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from sdm_deflect.cases.aircraft.case import Case
-from sdm_deflect.cases.aircraft.flow_case import setup_of
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.pipeline import cached, meshed
 from sdm_deflect.cases.aircraft.reference import turned
-from sdm_deflect.cases.flow.openfoam import write_case
-from sdm_deflect.cases.flow.setup import FreeStream, Setup
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError
@@ -24,6 +21,9 @@ from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.parameters import LARGEST_TURN
 from sdm_deflect.meshing.mesh import tets_of
+from studies.flow.case import setup_of
+from studies.flow.openfoam import write_case
+from studies.flow.setup import FreeStream, Setup
 
 SETTLING = 800
 """Iterations of first order, which let the waves of the start leave, at the beginning of the undeflected flow."""

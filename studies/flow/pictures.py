@@ -10,12 +10,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from sdm_deflect.cases.flow.openfoam import WHOLE
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.meshing.formats.openfoam_files import MESH, faces, labels, open_foam, parse, vectors
 from studies.flow.fields import iterations_done, read_field
 from studies.flow.forces import Forces, coefficients
 from studies.flow.members import DEFLECTED, FRESH, FRESH_DEFLECTED, REPAIRED, UNDEFLECTED, FlowStudy, Member
+from studies.flow.openfoam import WHOLE
 from studies.flow.results import Increment, Results
 from studies.flow.trend import slopes_of
 

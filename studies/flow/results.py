@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from sdm_deflect.cases.flow.openfoam import WHOLE
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from studies.flow.forces import LIFT, PITCH, ROLL, YAW, Forces, coefficients, hinge_moment
 from studies.flow.members import DEFLECTED, FRESH, FRESH_DEFLECTED, REPAIRED, UNDEFLECTED, FlowStudy, Member
+from studies.flow.openfoam import WHOLE
 from studies.flow.reference import surface_reference
 
 HINGE = "Ch"

@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from sdm_deflect.cases.flow.openfoam import SOLVER, write_settings
-from sdm_deflect.cases.flow.setup import Setup
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, LostError
@@ -35,7 +33,9 @@ from studies.flow.members import (
     undeflected_mesh,
     write_member,
 )
+from studies.flow.openfoam import SOLVER, write_settings
 from studies.flow.results import judged, values_of
+from studies.flow.setup import Setup
 from studies.flow.solver import lines, needed
 
 SETTINGS, SECONDS, FOLDER = "study.json", "seconds.json", "members"

@@ -119,14 +119,17 @@ def test_a_warning_comes_first_and_is_counted_by_the_verdict(files, sdm, tmp_pat
     assert f"warning: {warning}" in repr(result)
 
 
-def test_a_motion_in_time_is_refused_with_the_way_out(files, sdm, tmp_path):
-    words = [*FLAP, *HINGE, "--out", tmp_path / "w.su2"]
-    code, _, err = sdm("deflect", files["su2"], *words, "--history", "times.csv")
-    assert code == 2
-    assert "--history: motions in time are not written; deflect to each angle by --angles, a mesh for each" in err
-    code, _, err = sdm("deflect", files["su2"], *words, "--cpacs", "aircraft.xml")
-    assert (code, err) == (2, "sdm: --cpacs: `python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line\n")
-    assert sdm("deflect", files["su2"], *words, "--angles", "0,2,4")[0] == 0
+@pytest.mark.parametrize(
+    ("option", "way"),
+    [
+        ("--history", "motions in time are not written; deflect to each angle by --angles, a mesh for each"),
+        ("--cpacs", "`python docs/examples/cpacs_hinge.py FILE UID` prints the hinge line"),
+        ("--to-solver", "in a clone, `python -m studies case MESH OUT` writes the deflected mesh as a case for a flow"),
+    ],
+)
+def test_an_option_that_is_no_more_says_the_way_out(option, way, files, sdm, tmp_path):
+    code, _, err = sdm("deflect", files["su2"], *FLAP, *HINGE, "--out", tmp_path / "w.su2", option, "x")
+    assert (code, err.startswith(f"sdm: {option}: {way}")) == (2, True)
 
 
 def test_a_setting_that_is_set_counts(files, sdm):

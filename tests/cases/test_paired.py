@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.flow.openfoam import write_settings
-from sdm_deflect.cases.flow.setup import Setup
 from sdm_deflect.meshing.formats.registry import read
+from studies.flow.openfoam import write_settings
+from studies.flow.setup import Setup
 from tests.cases import foam
 from tests.deform import paired
 

@@ -139,26 +139,11 @@ TURN = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["to_solver", "mach", "alpha", "far_field"])
-def test_an_argument_of_a_case(name, block, tmp_path):
-    result = deflect(block, "body", HINGE, 5.0)
-    places = iter(range(1000))
-
-    def attempt(value):
-        given = {"to_solver": "openfoam", name: value}
-        if value != () and value is not None:
-            result.save(tmp_path / str(next(places)), **given)
-
-    assert faults(attempt, BAD) == []
-
-
 @pytest.mark.parametrize("option", OPTIONS)
 def test_an_option_of_deflect(option, sdm, folder):
     found = []
     for text in TEXTS:
         given = {**TURN, option: [text, "0.7,0.7,0"] if option == "--hinge" else [text]}
-        if option in ("--mach", "--alpha", "--far-field"):
-            given["--to-solver"] = ["openfoam"]
         for other in {"--angles": ["--angle"], "--history": ["--angle"], "--table": ["--hinge"]}.get(option, ()):
             del given[other]
         words = [word for name, values in given.items() for word in (name, *values)]

@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Periodic
 from sdm_deflect.meshing.formats.openfoam_files import MESH
-from sdm_deflect.meshing.formats.openfoam_write import STEADY, write_files, write_mesh
+from sdm_deflect.meshing.formats.openfoam_write import BARE, write_files, write_mesh
 from tests.deform.blocks import FACES, grid
 
 
@@ -146,7 +146,7 @@ def written(mesh, case, types, neighbours=(), more=""):
         assert head in text
         text = text.replace(head, f"{head}    neighbourPatch {other}; {more}\n")
     boundary.write_text(text)
-    write_files(case, STEADY)
+    write_files(case, BARE)
     return case
 
 

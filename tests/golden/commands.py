@@ -60,7 +60,6 @@ def settings() -> Iterator[tuple[str, Command]]:
         ("--strategy", "mv"), ("--tolerance", "1e-5"), ("--margin", "0.2"), ("--steps", "1"), ("--strip", "0.1"),
         ("--repair", "off"), ("--repair", "always"), ("--min-quality", "0.3"), ("--sensitivity", "--repair", "off"),
         ("--set", "kernel=mq", "--set", "kernel_radius=0.05"), ("--set", "kernel=wendland"), ("--set", "kernel=cubic"),
-        ("--to-solver", "su2"), ("--to-solver", "openfoam", "--out", "case"),
     ):  # fmt: skip
         yield f"deflect {' '.join(words)}", deflect("wing.su2", *few, *words)
     yield "deflect --angles", deflect("wing.cgns", *BLENDED, "--angles", "-10,0,10")

@@ -5,14 +5,12 @@ import shutil
 from dataclasses import replace
 
 import numpy as np
-import overset_flow
 import pytest
 
 from sdm_deflect.cases.aircraft.job import BLOCK, block_stations, plan_of
 from sdm_deflect.cases.aircraft.overset import has_donor, orphans
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
-from sdm_deflect.cases.flow.setup import Setup
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.volume.deflection import deflected
@@ -22,6 +20,8 @@ from sdm_deflect.meshing.formats.vtu_write import write_vtu
 from sdm_deflect.meshing.mesh import tets_of
 from studies.__main__ import study
 from studies.donors import donors_at, write_donors
+from studies.flow import overset
+from studies.flow.setup import Setup
 from tests.cases.sdm.deflected_cad import built
 from tests.labelled import changed
 
@@ -101,7 +101,7 @@ def test_block_and_background_are_one_overset_case(chimera_run, tmp_path):
     plan = plan_of(case, run.mesh)
     block = run.mesh.with_points(deflected(plan, plan.angle).points)
     folder = tmp_path / "overset"
-    overset_flow.write_overset(block, run.background, BLOCK, Setup(), folder)
+    overset.write_overset(block, run.background, BLOCK, Setup(), folder)
     types = {patch.name: patch.type for patch in parse(open_foam(folder / MESH, "boundary").text())}
     assert next(iter(types)) == "chimera"  # OpenFOAM wants the overset patch first
     assert [name for name, kind in types.items() if kind == "overset"] == ["chimera"]

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
-from sdm_deflect.cases.flow.su2 import check_name, configuration
 from sdm_deflect.deform.base.errors import InputError
+from studies.flow.setup import FreeStream, Hinge, Setup
+from studies.flow.su2 import check_name, configuration
 
 OPTIONS = tomllib.loads(Path(__file__).with_name("su2_options.toml").read_text(encoding="utf-8"))
 KINDS = {"wing": "wall", "far": "far", "flap": "wall", "symmetry": "symmetry"}

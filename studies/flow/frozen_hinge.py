@@ -1,4 +1,4 @@
-"""The geometric part of a hinge moment's derivative in a flow study: ``python -m benchmarks.frozen_hinge FOLDER A``.
+"""The geometric part of a hinge moment's derivative in a flow study: ``python -m studies.flow.frozen_hinge FOLDER A``.
 
 FOLDER is that of ``python -m studies flow``, whose mesh is still in the cache; A is one of its angles. The pressures
 that the solver has left on the deflected mesh are kept while the surface turns on: once by `hinge_moment_rate` and the

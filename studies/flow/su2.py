@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.flow.setup import Hinge, Kind, Setup
 from sdm_deflect.deform.base.errors import InputError
+from studies.flow.setup import Hinge, Kind, Setup
 
 CONFIG = """% Written by sdm-deflect. Run: SU2_CFD {config}; in parallel: mpirun -np 2 SU2_CFD {config}
 %

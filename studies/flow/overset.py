@@ -1,7 +1,7 @@
-"""A Chimera block and its background as one case of OpenFOAM's overRhoPimpleDyMFoam: `python overset_flow.py RUN OUT`.
+"""A Chimera block and its background as one case of OpenFOAM's overRhoPimpleDyMFoam.
 
-RUN is the folder of `sdm run aileron-chimera --angle -12`; OUT is a new folder. The guide's page on the flow says how
-far it goes.
+``python -m studies.flow.overset RUN OUT``: RUN is the folder of `sdm run aileron-chimera --angle -12`, OUT a new one.
+The guide's page on the flow says how far it goes.
 """
 
 import sys
@@ -11,8 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sdm_deflect.cases.flow.openfoam import DIMENSIONS, FAR, GAS_FILES, WALL, forces, initial_values
-from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.datum import hinge_line
@@ -20,9 +18,11 @@ from sdm_deflect.geometry.parameters import Fighter
 from sdm_deflect.meshing.files.staged import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import MESH
-from sdm_deflect.meshing.formats.openfoam_write import UNFIT, field_file, patch_types, write_files, write_mesh
+from sdm_deflect.meshing.formats.openfoam_write import UNFIT, write_files, write_mesh
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.zones import joined
+from studies.flow.openfoam import DIMENSIONS, FAR, GAS_FILES, WALL, field_file, forces, initial_values, patch_types
+from studies.flow.setup import FreeStream, Hinge, Setup
 
 SOLVER = "overRhoPimpleDyMFoam"
 ZONES = ("background", "block")

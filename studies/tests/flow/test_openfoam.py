@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.flow.openfoam import FIRST, SECOND, SOLVER, write_case, write_settings
-from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Hinge, Setup
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.meshing.formats.format import MeshFileError
 from studies.flow.fields import iterations_done, read_field, start_from
 from studies.flow.forces import Forces
+from studies.flow.openfoam import FIRST, SECOND, SOLVER, write_case, write_settings
+from studies.flow.setup import GAMMA, GAS, FreeStream, Hinge, Setup
 from studies.flow.solver import lines, needed
 from studies.flow.solver import run as run_solver
 from tests.cases import foam

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.flow.setup import FreeStream, Hinge, Setup, kinds_of
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from studies.flow.forces import Forces, coefficients, hinge_moment
+from studies.flow.setup import FreeStream, Hinge, Setup, kinds_of
 from tests.deform.blocks import block_with_body, joined
 
 

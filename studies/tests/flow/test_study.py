@@ -11,7 +11,6 @@ import pytest
 from scipy.stats import t
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.flow.setup import FreeStream
 from sdm_deflect.cases.run.progress import Silent, Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.base.progress import silent
@@ -33,6 +32,7 @@ from studies.flow.members import (
 )
 from studies.flow.page import several
 from studies.flow.results import Increment, Results, Value, fresh_increments, increments, results_of
+from studies.flow.setup import FreeStream
 from studies.flow.solve import FOLDER, carried_out, computed, seconds_of, standing
 from studies.flow.trend import Slope
 from tests.calls import run_study

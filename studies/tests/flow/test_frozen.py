@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import sdm_deflect
-from sdm_deflect.cases.flow.setup import Hinge
 from studies.flow.frozen import hinge_moment, hinge_moment_rate
+from studies.flow.setup import Hinge
 from tests.meshing.formats.wing import FLAP, wing
 
 STEP = 1e-3

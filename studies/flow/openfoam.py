@@ -4,22 +4,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from sdm_deflect.cases.flow.setup import GAMMA, GAS, FreeStream, Kind, Setup
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.meshing.files.staged import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
-from sdm_deflect.meshing.formats.openfoam_files import MESH
-from sdm_deflect.meshing.formats.openfoam_write import (
-    UNFIT,
-    control,
-    field_file,
-    is_planar,
-    patch_types,
-    write_files,
-    write_mesh,
-)
+from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
+from sdm_deflect.meshing.formats.openfoam_write import UNFIT, control, is_planar, write_files, write_mesh
 from sdm_deflect.meshing.formats.shapes import refuse_plane
+from studies.flow.setup import GAMMA, GAS, FreeStream, Kind, Setup
 
 SOLVER = "rhoCentralFoam"
 WHOLE = "all"
@@ -108,6 +100,7 @@ PARTS = """numberOfSubdomains 2;
 method          hierarchical;
 hierarchicalCoeffs { n (1 2 1); delta 0.001; order xyz; }
 """
+FIELD_ROW = "    {patch} {{ {condition} }}\n"
 TYPES: Mapping[Kind, str] = {"wall": "wall", "far": "patch", "symmetry": "symmetryPlane"}
 
 
@@ -132,6 +125,21 @@ def write_case(mesh: Mesh, out: Path, setup: Setup, progress: Progress = silent)
         write_settings(beside, replace(setup, hinges=tuple(hinge.renamed(names) for hinge in setup.hinges)))
         (beside / "case.foam").touch()
     return lost
+
+
+def field_file(
+    dimensions: str, inner: str, patches: Mapping[str, str], conditions: Mapping[str, str], row: str = FIELD_ROW
+) -> str:
+    """Return a field: its values inside, and a condition for each patch by its type, which else is its own."""
+    boundary = "".join(
+        row.format(patch=patch, condition=conditions.get(kind, f"type {kind};")) for patch, kind in patches.items()
+    )
+    return f"dimensions {dimensions};\ninternalField {inner};\nboundaryField\n{{\n{boundary}}}\n"
+
+
+def patch_types(case: Path) -> dict[str, str]:
+    """Return the type of each patch of a case by its name."""
+    return {patch.name: patch.type for patch in parse(open_foam(case / MESH, "boundary").text())}
 
 
 def write_settings(case: Path, setup: Setup, fields: bool = True) -> None:

@@ -7,10 +7,10 @@ from typing import Literal
 
 import numpy as np
 
-from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.formats.openfoam_write import kind_of, on_one_side, sides_reached
+from sdm_deflect.meshing.formats.openfoam_write import FLAT, kind_of, reached, sides_reached
 
 GAMMA, GAS = 1.4, 287.058
 """Ratio of specific heats, and the gas constant (J/kg/K), of air."""
@@ -173,3 +173,11 @@ MISSING: Mapping[Kind, str] = {
     "far": "no patch is a far field: no name says so, and none encloses the mesh; name it with --far-field",
     "wall": "no patch is a wall, so that there is no force to report",
 }
+
+
+def on_one_side(points: FloatArray, nodes: IntArray) -> bool:
+    """Whether some nodes (K,) all lie on one and the same side of the box around all points (N, 3)."""
+    if not len(nodes):
+        return False
+    flat = np.ptp(points[nodes], axis=0) <= FLAT * np.ptp(points, axis=0).max()
+    return bool((reached(points, nodes).any(axis=0) & flat).any())

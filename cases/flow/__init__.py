@@ -1,1 +1,0 @@
-"""Flow solvers: cases that start as they are, the forces that they report, and how they are run."""
