@@ -229,9 +229,11 @@ def write_sensitivity(mesh: Mesh, points: FloatArray, rates: FloatArray, out: tu
 
 def _beside(source: Path) -> Path:
     """Return the name of a deflected mesh beside the source."""
-    if not format_of(source).folder:
-        return source.with_name(f"{source.name.removesuffix(ending(source))}-deflected{ending(source)}")
-    folder = format_of(source).place(source)
+    form, suffix = format_of(source), ending(source)
+    if not form.folder:
+        own = suffix if suffix.lower().endswith(form.suffixes) else form.suffixes[0]
+        return source.with_name(f"{source.name.removesuffix(suffix)}-deflected{own}")
+    folder = form.place(source)
     named = folder if folder.name not in ("", "..") else folder.resolve()
     name = f"{named.name}-deflected"
     return named.with_name(name.replace(".", "-") if Path(name).suffix[1:2].isalpha() else name)
