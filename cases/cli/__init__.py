@@ -12,7 +12,7 @@ from typing import NoReturn, TextIO
 import click
 
 from sdm_deflect.cases.cli import options
-from sdm_deflect.cases.cli.deflect import deflect, quality
+from sdm_deflect.cases.cli.deflect import apply, deflect, quality
 from sdm_deflect.cases.cli.run import compare, export, geometry, limit, list_cases, report, run, study, validate, view
 
 OBJECTS = 100_000
@@ -27,7 +27,21 @@ def cli() -> None:
     """Deflect aircraft control surfaces in CFD meshes, and check the result against CAD."""
 
 
-for command in (list_cases, run, deflect, validate, report, compare, view, export, limit, geometry, quality, study):
+for command in (
+    list_cases,
+    run,
+    deflect,
+    apply,
+    validate,
+    report,
+    compare,
+    view,
+    export,
+    limit,
+    geometry,
+    quality,
+    study,
+):
     cli.add_command(command)
 
 

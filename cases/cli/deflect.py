@@ -1,5 +1,6 @@
-"""Commands on any mesh file: deflect, quality."""
+"""Commands on any mesh file: deflect, apply, quality."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +36,7 @@ moved = partial(click.option, cls=options.Grouped, group="What moves")
 @options.gone("--to-solver")
 @options.output_option("--out", type=options.FILE, help="File (default: MESH-deflected); its suffix says the format.")
 @options.output_option("--sensitivity", is_flag=True, help="Also write d(points)/d(angle), as .npz and .vtu.")
+@options.output_option("--field", type=options.FILE, help="Also write the displacement field, for `sdm apply`.")
 @options.report_option
 @options.output_option("--dry-run", is_flag=True, help="Print what would be done, and write nothing.")
 @options.json_option
@@ -61,10 +63,11 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
     helpers = Wanted(*(given.pop(name) for name in HELPERS))
     if many:
         given["angle"] = max(many, key=abs)
+    field = given.pop("field")
     settings, inputs = _settings(given)
     jobs = settings.jobs()
     angles = many or (jobs[0].angle,)
-    wanted = Targets.of(mesh, out, angles, sensitivity, report)
+    wanted = replace(Targets.of(mesh, out, angles, sensitivity, report), field=field)
     wanted.check(inputs)
     with (
         options.watched(quiet or (as_json and not verbose), verbose) as watch,
@@ -80,6 +83,33 @@ def deflect(mesh: Path, out: Path | None, sensitivity: bool, dry_run: bool, repo
 
     options.print_either(as_json, figures(done, watch), result_table(done))
     return options.code_of(done.passed)
+
+
+@click.command()
+@click.argument("field", type=options.FILE)
+@click.argument("meshes", metavar="MESH...", type=options.FILE, nargs=-1, required=True)
+@click.option("--out", type=options.FILE, help="File or case (default: MESH-deflected).")
+@click.option("--zone", "zones", metavar="NAME", multiple=True, help="Further zones that deform; '*' for all; repeat.")
+@options.json_option
+@options.progress_options
+def apply(
+    field: Path, meshes: tuple[Path, ...], out: Path | None, zones: tuple[str, ...], as_json: bool, **show: bool
+) -> None:
+    """Move meshes, or parts of a decomposed OpenFOAM case, by a field of `sdm deflect --field`, to the same bits.
+
+    sdm apply flap.npz case/processor*
+    """
+    from sdm_deflect.cases.run.apply import apply_field
+
+    quiet = show["quiet"] or (as_json and not show["verbose"])
+    with options.watched(quiet, show["verbose"]) as watch, watch.stage("apply") as progress:
+        done = apply_field(field, meshes, out, zones, progress)
+    files = [{"file": str(file), "points": points, "moved": moved} for file, points, moved in done.files]
+    lines = [f"{file}: {moved} of {points} points moved" for file, points, moved in done.files]
+    if done.missing:
+        lines.append(f"{done.missing} of {done.places} places of {field} are in none of these meshes")
+    figures = {"files": files, "places": done.places, "missing": done.missing}
+    options.print_either(as_json, figures, *lines)
 
 
 @click.command(params=options.settings_options([FLAT["select"]]))
@@ -100,7 +130,10 @@ def _show_plan(wanted: "Targets", plan: "Planned", as_json: bool) -> int:
     from sdm_deflect.cases.cli.console import plan_table
     from sdm_deflect.cases.run.deflect_file import plan_figures
 
-    names = [str(path) for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *wanted.reports)]
+    names = [
+        str(path)
+        for path in (*map(wanted.mesh, wanted.angles), *wanted.extra, *filter(None, [wanted.field]), *wanted.reports)
+    ]
     figured = {**plan_figures(plan), "files": names}
     options.print_either(as_json, figured, plan_table(plan), f"would write {', '.join(names)}")
     return 0

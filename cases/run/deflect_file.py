@@ -30,6 +30,7 @@ from sdm_deflect.deform.mesh.touched import Layers
 from sdm_deflect.deform.mesh.unchanged import check_unchanged, held
 from sdm_deflect.deform.volume.deflection import Deflected, sweep
 from sdm_deflect.deform.volume.excerpt import excerpt
+from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan, Planned, Plans
 from sdm_deflect.meshing.files.staged import permitted_as
@@ -163,6 +164,9 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
                     write_sensitivity(
                         plan.mesh, one.points, one.sensitivity(), (arrays, picture), f"mesh length per {unit}"
                     )
+        if wanted.field:
+            Field.of(one).save(wanted.field)
+            names.append(wanted.field)
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)
     return Outcome(plan, tuple(found), tuple(names), wanted.reports, lost, notes=_without_page(wanted))

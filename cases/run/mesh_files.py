@@ -35,6 +35,7 @@ class Targets:
     angles : distinct, in the order asked for.
     sensitive : whether d(points)/d(angle) is written beside each mesh.
     reported : whether a folder with a report is written beside each mesh.
+    field : the file of the displacement field, which is of one angle; None: none is written.
     """
 
     source: Path
@@ -42,6 +43,7 @@ class Targets:
     angles: tuple[float, ...]
     sensitive: bool = False
     reported: bool = False
+    field: Path | None = None
 
     @classmethod
     def of(
@@ -116,11 +118,13 @@ class Targets:
     def check(self, inputs: Sequence[Path] = ()) -> None:
         """Refuse targets that would overwrite an input, one another, or a file that is not of an earlier job.
 
-        Raises InputError naming the first such target.
+        Raises InputError naming the first such target; for a field of several angles, too.
         """
+        if self.field and len(self.angles) > 1:
+            raise InputError(f"--field {self.field} is of one angle; there are {len(self.angles)}")
         meshes = tuple(self.mesh(angle) for angle in self.angles)
         seen: set[Path] = set()
-        for target in (*meshes, *self.extra, *self._other_tables()):
+        for target in (*meshes, *self.extra, *filter(None, [self.field]), *self._other_tables()):
             self._check_target(target, (self.source, *inputs))
             if target.resolve() in seen:
                 raise InputError(f"{target} would be written twice; choose another name in out")
@@ -148,7 +152,7 @@ class Targets:
         """Whether what is there may be replaced."""
         if target.is_dir():
             return self._is_folder and not target.suffix[1:2].isalpha() and not any(target.iterdir())
-        return target.is_file() and (target == self.out or (target in self.extra and _is_ours(target)))
+        return target.is_file() and (target in (self.out, self.field) or (target in self.extra and _is_ours(target)))
 
     def _named(self, tail: str, suffix: str | None = None) -> Path:
         own = "" if self._is_folder else ending(self.out)

@@ -1,7 +1,7 @@
 """A deflection as a function of coordinates alone: small enough to be sent to where the nodes of a large mesh lie.
 
-What moves a node is where it was before: the box, the interpolants, the boundary nodes near by, and the nodes whose
-ends are told outright, by their places. So any part of a mesh can be moved anywhere, in any order, and twice.
+What moves a node is its undeflected place: by the box, the interpolants, nearby boundary nodes, and a table of nodes
+with prescribed final positions. So any part of a mesh can be moved anywhere, in any order, and twice.
 """
 
 from collections.abc import Mapping
@@ -17,22 +17,26 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.reading import damaged, read_arrays
 from sdm_deflect.deform.hexahedron import Hexahedron
 from sdm_deflect.deform.mesh.mesh import bounded
 from sdm_deflect.deform.rbf.interpolant import Interpolant
-from sdm_deflect.deform.rbf.kernels import KERNEL, ThinPlateSpline, arrays_of, stored_kernel
-from sdm_deflect.deform.volume.deflection import Deflected
+from sdm_deflect.deform.rbf.kernels import arrays_of, stored_kernel
+from sdm_deflect.deform.volume.deflection import Deflected, Deflection
 from sdm_deflect.deform.volume.near_wall import Nearby, NearWall
 from sdm_deflect.deform.volume.region import ON_FACE
 from sdm_deflect.deform.volume.step import Step
 
 ROWS = 1 << 18
 """Nodes moved at a time."""
-FILE = "displacement field of sdm-deflect"
+NEAR = 1e-6
+"""Share of the distance between places within which a point is no other one, but one that was rounded."""
+FILE = "displacement field of sdm-deflect, 2"
+ARRAYS = ("boundary", "values", "turns", "part")
+"""Arrays of a step by their names in a file."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,56 +82,116 @@ class FieldStep:
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
-    """Where each point of a mesh comes to be.
+class FieldBox:
+    """Where the points of one box come to be.
 
     Attributes
     ----------
-    box : nodes outside stay, but for those of `places`.
+    box : points outside stay, but for those of `places`.
+    zones : names of the zones that deform.
     steps : one after another.
-    places, ends : (K, 3) undeflected coordinates of the nodes whose ends are told outright, and these: those of moving,
-        fixed and sliding patches in the box, those that move as images of others, and those that a repair has moved.
+    places, ends : (K, 3) undeflected coordinates of nodes with a prescribed end, and these ends: nodes of moving, fixed
+        and sliding patches in the box, images of others, and nodes that a repair has moved. No place is there twice.
     planes : (S, 3) component, station and tolerance of faces of overlapping blocks, in whose planes nodes stay.
     """
 
     box: Hexahedron = field(repr=False)
+    zones: tuple[str, ...]
     steps: tuple[FieldStep, ...] = field(repr=False)
     places: FloatArray = field(repr=False)
     ends: FloatArray = field(repr=False)
     planes: FloatArray = field(repr=False)
 
     @classmethod
-    def of(cls, deflected: Deflected) -> "Field":
-        """Take what a deflection has found; of a mesh with several zones it is that of the zones that deform.
-
-        Raises InputError if it is of several boxes, or its points are rounded.
-        """
-        one = deflected.boxes[0]
+    def of(cls, one: Deflection) -> "FieldBox":
+        """Take what a deflection has found in one box; InputError as of `Field.of`."""
         plan, sites = one.plan, one.plan.sites
-        if len(deflected.boxes) > 1:
-            raise InputError(f"{plan.mesh.name}: a field is of one box, and there are {len(deflected.boxes)}")
-        if not plan.precision.is_double:
-            raise InputError(f"{plan.mesh.name}: a field is of double precision; take that of the result itself")
         told = np.zeros(len(plan.mesh.points), dtype=np.bool_)
         told[np.intersect1d(plan.boundary.images.nodes, plan.region.inside, assume_unique=True)] = True
         told[sites.known] = True
         if one.repaired is not None:
             told[one.repaired.moved] = True
         rows = np.flatnonzero(told)
+        rows = rows[np.lexsort(plan.mesh.points[rows].T)]
+        again = (np.diff(plan.mesh.points[rows], axis=0) == 0.0).all(axis=1)
+        if (one.points[rows[1:][again]] != one.points[rows[:-1][again]]).any():
+            raise InputError(f"{plan.mesh.name}: nodes at one place move apart: no function of the place does that")
+        rows = np.sort(rows[np.append(True, ~again)]) if len(rows) else rows
         near = ON_FACE * plan.boundary.size
         planes = [(s.component, s.point[s.component], near) for s, _ in plan.region.sections]
         return cls(
             plan.region.hexahedron,
+            plan.region.zones,
             tuple(FieldStep.of(step) for step in one.steps),
             plan.mesh.points[rows],
             one.points[rows],
             np.array(planes, dtype=np.float64).reshape(-1, 3),
         )
 
+    def move(self, given: FloatArray, out: FloatArray) -> None:
+        """Put the ends of the points `given` (M, 3) that the box moves into `out` (M, 3)."""
+        inside = self.box.contains(given)
+        told = np.flatnonzero(inside | self._among(given))
+        distance, row = self._tree.query(given[told]) if len(self.places) else (np.ones(len(told)), told)
+        exact = distance == 0.0
+        inside[told[exact]] = False
+        rows = np.flatnonzero(inside)
+        moved = given[rows]
+        for step in self.steps:
+            if len(moved):
+                displacement = step.displacement(moved)
+                for component, station, near in self.planes:
+                    stays = np.abs(given[rows, int(component)] - station) <= near
+                    displacement[stays, int(component)] = 0.0
+                moved += displacement
+        out[rows] = moved
+        out[told[exact]] = self.ends[row[exact]]
+
+    def matches(self, points: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Return which places (K,) have a point (M, 3), and which have one that is but near: `NEAR` of the spacing."""
+        found, near = np.zeros((2, len(self.places)), dtype=np.bool_)
+        some = points[self._among(points)]
+        if len(some):
+            distance, row = self._tree.query(some)
+            found[row[distance == 0.0]] = True
+            spacing = self._tree.query(self.places, k=2)[0][:, 1]
+            near[row[(distance > 0.0) & (distance <= NEAR * spacing[row])]] = True
+        return found, near
+
+    def _among(self, points: FloatArray) -> BoolArray:
+        """Return which points lie between the least and the largest coordinates of the places."""
+        low, high = self.places.min(axis=0, initial=np.inf), self.places.max(axis=0, initial=-np.inf)
+        room = NEAR * np.linalg.norm(high - low) if len(self.places) else 0.0
+        return np.asarray(((points >= low - room) & (points <= high + room)).all(axis=1))
+
+    @cached_property
+    def _tree(self) -> Any:
+        return cKDTree(self.places)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Field:
+    """Where each point of a mesh comes to be: a deflection in one box, or in several that do not overlap."""
+
+    boxes: tuple[FieldBox, ...]
+
+    @classmethod
+    def of(cls, deflected: Deflected) -> "Field":
+        """Take what a deflection has found.
+
+        Raises InputError if its points are rounded, or nodes at one place move apart.
+        """
+        if not deflected.plan.precision.is_double:
+            raise InputError(
+                f"{deflected.plan.mesh.name}: a field is of double precision; take that of the result itself"
+            )
+        return cls(tuple(FieldBox.of(one) for one in deflected.boxes))
+
     def apply(self, points: FloatArray, progress: Progress = silent) -> FloatArray:
         """Return where nodes at undeflected points (N, 3) come to be, (N, 3); those that stay keep their bits.
 
-        Each row depends on nothing but itself: any part of a mesh gives the same bits as the whole.
+        The nodes are of zones that deform. Each row depends on nothing but itself: any part of a mesh gives the same
+        bits as the whole.
 
         Raises InputError if the points are no finite numbers (N, 3).
         """
@@ -137,56 +201,25 @@ class Field:
         out = given.copy()
         for start in range(0, len(out), ROWS):
             rows = slice(start, start + ROWS)
-            self._move(out[rows])
+            for box in self.boxes:
+                box.move(given[rows], out[rows])
             progress("moving", min(1.0, (start + ROWS) / len(out)))
         return out
 
-    def _move(self, points: FloatArray) -> None:
-        """Move points (M, 3) in place."""
-        inside = self.box.contains(points)
-        told = np.flatnonzero(inside | ((points >= self._low) & (points <= self._high)).all(axis=1))
-        distance, row = self._tree.query(points[told]) if len(self.places) else (np.ones(len(told)), told)
-        exact = distance == 0.0
-        inside[told[exact]] = False
-        rows = np.flatnonzero(inside)
-        moved = points[rows]
-        for step in self.steps:
-            if len(moved):
-                displacement = step.displacement(moved)
-                for component, station, near in self.planes:
-                    stays = np.abs(points[rows, int(component)] - station) <= near
-                    displacement[stays, int(component)] = 0.0
-                moved += displacement
-        points[rows] = moved
-        points[told[exact]] = self.ends[row[exact]]
-
-    @cached_property
-    def _tree(self) -> Any:
-        return cKDTree(self.places)
-
-    @cached_property
-    def _low(self) -> FloatArray:
-        return np.asarray(self.places.min(axis=0, initial=np.inf))
-
-    @cached_property
-    def _high(self) -> FloatArray:
-        return np.asarray(self.places.max(axis=0, initial=-np.inf))
-
     def save(self, path: str | PathLike[str]) -> None:
         """Write it to a file, whole or not at all; Field.load reads it."""
-        arrays: dict[str, Any] = {
-            "kind": np.array(FILE), "corners": self.box.corners, "places": self.places, "ends": self.ends,
-            "planes": self.planes, "steps": np.array(len(self.steps)),
-        }  # fmt: skip
-        if self.steps and self.steps[0].interpolant.kernel != ThinPlateSpline():
-            arrays |= arrays_of(self.steps[0].interpolant.kernel)
-        for i, step in enumerate(self.steps):
-            own = {
-                "centers": step.interpolant.centers, "beta": step.interpolant.beta, "alpha": step.interpolant.alpha,
-                "boundary": step.boundary, "values": step.values, "turns": step.turns, "part": step.part,
-                "reach": np.array(step.reach),
+        arrays: dict[str, Any] = {"kind": np.array(FILE), "boxes": np.array(len(self.boxes))}
+        for b, box in enumerate(self.boxes):
+            arrays |= {
+                f"corners_{b}": box.box.corners, f"zones_{b}": np.array(box.zones, dtype=np.str_),
+                f"places_{b}": box.places, f"ends_{b}": box.ends, f"planes_{b}": box.planes,
+                f"steps_{b}": np.array(len(box.steps)),
             }  # fmt: skip
-            arrays |= {f"{name}_{i}": values for name, values in own.items()}
+            for i, step in enumerate(box.steps):
+                own = {name: getattr(step, name) for name in ARRAYS} | {"reach": np.array(step.reach)}
+                own |= {name: getattr(step.interpolant, name) for name in ("centers", "beta", "alpha")}
+                arrays |= {f"{name}_{b}_{i}": values for name, values in own.items()}
+                arrays |= arrays_of(step.interpolant.kernel, f"_{b}_{i}")
         with TemporaryDirectory(prefix=".sdm-", dir=Path(path).parent) as folder:
             beside = Path(folder, "field.npz")
             np.savez_compressed(beside, **arrays)
@@ -201,24 +234,28 @@ class Field:
         with damaged(Path(path), FILE):
             if str(stored["kind"]) != FILE:
                 raise ValueError("it holds something else")
-            steps = tuple(_step(stored, i) for i in range(int(stored["steps"])))
-            told = stored["places"], stored["ends"]
-            if told[0].shape != told[1].shape or told[0].ndim != 2 or told[0].shape[1] != 3:
-                raise ValueError(f"places {told[0].shape} and ends {told[1].shape} must be (K, 3) both")
-            return cls(Hexahedron(stored["corners"]), steps, *told, stored["planes"].reshape(-1, 3))
+            return cls(tuple(_box(stored, b) for b in range(int(stored["boxes"]))))
 
 
-def _step(stored: Mapping[str, Any], i: int) -> FieldStep:
+def _box(stored: Mapping[str, Any], b: int) -> FieldBox:
+    """Return one box of a file; ValueError if its arrays do not fit together."""
+    places, ends = stored[f"places_{b}"], stored[f"ends_{b}"]
+    if places.shape != ends.shape or places.ndim != 2 or places.shape[1] != 3:
+        raise ValueError(f"places {places.shape} and ends {ends.shape} must be (K, 3) both")
+    steps = tuple(_step(stored, f"_{b}_{i}") for i in range(int(stored[f"steps_{b}"])))
+    zones = tuple(stored[f"zones_{b}"].tolist())
+    return FieldBox(
+        Hexahedron(stored[f"corners_{b}"]), zones, steps, places, ends, stored[f"planes_{b}"].reshape(-1, 3)
+    )
+
+
+def _step(stored: Mapping[str, Any], tag: str) -> FieldStep:
     """Return one step of a file; ValueError if its arrays do not fit together."""
-    one = {
-        name: stored[f"{name}_{i}"]
-        for name in ("centers", "beta", "alpha", "boundary", "values", "turns", "part", "reach")
-    }
+    one = {name: stored[f"{name}{tag}"] for name in (*ARRAYS, "centers", "beta", "alpha", "reach")}
     count = len(one["boundary"])
     for name, shape in (("values", (count, 3)), ("turns", (count, 3, 3)), ("part", (count,)), ("boundary", (count, 3))):
         if one[name].shape != shape:
-            raise ValueError(f"{name} {one[name].shape} of step {i} must be {shape}")
-    kernel = stored_kernel(stored) if KERNEL in stored else ThinPlateSpline()
-    interpolant = Interpolant(kernel, one["centers"], one["beta"], one["alpha"])
+            raise ValueError(f"{name} {one[name].shape} of step {tag} must be {shape}")
+    interpolant = Interpolant(stored_kernel(stored, tag), one["centers"], one["beta"], one["alpha"])
     arrays = one["boundary"], one["values"], one["turns"], one["part"].astype(np.intp)
     return FieldStep(interpolant, *arrays, float(one["reach"]))

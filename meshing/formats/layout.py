@@ -10,7 +10,7 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh
+from sdm_deflect.deform.mesh.mesh import PLANE, Cells, Mesh, Zone
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.formats.collapsed import expanded, simple
@@ -70,6 +70,15 @@ class Format:
             found = self.layout(path, None, progress)
             assert found is not None
             return whole(found, partial(progress, f"reading {path.name}"))
+
+    def points(self, path: Path, progress: Progress = silent) -> tuple[FloatArray, tuple[Zone, ...]]:
+        """Return the points (N, 3) of a mesh and its zones; its cells are read only where that must be."""
+        with about(path):
+            found = self.layout(path, None, progress)
+        if found is None:
+            mesh = self.read(path, progress)
+            return mesh.points, mesh.zones
+        return found.pieces.coordinates(0, found.pieces.points), found.zones
 
     def read_copy(self, path: Path, source: Path) -> Mesh:
         """Return the mesh in a file that is a copy of another, beside which more of it may be."""

@@ -1,5 +1,8 @@
 """OpenFOAM cases: the mesh in the folder ``constant/polyMesh``."""
 
+import gzip
+import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -10,39 +13,48 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons, Polyhedra, Warned
+from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons, Polyhedra, Warned, Zone
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.meshing.files.staged import copied, fresh_folder
-from sdm_deflect.meshing.formats.format import MeshFileError, about, fewest_bits
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.openfoam_decomposed import Home, homes, is_part, move_points, read_parts, rewrite_parts
 from sdm_deflect.meshing.formats.openfoam_files import (
+    HEAD,
     MESH,
     FoamFile,
     FoamPatch,
     faces,
+    headed,
     labels,
     open_foam,
     parse,
     vectors,
 )
 from sdm_deflect.meshing.formats.openfoam_pairs import constraint_of, pairs_of
-from sdm_deflect.meshing.formats.openfoam_parts import BETWEEN, CYCLIC
 from sdm_deflect.meshing.formats.openfoam_write import BARE, write_files, write_mesh
 from sdm_deflect.meshing.formats.polyhedra import check_cells
 from sdm_deflect.meshing.formats.shapes import refuse_plane
 
 Read = TypeVar("Read")
+PART = re.compile(r"processor(0|[1-9]\d{0,8})")
+COLLATED = re.compile(r"processors\d{0,9}(_\d{1,9}-\d{1,9})?")
+BETWEEN = ("processor", "processorCyclic")
+"""Types of patches between the parts of a decomposed case."""
 STALE = ("processor*",)
 """Parts of a decomposed case: their meshes would be the old ones, so they are not copied."""
+OF_PARTS = (
+    "is decomposed: join it by `reconstructParMesh -constant`, deflect the whole with --field FILE, and move the parts "
+    "by `sdm apply FILE {}/processor*`"
+)
+OF_COLLATED = "is collated: decompose it with `-fileHandler uncollated`"
 OF_TIMES = (
     "{} is not deflected, and a solver that starts at that time reads it in place of constant/polyMesh: remove it, or "
     "move it to constant/polyMesh and deflect that"
 )
 OF_REGIONS = "the meshes of the regions {} are not deflected: name one as constant/{}/polyMesh to deflect it by itself"
-BESIDE = "the parts of the case are neither read nor copied; name {} in place of the case to deflect them"
+BESIDE = "the parts of the case are neither read nor copied; `sdm apply` moves them by the field of --field FILE"
 
 
 @registered("openfoam", ".foam")
@@ -54,9 +66,6 @@ class OpenFoam(Format):
     of it. A rewritten case keeps them, as it keeps every file but `points`; only the parts of a decomposed case
     (``processor0`` and so on) are not copied. Meshes of time folders are not looked at. Output is a folder that must
     not exist, or be empty.
-
-    Where a case has nothing but parts, or a path names one of them (``case/processor0``), all parts are read and
-    rewritten as one mesh, see `openfoam_decomposed`.
     """
 
     folder = True
@@ -69,15 +78,11 @@ class OpenFoam(Format):
         return in_pieces(path)
 
     def files(self, path: Path) -> list[Path]:
-        """See `Format.files`: those in the folder of a case's mesh, and of those of its parts where these are read."""
-        case = case_folder(path)
-        folders = [*(home.folder for home in homes(case)), case / MESH] if has_parts(path) else [mesh_folder(path)]
-        return [file for folder in folders if folder.is_dir() for file in sorted(folder.iterdir()) if file.is_file()]
+        """See `Format.files`: those in the folder of a case's mesh."""
+        return [file for file in sorted(mesh_folder(path).iterdir()) if file.is_file()]
 
     def size(self, path: Path) -> int:
-        """See `Format.size`; 0 if the case is decomposed. MeshFileError if there is none."""
-        if has_parts(path):
-            return 0
+        """See `Format.size`."""
         lists = ("points", "faces", "owner", "neighbour")
         return sum(file.stat().st_size for name in lists for file in mesh_folder(path).glob(f"{name}*"))
 
@@ -87,8 +92,6 @@ class OpenFoam(Format):
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
         """See `Format.read`."""
-        if has_parts(path):
-            return read_parts(case_folder(path), progress)
         folder = mesh_folder(path)
         points = stored(folder, "points", vectors).values
         progress("reading faces", 0.3)
@@ -107,16 +110,19 @@ class OpenFoam(Format):
         """See `Format.real`."""
         if source is None:
             return DOUBLE
-        where = homes(case_folder(source)) if has_parts(source) else (Home(mesh_folder(source), 0, None),)
-        return fewest_bits(file.kind("scalar") for home in where for file in home.heads("points") if file.binary)
+        plain = _points_folder(source) / "points"
+        with about(plain), plain.open("rb") if plain.is_file() else gzip.open(f"{plain}.gz") as file:
+            head = headed(file.read(HEAD), plain.name, HEAD)
+        return fewest_bits([head.kind("scalar")] if head.binary else [])
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
         """See `Format.rewrite`; `out` is a copy of the case (of the folder ``polyMesh`` if `source` is one)."""
-        if has_parts(source):
-            rewrite_parts(case_folder(source), points, case_folder(out), progress)
-            return
         with case_copied(source, out, progress) as mesh:
-            move_points(mesh_folder(source), mesh, [points])
+            move_points(mesh_folder(source), mesh, points)
+
+    def points(self, path: Path, progress: Progress = silent) -> tuple[FloatArray, tuple[Zone, ...]]:
+        """See `Format.points`; `path` may be a part of a decomposed case."""
+        return stored(_points_folder(path), "points", vectors).values, ()
 
     def write(self, mesh: Mesh, out: Path, progress: Progress = silent) -> tuple[str, ...]:
         """See `Format.write`; types of patches follow from their names, the case can be read by checkMesh.
@@ -156,11 +162,8 @@ def patches_of(
     """
     named = []
     for patch in patches:
-        if patch.type in (BETWEEN, CYCLIC):
-            raise MeshFileError(
-                f"patch {patch.name} joins it to other parts of a decomposed case; name the case, or its "
-                "folder processor0, to read all parts"
-            )
+        if patch.type in BETWEEN:
+            raise MeshFileError(f"patch {patch.name} joins it to other parts: it {OF_PARTS.format('CASE')}")
         first, end = patch.start, patch.start + patch.count
         if not 0 <= first <= end <= count:
             raise MeshFileError(f"patch {patch.name} has the faces {first} to {end - 1}, but there are {count}")
@@ -172,36 +175,79 @@ def patches_of(
     return tuple(named)
 
 
+@contextmanager
+def parts_moved(case: Path, out: Path) -> Iterator[Callable[[Path, FloatArray], tuple[Path, Path]]]:
+    """Give a function that writes a part of a decomposed case with other points (N, 3) into a copy `out` of the case.
+
+    It returns where the part is, and where it will be. The copy has all files of the case but other parts and the mesh
+    of the whole. All files of a part but its points are links to those of the case. Errors as of `fresh_folder`.
+    """
+    with fresh_folder(out, case) as beside:
+        copied(case, beside, (*STALE, MESH.name))
+
+        def move(part: Path, points: FloatArray) -> tuple[Path, Path]:
+            source, copy = part.resolve(), beside / part.name
+            for folder, _, files in os.walk(source):
+                here = copy / Path(folder).relative_to(source)
+                here.mkdir(parents=True)
+                for file in {*files} - ({"points", "points.gz"} if here == copy / MESH else set()):
+                    (here / file).symlink_to(Path(folder, file))
+            move_points(source / MESH, copy / MESH, points)
+            return copy, out / part.name
+
+        yield move
+
+
+def move_points(folder: Path, out: Path, points: FloatArray) -> None:
+    """Write `points` (N, 3) of a mesh into the folder `out` as the file is in `folder`, but for what changed."""
+    with about(folder / "points"):
+        file = open_foam(folder, "points")
+        old = vectors(file)
+        check_points(points, len(old.values))
+        data = old.replaced(file.data, points, file.kind("scalar") if file.binary else None)
+    if (folder / "points").is_file():
+        (out / "points").write_bytes(data)
+    else:
+        (out / "points.gz").write_bytes(gzip.compress(data, mtime=0))
+
+
+def is_part(path: Path) -> bool:
+    """Whether a folder is a part of a decomposed case, such as ``processor0``; MeshFileError if it is collated."""
+    if COLLATED.fullmatch(path.name) and (path / MESH).is_dir():
+        raise MeshFileError(f"{path}: {OF_COLLATED}")
+    return bool(PART.fullmatch(path.name)) and (path / MESH).is_dir()
+
+
 def case_folder(path: Path) -> Path:
-    """Return the folder of a case: `path`, or the one that a file ``case.foam`` or a part ``processor0`` lies in."""
-    return path.parent if path.suffix == ".foam" or is_part(path) else path
-
-
-def has_parts(path: Path) -> bool:
-    """Whether a path means the parts of a case: it names one, or the case has no mesh beside them."""
-    case = case_folder(path)
-    alone = not any((folder / name).is_file() for folder in (case / MESH, case) for name in ("points", "points.gz"))
-    return (is_part(path) or alone) and bool(homes(case))
+    """Return the folder of a case: `path`, or the one that a file ``case.foam`` lies in."""
+    return path.parent if path.suffix == ".foam" else path
 
 
 def meshes_beside(case: Path) -> tuple[str, ...]:
     """Notes on other meshes of a case: those of parts, of times, which a solver reads first, and of regions."""
-    parts = sorted(folder for folder in case.glob(STALE[0]) if is_part(folder) and (folder / MESH).is_dir())
     others = sorted({points.parent.parent for points in case.glob("*/polyMesh/points*")} - {case / MESH.parent})
     times = [one.name for one in others if one.name.replace(".", "", 1).replace("e-", "", 1).isdecimal()]
     regions = sorted({points.parents[1].name for points in case.glob("constant/*/polyMesh/points*")})
-    notes = [BESIDE.format(parts[0])] if parts else []
+    notes = [BESIDE] if any((folder / MESH).is_dir() for folder in case.glob(STALE[0])) else []
     notes += [Warned(OF_TIMES.format(", ".join(f"{name}/polyMesh" for name in times)))] if times else []
     notes += [Warned(OF_REGIONS.format(", ".join(regions), regions[0]))] if regions else []
     return tuple(notes)
 
 
 def mesh_folder(path: Path) -> Path:
-    """Return the folder with the points of a case; MeshFileError if there is none."""
-    case = path.parent if path.suffix == ".foam" else path
+    """Return the folder with the points of a case; MeshFileError if there is none, or if it is a part of one."""
+    if is_part(path):
+        raise MeshFileError(f"{path.parent}: {OF_PARTS.format(path.parent)}")
+    return _points_folder(path)
+
+
+def _points_folder(path: Path) -> Path:
+    case = case_folder(path)
     for folder in (case / MESH, case):
         if any((folder / name).is_file() for name in ("points", "points.gz")):
             return folder
+    if any(is_part(folder) for folder in sorted(case.glob(STALE[0]))):
+        raise MeshFileError(f"{case}: {OF_PARTS.format(case)}")
     if not path.exists():
         raise MeshFileError(f"{path}: No such file or directory")
     regions = sorted(points.parent for points in case.glob("constant/*/polyMesh/points*"))

@@ -3,7 +3,7 @@
 import gzip
 import re
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -29,10 +29,8 @@ FLAT = bytes.maketrans(b"(){}", b"    ")
 WORD = re.compile(rb"\"[^\"]*\"|[{}();]|[^\s{}();\"]+")
 COMPACT = "faceCompactList"
 """Class of faces whose numbers of corners are in a list of their own; in binary there are no others."""
-COLLATED = "decomposedBlockData"
-"""Class of a file that holds a file of each part of a decomposed case."""
 HEAD = 10_000
-"""Bytes of a file, or of a collated block, in which its header is looked for."""
+"""Bytes of a file in which its header is looked for."""
 READING, CORNERS, WIDEST = 4, 16, 64
 """Bytes of memory for one of packed text, numbers of a face and bytes of a number in text: seldom more."""
 
@@ -92,62 +90,9 @@ def headed(data: bytes, name: str, stored: int) -> FoamFile:
     header = HEADER.search(data)
     if not header:
         raise MeshFileError(f"{name}: has no FoamFile header; it is truncated, or not a file of OpenFOAM")
-    return FoamFile(data, header.end(), _header_entries(header[1]), stored)
-
-
-def _header_entries(text: bytes) -> dict[str, str]:
-    """Entries of a header without dictionaries in it."""
-    found = ENTRY.findall(INNER.sub(b"", text))
-    return {key.decode(): value.decode("utf-8", "replace").strip('"') for key, value in found}
-
-
-def blocks(file: FoamFile) -> list[FoamFile]:
-    """Return what a collated file holds of each part, in order; MeshFileError if it is no such file, or truncated.
-
-    The first block has the header of all; a later one may have none.
-    """
-    if file.entries.get("class") != COLLATED:
-        raise MeshFileError(f"is a {file.entries.get('class')}, where a collated file of all parts should be")
-    found: list[FoamFile] = []
-    for begin, end in block_ranges(file):
-        data = file.data[begin:end]
-        header = HEADER.search(data, 0, HEAD)
-        if not (header or found):
-            raise MeshFileError("its first block has no FoamFile header; it is truncated or damaged")
-        entries = _header_entries(header[1]) if header else found[0].entries
-        found.append(FoamFile(data, header.end() if header else 0, entries, len(data)))
-    if not found:
-        raise MeshFileError("holds no part; it is truncated or damaged")
-    return found
-
-
-def block_ranges(file: FoamFile) -> list[tuple[int, int]]:
-    """Return where each block of a collated file begins and ends."""
-    found: list[tuple[int, int]] = []
-    at = file.start
-    while count := BINARY_COUNT.match(file.data, at):
-        begin = count.end() + 1
-        at = begin + int(count[1])
-        if file.data[count.end() : begin] != b"(" or file.data[at : at + 1] != b")":
-            raise MeshFileError(
-                f"block {len(found)} should have {int(count[1])} bytes, but the file ends before or goes on; "
-                "it is damaged"
-            )
-        found.append((begin, at))
-        at += 1
-    return found
-
-
-def with_blocks(file: FoamFile, data: Sequence[bytes]) -> bytes:
-    """Return a collated file with other blocks; what stands between them stays but for their lengths."""
-    pieces, last = [], 0
-    for (begin, end), new in zip(block_ranges(file), data, strict=True):
-        old = b"%d" % (end - begin)
-        before = file.data[last:begin]
-        at = before.rindex(old)
-        pieces += [before[:at], b"%d" % len(new), before[at + len(old) :], new]
-        last = end
-    return b"".join([*pieces, file.data[last:]])
+    found = ENTRY.findall(INNER.sub(b"", header[1]))
+    entries = {key.decode(): value.decode("utf-8", "replace").strip('"') for key, value in found}
+    return FoamFile(data, header.end(), entries, stored)
 
 
 def _unpacked(packed: bytes) -> bytes:

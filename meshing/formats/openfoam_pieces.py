@@ -23,7 +23,6 @@ from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.openfoam import (
     case_copied,
     case_folder,
-    has_parts,
     mesh_folder,
     meshes_beside,
     patches_of,
@@ -141,12 +140,10 @@ class FoamPieces(TablePieces):
 
 
 def in_pieces(path: Path) -> MeshInPieces | None:
-    """Return the mesh of a case; None if it is decomposed, or one of its lists is text or packed.
+    """Return the mesh of a case; None if one of its lists is text or packed.
 
     MeshFileError if the case is damaged.
     """
-    if has_parts(path):
-        return None
     folder = mesh_folder(path)
     lists = _lists(folder)
     if lists is None or lists.neighbour.rows > lists.owner.rows:

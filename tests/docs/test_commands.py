@@ -40,12 +40,16 @@ ELSEWHERE = (
     (r"sdm deflect wing\.p3d", "tests/meshing/formats/test_plot3d_map.py", "sdm.deflect(path, "),
     (r"sdm view", "tests/cases/view", ""),
     (r"rhoCentralFoam -case naca-flow", "studies/tests/flow/test_case.py", 'lines("rhoCentralFoam", case)'),
-    (r"sdm (quality|deflect) case", "tests/cases/test_decomposed.py", 'sdm("deflect", case'),
+    (
+        r"(reconstructParMesh|sdm (deflect|apply|quality)) .*case",
+        "tests/cases/test_apply.py",
+        'sdm("apply", field, *parts',
+    ),
     (r"pip install 'sdm-deflect\[cluster\]'", "pyproject.toml", "cluster = ["),
     (r"pip install 'sdm-deflect\[notebook\]'", "pyproject.toml", "notebook = ["),
     (r"dask (scheduler|worker)", "tests/cases/test_cluster.py", "distributed.cli.dask_scheduler"),
     (r"sdm deflect .* --scheduler", "tests/cases/test_cluster.py", '"--scheduler", file'),
-    (r"mpirun -np 4 checkMesh", "tests/cases/test_decomposed.py", 'foam.run("checkMesh", one, *handler, ranks=4)'),
+    (r"mpirun -np 4 checkMesh", "tests/cases/test_apply.py", 'foam.run("checkMesh", one, ranks=count)'),
 )
 """Commands that take long, need a network or wait for a user: a pattern, where they are run, and a text found there."""
 

@@ -20,7 +20,6 @@ from tests.meshing.formats.blocks import in_a_layer, two_blocks, write_blocks
 from tests.meshing.formats.examples import hybrid, polyhedral, with_gmsh
 from tests.meshing.formats.fluent_files import LAYOUTS, plane_mesh
 from tests.meshing.formats.fluent_files import written as fluent_written
-from tests.meshing.formats.foam_parts import parts_of, write_parts
 from tests.meshing.formats.netcdf_files import KINDS, written
 from tests.meshing.formats.periodic_files import box as periodic_box
 from tests.meshing.formats.periodic_files import ring_of_blocks, write_periodic
@@ -256,19 +255,12 @@ def plot3d(folder: Path) -> Iterator[Input]:
 
 
 def openfoam(folder: Path) -> Iterator[Input]:
-    """A case in text, packed, and in binary; its parts in text, in binary and collated, with what they are or not."""
+    """A case in text, packed, and in binary."""
     for one in of_format("openfoam", folder):
         slim = Input({name: data for name, data in one.files.items() if "polyMesh" in name})
         yield slim
         yield Input({name: foam_text(name, data) for name, data in slim.files.items()})
         yield Input({f"{name}.gz": gzip.compress(data, 1, mtime=0) for name, data in slim.files.items()})
-    case = FORMATS["openfoam"].read(folder / "mixture")
-    part = np.arange(len(case.cells[0])) % 3
-    for title, binary, collated in (("parts", True, False), ("lines", False, False), ("collated", True, True)):
-        write_parts(folder / title, parts_of(case, part, binary), collated)
-        one = of_path(folder / title)
-        yield one
-        yield Input({name: data for name, data in one.files.items() if "ProcAddressing" not in name})
 
 
 def foam_text(name: str, data: bytes) -> bytes:

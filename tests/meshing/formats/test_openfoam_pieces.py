@@ -217,11 +217,3 @@ def test_other_lists_are_read_as_a_whole(change, small):
     change(small / MESH)
     with in_pieces(small) as found:
         assert found is None
-
-
-def test_a_decomposed_case_is_read_as_a_whole(small, tmp_path):
-    shutil.move(small / "constant", tmp_path / "constant")
-    (small / "processor0").mkdir()
-    shutil.move(tmp_path / "constant", small / "processor0")
-    with in_pieces(small) as found:
-        assert found is None

@@ -1,0 +1,151 @@
+"""`sdm apply`: a saved field moves the points of mesh files, or of the parts of a decomposed case of OpenFOAM."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sdm_deflect.cases.run.mesh_files import Targets
+from sdm_deflect.cases.run.output import output_files
+from sdm_deflect.deform.base.arrays import FloatArray
+from sdm_deflect.deform.base.errors import InputError
+from sdm_deflect.deform.base.progress import Progress, silent
+from sdm_deflect.deform.mesh.mesh import Zone
+from sdm_deflect.deform.mesh.precision import DOUBLE
+from sdm_deflect.deform.mesh.unchanged import check_unchanged, states_of
+from sdm_deflect.deform.volume.field import Field, FieldBox
+from sdm_deflect.meshing.files.staged import permitted_as
+from sdm_deflect.meshing.formats.format import MeshFileError
+from sdm_deflect.meshing.formats.openfoam import is_part, parts_moved
+from sdm_deflect.meshing.formats.registry import files_of, format_of
+
+Write = Callable[[Path, FloatArray], tuple[Path, Path]]
+"""Writes a mesh with other points (N, 3); returns where it is, and where it will be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Applied:
+    """What a field moved: each file with its points and how many of them moved; places of the field in no mesh."""
+
+    files: tuple[tuple[Path, int, int], ...]
+    places: int
+    missing: int
+
+
+def apply_field(
+    path: Path, meshes: Sequence[Path], out: Path | None = None, zones: Sequence[str] = (), progress: Progress = silent
+) -> Applied:
+    """Move the points of meshes by the field in the file `path`, to the bits of the deflection; all appear, or none.
+
+    Parameters
+    ----------
+    path : A file of `Field.save`.
+    meshes : Mesh files; or folders ``processor0`` and so on of one decomposed case of OpenFOAM.
+    out : The file to write, or the folder of the case; NAME-deflected beside the mesh, or the case, if None.
+    zones : Further zones that deform, as in a job.
+    progress : Called with what is being done.
+
+    Raises
+    ------
+    InputError
+        If no place of the field is a point of a mesh, or one is nearly a point: coordinates were rounded. If a mesh has
+        coordinates of 32 bits, or would be overwritten.
+    MeshFileError
+        If a mesh cannot be read or written.
+    """
+    field = Field.load(path)
+    states = states_of(file for mesh in meshes for file in _files(mesh))
+    places, found = sum(len(box.places) for box in field.boxes), _found(field, path, meshes, zones, progress)
+    files = []
+    with _writers(meshes, out) as writers:
+        for mesh, write in zip(meshes, writers, strict=True):
+            points, own = _points(mesh)
+            moved = points.copy()
+            for box in field.boxes:
+                for rows in _deforming(mesh, own, box, zones):
+                    box.move(points[rows], moved[rows])
+            progress(f"writing {mesh.name}", 0.5)
+            beside, target = write(mesh, moved)
+            if not np.array_equal(_points(beside)[0], moved):
+                raise MeshFileError(f"{target}: does not read back as it was written")
+            files.append((target, len(points), int(np.count_nonzero((moved != points).any(axis=1)))))
+        check_unchanged(states)
+    return Applied(tuple(files), places, places - found)
+
+
+def _found(field: Field, path: Path, meshes: Sequence[Path], zones: Sequence[str], progress: Progress) -> int:
+    """Return how many places of a field are points of meshes; InputError for none, and for points that were rounded."""
+    known = [np.zeros((2, len(box.places)), dtype=np.bool_) for box in field.boxes]
+    for mesh in meshes:
+        progress(f"reading {mesh.name}", 0.0)
+        points, own = _points(mesh)
+        for box, found in zip(field.boxes, known, strict=True):
+            for rows in _deforming(mesh, own, box, zones):
+                found |= box.matches(points[rows])
+    if rounded := sum(int((near & ~exact).sum()) for exact, near in known):
+        raise InputError(f"{path}: {rounded} of its places are but nearly points of {_names(meshes)}: write all digits")
+    if not (count := sum(int(exact.sum()) for exact, _ in known)):
+        raise InputError(f"{path}: is of another mesh: none of its places is a point of {_names(meshes)}")
+    return count
+
+
+def _files(mesh: Path) -> Sequence[Path]:
+    return sorted((mesh / "constant" / "polyMesh").iterdir()) if is_part(mesh) else files_of(mesh)
+
+
+def _points(mesh: Path) -> tuple[FloatArray, tuple[Zone, ...]]:
+    form = format_of(mesh)
+    if form.real(mesh, mesh) != DOUBLE:
+        raise InputError(f"{mesh}: has coordinates of 32 bits; a field moves a mesh in double precision")
+    return form.points(mesh)
+
+
+def _deforming(mesh: Path, zones: Sequence[Zone], box: FieldBox, further: Sequence[str]) -> Iterator[slice]:
+    """Yield the points of the zones that deform; InputError for several zones and none of these."""
+    if len(zones) < 2:
+        yield slice(None)
+        return
+    wanted = {*box.zones, *further}
+    own = [zone for zone in zones if "*" in wanted or wanted & {zone.name, *zone.blocks}]
+    if not own:
+        names = ", ".join(zone.name for zone in zones)
+        raise InputError(f"{mesh}: none of its zones {names} is one that deforms: {', '.join(sorted(wanted))}")
+    yield from (slice(zone.start, zone.stop) for zone in own)
+
+
+@contextmanager
+def _writers(meshes: Sequence[Path], out: Path | None) -> Iterator[list[Write]]:
+    """Give a function for each mesh that writes it; what was written appears once the block has ended well."""
+    cases = {mesh.resolve().parent for mesh in meshes if is_part(mesh)}
+    if len(cases) > 1 or (cases and not all(map(is_part, meshes))):
+        raise InputError("name mesh files, or parts of one case, in one command")
+    if out and not cases and len(meshes) > 1:
+        raise InputError(f"--out {out} is one place, and there are {len(meshes)} meshes; leave it out")
+    with ExitStack() as stack:
+        if cases:
+            (case,) = cases
+            move = stack.enter_context(parts_moved(case, out or case.with_name(f"{case.name}-deflected")))
+            yield [move] * len(meshes)
+        else:
+            yield [stack.enter_context(_writer(mesh, out)) for mesh in meshes]
+
+
+@contextmanager
+def _writer(mesh: Path, out: Path | None) -> Iterator[Write]:
+    wanted, form = Targets.of(mesh, out, (0.0,)), format_of(mesh)
+    wanted.check()
+    if format_of(wanted.out) is not form:
+        raise InputError(f"{wanted.out}: a field is applied to a copy; name a file {form.suffixes[0]}")
+    with permitted_as(mesh), output_files(wanted.out.parent) as scratch:
+
+        def write(mesh: Path, points: FloatArray) -> tuple[Path, Path]:
+            form.rewrite(mesh, points, scratch / wanted.out.name)
+            return scratch / wanted.out.name, wanted.out
+
+        yield write
+
+
+def _names(meshes: Sequence[Path]) -> str:
+    return meshes[0].name if len(meshes) == 1 else f"{meshes[0].name} to {meshes[-1].name}"

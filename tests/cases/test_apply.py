@@ -1,0 +1,211 @@
+"""`sdm apply`: a saved field moves mesh files, and the parts of a decomposed case, to the bits of the deflection."""
+
+import json
+import re
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+from sdm_deflect import Field, InputError, deflect, read
+from sdm_deflect.meshing.formats.openfoam import MESH, OpenFoam
+from sdm_deflect.meshing.formats.openfoam_files import open_foam, vectors
+from sdm_deflect.meshing.formats.registry import FORMATS
+from tests.cases import foam
+from tests.deform.blocks import block_with_body, joined
+
+TURN = ["--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended", "--quiet"]
+TURN += ["--hinge", "0.7,0.3,0", "0.7,0.7,0", "--angle", "8", "--no-report"]
+BODY = ["--surface", "body", "--hinge", "0,0,0", "0,1,0", "--angle", "5", "--no-report", "--quiet"]
+DECOMPOSE = """FoamFile { version 2.0; format ascii; class dictionary; object decomposeParDict; }
+numberOfSubdomains %d; method random;
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, hybrid_wing):
+    """A wing as a case, in SU2 and in CGNS."""
+    folder = tmp_path_factory.mktemp("apply")
+    OpenFoam().write(hybrid_wing.mesh, folder / "wing")
+    for name in ("wing.su2", "wing.cgns", "wing.vtu"):
+        FORMATS[name.partition(".")[2]].write(hybrid_wing.mesh, folder / name)
+    return folder
+
+
+@pytest.fixture
+def field(folder, sdm):
+    """The field of the case, and the deflected case."""
+    out, field = folder / "whole", folder / "flap.npz"
+    if not field.exists():
+        assert sdm("deflect", folder / "wing", *TURN, "--out", out, "--field", field)[0] == 0
+    return field
+
+
+def decompose(case, count, form="writeFormat binary;"):
+    """Cut a case with decomposePar, by chance: every part has nodes on most others."""
+    control = case / "system" / "controlDict"
+    control.write_text(re.sub(r"writeFormat +\w+;", form, control.read_text()))
+    (case / "system" / "decomposeParDict").write_text(DECOMPOSE % count)
+    foam.run("decomposePar", case)
+
+
+def points_in(part):
+    return vectors(open_foam(part / MESH, "points")).values
+
+
+@pytest.mark.parametrize(("count", "form"), [(3, "binary"), (8, "binary"), (3, "ascii")])
+def test_the_parts_of_the_deflected_whole_are_the_moved_parts(count, form, folder, field, sdm, tmp_path):
+    case, deflected = tmp_path / "case", tmp_path / "deflected"
+    shutil.copytree(folder / "wing", case)
+    shutil.copytree(folder / "whole", deflected)
+    for one in (case, deflected):
+        decompose(one, count, f"writeFormat {form}; writePrecision 17;")
+    parts = sorted(case.glob("processor*"))
+    for path in (*case.glob(f"processor*/{MESH}/faces"), *case.glob(f"processor*/{MESH}/owner")):
+        path.rename(path.with_suffix(".away"))  # nothing but points is read
+    code, said, _ = sdm("apply", field, *parts, "--out", tmp_path / "moved", "--json", "--quiet")
+    for path in case.glob(f"processor*/{MESH}/*.away"):
+        path.rename(path.with_suffix(""))
+    assert code == 0
+    told = json.loads(said)
+    assert [one["points"] for one in told["files"]] == [len(points_in(part)) for part in parts]
+    assert told["missing"] == 0
+    for part in parts:
+        moved, expected = tmp_path / "moved" / part.name, deflected / part.name
+        assert np.array_equal(points_in(moved), points_in(expected))
+        if form == "binary":
+            assert (moved / MESH / "points").read_bytes() == (expected / MESH / "points").read_bytes()
+    shutil.rmtree(tmp_path / "moved")
+    assert sdm("apply", field, *parts, "--quiet")[0] == 0
+    moved = tmp_path / "case-deflected"
+    assert not (moved / MESH / "points").exists()
+    assert all((moved / part.name / MESH / "faces").is_symlink() for part in parts)
+    before, after = (foam.run("checkMesh", one, ranks=count) for one in (case, moved))
+    assert foam.complaints(after) == foam.complaints(before)
+    foam.run("reconstructParMesh", moved, "-constant")
+    whole = OpenFoam().read(deflected).points
+    distance, nearest = KDTree(whole).query(OpenFoam().read(moved).points)  # in an order of its own
+    assert sorted(nearest) == list(range(len(whole)))
+    assert distance.max() <= (1e-15 if form == "ascii" else 0.0)
+
+
+def test_a_part_alone_says_what_is_elsewhere_and_keeps_the_rest(folder, field, sdm, tmp_path):
+    case = tmp_path / "case"
+    shutil.copytree(folder / "wing", case)
+    decompose(case, 3)
+    before = {path: path.read_bytes() for path in case.rglob("*") if path.is_file()}
+    code, said, _ = sdm("apply", field, case / "processor1")
+    assert code == 0
+    assert re.search(r"case-deflected/processor1: \d+ of \d+ points moved", said)
+    assert re.search(rf"\d+ of \d+ places of {field} are in none of these meshes", said)
+    assert not (tmp_path / "case-deflected" / "processor0").exists()
+    assert {path: path.read_bytes() for path in before} == before
+    assert {path for path in case.rglob("*") if path.is_file()} == {*before}
+
+
+@pytest.mark.parametrize("name", ["wing.su2", "wing.cgns", "wing.vtu", "wing"])
+def test_a_mesh_of_any_format_is_moved_as_deflect_moves_it(name, folder, field, sdm, tmp_path):
+    code, said, _ = sdm("apply", field, folder / name, "--out", tmp_path / f"moved{name[4:]}", "--quiet")
+    assert (code, "points moved" in said) == (0, True)
+    assert np.array_equal(read(tmp_path / f"moved{name[4:]}").points, OpenFoam().read(folder / "whole").points)
+
+
+def test_several_meshes_are_written_together_beside_themselves(folder, field, sdm, tmp_path):
+    for name in ("wing.su2", "wing.cgns"):
+        shutil.copy(folder / name, tmp_path)
+    code, said, _ = sdm("apply", field, tmp_path / "wing.su2", tmp_path / "wing.cgns", "--json", "--quiet")
+    assert code == 0
+    assert [one["file"] for one in json.loads(said)["files"]] == [
+        str(tmp_path / name) for name in ("wing-deflected.su2", "wing-deflected.cgns")
+    ]
+    (tmp_path / "wing.cgns").write_bytes((tmp_path / "wing.cgns").read_bytes()[:3000])
+    (tmp_path / "wing-deflected.su2").unlink()
+    assert sdm("apply", field, tmp_path / "wing.su2", tmp_path / "wing.cgns", "--quiet")[0] == 2
+    assert not (tmp_path / "wing-deflected.su2").exists()
+
+
+@pytest.fixture
+def pair(tmp_path):
+    """Two zones at one place, each with a body; the body of the first turns."""
+    one = block_with_body(8)
+    FORMATS["cgns"].write(joined(one, one), tmp_path / "pair.cgns")
+    return tmp_path
+
+
+def test_other_zones_stay_unless_they_deform(pair, sdm):
+    names = (pair / name for name in ("pair.cgns", "field.npz", "turned.cgns", "both.cgns"))
+    source, field, turned, both = names
+    assert sdm("deflect", source, *BODY, "--field", field, "--out", turned)[0] == 1  # nodes of the other body stay
+    assert sdm("apply", field, source, "--quiet")[0] == 0
+    found, start = read(pair / "pair-deflected.cgns").points, read(source).zones[1].start
+    assert np.array_equal(found, read(turned).points)
+    assert np.array_equal(found[start:], read(source).points[start:])
+    assert sdm("apply", field, source, "--zone", "far", "--quiet", "--out", both)[0] == 0
+    moved = read(both).points
+    assert np.array_equal(moved[start:], moved[:start])
+
+
+def test_boxes_of_a_plan_in_turn(tmp_path):
+    one = block_with_body(8)
+    mesh = joined(one, one.with_points(one.points + np.array([10.0, 0.0, 0.0])))
+    surfaces = [
+        {"patches": patch, "hinge": [[x, 0, 0], [x, 1, 0]], "angle": angle}
+        for patch, x, angle in (("body", 0.0, 5.0), ("body'", 10.0, -7.0))
+    ]
+    result = deflect(mesh, surfaces, box_each=True)
+    assert len(result.field.boxes) == 2
+    result.field.save(tmp_path / "two.npz")
+    assert np.array_equal(Field.load(tmp_path / "two.npz").apply(mesh.points), result.points)
+
+
+def test_a_field_and_a_mesh_that_do_not_belong_together(folder, field, sdm, tmp_path):
+    FORMATS["su2"].write(block_with_body(8), tmp_path / "block.su2")
+    code, _, said = sdm("apply", field, tmp_path / "block.su2", "--quiet")
+    assert (code, said) == (2, f"sdm: {field}: is of another mesh: none of its places is a point of block.su2\n")
+    mesh = read(folder / "wing.su2")
+    FORMATS["su2"].write(mesh.with_points(np.round(mesh.points, 9)), tmp_path / "rounded.su2")
+    code, _, said = sdm("apply", field, tmp_path / "rounded.su2", "--quiet")
+    assert code == 2
+    assert re.search(r"\d+ of its places are but nearly points of rounded\.su2: write all digits", said)
+    FORMATS["ugrid"].write(mesh, tmp_path / "wing.lb4.ugrid")
+    code, _, said = sdm("apply", field, tmp_path / "wing.lb4.ugrid", "--quiet")
+    assert (code, "wing.lb4.ugrid: has coordinates of 32 bits" in said) == (2, True)
+    assert not list(tmp_path.glob("*-deflected*"))
+
+
+def test_what_cannot_be_is_one_sentence(folder, field, sdm, tmp_path):
+    case = tmp_path / "case"
+    (case / "processor0" / MESH).mkdir(parents=True)
+    shutil.copy(folder / "wing" / MESH / "points", case / "processor0" / MESH)
+    (case / "processors4" / MESH).mkdir(parents=True)
+    way = "join it by `reconstructParMesh -constant`, deflect the whole with --field FILE, and move the parts by "
+    way += f"`sdm apply FILE {case}/processor*`"
+    both = [folder / "wing.su2", folder / "wing.cgns"]
+    for words, want in (
+        (["deflect", case / "processor0", *TURN], f"{case}: is decomposed: {way}"),
+        (["quality", case], f"{case}: is decomposed: {way}"),
+        (["apply", field, case], f"{case}: is decomposed: {way}"),
+        (["apply", field, case / "processors4"], "is collated: decompose it with `-fileHandler uncollated`"),
+        (["apply", field, case / "processor0", folder / "wing.su2"], "name mesh files, or parts of one case, in one"),
+        (["apply", field, *both, "--out", "x.su2"], "is one place, and there are 2"),
+        (["apply", field, folder / "wing.su2", "--out", tmp_path / "x.cgns"], "is applied to a copy; name a file .su2"),
+        (["apply", field, folder / "wing.su2", "--out", folder / "wing.su2"], "this is a file that is read"),
+        (["apply", folder / "wing.su2", folder / "wing.su2"], "wing.su2: no archive of arrays"),
+        (["deflect", folder / "wing.su2", *TURN, "--angles", "2,4", "--field", tmp_path / "f.npz"], "is of one angle"),
+    ):
+        code, _, said = sdm(*words)
+        assert (code, said.count("\n")) == (2, 1), words
+        assert want in said
+
+
+def test_nodes_at_one_place_that_move_apart_have_no_field():
+    mesh = block_with_body(8)
+    both = joined(mesh, mesh)
+    (one,) = deflect(both, ["body", "body'"], [[0, 0, 0], [0, 1, 0]], 5.0).deflection.boxes
+    assert np.array_equal(Field.of(one).apply(both.points), one.points)
+    moved = one.points.copy()
+    moved[one.plan.sites.moving[-1], 0] += 0.01
+    with pytest.raises(InputError, match="nodes at one place move apart"):
+        Field.of(replace(one, points=moved))
