@@ -28,7 +28,7 @@ from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.interpolant import Interpolant
 from sdm_deflect.deform.volume.deflection import Deflection, deflect
 from sdm_deflect.geometry.aircraft import build
-from sdm_deflect.meshing.files.child import peak_bytes
+from sdm_deflect.meshing.child import peak_bytes
 from sdm_deflect.meshing.generate.generation import generate
 from sdm_deflect.meshing.generate.parameters import SCALES, MeshParameters
 from sdm_deflect.meshing.generate.refine import refined

@@ -151,7 +151,7 @@ class Result:
         rounded to those that the file keeps (`stored_in(path).save(path)` writes it all the same).
         """
         from sdm_deflect.cases.run.mesh_files import Targets
-        from sdm_deflect.meshing.files.staged import permitted_as
+        from sdm_deflect.meshing.files import permitted_as
 
         if to_solver is not None:
             raise InputError(f"to_solver: {GONE['to_solver']}")
@@ -213,7 +213,7 @@ class Result:
         """
         from sdm_deflect.cases.report.folder import write_run_folder
         from sdm_deflect.cases.run.output import OutputError, check_report, output_folder
-        from sdm_deflect.meshing.files.staged import permitted_as
+        from sdm_deflect.meshing.files import permitted_as
 
         check_report()
         place = _path(folder)

@@ -1,5 +1,5 @@
 """`python -m sdm_deflect` is the command `sdm`."""
 
-from sdm_deflect.cases.cli.supervisor import main
+from sdm_deflect.cases.cli import main
 
 main()

@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from sdm_deflect.cases.cli import main, options
+from sdm_deflect.cases.cli import options
+from sdm_deflect.cases.cli.commands import carry_out
 from sdm_deflect.cases.run.progress import Stopwatch
 
 TABLES = ("table1", "table2", "table3", "table4")
@@ -180,4 +181,4 @@ def _number(text: str) -> float | str:
 
 
 if __name__ == "__main__":
-    main(study, "python -m studies")
+    carry_out(study, "python -m studies")

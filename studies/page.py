@@ -19,7 +19,7 @@ from sdm_deflect.cases.run.progress import Display, Stopwatch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import Strategy
-from sdm_deflect.meshing.files.temporary import scratch_folder
+from sdm_deflect.meshing.files import hidden_folder
 from sdm_deflect.meshing.mesh import tets_of
 from studies import centres_findings
 from studies import pictures as aircraft
@@ -155,7 +155,7 @@ def write_page(scale: str, folder: Path, display: Display, cache: bool = True, k
     for name in ("figures", "tables"):
         (folder / name).mkdir()
     stored = Stored(scale, get_num_threads())
-    with scratch_folder() as scratch:
+    with hidden_folder() as scratch:
         runs = Sources(scale, scratch, display, cache)
         for name, measure in SECTIONS.items():
             _measured(name, measure, runs, stored, folder)

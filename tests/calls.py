@@ -7,18 +7,18 @@ from contextlib import contextmanager
 
 import pytest
 
-from sdm_deflect.cases import cli
+from sdm_deflect.cases.cli import commands
 from studies.__main__ import study
 
 
 def sdm(*words: object) -> int:
     """Carry out `sdm` with these words; return its exit code."""
-    return _code(("sdm", *words), cli.main)
+    return _code(("sdm", *words), commands.carry_out)
 
 
 def run_study(*words: object) -> int:
     """Carry out `python -m studies` with these words; return its exit code."""
-    return _code(("studies", *words), lambda: cli.main(study, "python -m studies"))
+    return _code(("studies", *words), lambda: commands.carry_out(study, "python -m studies"))
 
 
 def _code(words, main) -> int:

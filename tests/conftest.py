@@ -52,7 +52,7 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> P
 
 @pytest.fixture(scope="session", autouse=True)
 def mesh_cache(shared_folder: Path):
-    """Keep the user's mesh cache and register out of the tests, and put the meshes of `tests.kept_meshes` in theirs.
+    """Keep the user's mesh cache out of the tests, and put the meshes of `tests.kept_meshes` in theirs.
 
     Compiled code is that of all commands.
     """
@@ -63,7 +63,6 @@ def mesh_cache(shared_folder: Path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(CODE_VARIABLE, str(code_folder()))
         patch.setenv(FOLDER_VARIABLE, str(folder))
-        patch.setenv("XDG_STATE_HOME", str(shared_folder / "state"))
         yield folder
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from sdm_deflect.cases.aircraft.pipeline import background_parameters, mesh_parameters
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.meshing.files.cache import RECIPE, MeshCache, cache_key
+from sdm_deflect.meshing.cache import RECIPE, MeshCache, cache_key
 from sdm_deflect.meshing.mesh import VOLUME, Skin, skin, tetrahedral, tets_of
 
 FOLDER = Path(__file__).parent / "kept"

@@ -82,7 +82,7 @@ def test_licence_readme_and_command_are_in_the_metadata(wheel):
     assert about["License-Expression"] == "MIT"
     assert licence == (ROOT / "LICENSE").read_text(encoding="utf-8")
     assert about.get_payload().strip() == (ROOT / "README.md").read_text(encoding="utf-8").strip()
-    assert "sdm = sdm_deflect.cases.cli.supervisor:main" in commands
+    assert "sdm = sdm_deflect.cases.cli:main" in commands
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from sdm_deflect.cases.aircraft.metrics import MeshOrigin
-from sdm_deflect.cases.cli import cli
+from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.frozen.test_frozen import frozen_tets
 

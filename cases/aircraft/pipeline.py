@@ -19,7 +19,7 @@ from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality
 from sdm_deflect.deform.volume.deflection import Deflected, deflected
-from sdm_deflect.meshing.files.cache import MeshCache, cache_key
+from sdm_deflect.meshing.cache import MeshCache, cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import tets_of
 

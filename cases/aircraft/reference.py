@@ -21,9 +21,9 @@ from sdm_deflect.deform.base.cache_folder import default_folder
 from sdm_deflect.geometry.datum import hinged
 from sdm_deflect.geometry.deflected import CadTurn
 from sdm_deflect.geometry.errors import CadError
+from sdm_deflect.meshing.cache import ArrayCache, cache_key
+from sdm_deflect.meshing.child import Arrays, serve, started
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.files.cache import ArrayCache, cache_key
-from sdm_deflect.meshing.files.child import Arrays, serve, started
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 if TYPE_CHECKING:

@@ -1,152 +1,54 @@
-"""The command line `sdm`; a command imports what it needs when it is carried out."""
+"""The command line `sdm`, which a signal may end at any time, even while libraries are loaded."""
 
-import gc
 import os
+import signal
 import sys
 from contextlib import suppress
-from dataclasses import asdict
-from io import TextIOWrapper
-from pathlib import Path
-from typing import NoReturn, TextIO
+from typing import NoReturn
 
-import click
-
-from sdm_deflect.cases.cli import options
-from sdm_deflect.cases.cli.deflect import apply, deflect, quality
-from sdm_deflect.cases.cli.run import compare, export, geometry, limit, list_cases, report, run, study, validate, view
-
-OBJECTS = 100_000
-"""New objects after which garbage is looked for: libraries make many as they are loaded, and all of them stay."""
-LONGEST = 200
-"""Letters of a path that a message shows."""
+from sdm_deflect.deform.base.errors import REQUESTS
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="sdm-deflect")
-def cli() -> None:
-    """Deflect aircraft control surfaces in CFD meshes, and check the result against CAD."""
-
-
-for command in (
-    list_cases,
-    run,
-    deflect,
-    apply,
-    validate,
-    report,
-    compare,
-    view,
-    export,
-    limit,
-    geometry,
-    quality,
-    study,
-):
-    cli.add_command(command)
-
-
-@cli.command()
-@click.option("--clear", is_flag=True, help="Delete the cached meshes and compiled code.")
-@options.json_option
-def cache(clear: bool, as_json: bool) -> None:
-    """Show where meshes and compiled code are cached and how much they take."""
-    from sdm_deflect.deform.base.cache_folder import default_folder
-    from sdm_deflect.meshing.files.cache import MeshCache, clear_code, code_bytes
-
-    store = MeshCache(default_folder())
-    freed = store.clear() + clear_code() if clear else 0
-    sizes, code = store.entries().values(), code_bytes()
-    if as_json:
-        figures = {"meshes": len(sizes), "bytes": sum(sizes), "code_bytes": code, "freed_bytes": freed}
-        options.print_json({"folder": store.folder, **figures})
-    elif clear:
-        click.echo(f"{store.folder}: freed {freed / 1e6:.1f} MB")
-    else:
-        meshes = f"{len(sizes)} meshes, {sum(sizes) / 1e6:.1f} MB"
-        click.echo(f"{store.folder}: {meshes}; compiled code, {code / 1e6:.1f} MB")
-
-
-@cli.command()
-@options.json_option
-@options.progress_options
-def doctor(as_json: bool, quiet: bool, verbose: bool) -> int:
-    """Check libraries, threads, cache, disk and memory, and say what to install."""
-    from sdm_deflect.cases.cli.console import findings
-    from sdm_deflect.cases.cli.examination import examined
-
-    with options.watched(quiet, verbose) as watch, watch.stage("doctor") as progress:
-        found = list(examined(progress))
-    options.print_either(as_json, [asdict(one) for one in found], findings(found))
-    return options.code_of(all(one.well for one in found))
-
-
-def main(commands: click.Command = cli, name: str = "sdm") -> NoReturn:
-    """Carry out a command: a mistake is one line on stderr and a code that says what went wrong; no traceback."""
-    gc.set_threshold(OBJECTS)
+def main() -> NoReturn:
+    """Carry out `sdm` and end this process; a signal that asks it to end has the code 128 and its number."""
+    came = _requests()
+    code = 0
     try:
-        code = _carried_out(commands, name)
-    except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.format_message())
-        code = options.UNUSABLE
-    except click.ClickException as error:
-        code = _complain(error.format_message())
-    except click.Abort as abort:  # click's word for an interruption, and for any end of a file
-        raise abort.__cause__ or abort from None
-    except ModuleNotFoundError as error:
-        from sdm_deflect.cases.run.surroundings import missing
+        from sdm_deflect.cases.cli.commands import carry_out
 
-        if not (sentence := missing(error)):
+        carry_out()
+    except SystemExit as end:
+        code = int(end.code or 0)
+    except BaseException:
+        if not came:  # else it is what a library made of the request
             raise
-        code = _complain(sentence)
-    except (ValueError, RuntimeError) as error:
-        from sdm_deflect.cases.errors import is_reported
-        from sdm_deflect.deform.base.errors import LostError
-
-        if not is_reported(error):
-            raise
-        code = _complain(str(error))
-        code = options.FAILED if isinstance(error, LostError) else code
-    sys.exit(code)
+    if came:
+        code = 128 + came[0]
+        _say_interrupted()
+    with suppress(OSError, AttributeError):  # a stream that is closed, or that was never there
+        sys.stdout.flush()
+    os._exit(code)  # nothing is left to do, and libraries take up to a second to be unloaded
 
 
-def _carried_out(commands: click.Command, name: str) -> int:
-    """Carry out the command and return its code, or that of an operating system that refuses."""
-    _prepare(sys.stdout)
-    try:
-        code: int = commands(prog_name=name, standalone_mode=False) or 0
-        if sys.stdout:
-            sys.stdout.flush()
-    except SystemExit as end:  # with 1: click's answer if whoever reads the standard output has read enough
-        return options.PIPE_CLOSED if end.code == options.FAILED else int(end.code or 0)
-    except OSError as error:
-        if not error.filename:
-            _drop(sys.stdout)
-        if isinstance(error, BrokenPipeError):
-            return options.PIPE_CLOSED
-        where = str(error.filename)[:LONGEST] if error.filename else "standard output"
-        return _complain(f"{where}: {error.strerror or error}")
-    return code
+def _requests() -> list[int]:
+    """Return a list of the signals that ask to end, as they come; the first one raises SystemExit."""
+    came: list[int] = []
+
+    def asked(number: int, _: object) -> None:
+        came.append(number)
+        if len(came) == 1:  # no other one disturbs the tidying
+            raise SystemExit(128 + number)
+
+    for one in REQUESTS:
+        if signal.getsignal(one) != signal.SIG_IGN:  # nohup's stays ignored
+            signal.signal(one, asked)
+    return came
 
 
-def _prepare(out: TextIO | None) -> None:
-    """Make an output take letters that its encoding lacks; ClickException where the working folder is gone."""
-    if isinstance(out, TextIOWrapper):
-        out.reconfigure(errors="backslashreplace")
-    try:
-        Path.cwd()
-    except FileNotFoundError:
-        raise click.ClickException("the working folder does not exist any more: change to another one") from None
-
-
-def _drop(out: TextIO | None) -> None:
-    """Let what an output still holds go nowhere, so that the interpreter's end does not fail by it."""
-    with suppress(OSError, ValueError):
-        if out:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())
-
-
-def _complain(message: str) -> int:
-    from sdm_deflect.deform.base.errors import printable
-
-    click.echo("sdm: " + printable(" ".join(message.split())), err=True)
-    return options.UNUSABLE
+def _say_interrupted() -> None:
+    """Say what became of the results."""
+    files = sys.modules.get("sdm_deflect.meshing.files")
+    placed = ", ".join(map(str, files.placed)) if files else ""
+    became = f"{placed} written already, and whole" if placed else "earlier results are as they were"
+    with suppress(OSError, AttributeError):
+        sys.stderr.write(f"interrupted; {became}\n")

@@ -18,7 +18,7 @@ from sdm_deflect.deform.base.cache_folder import (
     default_folder,
 )
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.meshing.files.cache import MeshCache
+from sdm_deflect.meshing.cache import MeshCache
 from sdm_deflect.meshing.formats.format import MeshFileError
 
 PACKAGES = "libgl1 libegl1 libopengl0 libgomp1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1"
@@ -74,7 +74,7 @@ def compiled() -> Finding:
 
 def import_complaint(module: str) -> str:
     """Return why a module cannot be imported in a process of its own, empty if it can."""
-    bound = f"from sdm_deflect.meshing.files.orphan import end_with; end_with({os.getpid()})"
+    bound = f"from sdm_deflect.meshing.child import end_with; end_with({os.getpid()})"
     command = [sys.executable, "-c", f"{bound}; import {module}"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)

@@ -86,7 +86,7 @@ def geometry(out: Path, case: str, angle: float | None, binary: bool, **given: A
     resolved = resolve(case, angle=angle or 0.0, **given)
 
     from sdm_deflect.cases.aircraft.cad import deflected_cad, undeflected_cad
-    from sdm_deflect.meshing.files.staged import fresh
+    from sdm_deflect.meshing.files import fresh
 
     with options.watched(quiet, verbose) as watch, watch.stage("geometry"):
         model = deflected_cad(resolved) if resolved.angle else undeflected_cad(resolved)

@@ -11,8 +11,7 @@ from sdm_deflect.cases.compare.figures import FigureTable, Row, differing_settin
 from sdm_deflect.cases.compare.pictures import Shown, drawn
 from sdm_deflect.cases.compare.runs import ComparedRun, alike
 from sdm_deflect.cases.report.page import inline, pixels, policy, read, style
-from sdm_deflect.meshing.files.staged import fresh, permitted_as
-from sdm_deflect.meshing.files.temporary import scratch_folder
+from sdm_deflect.meshing.files import fresh, hidden_folder, permitted_as
 
 HERE = "sdm_deflect.cases.compare"
 
@@ -24,7 +23,7 @@ def write_page(runs: Sequence[ComparedRun], out: Path) -> dict[str, Any]:
     """
     found, settings = tables(runs), differing_settings(runs)
     places = (run.folder for run in runs)
-    with permitted_as(*places), fresh(out) as beside, scratch_folder() as folder:
+    with permitted_as(*places), fresh(out) as beside, hidden_folder() as folder:
         beside.write_text(page(runs, found, settings, drawn(runs, folder)), encoding="utf-8")
     return figures_of(runs, found, settings) | {"page": str(out)}
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sdm_deflect.cases.report.data import Length, ReportData
-from sdm_deflect.cases.run.output import PAGE, output_folder
+from sdm_deflect.cases.run.output import PAGE, output_files
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.rbf.fitting import LARGEST_ANGLE
@@ -91,7 +91,7 @@ class FinishedRun(ABC):
         from sdm_deflect.cases.report.pictures import drawn
 
         data = self.judged_again()
-        with output_folder(self.folder, PAGE) as scratch:
+        with output_files(self.folder, PAGE) as scratch:
             figures = scratch / "figures"
             write_report(data, drawn(data, figures).with_more(self.further_pictures(data, figures)), scratch)
         return data

@@ -16,7 +16,7 @@ from sdm_deflect.deform.mesh.mesh import Zone
 from sdm_deflect.deform.mesh.precision import DOUBLE
 from sdm_deflect.deform.mesh.unchanged import check_unchanged, states_of
 from sdm_deflect.deform.volume.field import Field, FieldBox
-from sdm_deflect.meshing.files.staged import permitted_as
+from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import is_part, parts_moved
 from sdm_deflect.meshing.formats.registry import files_of, format_of

@@ -23,7 +23,7 @@ from typing import Any
 from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.mesh.pieces import HERE, Runner
-from sdm_deflect.meshing.files.temporary import scratch_folder
+from sdm_deflect.meshing.files import hidden_folder
 
 AHEAD = 3
 """Pieces for each thread of the workers that are handed out, or done and not taken: what limits the memory."""
@@ -178,7 +178,7 @@ def _started(wanted: Wanted) -> Iterator[Any]:
             f"--workers {count}: this machine has memory for {most}, each with {LEAST // 10**6} MB at least"
         )
     memory = _bytes(wanted.memory) if wanted.memory else MEMORY_LIMIT // (count + 1)
-    with dask.config.set(SETTINGS), scratch_folder() as folder:
+    with dask.config.set(SETTINGS), hidden_folder() as folder:
         own: dict[str, Any] = {"local_directory": str(folder), "memory_limit": memory, "security": Security.temporary()}
         own |= {"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
         with _interrupts_kept():

@@ -33,7 +33,7 @@ from sdm_deflect.deform.volume.excerpt import excerpt
 from sdm_deflect.deform.volume.field import Field
 from sdm_deflect.deform.volume.job import Job
 from sdm_deflect.deform.volume.plan import Plan, Planned, Plans
-from sdm_deflect.meshing.files.staged import permitted_as
+from sdm_deflect.meshing.files import fresh, permitted_as
 from sdm_deflect.meshing.formats.registry import FORMATS, files_of, format_of, in_pieces, read, size_of
 
 
@@ -165,7 +165,8 @@ def _deflected(wanted: Targets, jobs: Sequence[Job], watch: Stopwatch, runner: R
                         plan.mesh, one.points, one.sensitivity(), (arrays, picture), f"mesh length per {unit}"
                     )
         if wanted.field:
-            Field.of(one).save(wanted.field)
+            with fresh(wanted.field) as beside:
+                Field.of(one).save(beside)
             names.append(wanted.field)
         check_unchanged(plan.mesh.files)
         wanted.keep_tables(scratch)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.base.progress import Progress, silent
-from sdm_deflect.meshing.files.staged import permitted_as
+from sdm_deflect.meshing.files import permitted_as
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import read_vtu
 from sdm_deflect.meshing.formats.zones import joined

@@ -13,7 +13,7 @@ from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.rbf.kernels import arrays_of
 from sdm_deflect.deform.volume.deflection import Deflection
 from sdm_deflect.deform.volume.step import DIRECTIONS
-from sdm_deflect.meshing.files.staged import replacing_files, replacing_folder
+from sdm_deflect.meshing.files import replacing, replacing_files
 from sdm_deflect.meshing.formats.format import FULL
 from sdm_deflect.meshing.formats.vtu import vtu_arrays
 
@@ -56,17 +56,24 @@ def output_folder(target: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
     Raises OutputError at once if the folder cannot be made or written, later if a file in it cannot, on a full disk for
     example; the message names the folder or the file that was to be.
     """
-    with _named(target, replacing_folder(target, stale)) as scratch:
+    if target.exists() and not target.is_dir():
+        raise OutputError(f"--out {target}: Not a directory; choose a folder that can be written")
+    if Path.cwd().is_relative_to(target.resolve()):
+        raise OutputError(
+            f"--out {target}: this command works in the folder that it is to replace; run it from another"
+        )
+    with _named(target, replacing(target, stale)) as scratch:
+        scratch.mkdir()
         yield scratch
 
 
 @contextmanager
-def output_files(folder: Path) -> Iterator[Path]:
+def output_files(folder: Path, stale: Sequence[str] = RUN) -> Iterator[Path]:
     """Yield an empty folder whose files and run folders replace those in `folder` together on success.
 
     Raises OutputError as `output_folder`.
     """
-    with _named(folder, replacing_files(folder, RUN)) as scratch:
+    with _named(folder, replacing_files(folder, stale)) as scratch:
         yield scratch
 
 

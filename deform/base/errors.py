@@ -1,7 +1,11 @@
 """What a user is told in one sentence instead of a traceback."""
 
+import signal
 from collections.abc import Collection
 from difflib import get_close_matches
+
+REQUESTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that ask a command to end."""
 
 
 def printable(text: str) -> str:

@@ -171,7 +171,12 @@ class FieldBox:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
-    """Where each point of a mesh comes to be: a deflection in one box, or in several that do not overlap."""
+    """Where each point of a mesh comes to be.
+
+    Attributes
+    ----------
+    boxes : the deflection in one box, or in several that do not overlap.
+    """
 
     boxes: tuple[FieldBox, ...]
 

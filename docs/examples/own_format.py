@@ -10,7 +10,7 @@ import numpy as np
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch, Zone
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.meshing.files.staged import fresh
+from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format

@@ -18,7 +18,7 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
-from sdm_deflect.meshing.files.staged import fresh
+from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.cgns_pieces import in_pieces
 from sdm_deflect.meshing.formats.cgns_read import base_of, coordinate_data, may_fit, read_base
 from sdm_deflect.meshing.formats.cgns_write import write_base

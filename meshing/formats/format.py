@@ -54,6 +54,24 @@ def about(path: Path) -> Iterator[None]:
         raise MeshFileError(f"{path}: {error}") from error
 
 
+@contextmanager
+def written(out: Path) -> Iterator[None]:
+    """Name `out` in errors of writing it: WriteError in place of an OSError, as ``"out: cannot be written: why"``."""
+    try:
+        yield
+    except OSError as error:
+        raise WriteError(f"{out}: cannot be written: {error.strerror or error}") from error
+
+
+@contextmanager
+def renamed(beside: Path, out: Path) -> Iterator[None]:
+    """Name `out` in errors of what is written for it at `beside`."""
+    try:
+        yield
+    except MeshFileError as error:
+        raise MeshFileError(str(error).replace(str(beside), str(out))) from error
+
+
 def fitting_names(names: Sequence[str], unfit: str, reserved: Container[str] = ()) -> dict[str, str]:
     """Name of each patch in a file: its own where nothing in it matches `unfit`, else one that is not taken."""
     found: dict[str, str] = {}

@@ -13,7 +13,7 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import MIRRORED, Cells, Mesh, Patch, Periodic, Zone
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
-from sdm_deflect.meshing.files.staged import fresh
+from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fitting_names
 from sdm_deflect.meshing.formats.gmsh_elements import ElementBlock, elements
 from sdm_deflect.meshing.formats.gmsh_file import GmshFile, Nodes, gmsh_file, nodes, periodic

@@ -3,6 +3,7 @@
 import gzip
 import os
 import re
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -16,7 +17,7 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh, Patch, Polygons, Polyhedra, Warned, Zone
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.precision import DOUBLE
-from sdm_deflect.meshing.files.staged import copied, fresh_folder
+from sdm_deflect.meshing.files import fresh_folder
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
@@ -148,7 +149,7 @@ def case_copied(source: Path, out: Path, progress: Progress) -> Iterator[Path]:
     mesh = mesh_folder(source)
     case = mesh if mesh.resolve() == source.resolve() else mesh.parent.parent
     with fresh_folder(case_folder(out), case) as beside:
-        copied(case, beside, STALE)
+        _copy(case, beside, STALE)
         progress(f"writing {out.name}", 0.5)
         yield beside / mesh.relative_to(case)
 
@@ -183,7 +184,7 @@ def parts_moved(case: Path, out: Path) -> Iterator[Callable[[Path, FloatArray], 
     of the whole. All files of a part but its points are links to those of the case. Errors as of `fresh_folder`.
     """
     with fresh_folder(out, case) as beside:
-        copied(case, beside, (*STALE, MESH.name))
+        _copy(case, beside, (*STALE, MESH.name))
 
         def move(part: Path, points: FloatArray) -> tuple[Path, Path]:
             source, copy = part.resolve(), beside / part.name
@@ -196,6 +197,20 @@ def parts_moved(case: Path, out: Path) -> Iterator[Callable[[Path, FloatArray], 
             return copy, out / part.name
 
         yield move
+
+
+def _copy(case: Path, out: Path, without: Sequence[str]) -> None:
+    """Copy all that a case holds but names of the patterns `without`; links become what they point to."""
+    ignored = shutil.ignore_patterns(*without)
+    with about(case):
+        for name, folders, files in os.walk(case, followlinks=True):
+            folders[:] = {*folders} - ignored(name, folders)
+            here = out / Path(name).relative_to(case)
+            here.mkdir(exist_ok=True)
+            shutil.copymode(name, here)
+            for path in (Path(name, file) for file in files):
+                if path.exists():
+                    shutil.copy2(path, here)
 
 
 def move_points(folder: Path, out: Path, points: FloatArray) -> None:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
-from sdm_deflect.meshing.files.staged import fresh
+from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.cgns_blocks import AXES, BlockFace, Size, cells, collapsed, faces
 from sdm_deflect.meshing.formats.cgns_interfaces import NEAR, meeting
 from sdm_deflect.meshing.formats.fitted import Fitted, ZoneMesh, fitted

@@ -11,7 +11,7 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
 from sdm_deflect.deform.mesh.unchanged import states_of
-from sdm_deflect.meshing.files.temporary import scratch_folder
+from sdm_deflect.meshing.files import hidden_folder
 from sdm_deflect.meshing.formats.format import FLUENT, MeshFileError
 from sdm_deflect.meshing.formats.known import Registration, entries
 from sdm_deflect.meshing.formats.layout import Format
@@ -67,7 +67,7 @@ def in_pieces(path: Path, progress: Progress = silent) -> Iterator[MeshInPieces 
 
     MeshFileError as for `read`.
     """
-    with scratch_folder() as scratch:
+    with hidden_folder() as scratch:
         files = states_of(files_of(path))
         found = format_of(path).layout(path, scratch, progress)
         yield found and replace(found, pieces=replace(found.pieces, files=files))  # type: ignore[type-var]

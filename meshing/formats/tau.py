@@ -16,7 +16,7 @@ from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import CORNERS, MIRRORED, Cells, Mesh, Patch, Zone
 from sdm_deflect.deform.mesh.pieces import MeshInPieces
-from sdm_deflect.meshing.files.staged import fresh
+from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.hdf5 import DAMAGE, Replaced, Span, damage, dataset, spans
 from sdm_deflect.meshing.formats.known import registered

@@ -18,7 +18,7 @@ from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.base.reading import check_unpacked
 from sdm_deflect.deform.mesh.mesh import CORNERS, Cells, Mesh, Patch, Polygons, Polyhedra
 from sdm_deflect.deform.mesh.quality import quality_of
-from sdm_deflect.meshing.files.staged import fresh
+from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format

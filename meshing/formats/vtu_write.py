@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.base.sets import distinct
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Polygons, Polyhedra
-from sdm_deflect.meshing.files.staged import fresh
+from sdm_deflect.meshing.files import fresh
 from sdm_deflect.meshing.formats.polyhedra import faces_by_cell
 from sdm_deflect.meshing.mesh import CAD_FACE, VOLUME, skin
 

@@ -7,7 +7,7 @@ import numpy as np
 import pymeshlab
 
 from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
-from sdm_deflect.meshing.files.child import Arrays, serve
+from sdm_deflect.meshing.child import Arrays, serve
 
 Question = Mapping[str, Any]
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.files import child
-from sdm_deflect.meshing.files.staged import written
-from sdm_deflect.meshing.files.temporary import scratch_folder
+from sdm_deflect.meshing.files import hidden_folder
+from sdm_deflect.meshing.formats.format import written
 
 SECONDS = 600.0
 # Nodes of a CAD face's mesh further off that face (metres) show that faces were mixed up.
@@ -49,7 +49,7 @@ def mesh_surface(model: CadModel, background: tuple[FloatArray, IntArray, FloatA
     MeshingError where gmsh fails on a face or the result does not match the CAD.
     """
     points, tets, lengths = background
-    with scratch_folder() as folder:
+    with hidden_folder() as folder:
         brep = folder / "faces.brep"
         with written(brep):
             model.write_faces(brep)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytetwild
 
-from sdm_deflect.meshing.files.child import Arrays, serve
+from sdm_deflect.meshing.child import Arrays, serve
 
 # Below the smallest target length, so that the surface is never coarsened before the sizes apply.
 IDEAL_EDGE = 0.7

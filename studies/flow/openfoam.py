@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.files.staged import fresh_folder
+from sdm_deflect.meshing.files import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import MESH, open_foam, parse
 from sdm_deflect.meshing.formats.openfoam_write import UNFIT, control, is_planar, write_files, write_mesh

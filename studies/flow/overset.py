@@ -15,7 +15,7 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.geometry.datum import hinge_line
 from sdm_deflect.geometry.parameters import Fighter
-from sdm_deflect.meshing.files.staged import fresh_folder
+from sdm_deflect.meshing.files import fresh_folder
 from sdm_deflect.meshing.formats.format import about, fitting_names
 from sdm_deflect.meshing.formats.openfoam_files import MESH
 from sdm_deflect.meshing.formats.openfoam_write import UNFIT, write_files, write_mesh

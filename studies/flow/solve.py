@@ -17,7 +17,7 @@ from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.base.progress import Progress
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.files.staged import replacing
+from sdm_deflect.meshing.files import replacing
 from sdm_deflect.meshing.mesh import tets_of
 from studies.flow.fields import iterations_done, start_from
 from studies.flow.members import (

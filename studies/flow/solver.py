@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from sdm_deflect.deform.base.errors import InputError, LostError
-from sdm_deflect.meshing.files import orphan
+from sdm_deflect.meshing.child import CHILD
 
 HOME = "/usr/share/openfoam"
 """Where Debian's package has what a program asks for at its start."""
@@ -60,7 +60,7 @@ def _complaint(last: deque[str]) -> str:
 def _started(words: list[str], case: Path) -> Iterator[subprocess.Popen[str]]:
     # Its own session: the terminal's Ctrl-C reaches this process only, which then kills the program.
     with subprocess.Popen(
-        [sys.executable, "-m", orphan.__name__, str(os.getpid()), "--", *words],
+        [sys.executable, "-m", CHILD, str(os.getpid()), "--", *words],
         cwd=case,
         env={"WM_PROJECT_DIR": HOME} | os.environ | {"PYTHONPATH": os.pathsep.join(path or "." for path in sys.path)},
         stdin=subprocess.DEVNULL,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from benchmarks.before_after import ADAPTATIONS, Version, block_with_flap, compared, deflection
-from sdm_deflect.cases.cli import cli
+from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.meshing.formats.registry import FORMATS
 
 ROOT = Path(__file__).parents[2]

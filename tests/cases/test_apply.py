@@ -147,19 +147,6 @@ def test_other_zones_stay_unless_they_deform(pair, sdm):
     assert np.array_equal(moved[start:], moved[:start])
 
 
-def test_boxes_of_a_plan_in_turn(tmp_path):
-    one = block_with_body(8)
-    mesh = joined(one, one.with_points(one.points + np.array([10.0, 0.0, 0.0])))
-    surfaces = [
-        {"patches": patch, "hinge": [[x, 0, 0], [x, 1, 0]], "angle": angle}
-        for patch, x, angle in (("body", 0.0, 5.0), ("body'", 10.0, -7.0))
-    ]
-    result = deflect(mesh, surfaces, box_each=True)
-    assert len(result.field.boxes) == 2
-    result.field.save(tmp_path / "two.npz")
-    assert np.array_equal(Field.load(tmp_path / "two.npz").apply(mesh.points), result.points)
-
-
 def test_a_field_and_a_mesh_that_do_not_belong_together(folder, field, sdm, tmp_path):
     FORMATS["su2"].write(block_with_body(8), tmp_path / "block.su2")
     code, _, said = sdm("apply", field, tmp_path / "block.su2", "--quiet")

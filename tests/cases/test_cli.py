@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.cases.cli import cli
+from sdm_deflect.cases.cli.commands import cli
 
 
 @pytest.fixture
@@ -118,7 +118,7 @@ def test_a_shell_gets_its_script(shell, sdm, monkeypatch):
 HEAVY = ("numba", "scipy", "pyvista", "vtkmodules", "matplotlib", "cadquery", "OCP", "gmsh", "h5py", "trimesh")
 LOADED = """
 import json, sys
-from sdm_deflect.cases.cli import main
+from sdm_deflect.cases.cli.commands import carry_out as main
 for words in json.loads(sys.argv[1]):
     sys.argv = ["sdm", *words.split()]
     try:

@@ -417,7 +417,7 @@ def test_a_scheduler_that_goes_away(block, deflected, tmp_path, monkeypatch):
 def test_workers_are_gone_when_the_command_is_killed(block):
     table = str(block.with_suffix(".npz"))
     words = ["deflect", str(block), *OPTIONS, "--table", table, "--out", str(out(block, "never")), "--workers", "2"]
-    command = [sys.executable, "-c", "from sdm_deflect.cases.cli.supervisor import main; main()", *words]
+    command = [sys.executable, "-c", "from sdm_deflect.cases.cli import main; main()", *words]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=ROOT) as process:
         line = process.stderr.readline()
         assert line.startswith("workers "), line

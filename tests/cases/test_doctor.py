@@ -112,7 +112,7 @@ def test_the_place_of_compiled_code_is_told_and_others_may_not_write_there(monke
 def test_command_prints_and_fails_when_something_is_not_well(monkeypatch, capsys):
     from click.testing import CliRunner
 
-    from sdm_deflect.cases.cli import cli
+    from sdm_deflect.cases.cli.commands import cli
 
     ill = doctor.Finding("cache", False, "a [bold]file[/bold]", "rm it")
     monkeypatch.setattr(doctor, "EXAMINATIONS", (lambda: ill,))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click import BadParameter
 
-from sdm_deflect.cases.cli import cli
+from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.errors import InputError
 from sdm_deflect.cases.run.export import export_run
 from sdm_deflect.deform.mesh.mesh import Mesh, Polyhedra

@@ -20,18 +20,18 @@ def texts(folder):
     return {path.relative_to(folder).as_posix(): path.read_text() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize("place", ["beside", "."])
-def test_a_run_without_report_leaves_none_of_an_earlier_run_and_all_of_the_users(place, tmp_path, monkeypatch):
+def test_a_run_without_report_leaves_none_of_an_earlier_run_and_all_of_the_users(tmp_path, monkeypatch):
     folder = tmp_path / "run"
     put(folder, FIRST, "old")
-    if place == ".":
-        monkeypatch.chdir(folder)
-    with output_folder(folder if place == "beside" else folder.relative_to(folder)) as scratch:
+    with output_folder(folder) as scratch:
         put(scratch, ("case.toml", "deflected.vtu"), "new")
         assert set(texts(folder).values()) == {"old"}
     users = {"figures/mine.png": "old", "notes.txt": "old"}
     assert texts(folder) == {"case.toml": "new", "deflected.vtu": "new"} | users
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    monkeypatch.chdir(folder / "figures")
+    with pytest.raises(OutputError, match="this command works in the folder"), output_folder(folder):
+        pass
 
 
 def test_a_new_report_leaves_all_but_the_old_one(tmp_path):

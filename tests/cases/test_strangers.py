@@ -1,10 +1,7 @@
-"""Folders that came from elsewhere, and meshes that are nobody else's to read."""
+"""Meshes that are nobody else's to read."""
 
-import json
-import os
 import stat
 from pathlib import Path
-from zlib import crc32
 
 import pytest
 
@@ -16,46 +13,6 @@ TURN = (
     "--surface", "flap_*", "--fixed", "wing_*", "--slide", "symmetry:plane", "--motion", "blended", "--repair", "off",
     "--hinge", "0.7,0.3,0", "0.7,0.7,0", "--angle", "5", "--quiet",
 )  # fmt: skip
-COMMANDS = (
-    ("quality", "wing.su2"),
-    ("deflect", "wing.su2", *TURN, "--dry-run"),
-    ("deflect", "wing.su2", *TURN, "--no-report"),
-    ("validate", "."),
-    ("report", "."),
-    ("view", "."),
-    ("compare", ".", "."),
-)
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-def test_nothing_follows_from_a_folder_of_a_stranger(sdm, tmp_path, monkeypatch):
-    """Beside the mesh lies what looks like the folder of a killed command of this very machine, with a journal."""
-    home, case = tmp_path / "home", tmp_path / "stranger"
-    machine = crc32(f"{os.uname().nodename} {Path('/proc/self/ns/pid').readlink()}".encode())
-    left, plain = case / f".sdm-{machine:08x}-4194303-1-abcdefgh", case / ".sdm-0123456789abcdef"
-    for folder in (home, left / "empty", plain):
-        folder.mkdir(parents=True)
-    (home / "bashrc").write_text("mine")
-    (home / "thesis.tex").write_text("mine")
-    (plain / "wing.su2").write_text("staged")
-    (left / "payload").write_text("theirs")
-    rows = [
-        {"staged": "payload", "target": str(home / "bashrc"), "stale": []},
-        {"staged": "empty", "target": ".", "stale": [str(home / "thesis.tex")]},
-    ]
-    rows = [row | {"inode": (left / row["staged"]).stat().st_ino} for row in rows]
-    (left / "journal.json").write_text(json.dumps(rows))
-    FORMATS["su2"].write(wing(cells=3).mesh, case / "wing.su2")
-    before = content(tmp_path)
-    monkeypatch.chdir(case)
-    done = [sdm(*words)[0] for words in COMMANDS]
-    assert done == [0, 0, 0, 2, 2, 2, 2]
-    (case / "wing-deflected.su2").unlink()
-    assert content(tmp_path) == before
-    assert (left / "empty").is_dir()
 
 
 def modes(folder: Path) -> dict[str, str]:

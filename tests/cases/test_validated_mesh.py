@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from sdm_deflect.cases.cli import main
+from sdm_deflect.cases.cli.commands import carry_out as main
 from sdm_deflect.cases.finished import finished
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.meshing.formats.registry import format_of

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from sdm_deflect.cases.cli import cli
+from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.cli.examination import PACKAGES
 from tests.calls import sdm
 from tests.docs.commands import ROOT, lines_of, mentioned, pages, shown

@@ -21,7 +21,7 @@ import tomli_w
 
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.registry import CASES
-from sdm_deflect.cases.cli import cli, main
+from sdm_deflect.cases.cli.commands import carry_out, cli
 from sdm_deflect.cases.settings.conversion import to_toml
 from sdm_deflect.cases.settings.job_settings import JobSettings
 from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
@@ -388,7 +388,7 @@ def call(words: Sequence[str], folder: Path) -> tuple[Any, str, str]:
     os.chdir(folder)
     try:
         with patch.object(sys, "argv", ["sdm", *words]), redirect_stdout(out), redirect_stderr(err):
-            main()
+            carry_out()
     except SystemExit as end:
         return end.code, out.getvalue(), err.getvalue()
     finally:
@@ -398,7 +398,7 @@ def call(words: Sequence[str], folder: Path) -> tuple[Any, str, str]:
 
 def cache(folder: Path) -> Iterator[Input]:
     """A kept mesh."""
-    from sdm_deflect.meshing.files.cache import MeshCache
+    from sdm_deflect.meshing.cache import MeshCache
 
     mesh = meshes.tetrahedra()
     faces = mesh.patches[0].faces[0].nodes
@@ -411,7 +411,7 @@ def cache(folder: Path) -> Iterator[Input]:
 def load_cached(folder: Path, given: Input, random: Random) -> None:
     """Load a damaged mesh: it is not there, or it is the same."""
     del random
-    from sdm_deflect.meshing.files.cache import MeshCache
+    from sdm_deflect.meshing.cache import MeshCache
 
     loaded = MeshCache(folder).load("key")
     if loaded is None:

@@ -24,10 +24,11 @@ from unittest.mock import patch
 
 import click
 
-from sdm_deflect.cases.cli import cli
+from sdm_deflect.cases.cli.commands import cli
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.report.pictures import Exhibit, Gallery
-from sdm_deflect.meshing.files.cache import MeshCache
+from sdm_deflect.meshing.cache import MeshCache
+from sdm_deflect.meshing.files import NAME
 from sdm_deflect.meshing.formats.known import written
 from sdm_deflect.meshing.formats.registry import FORMATS
 from sdm_deflect.meshing.formats.vtu import read_vtu
@@ -203,7 +204,7 @@ def verdict(work: Work, folder: Path, old: Mapping[str, bytes], limit: int | Non
         (code != 2, f"code {code}"),
         (len(said.strip().splitlines()) != 1, "not one line"),
         (told not in said and str(folder) not in said, "does not name the target"),
-        (".sdm-" in said, "names a temporary file"),
+        (NAME in said, "names a temporary file"),
         (now != old, f"other files: {sorted(now.items() ^ old.items())[0][0] if now != old else ''}"),
     ]
     found = [text for bad, text in wrong if bad]
@@ -326,7 +327,6 @@ def main() -> None:
     ways = {"limited": limited, "crowded": crowded}
     with TemporaryDirectory() as name:
         home = Path(name)
-        os.environ["XDG_STATE_HOME"] = str(home / "state")
         works = [*deflections(home, given.cells), *runs(home)]
         click.echo(f"{'command':40}{'disk':>10}{'sizes':>8}{'kept':>8}{'written':>8}{'wrong':>8}")
         for work in (work for work in works if given.only in work.name):

@@ -24,7 +24,7 @@ from unittest.mock import patch
 
 import click
 
-from sdm_deflect.meshing.files.temporary import staging
+from sdm_deflect.meshing.files import NAME, hidden_folder
 from sdm_deflect.meshing.formats.registry import FORMATS
 from tests.meshing.formats.wing import wing
 
@@ -56,6 +56,16 @@ def heeded(rename):
     return other
 
 os.rename, os.replace = heeded(os.rename), heeded(os.replace)
+import ctypes
+library = ctypes.CDLL
+
+class Heeded(library):
+    def __init__(self, *given, **named):
+        super().__init__(*given, **named)
+        if given == (None,) and hasattr(self, "renameat2"):
+            self.renameat2 = heeded(self.renameat2)
+
+ctypes.CDLL = Heeded
 """
 """Run by the command's interpreter: sends the signal before the KILL_AT-th rename in KILL_FOLDER."""
 
@@ -129,7 +139,6 @@ class Scenario:
             "KILL_SIGNAL": int(number),
             "KILL_COUNT": self.place / "count",
             "TMPDIR": temporary,
-            "XDG_STATE_HOME": self.place / "state",
             "PYTHONPATH": os.pathsep.join([str(self.place), str(ROOT)]),
         }
         return subprocess.Popen(
@@ -256,13 +265,11 @@ def judged(number: signal.Signals, code: int, line: str, before: str, state: str
 
 
 def next_command(scenario: Scenario) -> list[str]:
-    """Begin to write in the folder, as the next command does; return what is there of temporary files after that."""
-    temporary, state = scenario.place / "temporary", scenario.place / "state"
-    own = patch.dict(os.environ, {"XDG_STATE_HOME": str(state)}), patch.object(tempfile, "tempdir", str(temporary))
-    with own[0], own[1], staging(scenario.folder):
+    """Begin to write in the folder, as the next command does; return what is there of hidden folders after that."""
+    temporary = scenario.place / "temporary"
+    with patch.object(tempfile, "tempdir", str(temporary)), hidden_folder(scenario.folder), hidden_folder():
         pass
-    register = (path for path in state.rglob("*") if path.is_file())
-    return [str(path) for path in (*temporary.glob("sdm-*"), *scenario.place.rglob(".sdm-*"), *register)]
+    return [str(path) for path in scenario.place.rglob(f"{NAME}*")]
 
 
 def descendants(pid: int) -> list[int]:

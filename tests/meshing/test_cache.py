@@ -6,7 +6,7 @@ import pytest
 
 from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE, default_folder
 from sdm_deflect.deform.mesh.mesh import Mesh
-from sdm_deflect.meshing.files.cache import MeshCache, cache_key
+from sdm_deflect.meshing.cache import MeshCache, cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.mesh import skin, tets_of
 from tests.calls import files_of_at_most

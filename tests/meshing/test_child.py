@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.files import child
 
 WORKER = """
 import os, sys, time
 from collections.abc import Iterator
 from pathlib import Path
 import numpy as np
-from sdm_deflect.meshing.files.child import serve
+from sdm_deflect.meshing.child import serve
 
 def work(question):
     if "note" in question:
@@ -122,7 +122,7 @@ def test_an_interruption_takes_effect_at_once_and_leaves_no_child(worker: str, t
 def test_the_child_dies_with_a_parent_that_is_killed(worker: str, tmp_path: Path) -> None:
     note = tmp_path / "pid"
     script = (
-        "import numpy as np; from meshing.files import child; "
+        "import numpy as np; from meshing import child; "
         f"child.call({worker!r}, {{'sleep': np.array(60.0), 'note': np.array({str(note)!r})}}, 60.0)"
     )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}

@@ -11,7 +11,7 @@ from sdm_deflect.cases.aircraft.reference import ReferenceFace, parameters, refe
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
 from sdm_deflect.geometry.errors import CadError
-from sdm_deflect.meshing.files.cache import cache_key
+from sdm_deflect.meshing.cache import cache_key
 from sdm_deflect.meshing.formats.format import MeshFileError
 from tests.cases.sdm.deflected_cad import built
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from sdm_deflect.geometry.model import CadModel
+from sdm_deflect.meshing import child
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.files import child
 from sdm_deflect.meshing.generate import surface
 from sdm_deflect.meshing.generate.sizing import background, size_field
 from sdm_deflect.meshing.generate.surface import InputSurface, mesh_surface

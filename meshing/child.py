@@ -1,7 +1,13 @@
-"""Work in a child process that ends at once when this process is interrupted or dies."""
+"""Work in a child process that ends at once when this process is interrupted or dies.
 
+``python -m sdm_deflect.meshing.child PARENT MODULE ...`` runs a module as ``python -m MODULE ...`` does, bound to the
+process whose id is PARENT; ``PARENT -- PROGRAM ...`` becomes another program.
+"""
+
+import ctypes
 import os
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -9,19 +15,28 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from runpy import run_module
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdm_deflect.meshing.errors import MeshingError
-from sdm_deflect.meshing.files import orphan
-from sdm_deflect.meshing.files.staged import written
-from sdm_deflect.meshing.files.temporary import scratch_folder
+from sdm_deflect.meshing.files import hidden_folder
+from sdm_deflect.meshing.formats.format import written
 
 Array = NDArray[np.generic]
 Arrays = Mapping[str, Array]
 
+CHILD, PR_SET_PDEATHSIG = "sdm_deflect.meshing.child", 1
 QUESTION, ANSWER = "question.npz", "answer.npz"
+
+
+def end_with(parent: int) -> None:
+    """Let this process be killed when its parent ends, of a kill that no one catches too; on Linux."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it ended before it could be watched
+            os.kill(os.getpid(), signal.SIGKILL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +66,13 @@ def started(module: str, arrays: Arrays) -> Iterator[Pending]:
 
     Mesh generators run for minutes inside compiled code that no signal can stop; a process can be killed.
     """
-    with scratch_folder() as folder:
+    with hidden_folder() as folder:
         with written(folder):
             np.savez(folder / QUESTION, **arrays)  # type: ignore[arg-type]
         files = (str(folder / QUESTION), str(folder / ANSWER))
         # Its own session: the terminal's Ctrl-C reaches this process only, which then kills the child.
         with subprocess.Popen(
-            [sys.executable, "-m", orphan.__name__, str(os.getpid()), module, *files],
+            [sys.executable, "-m", CHILD, str(os.getpid()), module, *files],
             env=os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -94,3 +109,11 @@ def peak_bytes() -> int:
         return 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM:")))
     except (OSError, StopIteration):
         return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+if __name__ == "__main__":
+    end_with(int(sys.argv[1]))
+    if sys.argv[2] == "--":
+        os.execvp(sys.argv[3], sys.argv[3:])
+    sys.argv = sys.argv[2:]
+    run_module(sys.argv[0], run_name="__main__", alter_sys=True)

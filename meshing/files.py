@@ -1,0 +1,220 @@
+"""Files and folders that appear whole or not at all: written into a hidden folder beside their place, and renamed.
+
+A folder that is there already is exchanged for the new one. Each hidden folder holds a file that its process keeps
+locked: the next command that writes there removes those of killed processes.
+"""
+
+import ctypes
+import fcntl
+import os
+import shutil
+import signal
+import tempfile
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
+from fnmatch import fnmatchcase
+from functools import reduce
+from operator import and_
+from pathlib import Path
+from typing import BinaryIO
+
+from sdm_deflect.deform.base.errors import REQUESTS
+from sdm_deflect.meshing.formats.format import MeshFileError, renamed, written
+
+NAME, END = ".sdm-deflect-", ".tmp"  # of hidden folders, with eight letters between
+LOCK, ASIDE = ".lock", ".aside"  # in a hidden folder: the locked file, and old folders that are replaced by two renames
+MESHES = ("points*", "constant/polyMesh/*", "processor*/constant/polyMesh/*")  # whose permissions count in a case
+placed: list[Path] = []  # what this process has put in its place
+_hidden: set[Path] = set()
+_permitted = ContextVar("_permitted", default=0o7777)
+
+
+@contextmanager
+def permitted_as(*sources: Path | str | None) -> Iterator[None]:
+    """Withhold new files and folders that are written in this block from those who may not read or write a source."""
+    token = _permitted.set(reduce(and_, (_permissions(Path(one)) for one in sources if one), _permitted.get()))
+    try:
+        yield
+    finally:
+        _permitted.reset(token)
+
+
+def _permissions(source: Path) -> int:
+    """Return the permissions that a copy of a file, a folder or a case may have: any for its owner."""
+    mode = 0o7777
+    for path in (source, *(path for pattern in MESHES for path in source.glob(pattern))):
+        with suppress(OSError):
+            shared = path.stat().st_mode & 0o066
+            mode &= 0o7700 | shared | (shared & 0o044) >> 2
+    return mode
+
+
+@contextmanager
+def hidden_folder(beside: Path | None = None) -> Iterator[Path]:
+    """Give a hidden folder, in the system's temporary one by default; first those of killed processes go."""
+    home = Path(os.path.realpath(beside or tempfile.gettempdir()))
+    home.mkdir(parents=True, exist_ok=True)
+    for dead in (place for place in home.glob(f"{NAME}????????{END}") if not place.is_symlink()):
+        with suppress(OSError), _opened(dead) as known:
+            fcntl.flock(known, fcntl.LOCK_EX | fcntl.LOCK_NB)  # refused while its process lives
+            _remove(dead)
+    place, lock = _locked(home)
+    _hidden.add(place)
+    try:
+        yield place
+    finally:
+        _remove(place)
+        _hidden.discard(place)
+        lock.close()
+
+
+def _remove(place: Path) -> None:
+    """Remove a hidden folder; an old folder that was put aside in it, and has no successor, goes back."""
+    for old in (place / ASIDE).glob("*"):
+        if not (place / ASIDE).is_symlink() and not os.path.lexists(place.parent / old.name):
+            old.rename(place.parent / old.name)
+    shutil.rmtree(place, ignore_errors=True)
+
+
+def _opened(place: Path) -> BinaryIO:
+    return open(place / LOCK, "ab", opener=lambda name, flags: os.open(name, flags | os.O_NOFOLLOW, 0o600))
+
+
+def _locked(home: Path) -> tuple[Path, BinaryIO]:
+    """Make a hidden folder and lock it; until then another process may take it for that of a killed one."""
+    while True:
+        place = Path(tempfile.mkdtemp(END, NAME, home))
+        with suppress(FileNotFoundError):
+            lock = _opened(place)
+            with suppress(OSError):  # where the file system knows no locks, nobody removes the folder
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            if (place / LOCK).exists():
+                return place, lock
+
+
+@contextmanager
+def fresh(out: Path, source: Path | None = None) -> Iterator[Path]:
+    """Give a path that becomes `out`, or what it links to, in the end; MeshFileError if that cannot be written."""
+    if source is not None and out.exists() and out.samefile(source):
+        raise MeshFileError(f"{out}: this is the mesh that is read; write to another file")
+    if out.exists() and not out.is_file():
+        raise MeshFileError(f"{out}: is there and no file; name another one")
+    with written(out), permitted_as(source), replacing(out) as beside:
+        beside.touch()
+        yield beside
+
+
+@contextmanager
+def fresh_folder(out: Path, source: Path | None = None) -> Iterator[Path]:
+    """Give an empty folder that becomes `out` once the block has ended well.
+
+    MeshFileError if `out` is there and not empty, lies within the folder `source`, or cannot be made.
+    """
+    if source is not None and out.resolve().is_relative_to(source.resolve()):
+        raise MeshFileError(f"{out}: lies in the case that is read; write to a folder outside it")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise MeshFileError(f"{out}: exists already; name a new folder, or delete that one")
+    with written(out), permitted_as(source), replacing(out) as beside:
+        beside.mkdir(exist_ok=True)
+        yield beside
+
+
+@contextmanager
+def replacing(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
+    """Give a path that is put in the place of `out` once the block has ended well; `out` itself in a hidden folder.
+
+    Files of an old folder stay, unless the new one has such a name, or it matches a pattern in `stale`, such as
+    ``figures/slices*.png``. OSError or MeshFileError if it cannot be written.
+    """
+    target = Path(os.path.realpath(out))
+    if not _hidden.isdisjoint(target.parents):
+        yield out
+        return
+    with hidden_folder(target.parent) as place, renamed(place / target.name, out):
+        yield place / target.name
+        with written(out):
+            _put(place, {place / target.name: target}, stale)
+
+
+@contextmanager
+def replacing_files(folder: Path, stale: Sequence[str]) -> Iterator[Path]:
+    """Give an empty folder whose files and folders replace those of `folder`, each as a whole, one after another.
+
+    `stale` has patterns for `folder` and for each folder in it; errors are those of `replacing`.
+    """
+    home = Path(os.path.realpath(folder))
+    with hidden_folder(home) as place, renamed(place / "new", folder):
+        (place / "new").mkdir()
+        yield place / "new"
+        moves = {new: Path(os.path.realpath(home / new.name)) for new in sorted((place / "new").iterdir())}
+        with written(folder):
+            _put(place, moves, stale)
+
+
+def _put(place: Path, moves: Mapping[Path, Path], stale: Sequence[str]) -> None:
+    """Put new files and folders in the places of old ones, once all are on the disk; OSError if that cannot be."""
+    for new, old in moves.items():
+        _prepare(new, old)
+        if new.is_dir() and old.is_dir():
+            _keep(new, old, stale)
+    with ExitStack() as stack:
+        came: list[int] = []
+        stack.callback(lambda: list(map(signal.raise_signal, came)))
+        for one in REQUESTS if threading.current_thread() is threading.main_thread() else ():
+            stack.callback(signal.signal, one, signal.signal(one, lambda number, _: came.append(number)))
+        for new, old in moves.items():
+            if new.is_dir() and old.is_dir():
+                _exchange(new, old, place / ASIDE)
+            else:
+                new.replace(old)
+            placed.append(old)
+        for parent in {old.parent for old in moves.values()}:
+            _flush(parent)
+
+
+def _prepare(new: Path, old: Path) -> None:
+    """Give what is new the permissions of what it replaces, or those permitted, and bring it to the disk."""
+    mode = _permitted.get() & (_permissions(old) if old.is_dir() else 0o7777)
+    for path in (new, *new.rglob("*")):
+        target = old / path.relative_to(new)
+        if target.is_dir() and not path.is_dir():
+            raise MeshFileError(f"{target}: is a folder; a file of that name is to be written")
+        if not path.is_symlink():
+            path.chmod(target.stat().st_mode if target.exists() else path.stat().st_mode & mode)
+            _flush(path)
+
+
+def _flush(path: Path) -> None:
+    """Bring a file or a folder to the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    os.fsync(handle)
+    os.close(handle)
+
+
+def _keep(new: Path, old: Path, stale: Sequence[str]) -> None:
+    """Give a new folder the user's files of the old one: those that are neither among the new ones nor stale."""
+    patterns = [*stale, *(str(Path(pattern).parent) for pattern in stale)]
+    for path in sorted(old.rglob("*")):
+        name, place = path.relative_to(old), new / path.relative_to(old)
+        gone = any(fnmatchcase(str(own), pattern) for own in (name, old.name / name) for pattern in patterns)
+        if path.is_dir() and not path.is_symlink():
+            if not gone and not place.exists():
+                place.mkdir(mode=path.stat().st_mode)
+        elif not gone and not os.path.lexists(place):
+            place.parent.mkdir(exist_ok=True)
+            try:
+                os.link(path, place, follow_symlinks=False)
+            except OSError:  # a file system without hard links, or another user's file
+                shutil.copy2(path, place, follow_symlinks=False)
+
+
+def _exchange(new: Path, old: Path, aside: Path) -> None:
+    """Put a new folder in the place of an old one, which goes where the new one was, or `aside` by a second rename."""
+    rename, here, exchange = getattr(ctypes.CDLL(None), "renameat2", None), -100, 2  # AT_FDCWD, RENAME_EXCHANGE
+    if rename and not rename(here, os.fsencode(new), here, os.fsencode(old), exchange):
+        return
+    aside.mkdir(exist_ok=True)
+    old.rename(aside / old.name)
+    new.rename(old)
