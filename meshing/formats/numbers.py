@@ -1,7 +1,7 @@
 """Numbers in text and bytes: found, read, and others put in their place."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO
@@ -98,17 +98,12 @@ def _not_number(text: bytes, kind: type[np.float64 | np.int64]) -> str:
 
 def with_numbers(data: bytes, begin: IntArray, end: IntArray, values: FloatArray) -> bytes:
     """Return text with numbers `values` (K,) in the bytes begin[i] to end[i] - 1, rising; with the digits they need."""
-    return with_words(data, begin, end, [repr(value).encode() for value in values.tolist()])
-
-
-def with_words(data: bytes, begin: IntArray, end: IntArray, words: Sequence[bytes]) -> bytes:
-    """Return text with K words in the bytes begin[i] to end[i] - 1, rising."""
-    if not words:
+    if not len(values):
         return data
     first, last = begin.tolist(), end.tolist()
     pieces = [b""] * (2 * len(first) + 1)
     pieces[0::2] = [data[a:b] for a, b in zip([0, *last], [*first, len(data)], strict=True)]
-    pieces[1::2] = words
+    pieces[1::2] = [repr(value).encode() for value in values.tolist()]
     return b"".join(pieces)
 
 
@@ -133,20 +128,13 @@ def chunks(file: BinaryIO, begin: int, end: int) -> Iterator[tuple[int, bytes]]:
         yield begin, b"".join(carried)
 
 
-def copy_text(
-    file: BinaryIO,
-    pieces: Iterator[tuple[int, bytes, Placed]],
-    values: FloatArray,
-    out: BinaryIO,
-    word: Callable[[bytes, float], bytes] | None = None,
-) -> None:
+def copy_text(file: BinaryIO, pieces: Iterator[tuple[int, bytes, Placed]], values: FloatArray, out: BinaryIO) -> None:
     """Copy a file of text with other numbers; only the characters of those that changed differ.
 
     Parameters
     ----------
     pieces : Rising parts of the text: where each begins, its bytes, and the numbers in it that may change.
     values : The new numbers (K,), in the order of those in the pieces.
-    word : Returns a number in place of a word; with all digits that it needs unless said otherwise.
     """
     at = done = 0
     for begin, text, placed in pieces:
@@ -155,11 +143,7 @@ def copy_text(
         done += new.size
         changed = placed.values != new
         first, last = (each[changed] for each in (placed.begin, placed.end))
-        if word is None:
-            out.write(with_numbers(text, first, last, new[changed]))
-        else:
-            spans = zip(first.tolist(), last.tolist(), new[changed].tolist(), strict=True)
-            out.write(with_words(text, first, last, [word(text[i:j], value) for i, j, value in spans]))
+        out.write(with_numbers(text, first, last, new[changed]))
         at = begin + len(text)
     copy_bytes(file, at, file.seek(0, 2), out)
 

@@ -1,61 +1,70 @@
-"""PLOT3D grids: blocks of hexahedra, or of quadrilaterals in a plane; text and binary."""
+"""PLOT3D grids: blocks of hexahedra, or of quadrilaterals in a plane; text and binary; and NASA's neutral maps (.nmf).
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+A grid has the number of blocks if there are several, the size of each, then for each block all x, all y, all z and
+perhaps all IBLANK, the first index fastest (NASA TM 101067; Plot3d File Format, NASA Glenn). A map says which faces of
+blocks are boundaries, and which meet (The Neutral Map File, W. T. Jones, NASA Langley).
+"""
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import partial
+from itertools import accumulate, product
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sdm_deflect.deform.base.arrays import BoolArray, FloatArray, IntArray
+from sdm_deflect.deform.base.arrays import FloatArray, IntArray
 from sdm_deflect.deform.base.progress import Progress, silent
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
 from sdm_deflect.meshing.files import fresh
-from sdm_deflect.meshing.formats.cgns_blocks import AXES, BlockFace, Size, cells, collapsed, faces
+from sdm_deflect.meshing.formats.cgns_blocks import AXES, BlockFace, Size, cells, collapsed, faces, points_in
 from sdm_deflect.meshing.formats.cgns_interfaces import NEAR, meeting
 from sdm_deflect.meshing.formats.fitted import Fitted, ZoneMesh, fitted
-from sdm_deflect.meshing.formats.format import about, check_points, fewest_bits
+from sdm_deflect.meshing.formats.format import MeshFileError, about, check_points, fewest_bits
 from sdm_deflect.meshing.formats.known import registered
 from sdm_deflect.meshing.formats.layout import Format
-from sdm_deflect.meshing.formats.numbers import copy_text
-from sdm_deflect.meshing.formats.plot3d_file import Plot3dFile, kind_of, styled
-from sdm_deflect.meshing.formats.plot3d_map import (
-    ONE_TO_ONE,
-    PATCHED,
-    UNPROCESSED,
-    WITHOUT,
-    IndexRange,
-    MapEntry,
-    map_of,
-    maps,
-)
-from sdm_deflect.meshing.formats.rewriting import rewritten
+from sdm_deflect.meshing.formats.numbers import Placed, chunks, copy_text, numbers
+from sdm_deflect.meshing.formats.rewriting import Change, rewritten
 from sdm_deflect.meshing.formats.shapes import oriented
+from sdm_deflect.meshing.formats.tables import FileTable
+from sdm_deflect.meshing.formats.ugrid_file import EXACT
 
-NO_PAIRS = np.empty((0, 2), dtype=np.intp)
+MARKER, HEAD = 4, 4096  # bytes of a Fortran record's length, or a whole number; by which text is told from binary
+LIKE_FORTRAN = bytes.maketrans(b"Dd,", b"Ee ")
+FACES = {1: (2, False), 2: (2, True), 3: (0, False), 4: (0, True), 5: (1, False), 6: (1, True)}
+"""Axis along which a face of a map has one number, and whether that is its last; the two other axes follow in turn."""
+ONE_TO_ONE, PATCHED, UNPROCESSED = "one_to_one", "patched", "unprocessed"
+WITHOUT = (PATCHED, "collapsed", "pole_dir1", "pole_dir2")  # which only touch others, or have no area: on no patch
+COMMENT, NUMBER = re.compile(r"[#!](.*)"), re.compile(r"\d{1,9}")
+ENTRY = re.compile(r"""\s*('[^']*'|"[^"]*"|[^\s\d]\S*)((?:\s+[+-]?\d{1,9}){6,12})\s*(\w*)\s*$""")
 
 
 @registered("plot3d", ".p3d", ".p3dfmt", ".p2d", ".p2dfmt", ".xyz", ".x", ".g", ".ufmt", written=False)
 class Plot3d(Format):
     """Blocks of hexahedra, or of quadrilaterals in a plane, left- or right-handed; those that meet are one zone.
 
-    How a file is stored follows from its counts and its length. Two faces of cells whose corners are at the very same
-    places are one face, unless the map says that they are boundaries; so are faces that the map pairs, ``ONE_TO_ONE``,
-    if they are near enough. Faces that only touch, ``PATCHED``, are on no patch. Patches are named by the map
-    (`map_of`): faces of one name are one patch. All others are ``block1/imin``, ``block1/imax`` and so on. IBLANK is no
-    part of the mesh; a rewritten file keeps it.
+    How a file is stored follows from its counts and its length. Two faces with all corners at the same places are one,
+    unless the map says that they are boundaries; so are faces that the map pairs, ``ONE_TO_ONE``, if they are near.
+    ``PATCHED`` faces are on no patch. The map names patches (`map_of`); all others are ``block1/imin`` and so on. A
+    rewritten file keeps IBLANK.
     """
 
     def read(self, path: Path, progress: Progress = silent) -> Mesh:
-        """See `Format.read`; a damaged map is a MeshFileError, too."""
-        return _read(path, path, progress)
+        """See `Format.read`."""
+        return self._read(path, path, progress)
 
     def read_copy(self, path: Path, source: Path) -> Mesh:
         """See `Format.read_copy`; the map is that of the source."""
-        return _read(path, source)
+        return self._read(path, source)
+
+    def _read(self, path: Path, mapped: Path, progress: Progress = silent) -> Mesh:
+        with about(path), path.open("rb") as file:
+            found = Plot3dFile.opened(file, partial(progress, f"reading {path.name}"))
+            return put_together(found.points(), found.sizes, map_of(mapped, found.sizes)).mesh
 
     def files(self, path: Path) -> Iterable[Path]:
         """See `Format.files`."""
@@ -64,14 +73,11 @@ class Plot3d(Format):
     def real(self, out: Path, source: Path | None = None) -> np.dtype[Any]:
         """See `Format.real`."""
         with about(source or out), (source or out).open("rb") as file:
-            return fewest_bits(kind_of(file))
+            real = Plot3dFile.opened(file, lambda _: None).layout.real if b"\0" in file.read(HEAD) else None
+            return fewest_bits([real] if real else [])
 
     def rewrite(self, source: Path, points: FloatArray, out: Path, progress: Progress = silent) -> None:
-        """See `Format.rewrite`; points of several blocks that are one get the same numbers.
-
-        Of coordinates in text, each that changed is written with as many digits as it needs, with an exponent where it
-        had one. Single precision stays single.
-        """
+        """See `Format.rewrite`; points of several blocks that are one get the same numbers."""
         report = partial(progress, f"writing {out.name}")
         with about(source), source.open("rb") as file:
             stored = Plot3dFile.opened(file, report)
@@ -79,26 +85,259 @@ class Plot3d(Format):
             joined = put_together(old, stored.sizes, map_of(source, stored.sizes))
             check_points(points, len(joined.first))
             new, changed = points[joined.index], (points != old[joined.first])[joined.index]
-            changes = None if stored.values is not None else tuple(stored.changes(source, new, changed))
-        if changes is not None:
-            rewritten(source, changes, out, progress)
-            return
-        with fresh(out, source) as beside, about(source), source.open("rb") as file, beside.open("wb") as copy:
-            copy_text(file, replace(stored, file=file).placed(), stored.moved(new, changed), copy, styled)
+            changes, moved, real = [], stored.values, stored.layout.real
+            for at, axis, own in stored.layout.columns():
+                rows = np.flatnonzero(changed[own, axis])
+                if moved is not None:
+                    moved[at + rows] = new[own][rows, axis]
+                elif real:
+                    table = FileTable(source, at, real.str, own.stop - own.start)
+                    changes.append(Change(table, rows, new[own][rows, axis, None]))
+            if moved is not None:
+                with fresh(out, source) as beside, beside.open("wb") as copy:
+                    copy_text(file, _words(file, report), moved, copy)
+                return
+        rewritten(source, changes, out, progress)
 
 
-def _read(path: Path, mapped: Path, progress: Progress = silent) -> Mesh:
-    """Return the mesh of a grid with the map beside a grid `mapped`."""
-    with about(path), path.open("rb") as file:
-        found = Plot3dFile.opened(file, partial(progress, f"reading {path.name}"))
-        return put_together(found.points(), found.sizes, map_of(mapped, found.sizes)).mesh
+class Layout(NamedTuple):
+    """How a file is stored: points of each block, if counted, with IBLANK, type (None: text), in Fortran records."""
+
+    sizes: tuple[Size, ...]
+    counted: bool
+    blanked: bool
+    real: np.dtype[Any] | None = None
+    records: bool = False
+
+    @property
+    def lengths(self) -> list[int]:
+        """Length of each record, or of what would be one, in bytes; in numbers for text."""
+        whole, real = (MARKER, self.real.itemsize) if self.real else (1, 1)
+        head = [whole] * self.counted + [whole * len(self.sizes[0]) * len(self.sizes)]
+        return head + [prod(size) * (len(size) * real + whole * self.blanked) for size in self.sizes]
+
+    @property
+    def begins(self) -> list[int]:
+        """Where the coordinates of each block begin, and where the file ends, in bytes or numbers."""
+        around = 2 * MARKER * self.records
+        ends = list(accumulate((length + around for length in self.lengths), initial=0))
+        return [*(begin + around // 2 for begin in ends[1 + self.counted : -1]), ends[-1]]
+
+    def columns(self) -> Iterator[tuple[int, int, slice]]:
+        """Yield where a coordinate of the points of a block begins, its axis, and which these points are of all."""
+        start, size = 0, self.real.itemsize if self.real else 1
+        for begin, own in zip(self.begins, self.sizes, strict=False):
+            count = prod(own)
+            for axis in range(len(own)):
+                yield begin + axis * count * size, axis, slice(start, start + count)
+            start += count
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plot3dFile:
+    """An open file and its layout; `values` are all numbers of a text."""
+
+    file: BinaryIO = field(repr=False)
+    layout: Layout
+    report: Callable[[float], None] = field(repr=False)
+    values: FloatArray | None = field(default=None, repr=False)
+
+    @classmethod
+    def opened(cls, file: BinaryIO, report: Callable[[float], None]) -> "Plot3dFile":
+        """Find the one layout that fits the counts and the length of a file; MeshFileError if none or several do."""
+        file.seek(0)
+        values = None
+        if b"\0" not in file.read(HEAD):
+            values = np.concatenate([np.empty(0), *(placed.values for _, _, placed in _words(file, report))])
+        fit = list(_layouts(file, values))
+        if not fit:
+            raise MeshFileError("its length fits no sizes of blocks that its first numbers tell; it is damaged")
+        if len(fit) > 1:
+            raise MeshFileError("it could be stored in several ways; write it with another number of points")
+        opened = cls(file, fit[0], report, values)
+        for number, size in enumerate(opened.sizes, 1):
+            if min(size) < 2:
+                sides = " x ".join(map(str, size))
+                raise MeshFileError(f"block {number} of {sides} points has no cells; 2 are needed along each axis")
+        return opened
+
+    @property
+    def sizes(self) -> tuple[Size, ...]:
+        """Points of each block along each axis; along two if the grid has one layer of points."""
+        flat = all(size[2:] == (1,) for size in self.layout.sizes)
+        return tuple(size[:2] for size in self.layout.sizes) if flat else self.layout.sizes
+
+    def points(self) -> FloatArray:
+        """Return the coordinates (F, 3) of all points, block after block; z is 0 where the file has none."""
+        found, real = np.zeros((sum(map(prod, self.layout.sizes)), 3)), self.layout.real
+        for at, axis, rows in self.layout.columns():
+            count = rows.stop - rows.start
+            if real is None:
+                assert self.values is not None
+                found[rows, axis] = self.values[at : at + count]
+            else:
+                self.file.seek(at)
+                with np.errstate(invalid="ignore"):  # `Mesh` refuses coordinates that are not finite
+                    found[rows, axis] = np.frombuffer(self.file.read(count * real.itemsize), real)
+            self.report(rows.stop / len(found))
+        return found
+
+
+def _words(file: BinaryIO, report: Callable[[float], None]) -> Iterator[tuple[int, bytes, Placed]]:
+    """Yield where a piece of text begins, the piece, and its numbers."""
+    size = file.seek(0, 2)
+    for at, text in chunks(file, 0, size):
+        if b"*" in text:
+            raise MeshFileError("numbers are repeated by counts such as 3*0.5; write the grid with a format of its own")
+        lines = numbers(text.translate(LIKE_FORTRAN), np.float64)
+        yield at, text, Placed(lines.values.astype(np.float64), lines.begin, lines.end)
+        report((at + len(text)) / size)
+
+
+def _layouts(file: BinaryIO, values: FloatArray | None) -> Iterator[Layout]:
+    """Yield the layouts that fit the counts and the length of a file; `values` are all numbers of a text."""
+    text, size = values is not None, file.seek(0, 2) if values is None else len(values)
+    ways = product(("",), (False,)) if text else product("<>", (False, True))
+    for (order, records), counted, axes in product(ways, (True, False), (3, 2)):
+        whole = partial(_whole, file, order) if values is None else partial(_whole_of_text, values)
+        sizes = _sizes(whole, 1 if text else MARKER, MARKER * records, (counted, axes), size)
+        for real, blanked in product((None,) if text else ("f4", "f8"), (False, True)) if sizes else ():
+            layout = Layout(sizes, counted, blanked, np.dtype(order + real) if real else None, records)
+            if layout.begins[-1] == size and (not records or _has_markers(whole, layout)):
+                yield layout
+
+
+def _sizes(
+    whole: Callable[[int, int], IntArray], step: int, mark: int, how: tuple[bool, int], size: int
+) -> tuple[Size, ...]:
+    """Return the sizes of the blocks as one way of storing them has it; none if they are no sizes."""
+    (counted, axes), at, blocks = how, mark, 1
+    if counted:
+        blocks, at = int(whole(at, 1).max(initial=-1)), at + step + 2 * mark
+    if not 1 <= blocks <= size // (axes * step):
+        return ()
+    found = whole(at, axes * blocks)
+    if len(found) < axes * blocks or found.min() < 1:
+        return ()
+    rows = found.reshape(blocks, axes)
+    fits = rows.astype(np.float64).prod(axis=1).sum() <= size and (axes > 2 or rows.min() > 1)  # curves are no grids
+    return tuple(map(tuple, rows.tolist())) if fits else ()
+
+
+def _whole(file: BinaryIO, order: str, at: int, count: int) -> IntArray:
+    """Return whole numbers from a byte on; fewer at the end of the file."""
+    file.seek(at)
+    data = file.read(count * MARKER)
+    return np.frombuffer(data[: len(data) // MARKER * MARKER], f"{order}i4").astype(np.intp)
+
+
+def _whole_of_text(values: FloatArray, at: int, count: int) -> IntArray:
+    """Return whole numbers; -1 for others."""
+    some = values[at : at + count]
+    return np.where((np.abs(some) < EXACT) & (some == np.rint(some)), some, -1.0).astype(np.intp)
+
+
+def _has_markers(whole: Callable[[int, int], IntArray], layout: Layout) -> bool:
+    """Whether the length of each record stands before and after it."""
+    begins = accumulate((length + 2 * MARKER for length in layout.lengths), initial=0)
+    pairs = zip(begins, layout.lengths, strict=False)
+    return all([*whole(at, 1), *whole(at + MARKER + n, 1)] == [n, n] for at, n in pairs)
+
+
+class IndexRange(NamedTuple):
+    """Points `first` to `last` (counted from 0, always on three axes) of a face of a block, across one of the axes."""
+
+    block: int
+    first: tuple[int, ...]
+    last: tuple[int, ...]
+    axis: int
+
+    def plane(self, size: Size) -> BlockFace:
+        """Return its faces."""
+        others = [axis for axis in range(len(size)) if axis != self.axis]
+        low = [min(self.first[axis], self.last[axis]) for axis in others]
+        high = [max(self.first[axis], self.last[axis]) - 1 for axis in others]
+        rows = points_in(low, high, tuple(size[axis] - 1 for axis in others))
+        return BlockFace(self.axis, self.first[self.axis], rows)
+
+
+class MapEntry(NamedTuple):
+    """A line of a map: its type, such as ``one_to_one``, the name of its patch, and one face or two that meet."""
+
+    kind: str
+    name: str
+    ranges: tuple[IndexRange, ...]
+
+
+def map_of(path: Path, sizes: Sequence[Size]) -> tuple[MapEntry, ...]:
+    """Return what the map beside a grid says, of ``wing-deflected.p3d`` ``wing.nmf``; errors as of `entries`."""
+    for beside in maps(path):
+        with about(beside):
+            return tuple(entries(beside.read_text("utf-8", "replace"), sizes))
+    return ()
+
+
+def maps(path: Path) -> Iterator[Path]:
+    """Yield the files beside a grid that may be its map, those of the longest names first."""
+    parts = re.split(r"(?=[^0-9A-Za-z])", path.name)
+    stems = ("".join(parts[:i]) for i in range(len(parts), 0, -1))
+    yield from (one for one in (path.with_name(f"{stem}.nmf") for stem in stems if stem) if one.is_file())
+
+
+def entries(text: str, sizes: Sequence[Size]) -> Iterator[MapEntry]:
+    """Yield what the lines of a map say; MeshFileError for wrong ones, and for blocks of other sizes."""
+    wanted = [len(sizes), *(n for i, own in enumerate(sizes, 1) for n in (i, *own, *[1] * (3 - len(own))))]
+    head: list[int] = []
+    rest = []
+    for number, line in enumerate(text.splitlines(), 1):
+        own, comment = COMMENT.sub("", line).strip(), COMMENT.search(line)
+        words = own.split()
+        if len(head) < len(wanted) and words and all(map(NUMBER.fullmatch, words)):
+            head += map(int, words)
+        elif own:
+            rest.append((number, own, comment[1].strip() if comment else ""))
+    if head != wanted:
+        first, given = (" ".join(map(str, all[:9])) + " ..." * (len(all) > 9) for all in (wanted, head))
+        raise MeshFileError(
+            f"should begin with {first}, the number and the sizes of the grid's blocks, but has {given or 'none'}; it "
+            "is of another grid, or damaged"
+        )
+    for number, own, said in rest:
+        try:
+            yield _entry(own, said, sizes)
+        except MeshFileError as error:
+            raise MeshFileError(f"line {number}: {error}") from error
+
+
+def _entry(line: str, comment: str, sizes: Sequence[Size]) -> MapEntry:
+    found = ENTRY.match(line)
+    values = [int(word) for word in found[2].split()] if found else []
+    if not found or len(values) not in (6, 12):
+        raise MeshFileError(f"{line[:60]!r} is no type with the block, the face and the range of one face or of two")
+    name = found[1].strip("'\" ")
+    kind = re.sub(r"[-_ ]+", "_", name.lower())
+    ranges = tuple(_range(values[i : i + 6], sizes) for i in range(0, len(values), 6))
+    if (kind in (ONE_TO_ONE, PATCHED)) != (len(ranges) == 2):
+        raise MeshFileError(f"{name} has {len(ranges)} faces; interfaces have two, boundaries one")
+    return MapEntry(kind, comment or name or kind, ranges)
+
+
+def _range(values: Sequence[int], sizes: Sequence[Size]) -> IndexRange:
+    block, face, *ends = values
+    if not 1 <= block <= len(sizes) or face not in FACES:
+        raise MeshFileError(f"there is no face {face} of block {block}; there are 6 of {len(sizes)} blocks")
+    size, (axis, far) = (*sizes[block - 1], 1)[:3], FACES[face]
+    first, last = [0, 0, 0], [0, 0, 0]
+    first[axis] = last[axis] = size[axis] - 1 if far else 0
+    for other, begin, end in (((axis + 1) % 3, *ends[:2]), ((axis + 2) % 3, *ends[2:])):
+        if min(begin, end) < 1 or max(begin, end) > size[other] or abs(end - begin) + 1 < min(2, size[other]):
+            raise MeshFileError(f"face {face} of block {block} has points 1 to {size[other]}, but not {begin} to {end}")
+        first[other], last[other] = begin - 1, end - 1
+    return IndexRange(block - 1, tuple(first), tuple(last), axis)
 
 
 def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEntry]) -> Fitted:
-    """Return the mesh of blocks with these points (F, 3), one after another, of these sizes.
-
-    ValueError for coordinates that are not finite.
-    """
+    """Return the mesh of blocks with these points (F, 3), one after another; ValueError if some are not finite."""
     starts = np.cumsum([0, *map(prod, sizes)])
     parts, free, same = [], [], []
     for i, size in enumerate(sizes):
@@ -107,12 +346,11 @@ def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEn
         parts.append(part)
         free += [faces.nodes + starts[i] for faces in rest]
         same.append(collapsed(own, size) + starts[i])
-    found = meeting(points, np.concatenate(free)) if free else np.empty((0, 2), np.intp)
-    same.append(found)
-    touching = np.unique(np.searchsorted(starts, found, side="right") - 1, axis=0).tolist()
+    same.append(meeting(points, np.concatenate(free)) if free else np.empty((0, 2), np.intp))
+    touching = np.unique(np.searchsorted(starts, same[-1], side="right") - 1, axis=0).tolist()
     for entry in said:
         if entry.kind in (ONE_TO_ONE, PATCHED) and entry.ranges[0].axis < len(sizes[0]):
-            rows = _paired(points, entry.ranges, sizes, starts) if entry.kind == ONE_TO_ONE else NO_PAIRS
+            rows = _paired(points, entry.ranges, sizes, starts) if entry.kind == ONE_TO_ONE else same[-1][:0]
             if rows is not None:
                 same.append(rows)
                 touching.append([end.block for end in entry.ranges])
@@ -120,50 +358,40 @@ def put_together(points: FloatArray, sizes: Sequence[Size], said: Sequence[MapEn
 
 
 def _block(number: int, size: Size, points: FloatArray, said: Sequence[MapEntry]) -> tuple[ZoneMesh, list[Cells]]:
-    """A block by itself, and its outer faces that may be of another block, too."""
-    own = cells(size)
+    """Return a block by itself, and its outer faces that may be of another block, too."""
+    own, title = cells(size), f"block{number + 1}"
     turned = oriented(points, own)
     left_handed = bool(2 * np.count_nonzero(turned.nodes[:, 1] != own.nodes[:, 1]) > len(own))
-    free = _sides(size)
+    free = {
+        (axis, at): np.ones(prod(n - 1 for d, n in enumerate(size) if d != axis), dtype=np.bool_)
+        for axis in range(len(size))
+        for at in (0, size[axis] - 1)
+    }
     named: dict[str, list[Cells]] = {}
-    for entry, plane in _bounded(said, number, size):
-        mask = free[plane.axis, plane.at]
-        rows = plane.rows[mask[plane.rows]]
-        mask[rows] = False
-        if entry.kind not in WITHOUT and len(rows):
-            named.setdefault(entry.name, []).append(faces(size, BlockFace(plane.axis, plane.at, rows), left_handed))
+    bounded = [one for one in said if one.kind not in (ONE_TO_ONE, UNPROCESSED)]
+    for entry, end in ((one, end) for one in bounded for end in one.ranges):
+        if end.block == number and end.axis < len(size):
+            plane = end.plane(size)
+            mask = free[plane.axis, plane.at]
+            rows = plane.rows[mask[plane.rows]]
+            mask[rows] = False
+            if entry.kind not in WITHOUT and len(rows):
+                named.setdefault(entry.name, []).append(faces(size, BlockFace(plane.axis, plane.at, rows), left_handed))
     rest = {
-        f"block{number + 1}/{AXES[axis]}{'max' if at else 'min'}": faces(size, BlockFace(axis, at, rows), left_handed)
+        f"{title}/{AXES[axis]}{'max' if at else 'min'}": faces(size, BlockFace(axis, at, rows), left_handed)
         for (axis, at), mask in free.items()
         if len(rows := np.flatnonzero(mask))
     }
     patches = [Patch(name, tuple(blocks)) for name, blocks in named.items()]
     patches += [Patch(name, (block,)) for name, block in rest.items()]
-    part = ZoneMesh(f"block{number + 1}", Mesh(points, (turned,), tuple(patches)), frozenset(named), block=True)
+    part = ZoneMesh(title, Mesh(points, (turned,), tuple(patches)), frozenset(named), block=True)
     return part, list(rest.values())
 
 
-def _sides(size: Size) -> dict[tuple[int, int], BoolArray]:
-    """Return by axis and number of points on it a mask (F,) of the faces on each side of a block; all are marked."""
-    return {
-        (axis, at): np.ones(prod(n - 1 for d, n in enumerate(size) if d != axis), dtype=np.bool_)
-        for axis in range(len(size))
-        for at in (0, size[axis] - 1)
-    }
-
-
-def _bounded(said: Sequence[MapEntry], number: int, size: Size) -> Iterator[tuple[MapEntry, BlockFace]]:
-    """Yield what is said of sides of a block that are no interfaces, each with the faces that it is said of."""
-    for entry in said:
-        if entry.kind not in (ONE_TO_ONE, UNPROCESSED):
-            for end in entry.ranges:
-                if end.block == number and end.axis < len(size):
-                    yield entry, end.plane(size)
-
-
 def _paired(points: FloatArray, ends: Sequence[IndexRange], sizes: Sequence[Size], starts: IntArray) -> IntArray | None:
-    """Rows (K, 2) of points of two faces that are one; None if they lie elsewhere: the interface is periodic."""
-    here, there = (end.points(sizes[end.block]) + starts[end.block] for end in ends)
+    """Return rows (K, 2) of points of two faces that are one; None if they lie elsewhere: the interface is periodic."""
+    n = len(sizes[0])
+    here, there = (points_in(e.first[:n], e.last[:n], sizes[e.block]) + starts[e.block] for e in ends)
     gap, nearest = cKDTree(points[there]).query(points[here])
     distance = np.linalg.norm(points[here], axis=1)
     if len(here) != len(there) or np.any(gap > NEAR * np.maximum(distance, np.median(distance))):

@@ -48,9 +48,7 @@ SLOW = {
         "aircraft.pipeline.whole_mesh_seconds", f"aircraft.pipeline.{REFERENCE}", "aircraft.validation.validate",
         "report.page.page",
     ),
-    "report": (
-        "finished.finished", f"aircraft.run_folder.{REFERENCE}", "aircraft.validation.validate", "report.page.page",
-    ),
+    "report": (f"aircraft.run_folder.{REFERENCE}", "aircraft.validation.validate", "report.page.page"),
     "geometry": ("aircraft.cad.undeflected_cad",),
 }  # fmt: skip
 """Functions by command whose results are kept, because they take long and write nothing."""

@@ -49,9 +49,7 @@ def heeded(rename):
             with open(os.environ["KILL_COUNT"], "a") as file:
                 file.write(".")
             if count == when:
-                os.kill(os.getppid(), number)
-                if number == signal.SIGKILL:
-                    os.kill(os.getpid(), number)
+                os.kill(os.getpid(), number)
         return rename(*given, **named)
     return other
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sdm_deflect.meshing.formats.plot3d_file import Plot3dFile
+from sdm_deflect.meshing.formats.plot3d import Plot3dFile
 
 Block = NDArray[np.float64]
 """(I, J, K, 3) points of a block."""
