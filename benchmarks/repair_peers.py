@@ -29,7 +29,7 @@ from sdm_deflect.cases.aircraft.job import BLOCK, plan_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.api import deflect
-from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import IntArray
 from sdm_deflect.deform.mesh.edges import area_vectors, polygons_of
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh, Patch
@@ -126,7 +126,7 @@ def faced(mesh: Mesh, name: str) -> Mesh:
 def chimera(folder: Path, angle: float) -> Task:
     """Return case 5.2, small."""
     case = replace(case_named("aileron-chimera"), angle=angle)
-    mesh = meshed(case, Stopwatch(Silent()))[0]
+    mesh = meshed(case, Stopwatch())[0]
 
     def ours(repair: RepairMode) -> Deflection:
         wanted = replace(case, repair=repair)

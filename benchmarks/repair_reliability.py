@@ -24,7 +24,7 @@ from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.cache_folder import FOLDER_VARIABLE
 from sdm_deflect.deform.mesh.mesh import Cells, Mesh
@@ -161,7 +161,7 @@ def main() -> None:
             case = replace(case_named(name), angle=angle)
             confinement = replace(case.confinement, ahead=ahead)
             case = replace(case, adaptation=replace(case.adaptation, max_steps=1), confinement=confinement)
-            mesh = meshed(case_named(name), Stopwatch(Silent()))[0]
+            mesh = meshed(case_named(name), Stopwatch())[0]
             found.setdefault(named(name, angle, ahead), []).append(trial(case, mesh))
         figures = {name: [asdict(one) for one in trials] for name, trials in found.items()}
         options.json.write_text(json.dumps(figures, indent=1) + "\n")

@@ -15,7 +15,7 @@ from sdm_deflect.cases.aircraft.pipeline import meshed, run_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.errors import is_reported
 from sdm_deflect.cases.report.pictures import Picture, figure_of, write_png
-from sdm_deflect.cases.run.progress import Display, Stopwatch
+from sdm_deflect.cases.run.progress import Show, Stopwatch
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import mean_ratio
 from sdm_deflect.deform.rbf.fitting import Strategy
@@ -39,13 +39,13 @@ class Sources:
 
     scale: str
     folder: Path
-    display: Display
+    show: Show
     cache: bool = True
     _runs: dict[tuple[str, float, Strategy], Run] = field(default_factory=dict)
 
     def mesh(self, name: str) -> Mesh:
         """Return the undeflected mesh of a case."""
-        return meshed(case_named(name, self.scale), Stopwatch(self.display), self.cache)[0]
+        return meshed(case_named(name, self.scale), Stopwatch(self.show), self.cache)[0]
 
     def run(self, name: str, angle: float, strategy: Strategy = "squv") -> Run:
         """Return a finished run with the paper's rule of adding centres, unrepaired, validated like every run."""
@@ -55,7 +55,7 @@ class Sources:
             adaptation = replace(case.adaptation, rule="worst", strategy=strategy)
             case = replace(case, angle=angle, adaptation=adaptation, repair="off")
             with TemporaryDirectory(dir=self.folder) as scratch:
-                self._runs[key] = run_case(case, Stopwatch(self.display), Path(scratch), self.cache)
+                self._runs[key] = run_case(case, Stopwatch(self.show), Path(scratch), self.cache)
         return self._runs[key]
 
 
@@ -73,7 +73,7 @@ def figure1(runs: Sources, stored: Stored, folder: Path) -> None:
 
 def table(runs: Sources, stored: Stored, folder: Path, name: str) -> None:
     """A table of the paper; its CSV goes beside the figures."""
-    result = run_study(name, runs.scale, Stopwatch(runs.display), runs.cache)
+    result = run_study(name, runs.scale, Stopwatch(runs.show), runs.cache)
     write_csv(result, folder / "tables" / f"{name}.csv")
     stored.pictures[name] = write_plot(result, folder / "figures" / f"{name}.png")
     stored.grounds[name] = result.ground
@@ -147,7 +147,7 @@ def _shown(figure: Figure, alternative: str, name: str, stored: Stored, folder: 
     stored.pictures[name] = alternative
 
 
-def write_page(scale: str, folder: Path, display: Display, cache: bool = True, kept: Path | None = None) -> None:
+def write_page(scale: str, folder: Path, show: Show, cache: bool = True, kept: Path | None = None) -> None:
     """Write paper.md, figures/ and tables/ into `folder`. A section that cannot be made says why in its place.
 
     Reasons are taken from the tables/ of the folder `kept`, where `python -m studies reasons` has put them.
@@ -156,7 +156,7 @@ def write_page(scale: str, folder: Path, display: Display, cache: bool = True, k
         (folder / name).mkdir()
     stored = Stored(scale, get_num_threads())
     with hidden_folder() as scratch:
-        runs = Sources(scale, scratch, display, cache)
+        runs = Sources(scale, scratch, show, cache)
         for name, measure in SECTIONS.items():
             _measured(name, measure, runs, stored, folder)
     write_json(stored, folder / "tables" / FILE)

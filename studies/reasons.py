@@ -12,7 +12,7 @@ from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.job import panel_of, plan_of
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.run.progress import Display, Stopwatch
+from sdm_deflect.cases.run.progress import Show, Stopwatch
 from sdm_deflect.deform.base.arrays import FloatArray
 from sdm_deflect.deform.base.threads import SERIAL_PAIRS
 from sdm_deflect.deform.mesh.mesh import Mesh
@@ -32,9 +32,9 @@ TABLES = ("table1", "table3", "table4")
 """Those whose centres are looked into; table 2 has the sites of table 1."""
 
 
-def measure_reasons(scale: str, display: Display, cache: bool = True) -> Reasons:
+def measure_reasons(scale: str, show: Show, cache: bool = True) -> Reasons:
     """Carry out all measurements at a scale."""
-    watch, tables = Stopwatch(display), paper().tables
+    watch, tables = Stopwatch(show), paper().tables
     cases = {n: replace(case_named(tables[n].case, scale), angle=tables[n].rows[0].setting.angle) for n in TABLES}
     meshes = {name: meshed(case, watch, cache)[0] for name, case in cases.items()}
     with watch.stage("centres") as progress:

@@ -23,7 +23,7 @@ def reasons(scale: str, folder: Path, watch: Stopwatch, cache: bool) -> str:
     """Write tables/reasons.json and figures/centres.png; return what was measured, in a line."""
     for name in ("tables", "figures"):
         (folder / name).mkdir()
-    found = measure_reasons(scale, watch.display, cache)
+    found = measure_reasons(scale, watch.show, cache)
     write_json(found, folder / "tables" / REASONS)
     centres_page.draw(found.trials, folder / "figures" / centres_page.PICTURE)
     return f"{len(found.trials)} adaptations, each with one thing changed; python -m studies page quotes them"
@@ -31,7 +31,7 @@ def reasons(scale: str, folder: Path, watch: Stopwatch, cache: bool) -> str:
 
 def page(scale: str, folder: Path, kept: Path, watch: Stopwatch, cache: bool) -> str:
     """Measure and write paper.md, figures/ and tables/; reasons are those in the folder `kept`."""
-    write_page(scale, folder, watch.display, cache, kept)
+    write_page(scale, folder, watch.show, cache, kept)
     return verdicts.counted(read_page(folder, kept))
 
 

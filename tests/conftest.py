@@ -10,7 +10,7 @@ from hypothesis import settings
 from sdm_deflect.cases.aircraft.case import Case
 from sdm_deflect.cases.aircraft.pipeline import meshed
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.cache_folder import CODE_VARIABLE, FOLDER_VARIABLE, code_folder
 from tests import calls, kept_meshes
 from tests.deform.blocks import annulus_with_fin, block_with_body
@@ -72,7 +72,7 @@ def make_mesh(shared_folder: Path, mesh_cache: Path):
 
     def make(case: Case):
         with FileLock(shared_folder / "meshing.lock"):
-            return meshed(case, Stopwatch(Silent()))
+            return meshed(case, Stopwatch())
 
     return make
 

@@ -17,7 +17,7 @@ from sdm_deflect.cases.run.metrics import (
     verdict_figures,
     warnings_of,
 )
-from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.checks import Check
 from sdm_deflect.deform.mesh.mesh import Mesh
 from sdm_deflect.deform.mesh.quality import Quality, mean_ratio, summarise
@@ -67,7 +67,7 @@ class Run:
     deflection: Deflected
     whole_mesh_seconds: float
     checks: tuple[Check, ...]
-    watch: Stopwatch = field(default_factory=lambda: Stopwatch(Silent()), repr=False)
+    watch: Stopwatch = field(default_factory=lambda: Stopwatch(), repr=False)
     background: Mesh | None = None
     pinned: Quality | None = None
 

@@ -1,13 +1,13 @@
 """Stages of a run: who reports progress, who shows it, and how long each stage took."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
-from math import isnan, nan
+from math import isnan
 from os import sysconf
 from pathlib import Path
 from time import CLOCK_BOOTTIME, clock_gettime, perf_counter
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 from sdm_deflect.deform.base.errors import printable
 from sdm_deflect.deform.base.progress import Progress, silent
@@ -16,110 +16,68 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-class Display(Protocol):
-    """Shows the stages of a run."""
-
-    def begin(self, stage: str) -> Progress:
-        """Announce a stage; the returned callable takes its progress."""
-        ...
-
-    def end(self, stage: str, seconds: float) -> None:
-        """Announce that a stage is over."""
+Show = Callable[[str], AbstractContextManager[Progress]]
+"""Shows a stage of a run while its context lasts, which gives what takes the stage's progress."""
 
 
-class Silent:
-    """Shows nothing."""
-
-    def begin(self, stage: str) -> Progress:
-        """Return a callable that ignores what it is told."""
-        return silent
-
-    def end(self, stage: str, seconds: float) -> None:
-        """Ignore the end of a stage."""
+def unseen(_: str) -> AbstractContextManager[Progress]:
+    """Show nothing."""
+    return nullcontext(silent)
 
 
-@dataclass(frozen=True, slots=True)
-class Told:
-    """Hands the progress of all stages to one callable."""
+def lines(console: "Console", every: bool = True) -> Show:
+    """Show stages as lines on a console, with the seconds since each began: one for each, or for every report of it."""
 
-    progress: Progress
+    @contextmanager
+    def stage(name: str) -> Iterator[Progress]:
+        start, last = perf_counter(), ""
 
-    def begin(self, stage: str) -> Progress:
-        """Announce a stage."""
-        self.progress(stage, nan)
-        return self.progress
-
-    def end(self, stage: str, seconds: float) -> None:
-        """Ignore the end of a stage."""
-
-
-@dataclass(slots=True)
-class Lines:
-    """Lines on a console, with the seconds since a stage began: one for each stage, or one for every report of it."""
-
-    console: "Console"
-    every: bool = True
-    _last: dict[str, str] = field(init=False, default_factory=dict)
-
-    def begin(self, stage: str) -> Progress:
-        """Announce a stage."""
-        start = perf_counter()
+        def line(text: str) -> None:
+            said = f"{name:<12} {perf_counter() - start:8.2f} s  {text}".rstrip()
+            console.print(said, markup=False, highlight=False, soft_wrap=True)
 
         def report(text: str, fraction: float) -> None:
-            self._last[stage] = text
-            if self.every:
-                self._line(stage, perf_counter() - start, text)
+            nonlocal last
+            last = text
+            if every:
+                line(text)
 
-        if self.every:
-            self._line(stage, 0.0, "begins")
-        return report
+        if every:
+            line("begins")
+        yield report
+        line("ends" if every else last)
 
-    def end(self, stage: str, seconds: float) -> None:
-        """Announce that a stage is over."""
-        self._line(stage, seconds, "ends" if self.every else self._last.pop(stage, ""))
-
-    def _line(self, stage: str, seconds: float, text: str) -> None:
-        line = f"{stage:<12} {seconds:8.2f} s  {text}".rstrip()
-        self.console.print(line, markup=False, highlight=False, soft_wrap=True)
-
-
-@dataclass(slots=True)
-class Bars:
-    """One rich progress bar per stage with elapsed time and counts, on the given console."""
-
-    console: "Console"
-    bars: Any = field(init=False)
-    _tasks: dict[str, Any] = field(init=False, default_factory=dict)
-
-    def __post_init__(self) -> None:
-        from rich import progress
-
-        self.bars = progress.Progress(
-            progress.SpinnerColumn(),
-            progress.TextColumn("{task.fields[stage]:<12}", markup=False),
-            progress.BarColumn(bar_width=24),
-            progress.TimeElapsedColumn(),
-            progress.TextColumn("{task.description}", markup=False),
-            console=self.console,
-        )
-
-    def begin(self, stage: str) -> Progress:
-        """Add a bar for the stage."""
-        task = self._tasks[stage] = self.bars.add_task("", total=None, stage=stage)
-
-        def report(text: str, fraction: float) -> None:
-            total, completed = (None, 0.0) if isnan(fraction) else (1.0, fraction)
-            self.bars.update(task, description=text, total=total, completed=completed)
-
-        return report
-
-    def end(self, stage: str, seconds: float) -> None:
-        """Fill the bar of the stage; what it told last stays."""
-        self.bars.update(self._tasks[stage], total=1.0, completed=1.0)
+    return stage
 
 
 @contextmanager
-def shown(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> Iterator[Display]:
+def bars(console: "Console") -> Iterator[Show]:
+    """Show stages as rich's progress bars on a console, with their times and what they told last."""
+    from rich import progress
+
+    columns = (
+        progress.SpinnerColumn(), progress.TextColumn("{task.fields[stage]:<12}", markup=False),
+        progress.BarColumn(bar_width=24), progress.TimeElapsedColumn(),
+        progress.TextColumn("{task.description}", markup=False),
+    )  # fmt: skip
+    with progress.Progress(*columns, console=console) as shown:
+
+        @contextmanager
+        def stage(name: str) -> Iterator[Progress]:
+            task = shown.add_task("", total=None, stage=name)
+
+            def report(text: str, fraction: float) -> None:
+                known = {"total": None, "completed": 0.0} if isnan(fraction) else {"total": 1.0, "completed": fraction}
+                shown.update(task, description=text, **known)
+
+            yield report
+            shown.update(task, total=1.0, completed=1.0)
+
+        yield stage
+
+
+@contextmanager
+def shown(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> Iterator[Show]:
     """Show stages on a console (default: standard error) as the switches of the command line ask.
 
     A terminal shows a bar for each stage; a file or a pipe gets a line for each when it has ended.
@@ -128,13 +86,12 @@ def shown(*, quiet: bool, verbose: bool, console: "Console | None" = None) -> It
 
     out = console or Console(stderr=True)
     if quiet:
-        yield Silent()
+        yield unseen
     elif verbose or not out.is_terminal:
-        yield Lines(out, every=verbose)
+        yield lines(out, every=verbose)
     else:
-        display = Bars(out)
-        with display.bars:
-            yield display
+        with bars(out) as show:
+            yield show
 
 
 def process_start() -> float:
@@ -145,9 +102,9 @@ def process_start() -> float:
 
 @dataclass(slots=True)
 class Stopwatch:
-    """Seconds of every stage, shown on a display as they pass, and of all since `start` on the clock."""
+    """Seconds of every stage, shown as they pass, and of all since `start` on the clock."""
 
-    display: Display
+    show: Show = unseen
     seconds: dict[str, float] = field(default_factory=dict)
     start: float = field(default_factory=perf_counter)
 
@@ -159,8 +116,7 @@ class Stopwatch:
     @contextmanager
     def stage(self, name: str) -> Iterator[Progress]:
         """Time one stage; stages of the same name add up."""
-        report, start = self.display.begin(name), perf_counter()
-        yield lambda text, fraction: report(printable(text), fraction)
-        spent = perf_counter() - start
-        self.seconds[name] = self.seconds.get(name, 0.0) + spent
-        self.display.end(name, spent)
+        start = perf_counter()
+        with self.show(name) as report:
+            yield lambda text, fraction: report(printable(text), fraction)
+        self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start

@@ -8,7 +8,7 @@ from pathlib import Path
 from sdm_deflect.cases.run.cluster import Wanted, workers
 from sdm_deflect.cases.run.deflect_file import Outcome, deflect_file
 from sdm_deflect.cases.run.mesh_files import Targets
-from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.job_settings import JobSettings, settings_of
 
 HINGE = [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]]
@@ -16,7 +16,7 @@ HINGE = [[0.7, 0.6, 0.0], [0.7, 1.4, 0.0]]
 
 def deflected(source: Path, out: Path, settings: JobSettings, helpers: Wanted) -> Outcome:
     """Write the deflected mesh and return what was found: checks, quality, figures."""
-    jobs, watch = settings.jobs(), Stopwatch(Silent())
+    jobs, watch = settings.jobs(), Stopwatch()
     wanted = Targets.of(source, out, (jobs[0].angle,))
     wanted.check()
     with workers(helpers, watch, source, out.absolute().parent) as runner:

@@ -12,7 +12,7 @@ from sdm_deflect.cases.aircraft.metrics import Run
 from sdm_deflect.cases.aircraft.pipeline import run_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.run.output import output_folder
-from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 
 
 def elevator() -> Case:
@@ -31,7 +31,7 @@ def elevator() -> Case:
 def main(folder: Path) -> Run:
     """Run the case; files, validation and report are those of `sdm run`."""
     with output_folder(folder) as scratch:
-        run = run_case(elevator(), Stopwatch(Silent()), scratch)
+        run = run_case(elevator(), Stopwatch(), scratch)
     for check in run.checks:
         print(f"{check.name}: {check.value:.3g} {check.unit}, {'passed' if check.passed else 'FAILED'}")
     return run

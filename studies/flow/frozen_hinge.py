@@ -14,7 +14,7 @@ import numpy as np
 
 from sdm_deflect.cases.aircraft.job import plan_of
 from sdm_deflect.cases.aircraft.registry import resolve
-from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.volume.deflection import deflected
 from studies.flow.frozen import hinge_moment, hinge_moment_rate
 from studies.flow.members import DEFLECTED, Member, study_of, undeflected_mesh
@@ -32,7 +32,7 @@ def rates(folder: Path, angle: float) -> tuple[float, float]:
     case = replace(resolve(kept["case"], kept["scale"], assignments=kept["set"]), repair="off")
     study = study_of(case, (angle,))
     skin = Skin.of(study, folder / FOLDER / Member(DEFLECTED, angle).name)
-    flow = undeflected_mesh(study, Stopwatch(Silent()))
+    flow = undeflected_mesh(study, Stopwatch())
     plan = plan_of(study.at(angle), flow)
     here = deflected(plan, plan.angle)
     np.testing.assert_array_equal(here.points, skin.points)  # the mesh whose flow was computed

@@ -13,7 +13,7 @@ from sdm_deflect.cases.aircraft.pipeline import run_case
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.validation import further_checks, validate
 from sdm_deflect.cases.run.output import output_folder
-from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.volume.deflection import deflected
 from tests.cases.sdm.deflected_cad import built
 
@@ -67,7 +67,7 @@ def finish(shared_folder, make_mesh):
             if not kept.exists():
                 make_mesh(case)
                 with output_folder(folder) as scratch:
-                    finished = run_case(case, Stopwatch(Silent()), Path(scratch), report=report)
+                    finished = run_case(case, Stopwatch(), Path(scratch), report=report)
                 kept.write_bytes(pickle.dumps(finished))
             return pickle.loads(kept.read_bytes()), folder
 

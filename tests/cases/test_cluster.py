@@ -25,7 +25,7 @@ from distributed import Client, Security
 from benchmarks.large_block import write_block
 from sdm_deflect.cases.run import cluster, deflect_file
 from sdm_deflect.cases.run.cluster import Cluster, Wanted, workers
-from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.mesh.pieces import HERE
 from sdm_deflect.deform.rbf.interpolant import fit
@@ -91,7 +91,7 @@ def elsewhere(tmp_path_factory):
 
 @contextmanager
 def started(count, block):
-    with workers(Wanted(count), Stopwatch(Silent()), block, block.parent) as found:
+    with workers(Wanted(count), Stopwatch(), block, block.parent) as found:
         yield found
 
 
@@ -182,7 +182,7 @@ def test_a_connection_that_is_closed_does_not_end_a_process_that_used_gmsh(block
     """Gmsh lets SIGPIPE end the process, as Python does not; the sockets of OpenSSL raise that signal."""
     kept = signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     try:
-        with workers(Wanted(1), Stopwatch(Silent()), block, block.parent):
+        with workers(Wanted(1), Stopwatch(), block, block.parent):
             assert signal.getsignal(signal.SIGPIPE) == signal.SIG_IGN
     finally:
         signal.signal(signal.SIGPIPE, kept)

@@ -12,10 +12,9 @@ from scipy.io import netcdf_file
 from sdm_deflect import deflect, read
 from sdm_deflect.cases.run import deflect_file as command
 from sdm_deflect.cases.run.mesh_files import Targets
-from sdm_deflect.cases.run.progress import Stopwatch, Told
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.cases.settings.job_settings import settings_of
 from sdm_deflect.deform.base.errors import InputError
-from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.meshing.formats.format import MeshFileError
 from sdm_deflect.meshing.formats.openfoam import MESH
 from sdm_deflect.meshing.formats.openfoam_write import write_list
@@ -94,7 +93,7 @@ def foam_points(path, n):
 def run(source, out, angle=5.0, **asked):
     """Deflect a file as the command does."""
     settings = settings_of(asked.pop("surfaces"), asked.pop("hinge"), angle, asked)
-    return command.deflect_file(Targets.of(source, out, (angle,)), settings.jobs(), Stopwatch(Told(silent)))
+    return command.deflect_file(Targets.of(source, out, (angle,)), settings.jobs(), Stopwatch())
 
 
 def value(checks, name):

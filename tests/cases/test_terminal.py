@@ -1,6 +1,5 @@
 """What is shown while a case runs and when it has ended."""
 
-from contextlib import nullcontext
 from io import StringIO
 
 import pytest
@@ -10,7 +9,7 @@ from sdm_deflect.cases.aircraft.metrics import summary
 from sdm_deflect.cases.cli.console import WIDTH, console, verdict
 from sdm_deflect.cases.cli.options import print_tables
 from sdm_deflect.cases.finished import finished
-from sdm_deflect.cases.run.progress import Bars, Lines, Silent, Stopwatch, shown
+from sdm_deflect.cases.run.progress import Stopwatch, lines, shown, unseen
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.checks import Check
 
@@ -41,7 +40,7 @@ def test_names_do_not_command_the_terminal(capsys):
     assert all(text in out for text in (r"planarity\x1b[31m", r"wing\x1b[2J", r"wrote a\x1b]0;b.su2"))
     assert str(InputError("the patch fl\x1b[31m is none")) == r"the patch fl\x1b[31m is none"
     told = StringIO()
-    with Stopwatch(Lines(Console(file=told, width=WIDTH))).stage("read") as tell:
+    with Stopwatch(lines(Console(file=told, width=WIDTH))).stage("read") as tell:
         tell("reading wing\x1b[2J.su2", 0.5)
     assert r"reading wing\x1b[2J.su2" in told.getvalue()
 
@@ -62,38 +61,28 @@ def test_table_is_wide_in_a_pipe_unless_told(monkeypatch):
     assert console().width == WIDTH
 
 
-def test_lines_tell_everything_and_bars_keep_the_last():
-    for display, expected in ((Lines, ["begins", "x: 54 centres", "263 centres", "ends"]), (Bars, ["263 centres"])):
-        out = StringIO()
-        one = display(Console(file=out, width=WIDTH))
-        with shown_by(one):
-            watch = Stopwatch(one)
-            with watch.stage("deformation") as tell:
-                tell("x: 54 centres, error 7e-05 m", 0.5)
-                tell("263 centres", float("nan"))
-        assert all(words in out.getvalue() for words in expected)
-        assert ESCAPE not in out.getvalue()
-        assert set(watch.seconds) == {"deformation"}
-
-
-def shown_by(display):
-    return display.bars if isinstance(display, Bars) else nullcontext()
-
-
 @pytest.mark.parametrize(
-    ("quiet", "verbose", "terminal", "kind"),
+    ("switches", "terminal", "expected"),
     [
-        (True, False, True, Silent),
-        (False, True, True, Lines),
-        (False, False, True, Bars),
-        (False, False, False, Lines),
-        (True, False, False, Silent),
+        ({"verbose": True}, True, ["begins", "x: 54 centres", "263 centres", "ends"]),
+        ({}, True, ["263 centres", "━"]),
+        ({}, False, ["263 centres"]),
+        ({"quiet": True}, True, []),
+        ({"quiet": True, "verbose": True}, False, []),
     ],
 )
-def test_switches_choose_what_is_shown(quiet, verbose, terminal, kind):
-    console = Console(file=StringIO(), force_terminal=terminal)
-    with shown(console=console, quiet=quiet, verbose=verbose) as display:
-        assert type(display) is kind
+def test_switches_choose_what_is_shown(switches, terminal, expected):
+    out = StringIO()
+    console = Console(file=out, width=WIDTH, force_terminal=terminal)
+    with shown(**{"quiet": False, "verbose": False} | switches, console=console) as show:
+        watch = Stopwatch(show)
+        with watch.stage("deformation") as tell:
+            tell("x: 54 centres, error 7e-05 m", 0.5)
+            tell("263 centres", float("nan"))
+    assert all(words in out.getvalue() for words in expected)
+    assert bool(out.getvalue()) == bool(expected)
+    assert (show is unseen) == ("quiet" in switches)
+    assert set(watch.seconds) == {"deformation"}
 
 
 def test_a_pipe_gets_one_line_for_each_stage_and_no_spinner():

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import t
 
 from sdm_deflect.cases.aircraft.registry import case_named
-from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError, LostError
 from sdm_deflect.deform.base.progress import silent
 from sdm_deflect.geometry.aircraft import build
@@ -89,7 +89,7 @@ def test_the_study_goes_on_where_it_stopped_and_refuses_other_settings(flow):
     shutil.rmtree(out.parent / "more", ignore_errors=True)
     shutil.copytree(out, out.parent / "more")
     study = replace(study_of(case_named("aileron"), fresh=1, iterations=60))
-    members = carried_out(study, out.parent / "more", Stopwatch(Silent()))
+    members = carried_out(study, out.parent / "more", Stopwatch())
     for member in members:
         own = Forces.read(out.parent / "more" / FOLDER / member.name, "all")
         assert own.iteration[-1] == 60
@@ -97,7 +97,7 @@ def test_the_study_goes_on_where_it_stopped_and_refuses_other_settings(flow):
         np.testing.assert_array_equal(own.force[: len(before.force)], before.force)
     other = replace(study, stream=FreeStream(0.5))
     with pytest.raises(InputError, match=r"holds a study with mach = 0.6, not 0.5; name another folder"):
-        carried_out(other, out.parent / "more", Stopwatch(Silent()))
+        carried_out(other, out.parent / "more", Stopwatch())
 
 
 def test_a_poor_mesh_on_which_the_solver_ends_is_left_out_beside_a_repaired_one():

@@ -11,7 +11,7 @@ from sdm_deflect.cases.aircraft.job import BLOCK, block_stations, plan_of
 from sdm_deflect.cases.aircraft.overset import has_donor, orphans
 from sdm_deflect.cases.aircraft.registry import case_named
 from sdm_deflect.cases.aircraft.run_folder import FinishedCase, undeflected_models
-from sdm_deflect.cases.run.progress import Silent, Stopwatch
+from sdm_deflect.cases.run.progress import Stopwatch
 from sdm_deflect.deform.base.errors import InputError
 from sdm_deflect.deform.volume.deflection import deflected
 from sdm_deflect.geometry.parameters import Aileron, Fighter
@@ -82,7 +82,7 @@ def test_every_node_in_need_has_a_donor_at_each_angle(chimera_run, tmp_path, cap
 
 
 def test_an_angle_without_a_mesh_says_why(chimera_run, tmp_path):
-    case, watch = chimera_run[0].case, Stopwatch(Silent())
+    case, watch = chimera_run[0].case, Stopwatch()
     small = replace(case, confinement=replace(case.confinement, up=0.005))
     found = donors_at(small, [-30.0], watch)
     assert "leave the box at -30" in found[0].reason
@@ -92,7 +92,7 @@ def test_an_angle_without_a_mesh_says_why(chimera_run, tmp_path):
 
 def test_a_case_without_a_block_has_no_donors():
     with pytest.raises(InputError, match="case tail: has no Chimera block; aileron-chimera has"):
-        donors_at(case_named("tail"), [12.0], Stopwatch(Silent()))
+        donors_at(case_named("tail"), [12.0], Stopwatch())
 
 
 def test_block_and_background_are_one_overset_case(chimera_run, tmp_path):
