@@ -75,14 +75,6 @@ def written(mesh: Mesh, path: Path) -> Path:
     return path
 
 
-def tangled(mesh: Mesh) -> Mesh:
-    """The same with nodes off the boundary in one another's places, so that most cells are inverted."""
-    inner = np.setdiff1d(np.arange(len(mesh.points)), mesh.on(*mesh.names))
-    points = mesh.points.copy()
-    points[inner] = points[np.random.default_rng(3).permutation(inner)]
-    return mesh.with_points(points)
-
-
 @pytest.fixture
 def called(monkeypatch, sdm):
     """Run a command; return its code, what it printed, and how many meshes were read in pieces."""
@@ -244,55 +236,6 @@ def test_tetrahedra_swept_and_mended(suffix, alike, tmp_path):
     assert any("repair" in key for key in found)
 
 
-@pytest.mark.parametrize("suffix", [".msh", pytest.param("", id="case", marks=pytest.mark.nightly)])
-def test_the_first_inverted_cell_is_named_by_its_number_in_the_file(suffix, alike, tmp_path, monkeypatch):
-    limited(monkeypatch, cells=50)
-    path = written(shuffled(body_among_tetrahedra()), tmp_path / f"body{suffix}")
-    words = ["--surface", "body", "--fixed", "far", "--hinge", "2,0,2", "2,4,2", "--margin", "0.5", "--steps", "1"]
-    found = alike(path, *words, "--repair", "off", "--angle", "50", code=1)
-    assert any(re.search(r"cell \d\d\d+", str(value)) for value in found.values()), found
-
-
-@pytest.mark.parametrize("suffix", SOME)
-def test_two_surfaces_and_a_section(suffix, alike, tmp_path):
-    (tmp_path / "job.toml").write_text(
-        'fixed = ["wall"]\n'
-        '[[surface]]\npatches = ["right"]\nhinge = [[1.25, -1, 0], [1.25, 1, 0]]\nangle = 6\n'
-        '[[surface]]\npatches = ["left"]\nhinge = [[-1.25, -1, 0], [-1.25, 1, 0]]\nangle = -3\n'
-    )
-    path = written(two_bodies(), tmp_path / f"plates{suffix}")
-    assert alike(path, "--config", tmp_path / "job.toml")["/passed"]
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_dry_run_plans_the_same(suffix, small, called, tmp_path):
-    path = written(small, tmp_path / f"wing{suffix}")
-    words = ["deflect", path, *FLAP, "--angle", "8", "--dry-run", "--no-report", "--json", "--quiet"]
-    (_, one, _, _), (_, other, _, taken) = called(1 << 60, *words), called(0, *words)
-    assert taken
-    assert figures(json.loads(one)) == figures(json.loads(other))
-
-
-@pytest.mark.nightly
-def test_a_report_shows_the_same_cells(small, called, tmp_path, monkeypatch):
-    """The cells that may change, with their nodes' numbers in the file: as of any mesh too large to show whole."""
-    limited(monkeypatch, shown=10)
-    path = written(small, tmp_path / "wing.cgns")
-    found = []
-    for large in (1 << 60, 0):
-        out = tmp_path / f"{large}" / "turned.cgns"
-        out.parent.mkdir()
-        code, _, complaint, taken = called(large, "deflect", path, *FLAP, "--angle", "8", "--out", out, "--quiet")
-        assert (code, taken) == (0, not large), complaint
-        report = out.parent / "turned-report"
-        found.append({p.relative_to(report): p.read_bytes() for p in sorted(report.rglob("*")) if p.is_file()})
-    assert found[0].keys() == found[1].keys()
-    timed = ("convergence.csv", "metrics.json", "report.html")
-    same = [name for name in found[0] if name.name not in timed and "slices" not in name.name]  # cells beyond the box
-    assert len(same) > 5
-    assert not [str(name) for name in same if found[0][name] != found[1][name]]
-
-
 def put(path: Path, block: int, row: int, values) -> None:
     """Replace the nodes, numbered as in the file, of a cell: whatever the format."""
     with in_pieces(path) as found:
@@ -316,14 +259,6 @@ def put_row(table: tables.FileTable, row: int, values) -> None:
     with table.path.open("r+b") as file:
         file.seek(table.begin + row * table.step)
         file.write(np.asarray(values(own), own.dtype).tobytes())
-
-
-def loose(mesh: Mesh) -> Mesh:
-    """One face of a patch is of no cell."""
-    first, *others = mesh.patches
-    faces = first.faces[0].nodes.copy()
-    faces[3, 0] = len(mesh.points) - 1
-    return Mesh(mesh.points, mesh.cells, (Patch(first.name, (Cells(first.faces[0].shape, faces),)), *others))
 
 
 TWISTED = {4: [1, 0, 2, 3], 8: [1, 0, 2, 3, 4, 5, 6, 7]}
@@ -359,88 +294,6 @@ def test_what_is_wrong_is_said_in_one_line(suffix, shared, damage, small, called
         complaints.append(complaint)
     assert complaints[0] == complaints[1] or damage != "inverted"
     assert {own.suffix for own in tmp_path.iterdir()} <= {path.suffix, ".mapbc"}
-
-
-def put_list(name: str, row: int, values):
-    def change(path: Path) -> None:
-        with in_pieces(path) as found:
-            put_row(getattr(found.pieces.lists, name), row, values)
-
-    return change
-
-
-def turn(path: Path) -> None:
-    """Turn a face between two cells round."""
-    with in_pieces(path) as found:
-        nodes = found.pieces.lists.faces(0, 1).nodes[::-1]
-        for row, node in enumerate(nodes):
-            put_row(found.pieces.lists.nodes, row, lambda own, node=node: own * 0 + node)
-
-
-DAMAGED_CASE = {
-    "a node too many": (put_list("nodes", 99, lambda own: own * 0 + 99999), r"nodes \d+ to 99999, but there are"),
-    "a node too few": (put_list("nodes", 99, lambda own: own * 0 - 1), r"nodes -1 to \d+, but there are"),
-    "no number": (put_list("points", 7, lambda own: own * np.nan), "points are not finite, the first is point 7$"),
-    "too large": (
-        put_list("points", 7, lambda own: own * 0 + 1e41),
-        r"points are beyond 1e\+40, the first is point 7$",
-    ),
-    "an owner too large": (put_list("owner", 7, lambda own: own * 0 + 99999), "name cells that"),
-    "inverted": (turn, r"2 of \d+ polyhedra are inverted"),
-}
-
-
-@pytest.mark.parametrize("damage", DAMAGED_CASE)
-@pytest.mark.parametrize("shared", [True, False])
-def test_what_is_wrong_with_a_case_is_said_in_one_line(shared, damage, small, called, tmp_path, monkeypatch):
-    monkeypatch.setattr(Threads, "shares_memory", shared)
-    path = written(small, tmp_path / "wing")
-    change, said = DAMAGED_CASE[damage]
-    change(path)
-    complaints = []
-    for large in (1 << 60, 0):
-        words = ["--angle", "8", "--quiet", "--no-report", "--out", tmp_path / "out"]
-        code, table, complaint, _ = called(large, "deflect", path, *FLAP, *words)
-        assert (code, table, complaint.count("\n")) == (2, "", 1), complaint
-        assert re.search(said, complaint)
-        assert path.name in complaint
-        complaints.append(complaint)
-    assert complaints[0] == complaints[1] or damage not in ("inverted", "an owner too large")
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("shared", [True, False])
-@pytest.mark.parametrize("suffix", SUFFIXES[:-1])
-def test_a_face_of_no_cell(suffix, shared, small, called, tmp_path, monkeypatch):
-    monkeypatch.setattr(Threads, "shares_memory", shared or suffix == ".su2")  # whose tables are in this machine
-    limited(monkeypatch, held=0)
-    path = written(loose(small), tmp_path / f"wing{suffix}")
-    words = ["deflect", path, *FLAP, "--angle", "8", "--quiet", "--no-report", "--dry-run"]
-    for large in (1 << 60, 0):
-        code, _, complaint, _ = called(large, *words)
-        assert code == 2
-        assert f": 1 of {len(small.patches[0])} faces of patch wing_upper are of no cell" in complaint
-
-
-@pytest.mark.parametrize("suffix", [".cgns", SUFFIXES[-1]])
-def test_a_mesh_most_of_whose_cells_are_inverted_is_refused(suffix, small, called, tmp_path):
-    path = written(tangled(small), tmp_path / f"wing{suffix}")
-    words = ["deflect", path, *FLAP, "--angle", "8", "--quiet", "--no-report", "--allow-inverted", "--out"]
-    for large in (1 << 60, 0):
-        code, _, complaint, _ = called(large, *words, tmp_path / f"out{suffix}")
-        assert code == 2
-        assert re.fullmatch(r"sdm: wing\S*: more than half of the cells \(\d+ of \d+\) .*\n", complaint)
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize(("suffix", "other"), [(".lb8.ugrid", ".b8.ugrid"), (".b8.ugrid", ".ugrid"), (".cgns", ".su2")])
-def test_another_encoding_or_format_is_written_from_the_whole(suffix, other, small, called, tmp_path):
-    path, out = written(small, tmp_path / f"wing{suffix}"), tmp_path / f"out{other}"
-    code, _, complaint, taken = called(
-        0, "deflect", path, *FLAP, "--angle", "8", "--quiet", "--no-report", "--out", out
-    )
-    assert (code, taken) == (0, 0), complaint
-    assert out.is_file()
 
 
 @pytest.mark.parametrize("suffix", SOME)

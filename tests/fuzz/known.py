@@ -10,8 +10,6 @@ from typing import Any
 import h5py
 import numpy as np
 
-from tests.fuzz import commands
-from tests.fuzz.containers import npy
 from tests.fuzz.inputs import Input
 
 Sound = Mapping[str, Input]
@@ -253,138 +251,7 @@ def _cycle(file: Any) -> None:
     file[f"{GRID}/again"] = file["Base"]
 
 
-def tables(sound: Sound) -> Iterator[Input]:
-    """Archives that are none, empty files, numbers that are not finite, points told twice."""
-    csv, npz, nodes, box = (sound[name] for name in ("table.csv", "table.npz", "nodes.txt", "box.toml"))
-    data = npz.files["table.npz"]
-    for content in (b"", data[:30], data[: len(data) // 2], npy(np.zeros((4, 3))), b"PK\x03\x04", b"PK\x05\x06"):
-        yield npz.with_file("table.npz", content)
-    for kind in ("c16", "S3", "?", "i4", "O"):
-        arrays = io.BytesIO()
-        np.savez(arrays, points=np.zeros((5, 3), kind), vectors=np.zeros((5, 3)))
-        yield npz.with_file("table.npz", arrays.getvalue())
-    for content in (
-        b"",
-        b"x,y,z,dx,dy,dz\n",
-        b"a\n1,2,3\n",
-        b"t\n" + b"nan,0,0,0,0,0\n" * 5,
-        b"\xff\xfe\x00",
-        b"," * 9999,
-    ):
-        yield csv.with_file("table.csv", content)
-    rows = csv.files["table.csv"].split(b"\n")
-    yield csv.with_file("table.csv", b"\n".join([*rows[:-1], rows[1].rpartition(b",")[0] + b",9.0", b""]))
-    yield csv.with_file("table.csv", rows[0] + b"\n" + b"0.5,0.5,0.5,0,0,0.1\n" * 10)
-    for content in (b"", b"1.5\n", b"-1\n", b"99999999999999999999\n", b"a\n", b"1 2\n3\n"):
-        yield nodes.with_file("nodes.txt", content)
-    for content in (
-        b"",
-        b"corners = 5",
-        b"corners = []",
-        b"corners = " + b"[" * 5000,
-        b"corners = [[nan,0,0],[1,1,1]]",
-        b"corners = [[-1.5,-1.5,-2147483648],[1.5,1.5,1.5]]",
-    ):
-        yield box.with_file("box.toml", content)
-
-
-def options(sound: Sound) -> Iterator[Input]:
-    """Values of options that are out of range, no numbers, empty, or name what is read."""
-    files = next(iter(sound.values())).files
-    for extra in (
-        ("--strip", "0"), ("--strip", "-1"), ("--strip", "nan"), ("--held", ""), ("--driven", ""),
-    ):  # fmt: skip
-        yield Input(files, (*commands.DRY, "--motion", "blended", *extra))
-    for extra in (
-        ("--tolerance", "1e-13"), ("--steps", "\N{SUPERSCRIPT TWO}"), ("--angles", "5,nan"), ("--angles",
-        "10.00001,10.00002"),
-        ("--hinge", "1e300,0,0", "0,1,0"), ("--hinge", "0,0,0", "0,0,0"), ("--out", "a.step"), ("--out", commands.MESH),
-        ("--out", "table.csv/x.su2"), ("--angle", "nan"), ("--angle", "1e300"), ("--margin", "nan"), ("--min-quality",
-        "2"),
-        ("--set", "name=foo"), ("--set", "allow_inverted=false"), ("--set", "=5"), ("--surface", ""), ("--fixed", ""),
-        ("--box", ""), ("--config", ""), ("--table", ""), ("--zone", ""), ("--slide", ""), ("--set", ""), ("--out", ""),
-        ("--sensitivity", "--out", ""),
-    ):  # fmt: skip
-        yield Input(files, (*commands.DRY, *extra))
-    blown = _with(
-        Input({commands.MESH: files[commands.MESH]}, commands.DRY), commands.MESH, rb"\n-?\d\.\d+ ", b"\n1e8 "
-    )
-    yield blown
-    yield Input({"x.su2/none": b"", **files}, (*commands.BASE, "--no-report", "--out", "x.su2"))
-    for words in (
-        ("run", "foo"),
-        ("run", "aileron", "--set", "title="),
-        ("run", "tail", "--set", "deflections=[]"),
-        ("run",),
-    ):
-        yield Input(files, (*words, "-q"))
-    yield Input(files, ("report", "x" * 5000, "-q"))
-    yield Input(files, ("study",))
-
-
-def settings(sound: Sound) -> Iterator[Input]:
-    """Settings of wrong types, the first of two surfaces at rest, names that mean nothing."""
-    del sound
-    mesh = commands.mesh()
-    start, surface = 'fixed = ["far"]\n', '[[surface]]\npatches = ["body"]\nhinge = [[0,-1,0],[0,1,0]]\n'
-    two = start + surface + "angle = 0\n" + surface.replace("body", "far") + "angle = 15\n"
-    texts = [two, *(f"{start}{line}\n{surface}angle = 5\n" for line in (
-        'tolerance = "abc"', "box = 5", "slide = 5", "near_wall = 1", 'allow_inverted = "false"', "zones = 5",
-        "section = 5",
-        'max_steps = "2"', "n_add = 1.5", "strategy = 1", "rule = []", 'spacing = "a"', "margin = true",
-        "open_faces = 5",
-        "box = [[0,0,0],[0,0,0]]", "spacing = 1e-9", "max_centers = 10000000000000", "initial_surface = 10000000000",
-    ))]  # fmt: skip
-    texts += ["fixed = 5\n" + surface + "angle = 5\n", start + "surface = 5\n", start + "surface = [5]\n"]
-    lines = ("hinge = true", 'hinge = "a"', "angle = true", 'motion = "x"', "patches = 5", "held = 1.5", "table = 5")
-    texts += [f"{start}[[surface]]\npatches = ['body']\n{line}\n" for line in lines]
-    texts += ["a = " + "[" * 5000, "a = " + "{b=" * 2000, start + "fixed = 1", "\ufeff", "mesh = 5"]
-    for text in texts:
-        words = ("deflect", commands.MESH, "--config", "job.toml", "-q", "--no-report", "--dry-run")
-        yield Input({commands.MESH: mesh, "job.toml": text.encode()}, words)
-    for text in (
-        "domain=moon", "title=", "name=foo", "deflections=[]", "wing=5", "scale=5", "adaptation=5",
-        "tail.half_span=true",
-        "confinement.spacing=1.0", "adaptation.max_centers=20", "fighter=5", "angle=abc", "wing.half_span=[]",
-    ):  # fmt: skip
-        yield Input({}, ("run", "aileron", "-q", "--set", text))
-
-
-def folders(sound: Sound) -> Iterator[Input]:
-    """Settings of another aircraft, arrays missing or of another run, figures that are none."""
-    run, case = sound["m-deflected-report"], sound["run"]
-    place = "m-deflected-report/"
-    for words in (("report", place[:-1], "-q"), ("view", place[:-1], "--no-open", "-q")):
-        one = Input(run.files, words)
-        for name in ("metrics.json", "settings.toml", "interpolant.npz", "convergence.csv", "deflected.vtu"):
-            for content in (b"", b"{}", b"[]", b"null", b"1e999", b"[" * 5000):
-                yield one.with_file(place + name, content)
-    yield Input({**case.files, "run/case.toml": case.files["run/case.toml"] + b"\nhalf_span = 0.3058\n"}, case.words)
-
-
-def geometry(sound: Sound) -> Iterator[Input]:
-    """Parameters in their ranges of which no solid can be made."""
-    words = next(iter(sound.values())).words
-    for text in (
-        "pedestal.x_apex=0", "inlet.z_side_2=0", "fuselage.radius=0.02985", "blending.strip=0.5",
-        "confinement.spacing=1.0",
-    ):  # fmt: skip
-        yield Input({}, (*words, "--set", text))
-
-
-def cache(sound: Sound) -> Iterator[Input]:
-    """A header that is shortened, so that the checksum is never reached; another archive; nothing."""
-    one = next(iter(sound.values()))
-    data = one.files[one.main]
-    for at in range(0, 400, 7):
-        yield one.with_file(one.main, data[:at] + bytes([data[at] ^ 4]) + data[at + 1 :])
-    for content in (b"", data[:100], data[:-1], b"PK\x05\x06" + bytes(18)):
-        yield one.with_file(one.main, content)
-
-
 MAKERS: dict[str, Callable[[Sound], Iterator[Input]]] = {
     "su2": su2, "gmsh": gmsh, "ugrid": ugrid, "tau": tau, "fluent": fluent, "plot3d": plot3d,
     "openfoam": openfoam, "vtu": vtu, "cgns": cgns,
-    "tables": tables, "options": options, "settings": settings, "folders": folders,
-    "geometry": geometry, "cache": cache,
 }  # fmt: skip

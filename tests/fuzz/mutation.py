@@ -1,12 +1,16 @@
 """Bytes changed at random, as damage and malice change them."""
 
 import gzip
+import io
 import re
 import struct
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from random import Random
+
+import h5py
+import numpy as np
 
 NUMBERS = (
     b"0", b"-1", b"1", b"2", b"3", b"7", b"100", b"255", b"65536", b"2147483647", b"2147483648", b"-2147483648",
@@ -183,3 +187,29 @@ OPERATIONS: tuple[Operation, ...] = (
     flip_bit, flip_bit, set_byte, set_number, set_number, truncate, delete, duplicate, swap, overwrite, insert_word,
     insert_word, replace_number, replace_number, replace_number, change_lines, splice,
 )  # fmt: skip
+
+
+def damaged_hdf5(random: Random, data: bytes, damage: Damage) -> bytes:
+    """Return a file of HDF5 with other values, shapes or attributes, or without a node; or with other bytes."""
+    if random.random() < 0.3:
+        return damage.of(data)
+    buffer = io.BytesIO(data)
+    with h5py.File(buffer, "r+") as file:
+        names: list[str] = []
+        file.visit(names.append)
+        node = file[random.choice(names)]
+        if random.random() < 0.2:
+            del file[node.name]
+        elif node.attrs and random.random() < 0.3:
+            node.attrs[random.choice(list(node.attrs))] = random.choice((np.bytes_(b"X4"), *WHOLE[:16], *REAL))
+        elif isinstance(node, h5py.Dataset) and node.size:
+            values = np.array(node[()]).reshape(-1)
+            with np.errstate(all="ignore"):
+                number = random.choice(REAL if values.dtype.kind == "f" else WHOLE)
+                values[random.randrange(values.size)] = np.array(number).astype(values.dtype)
+            kept, name, parent = dict(node.attrs), node.name, node.parent
+            shape = node.shape if random.random() < 0.7 else (random.randrange(values.size),)
+            del file[name]
+            new = parent.create_dataset(name, data=np.resize(values, shape))
+            new.attrs.update(kept)
+    return buffer.getvalue()

@@ -1,4 +1,4 @@
-"""What once did harm does none, nor do random inputs, always the same."""
+"""What once did harm does none, nor does random damage, always the same."""
 
 import json
 import subprocess
@@ -9,27 +9,15 @@ import pytest
 
 from tests.fuzz.targets import TARGETS
 
-ROOT = Path(__file__).resolve().parents[2]
 
-
-QUICK = [name for name in TARGETS if name not in ("vtu", "options", "folders", "geometry")]
-
-
-@pytest.mark.parametrize(
-    ("choice", "names"), [("known", QUICK), pytest.param("sample", list(TARGETS), marks=pytest.mark.nightly)]
-)
-def test_whatever_is_read_is_accepted_or_refused_in_a_sentence(choice, names, tmp_path):
-    words = [f"--{choice}", "--jobs", "2", "--keep", str(tmp_path / "found"), "--json", str(tmp_path / "figures.json")]
-    words += [word for name in names for word in ("--target", name)]
+@pytest.mark.parametrize("choice", ["--known", pytest.param("--inputs=500", marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("name", TARGETS)
+def test_whatever_is_read_is_accepted_or_refused_in_a_sentence(name, choice, tmp_path):
+    words = ["--target", name, choice, "--keep", tmp_path / "found", "--json", tmp_path / "figures.json"]
     done = subprocess.run(
-        [sys.executable, "-m", "tests.fuzz", *words], capture_output=True, text=True, cwd=ROOT, check=False
-    )
+        [sys.executable, "-m", "tests.fuzz", *words],
+        capture_output=True, text=True, cwd=Path(__file__).parents[2], check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
-    figures = json.loads((tmp_path / "figures.json").read_text())
-    assert list(figures) == names
-    assert all(one["inputs"] == TARGETS[name].sample or choice == "known" for name, one in figures.items())
-
-
-@pytest.mark.parametrize("name", [name for name in TARGETS if name not in QUICK])
-def test_seeds_of_what_is_left_to_the_nightly_run_are_made(name, tmp_path):
-    assert any(TARGETS[name].seeds(tmp_path))
+    figures = json.loads((tmp_path / "figures.json").read_text())[name]
+    assert figures["inputs"] == figures.get("ok", 0) + figures.get("clean", 0) > 10

@@ -1,9 +1,6 @@
 """What a file holds is the same in pieces and as a whole, in every format that can be read in pieces."""
 
-import re
-import tracemalloc
 from pathlib import Path
-from time import process_time
 
 import h5py
 import numpy as np
@@ -17,9 +14,7 @@ from sdm_deflect.meshing.formats.registry import format_of, in_pieces, read
 from tests.meshing.formats.alike import content, replace_data, zone_of
 from tests.meshing.formats.examples import hybrid, with_gmsh
 from tests.meshing.formats.gmsh_files import gmsh_data
-from tests.meshing.formats.test_cgns_errors import DAMAGE
 from tests.meshing.formats.test_gmsh import _by_gmsh
-from tests.meshing.formats.test_hostile import BYTES, SECONDS, changed
 
 SUFFIXES = [".cgns", ".su2", ".msh", ".grid", ".b8.ugrid", ".lr4.ugrid", ".lb8l.ugrid"]
 BINARY = [".cgns", ".msh", ".grid", ".b8.ugrid", ".lr4.ugrid"]
@@ -230,78 +225,3 @@ def test_nodes_of_cgns_without_a_sign_and_with_the_greatest_byte_first(tmp_path)
             node = zone_of(file)["cells tetra/ElementConnectivity"]
             replace_data(node, node[" data"][()].astype(kind))
         check_same(path)
-
-
-def taken(path: Path) -> str:
-    """Why a damaged file is refused, soon and without much memory; empty if it is read as a whole, or as it was."""
-    tracemalloc.start()
-    begin, said = process_time(), ""
-    try:
-        with in_pieces(path) as found:
-            for block, (_, count) in enumerate(found.pieces.blocks if found else ()):
-                for start in range(0, min(count, 1000), 100):
-                    found.pieces.cells_of(block, start, min(start + 100, count))
-    except MeshFileError as error:
-        said = str(error)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert process_time() - begin < SECONDS
-    assert peak < BYTES
-    assert "\n" not in said
-    assert str(path) in said or not said
-    return said
-
-
-@pytest.mark.parametrize("value", [-1, -5, -(2**31), 2**31 - 1, 999999999999, 2**62, -(2**63)])
-@pytest.mark.parametrize(
-    ("section", "word", "size"),
-    [
-        (b"Nodes", 0, 8), (b"Nodes", 32, 4), (b"Nodes", 40, 4), (b"Nodes", 44, 8), (b"Nodes", 52, 8),
-        (b"Entities", 0, 8), (b"Entities", 16, 8), (b"Entities", 84, 8),
-        (b"Elements", 0, 8), (b"Elements", 40, 4), (b"Elements", 44, 8),
-    ],
-)  # fmt: skip
-def test_counts_of_gmsh_that_the_file_cannot_hold(section, word, size, value, tmp_path):
-    """They are refused, or the file is read as a whole, which says what is wrong."""
-    value = value if size == 8 else max(min(value, 2**31 - 1), -(2**31))
-    path = tmp_path / "mesh.msh"
-    path.write_bytes(changed(gmsh_data(hybrid()), section, word, size, value))
-    if not taken(path) and is_in_pieces(path):
-        check_same(path)
-
-
-@pytest.mark.parametrize("name", DAMAGE)
-def test_damaged_files_of_cgns(name, tmp_path):
-    path = written(hybrid(), tmp_path / "mesh.cgns")
-    with h5py.File(path, "r+") as file:
-        DAMAGE[name][0](zone_of(file))
-    taken(path)
-
-
-@pytest.mark.parametrize("value", [-1, -(2**31), 2**31 - 1, 10**6])
-@pytest.mark.parametrize("word", range(7))
-@pytest.mark.parametrize("suffix", [".b8.ugrid", ".lr4.ugrid"])
-def test_counts_of_ugrid_that_the_file_cannot_hold(suffix, word, value, tmp_path):
-    path = written(hybrid(), tmp_path / f"mesh{suffix}")
-    at, order = (4, "little") if "lr" in suffix else (0, "big")
-    data = bytearray(path.read_bytes())
-    data[at + 4 * word : at + 4 * word + 4] = value.to_bytes(4, order, signed=True)
-    path.write_bytes(data)
-    assert re.search(r"truncated, damaged|seven counts", taken(path))
-
-
-def test_a_face_of_ugrid_whose_nodes_are_not_there(tmp_path):
-    path = written(hybrid(), tmp_path / "mesh.lb8.ugrid")
-    data = bytearray(path.read_bytes())
-    at = 28 + 14 * 24
-    data[at : at + 4] = (15).to_bytes(4, "little")
-    path.write_bytes(data)
-    assert "1 triangle elements name points that are not among the 14 (1 to 14)" in taken(path)
-
-
-@pytest.mark.parametrize("size", [0, 1, 40, 400])
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_files_of_a_few_bytes(suffix, size, tmp_path):
-    path = written(hybrid(), tmp_path / f"mesh{suffix}")
-    path.write_bytes(path.read_bytes()[:size])
-    assert taken(path) or suffix == ".msh"
